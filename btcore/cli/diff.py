@@ -61,7 +61,7 @@ def diff(first: str, second: str, tolerance: float | None, no_idle: bool, contex
     if divergence is None:
         out.print(f"no difference: {len(steps_a)} transitions")
         return ExitCode.SUCCESS
-    out.print(Text(_headline(divergence), style="bold"))
+    out.print(Text(_format_headline(divergence), style="bold"))
     common = divergence.common
     begin, end = max(0, common - context), common + context + 1
     width = max((len(step.path) for step in steps_a[begin:end] + steps_b[begin:end]), default=0)
@@ -85,15 +85,15 @@ def _as_data(
         "equal": divergence is None,
         "common": common,
         "by_time": divergence is not None and divergence.by_time,
-        "before": [_step_data(step) for step in sides[0][max(0, common - context) : common]],
-        "a": [_step_data(step) for step in sides[0][common:end]],
-        "b": [_step_data(step) for step in sides[1][common:end]],
-        "only_in_a": _missing_nodes(recordings[0], recordings[1]),
-        "only_in_b": _missing_nodes(recordings[1], recordings[0]),
+        "before": [_step_as_data(step) for step in sides[0][max(0, common - context) : common]],
+        "a": [_step_as_data(step) for step in sides[0][common:end]],
+        "b": [_step_as_data(step) for step in sides[1][common:end]],
+        "only_in_a": _find_missing_nodes(recordings[0], recordings[1]),
+        "only_in_b": _find_missing_nodes(recordings[1], recordings[0]),
     }
 
 
-def _step_data(step: Step) -> dict[str, object]:
+def _step_as_data(step: Step) -> dict[str, object]:
     return {
         "time_s": step.since / NS_PER_S,
         "node": step.path,
@@ -102,13 +102,13 @@ def _step_data(step: Step) -> dict[str, object]:
     }
 
 
-def _missing_nodes(recording: Recording, other: Recording) -> list[str]:
+def _find_missing_nodes(recording: Recording, other: Recording) -> list[str]:
     """Return the paths of the nodes of *recording* that the tree of *other* does not have."""
     known = set(other.keys().values())
     return [path for path in recording.keys().values() if path not in known]
 
 
-def _headline(divergence: Divergence) -> str:
+def _format_headline(divergence: Divergence) -> str:
     count = divergence.common
     first, second = divergence.first, divergence.second
     headline = f"the runs differ after {terminal.counted(count, 'common transition', zero='no')}"
@@ -136,6 +136,6 @@ def _print(mark: str, step: Step, width: int, style: str) -> None:
 def _compare_trees(first: Recording, second: Recording) -> None:
     """Print the nodes that only one tree has: different trees may explain different runs."""
     for name, own, other in (("A", first, second), ("B", second, first)):
-        only = _missing_nodes(own, other)
+        only = _find_missing_nodes(own, other)
         if only:
             terminal.print_notes([f"only the tree of {name} contains {join_names(only, most=4)}"])

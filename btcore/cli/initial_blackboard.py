@@ -49,7 +49,7 @@ set_option = click.option(
 )
 
 
-def _value_of(text: str, kind: ValueType | None, format: int) -> object:
+def _convert_value(text: str, kind: ValueType | None, format: int) -> object:
     """Convert the text of a value.
 
     Args:
@@ -90,7 +90,7 @@ def write(tree: Tree, entries: Mapping[str, str], plans: Plans) -> None:
         entry = board.find(key)
         kind = entry.declared if entry is not None and entry.declared.strong else None
         try:
-            board.set(key, _value_of(text, kind, tree.format), kind)
+            board.set(key, _convert_value(text, kind, tree.format), kind)
         except (BlackboardError, ConversionError) as error:
             raise click.UsageError(f"--set {key}={text}: {error}.") from error
 

@@ -52,11 +52,11 @@ class CommandLine(click.Group):
             ctx.meta[_LOADED_COMMAND] = loaded[0]
             command: click.Command = loaded[0].value
             return command
-        return _placeholder(unavailable[0]) if unavailable else None
+        return _make_placeholder(unavailable[0]) if unavailable else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands with the first sentences of their help, without importing them."""
-        outlines = self._outlines(ctx)
+        outlines = self._make_outlines(ctx)
         limit = formatter.width - 6 - max(len(name) for name in outlines)
         with formatter.section("Commands"):
             formatter.write_dl([(name, item.get_short_help_str(limit)) for name, item in outlines.items()])
@@ -65,16 +65,16 @@ class CommandLine(click.Group):
         """Return the commands and options that begin with *incomplete*, without importing commands."""
         from click.shell_completion import CompletionItem
 
-        found = {name: item for name, item in self._outlines(ctx).items() if name.startswith(incomplete)}
+        found = {name: item for name, item in self._make_outlines(ctx).items() if name.startswith(incomplete)}
         commands = [CompletionItem(name, help=item.get_short_help_str()) for name, item in found.items()]
         return [*commands, *click.Command.shell_complete(self, ctx, incomplete)]
 
-    def _outlines(self, ctx: click.Context) -> dict[str, click.Command]:
+    def _make_outlines(self, ctx: click.Context) -> dict[str, click.Command]:
         """Return commands that have the help of the real commands, by name."""
         targets = {name: f"btcore.cli.{name}:{name}" for name in OWN_COMMANDS}
         for point in entry_points.installed(COMMAND_GROUP):
             targets.setdefault(point.name, point.value)
-        return {name: _outline(name, target) for name, target in targets.items()}
+        return {name: _make_outline(name, target) for name, target in targets.items()}
 
     def invoke(self, ctx: click.Context) -> Any:
         """Invoke the command; if it fails to import an optional module, explain what to install."""
@@ -167,7 +167,7 @@ def _exit_for_error(error: Exception) -> NoReturn:
     sys.exit(ExitCode.INTERNAL_ERROR)
 
 
-def _outline(name: str, target: str) -> click.Command:
+def _make_outline(name: str, target: str) -> click.Command:
     """Return a command with the help of *target*, `module:function`, which is read from the source.
 
     The help is empty if there is no valid source, or if the command is no function with decorators of click.
@@ -176,7 +176,7 @@ def _outline(name: str, target: str) -> click.Command:
 
     module, _, function = target.partition(":")
     with suppress(OSError, SyntaxError, ValueError):
-        file = _source_of(module)
+        file = _find_source(module)
         body = [] if file is None else ast.parse(file.read_bytes()).body
         for node in body:
             if isinstance(node, ast.FunctionDef) and node.name == function:
@@ -187,7 +187,7 @@ def _outline(name: str, target: str) -> click.Command:
     return click.Command(name)
 
 
-def _source_of(module: str) -> "Path | None":
+def _find_source(module: str) -> "Path | None":
     """Return the file of *module*, whose packages need not be imported; None if it has no source."""
     from importlib.util import find_spec
     from pathlib import Path
@@ -202,7 +202,7 @@ def _source_of(module: str) -> "Path | None":
     return None
 
 
-def _placeholder(unavailable: entry_points.UnavailableEntryPoint) -> click.Command:
+def _make_placeholder(unavailable: entry_points.UnavailableEntryPoint) -> click.Command:
     """Return a command that takes the place of a command that cannot be imported, and explains why."""
 
     def explain() -> None:

@@ -98,7 +98,7 @@ class NodeLibraries:
             RegistrationError: A plugin cannot be registered.
         """
         if not self.is_partial or all(
-            self.nodes.get(id, 4) or self.nodes.get(id, 3) for id in _node_ids(documents)
+            self.nodes.get(id, 4) or self.nodes.get(id, 3) for id in _find_node_ids(documents)
         ):
             return False
         self.load()
@@ -180,7 +180,7 @@ def load_libraries(
     return libraries
 
 
-def _node_ids(documents: Iterable[Document]) -> Iterator[str]:
+def _find_node_ids(documents: Iterable[Document]) -> Iterator[str]:
     """Yield the IDs of the nodes in the trees of *documents*."""
     for document in documents:
         for tree in document.root.iterchildren("BehaviorTree"):

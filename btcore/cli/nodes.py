@@ -80,13 +80,13 @@ def _print(manifests: Sequence[Manifest]) -> None:
             about = Text(" ".join(first_paragraph.split()))
             if manifest.ports:
                 about.append("\n" if about else "")
-                about.append_text(Text("   ").join(_port(port) for port in manifest.ports.values()))
+                about.append_text(Text("   ").join(_format_port(port) for port in manifest.ports.values()))
             origin = [manifest.distribution] if several else []
             table.add_row(name, about, *origin, end_section=number == len(section) - 1)
     terminal.stdout_console().print(table)
 
 
-def _port(port: Port) -> Text:
+def _format_port(port: Port) -> Text:
     """Return the direction, name, type and default of *port*, with no-break spaces between them."""
     # With normal spaces the terminal would break a port between its name and its type.
     text = Text.assemble((_ARROW[port.direction] + "\u00a0", "dim"), (port.name, "yellow"))

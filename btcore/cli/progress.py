@@ -59,7 +59,7 @@ class Progress:
         if now - self.updated < (_LIVE_INTERVAL_S if self.live is not None else _PLAIN_INTERVAL_S):
             return
         self.updated = now
-        self._show(self._line(status, now - self.began))
+        self._show(self._format_line(status, now - self.began))
 
     def follow(self, tree: Tree) -> None:
         """Show *tree*, which replaces the previous tree of the run."""
@@ -112,7 +112,7 @@ class Progress:
             return pdb.Pdb().set_trace(sys._getframe().f_back)
         return self._breakpoint_hook(*arguments, **options)
 
-    def _line(self, status: Status, wall: float) -> Text:
+    def _format_line(self, status: Status, wall: float) -> Text:
         elapsed = (self.tree.clock.now() - self.start) / NS_PER_S
         line = Text.assemble(terminal.format_status(status), "  ", (self.name, "bold"), f"  {elapsed:.1f}")
         line.append(" s" if self.duration is None else f" / {self.duration:g} s")

@@ -11,7 +11,7 @@ from btcore.logs.formats import CONSOLE
 from btcore.tree.tree import Tree
 
 
-def _distinct(ctx: click.Context, parameter: click.Parameter, names: Sequence[str]) -> Sequence[str]:
+def _reject_duplicates(ctx: click.Context, parameter: click.Parameter, names: Sequence[str]) -> Sequence[str]:
     places = [name if name == CONSOLE else str(Path(name).resolve()) for name in names]
     for number, place in enumerate(places):
         if place in places[:number]:
@@ -23,7 +23,7 @@ log_option = click.option(
     "--log",
     "logs",
     multiple=True,
-    callback=_distinct,
+    callback=_reject_duplicates,
     metavar="FILE",
     help="Log all status changes to FILE: .btlog (for Groot 2), .db3 (SQLite), .mcap (a bag of ROS 2), "
     ".json (trace for Perfetto), or - for text on stdout. Repeatable.",
@@ -64,7 +64,7 @@ class Logs:
         self.number += 1
         for name in self.names:
             try:
-                self._open.append(open_log(tree, self._numbered(name)))
+                self._open.append(open_log(tree, self._number_file(name)))
             except LogError as error:
                 self.are_incomplete = True
                 terminal.print_warning(str(error))
@@ -76,7 +76,7 @@ class Logs:
             log.close()
             self.are_incomplete = self.are_incomplete or log.is_incomplete
 
-    def _numbered(self, name: str) -> str:
+    def _number_file(self, name: str) -> str:
         if name == CONSOLE:
             return name
         path = Path(name)

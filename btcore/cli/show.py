@@ -79,13 +79,13 @@ def show(
         ascii = is_ascii_only(console.file)
         head = [(main.id, "bold"), (f"  {path}  format {format}", "dim")]
         lines = draw_branches(
-            root, lambda node: node.children, lambda node: _label(node, ports, ascii), head, ascii
+            root, lambda node: node.children, lambda node: _format_label(node, ports, ascii), head, ascii
         )
         for line in lines:
             console.print(Text.assemble(*line), soft_wrap=True)
 
 
-def _label(node: DiagramNode, ports: bool, ascii: bool) -> list[Fragment]:
+def _format_label(node: DiagramNode, ports: bool, ascii: bool) -> list[Fragment]:
     """Return the symbol, name, ID and UID of a node, and its ports and scripts if *ports*."""
     line = [*node_label(node.name, node.id, node.symbol, node.type, ascii), (f"  {node.uid}", "dim")]
     if ports:
@@ -120,12 +120,12 @@ def _print_data(rows: Sequence[DataflowRow]) -> None:
     for number, row in enumerate(rows):
         name = Text.assemble((f"{row.scope}/" if row.scope else "", "dim"), (row.key, "bold yellow"))
         last = number + 1 == len(rows) or rows[number + 1].scope != row.scope
-        accesses = _accesses(row.writers, row), _accesses(row.readers, row)
+        accesses = _format_accesses(row.writers, row), _format_accesses(row.readers, row)
         table.add_row(name, row.type, *accesses, end_section=last)
     terminal.stdout_console().print(table if rows else Text("no node uses the blackboard", style="dim"))
 
 
-def _accesses(accesses: Sequence[DataflowAccess], row: DataflowRow) -> Text:
+def _format_accesses(accesses: Sequence[DataflowAccess], row: DataflowRow) -> Text:
     """Return a line for each access, with the key that the node uses if it differs from the entry's key."""
     if not accesses:
         return Text("—", style="dim")

@@ -59,17 +59,17 @@ def stats(log: str, sort: str, top: int | None, as_json: bool) -> None:
     length = (recording.end - recording.start) / NS_PER_S
     head = f"{len(recording.transitions)} transitions of {len(rows)} nodes in {length:.3f} s"
     terminal.stdout_console().print(Text.assemble((log, "bold"), "  ", head))
-    terminal.stdout_console().print(_table(ordered[:top]))
-    slowest = _slowest(rows)
+    terminal.stdout_console().print(_make_table(ordered[:top]))
+    slowest = _format_slowest(rows)
     if slowest:
         terminal.stdout_console().print(Text.assemble(("slowest leaves  ", "bold"), slowest))
     if failure := find_failure(recording):
         cause = failure[-1]
-        place = f"{recording.keys()[cause.node.uid]} after {_seconds(cause.stamp - recording.start)} s"
+        place = f"{recording.keys()[cause.node.uid]} after {_format_seconds(cause.stamp - recording.start)} s"
         terminal.stdout_console().print(Text.assemble(("the tree failed at  ", "bold"), place))
 
 
-def _table(rows: Sequence[RecordedStatistics]) -> Table:
+def _make_table(rows: Sequence[RecordedStatistics]) -> Table:
     table = terminal.new_table()
     table.add_column("node", overflow="fold", ratio=1)
     for name in ("success", "failure", "skipped", "halted", "rate", "total s", "mean s", "max s"):
@@ -80,30 +80,30 @@ def _table(rows: Sequence[RecordedStatistics]) -> Table:
         if row.running:
             label.append(" ▶", style="bold yellow")
         rate = "" if row.rate is None else f"{100 * row.rate:.0f} %"
-        times = [_seconds(ns) for ns in (row.total, row.mean, row.longest)] if row.runs else [""] * 3
+        times = [_format_seconds(ns) for ns in (row.total, row.mean, row.longest)] if row.runs else [""] * 3
         table.add_row(
             label,
-            _count(row.success, "bold green"),
-            _count(row.failure, "bold red"),
-            _count(row.skipped),
-            _count(row.halted),
+            _format_count(row.success, "bold green"),
+            _format_count(row.failure, "bold red"),
+            _format_count(row.skipped),
+            _format_count(row.halted),
             rate,
             *times,
         )
     return table
 
 
-def _slowest(rows: Sequence[RecordedStatistics]) -> str:
+def _format_slowest(rows: Sequence[RecordedStatistics]) -> str:
     leaves = [row for row in rows if not row.node.children and row.total]
     leaves.sort(key=lambda row: row.total, reverse=True)
-    return ", ".join(f"{row.path} {_seconds(row.total)} s" for row in leaves[:SLOWEST])
+    return ", ".join(f"{row.path} {_format_seconds(row.total)} s" for row in leaves[:SLOWEST])
 
 
-def _count(number: int, style: str = "") -> Text:
+def _format_count(number: int, style: str = "") -> Text:
     return Text(str(number), style=style if number else "dim")
 
 
-def _seconds(ns: float) -> str:
+def _format_seconds(ns: float) -> str:
     return f"{ns / NS_PER_S:.3f}"
 
 

@@ -29,7 +29,7 @@ class _EscapingConsole(Console):
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         if isinstance(renderable, Text):
-            renderable = _escaped(renderable)  # before its lines are wrapped
+            renderable = _escape(renderable)  # before its lines are wrapped
         has_links = self.file.isatty() and not self.no_color
         for segment in super().render(renderable, options):
             if segment.control:
@@ -49,11 +49,11 @@ class _EscapingTable(Table):
     ) -> None:
         # rich would read markup in a cell of type str: "[red]" in a name.
         texts = [Text(cell) if isinstance(cell, str) else cell for cell in cells]
-        escaped = [_escaped(cell) if isinstance(cell, Text) else cell for cell in texts]
+        escaped = [_escape(cell) if isinstance(cell, Text) else cell for cell in texts]
         super().add_row(*escaped, style=style, end_section=end_section)
 
 
-def _escaped(text: Text) -> Text:
+def _escape(text: Text) -> Text:
     """Return *text* with its control characters escaped, and with the same styles."""
     plain = escape_controls(text.plain)
     if plain == text.plain:
@@ -67,12 +67,12 @@ def _escaped(text: Text) -> Text:
 
 def stdout_console() -> Console:
     """Return the console for results, on stdout."""
-    return _console(stderr=False)
+    return _make_console(stderr=False)
 
 
 def stderr_console() -> Console:
     """Return the console for progress and errors, on stderr."""
-    return _console(stderr=True)
+    return _make_console(stderr=True)
 
 
 def print_json(data: object, indent: int | None = None) -> None:
@@ -100,7 +100,7 @@ def print_xml(document: str | bytes) -> None:
         click.echo(document.encode() if isinstance(document, str) else document, nl=False)
 
 
-def _console(stderr: bool) -> Console:
+def _make_console(stderr: bool) -> Console:
     console = _EscapingConsole(stderr=stderr, highlight=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = 140  # in a pipe or a file rich would assume 80, which is too narrow for the tables

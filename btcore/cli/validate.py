@@ -42,7 +42,7 @@ def validate(
       0  no errors
       2  errors, or with --strict warnings
     """
-    files = [file for source in sources for file in _files(source)]
+    files = [file for source in sources for file in _find_files(source)]
     libraries = node_libraries.load_libraries(plugins, models, confined)
     keys = [remapped_key(key, key) or key for key in given]
     diagnostics: list[Diagnostic] = []
@@ -72,7 +72,7 @@ def validate(
     return ExitCode.SUCCESS if valid else ExitCode.USER_ERROR
 
 
-def _files(source: str) -> list[Path]:
+def _find_files(source: str) -> list[Path]:
     """Return the XML files that the argument *source* selects."""
     if not Path(source).is_dir():
         return [find_source(source)]

@@ -33,10 +33,10 @@ def assert_ran(trace: Trace | Harness, *nodes: str) -> None:
         >>> _ = harness.run()
         >>> assert_ran(harness, "door")
     """
-    trace = _trace(trace)
+    trace = _catch_up(trace)
     for node in nodes:
-        if not _ran(trace, node):
-            _fail(trace, f"'{node}' never ran in {_ticks(trace)}")
+        if not _find_runs(trace, node):
+            _fail(trace, f"'{node}' never ran in {_format_tick_count(trace)}")
 
 
 def assert_never_ran(trace: Trace | Harness, *nodes: str) -> None:
@@ -59,9 +59,9 @@ def assert_never_ran(trace: Trace | Harness, *nodes: str) -> None:
         >>> _ = harness.run()
         >>> assert_never_ran(harness, "window")
     """
-    trace = _trace(trace)
+    trace = _catch_up(trace)
     for node in nodes:
-        if steps := _ran(trace, node):
+        if steps := _find_runs(trace, node):
             _fail(trace, f"'{node}' ran, first in tick {steps[0].tick}", steps[0])
 
 
@@ -85,15 +85,15 @@ def assert_order(trace: Trace | Harness, *nodes: str) -> None:
         >>> _ = harness.run()
         >>> assert_order(harness, "door", "window")
     """
-    trace = _trace(trace)
+    trace = _catch_up(trace)
     paths = [trace.path(node) for node in nodes]
     starts = (change.path for step in trace for change in step.changes if change.previous is IDLE)
     started = [path for path in dict.fromkeys(starts) if path in paths]
     for path in paths:
         if path not in started:
-            _fail(trace, f"'{path}' never ran in {_ticks(trace)}")
+            _fail(trace, f"'{path}' never ran in {_format_tick_count(trace)}")
     if started != paths:
-        _fail(trace, f"the nodes started in the order {_list(started)}, not {_list(paths)}")
+        _fail(trace, f"the nodes started in the order {_join(started)}, not {_join(paths)}")
 
 
 def assert_results(trace: Trace | Harness, node: str, results: Iterable[Status]) -> None:
@@ -118,10 +118,10 @@ def assert_results(trace: Trace | Harness, node: str, results: Iterable[Status])
         >>> _ = harness.run()
         >>> assert_results(harness, "wait", [SUCCESS])
     """
-    trace = _trace(trace)
+    trace = _catch_up(trace)
     expected, actual = list(results), trace.results(node)
     if expected != actual:
-        _fail(trace, f"'{node}' returned {_list(actual)}, not {_list(expected)}")
+        _fail(trace, f"'{node}' returned {_join(actual)}, not {_join(expected)}")
 
 
 def assert_halted(trace: Trace | Harness, *nodes: str) -> None:
@@ -143,11 +143,11 @@ def assert_halted(trace: Trace | Harness, *nodes: str) -> None:
         >>> _ = harness.run()
         >>> assert_halted(harness, "drive")
     """
-    trace = _trace(trace)
+    trace = _catch_up(trace)
     for node in nodes:
         path = trace.path(node)
         if not any(path in step.halted for step in trace):
-            _fail(trace, f"'{node}' was never halted in {_ticks(trace)}")
+            _fail(trace, f"'{node}' was never halted in {_format_tick_count(trace)}")
 
 
 def assert_never_running_together(trace: Trace | Harness, *nodes: str) -> None:
@@ -169,12 +169,12 @@ def assert_never_running_together(trace: Trace | Harness, *nodes: str) -> None:
         >>> _ = harness.run()
         >>> assert_never_running_together(harness, "a", "b")
     """
-    trace = _trace(trace)
+    trace = _catch_up(trace)
     paths = {trace.path(node): node for node in nodes}
     for step in trace:
         running = [node for path, node in paths.items() if step.statuses[path] is RUNNING]
         if len(running) > 1:
-            _fail(trace, f"{_list(running)} were RUNNING together after tick {step.tick}", step)
+            _fail(trace, f"{_join(running)} were RUNNING together after tick {step.tick}", step)
 
 
 def assert_ended(trace: Trace | Harness, status: Status) -> None:
@@ -195,30 +195,30 @@ def assert_ended(trace: Trace | Harness, status: Status) -> None:
         >>> _ = harness.run()
         >>> assert_ended(harness, btcore.FAILURE)
     """
-    trace = _trace(trace)
+    trace = _catch_up(trace)
     ticks = [step for step in trace if step.tick]
     if not ticks or ticks[-1].status is not status:
         actual = f"ended with {ticks[-1].status.name}, not {status.name}" if ticks else "was never ticked"
         _fail(trace, f"the tree {actual}")
 
 
-def _trace(source: Trace | Harness) -> Trace:
+def _catch_up(source: Trace | Harness) -> Trace:
     trace = source.trace if isinstance(source, Harness) else source
     trace.catch_up()
     return trace
 
 
-def _ran(trace: Trace, node: str) -> list[TraceStep]:
+def _find_runs(trace: Trace, node: str) -> list[TraceStep]:
     path = trace.path(node)
     return [step for step in trace if path in step.results and set(step.results[path]) != {SKIPPED}]
 
 
-def _ticks(trace: Trace) -> str:
+def _format_tick_count(trace: Trace) -> str:
     count = sum(1 for step in trace if step.tick)
     return f"{count} tick{'' if count == 1 else 's'}"
 
 
-def _list(items: Sequence[str | Status]) -> str:
+def _join(items: Sequence[str | Status]) -> str:
     return ", ".join(item.name if isinstance(item, Status) else f"'{item}'" for item in items) or "nothing"
 
 

@@ -107,7 +107,10 @@ class Coverage:
         for id, nodes in self.trees.items():
             ran = sum(node.ran for node in nodes.values())
             lines.append(f"{id}: {ran} of {len(nodes)} nodes ran")
-            lines += [f"  {_letters(node)}  {'  ' * node.depth}{_label(node)}" for node in nodes.values()]
+            lines += [
+                f"  {_format_results(node)}  {'  ' * node.depth}{_format_label(node)}"
+                for node in nodes.values()
+            ]
         lines.append(f"nodes {self.nodes:.0%}, results {self.results:.0%}")
         return "\n".join(lines)
 
@@ -155,14 +158,14 @@ def _share(part: int, whole: int) -> float:
     return part / whole if whole else 1.0
 
 
-def _letters(node: NodeCoverage) -> str:
+def _format_results(node: NodeCoverage) -> str:
     return "".join(
         letter if status in node.results else "·" if status in node.possible_results else " "
         for letter, status in LETTERS.items()
     )
 
 
-def _label(node: NodeCoverage) -> str:
+def _format_label(node: NodeCoverage) -> str:
     name = node.path.rpartition("/")[2]
     label = node.id if name.startswith(f"{node.id}::") else f"{node.id} '{name}'"
     return label if node.ran else f"{label}  (never ran)"

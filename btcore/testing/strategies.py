@@ -145,7 +145,7 @@ def xml_documents(
         scripts=scripts and format == 4,
         max_depth=max_depth,
         tags=tags,
-        own=_own_nodes(tags, nodes, format),
+        own=_find_own_nodes(tags, nodes, format),
         texts=ports or {},
     )
     budget = draw(cached_integers(1, max_nodes))
@@ -259,7 +259,7 @@ _BY_TYPE: Final[Mapping[Any, SearchStrategy[Any]]] = {
 }
 
 
-def _own_nodes(tags: Collection[str] | None, nodes: Registry | None, format: int) -> dict[str, Manifest]:
+def _find_own_nodes(tags: Collection[str] | None, nodes: Registry | None, format: int) -> dict[str, Manifest]:
     """Return the manifests of those of *tags* that are not built in."""
     own = {}
     built_in = {**BUILTIN_MANIFESTS[4], **BUILTIN_MANIFESTS[3]}

@@ -94,12 +94,12 @@ class TestNode(StatefulAction):
         self.settings = settings
         self.until = 0
         names = {**self.config.enums, **_STATUSES}
-        self.result = self._compiled("return_status_script", names)
+        self.result = self._compile("return_status_script", names)
         self.scripts = {
-            SUCCESS: self._compiled("success_script", self.config.enums),
-            FAILURE: self._compiled("failure_script", self.config.enums),
+            SUCCESS: self._compile("success_script", self.config.enums),
+            FAILURE: self._compile("failure_script", self.config.enums),
         }
-        self.post = self._compiled("post_script", self.config.enums)
+        self.post = self._compile("post_script", self.config.enums)
 
     def on_start(self) -> Status:
         """Start the delay, or complete immediately without a delay."""
@@ -118,7 +118,7 @@ class TestNode(StatefulAction):
         """Cancel the delay."""
         self.cancel_wake_up()
 
-    def _compiled(self, setting: str, names: Mapping[str, int]) -> Program | None:
+    def _compile(self, setting: str, names: Mapping[str, int]) -> Program | None:
         text = getattr(self.settings, setting)
         try:
             return compile_script(text, names) if text else None
@@ -212,12 +212,12 @@ def load_substitution_rules(nodes: Registry, rules: str | Path) -> None:
         data = load_json(text)
     except ValueError as error:
         raise SubstitutionError(f"the substitution rules are not valid JSON: {error}") from None
-    top = _object(data, "the substitution rules")
+    top = _require_object(data, "the substitution rules")
     if "SubstitutionRules" not in top:
         raise SubstitutionError("the substitution rules lack the object 'SubstitutionRules'")
-    given = _object(top.get("TestNodeConfigs", {}), "'TestNodeConfigs'")
-    configs = {name: _config(name, settings) for name, settings in given.items()}
-    filters = _object(top["SubstitutionRules"], "'SubstitutionRules'")
+    given = _require_object(top.get("TestNodeConfigs", {}), "'TestNodeConfigs'")
+    configs = {name: _parse_config(name, settings) for name, settings in given.items()}
+    filters = _require_object(top["SubstitutionRules"], "'SubstitutionRules'")
     # All rules are checked before the first is added, so that an error adds none.
     for filter, name in filters.items():
         if not isinstance(name, str):
@@ -228,14 +228,14 @@ def load_substitution_rules(nodes: Registry, rules: str | Path) -> None:
         nodes.substitute(filter, configs.get(name, name))
 
 
-def _object(value: object, what: str) -> dict[str, Any]:
+def _require_object(value: object, what: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise SubstitutionError(f"{what} must be an object {{…}}, not {value!r}")
     return value
 
 
-def _config(name: str, given: object) -> TestNodeConfig:
-    settings = _object(given, f"the configuration '{name}'")
+def _parse_config(name: str, given: object) -> TestNodeConfig:
+    settings = _require_object(given, f"the configuration '{name}'")
     for key, value in settings.items():
         if key not in _KEYS:
             guess = nearest_name(key, _KEYS)

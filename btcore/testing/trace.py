@@ -74,12 +74,12 @@ class ResultTracker:
     """Determines the results of the nodes of *tree* from the tick counts of the nodes."""
 
     def __init__(self, tree: Tree) -> None:
-        self._tallies = tree.count_ticks()
-        self._before = {key: self._counts(key) for key in self._tallies}
+        self._tick_counts = tree.count_ticks()
+        self._before = {key: self._read_counts(key) for key in self._tick_counts}
 
-    def _counts(self, key: str) -> tuple[int, int, int, int, int]:
-        tally = self._tallies[key]
-        return tally.ticks, tally.success, tally.failure, tally.skipped, tally.halted
+    def _read_counts(self, key: str) -> tuple[int, int, int, int, int]:
+        counts = self._tick_counts[key]
+        return counts.ticks, counts.success, counts.failure, counts.skipped, counts.halted
 
     def take(
         self, error: NodeExecutionError | None = None
@@ -96,7 +96,7 @@ class ResultTracker:
         results: dict[str, tuple[Status, ...]] = {}
         halted = []
         for key, before in self._before.items():
-            now = self._counts(key)
+            now = self._read_counts(key)
             if now == before:
                 continue
             self._before[key] = now
@@ -139,7 +139,7 @@ class Trace(Observer):
         self._paths = {node.config.uid: key for key, node in tree.nodes_by_path().items()}
         self._ticks = ResultTracker(tree)
         self._changes: list[StatusChange] = []
-        self._entries = self._sequence_ids()
+        self._entries = self._read_sequence_ids()
         self.unsubscribe = tree.subscribe(self)
 
     def __iter__(self) -> Iterator[TraceStep]:
@@ -191,10 +191,10 @@ class Trace(Observer):
         # The paths are in pre-order, like the nodes.
         statuses = {path: node._status for path, node in zip(self._paths.values(), self.tree, strict=True)}
         self.steps.append(
-            TraceStep(tick, stamp, status, changes, results, halted, self._written(), statuses, error)
+            TraceStep(tick, stamp, status, changes, results, halted, self._take_written(), statuses, error)
         )
 
-    def _sequence_ids(self) -> dict[str, int]:
+    def _read_sequence_ids(self) -> dict[str, int]:
         return {key: entry.sequence_id for key, entry in self._all_entries()}
 
     def _all_entries(self) -> Iterator[tuple[str, Entry]]:
@@ -202,8 +202,8 @@ class Trace(Observer):
             for key, entry in subtree.blackboard.local_entries().items():
                 yield f"{subtree.path}/{key}" if subtree.path else key, entry
 
-    def _written(self) -> dict[str, object]:
-        before, self._entries = self._entries, self._sequence_ids()
+    def _take_written(self) -> dict[str, object]:
+        before, self._entries = self._entries, self._read_sequence_ids()
         written: dict[str, object] = dict.fromkeys(key for key in before if key not in self._entries)
         for key, entry in self._all_entries():
             if entry.sequence_id != before.get(key, 0):

@@ -44,7 +44,7 @@ _TEXTS: Final[Mapping[ValueType, SearchStrategy[str]]] = {
 }
 
 
-def _drawable_nodes(registry: Registry, format: int) -> dict[str, Manifest]:
+def _find_drawable_nodes(registry: Registry, format: int) -> dict[str, Manifest]:
     """Return the manifests of the nodes that random trees may contain, by ID, the simplest first."""
     manifests = [
         manifest
@@ -59,7 +59,7 @@ def _drawable_nodes(registry: Registry, format: int) -> dict[str, Manifest]:
 
 _STANDARD: Final = Registry.standard()
 BUILTIN_MANIFESTS: Final[Mapping[int, Mapping[str, Manifest]]] = {
-    format: _drawable_nodes(_STANDARD, format) for format in (3, 4)
+    format: _find_drawable_nodes(_STANDARD, format) for format in (3, 4)
 }
 """The manifests of built-in nodes that random trees may contain, by format and ID, the simplest first.
 

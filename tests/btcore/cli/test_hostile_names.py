@@ -103,7 +103,7 @@ def test_messages_tables_and_progress_are_escaped(capsys):
 
 def test_styles_stay_at_their_characters():
     text = Text.assemble("a\x9b", ("b\u202e", "red"), "c")
-    escaped = terminal._escaped(text)
+    escaped = terminal._escape(text)
     [span] = escaped.spans
     assert escaped.plain[span.start : span.end] == r"b\u202e"
 
