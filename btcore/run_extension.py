@@ -75,28 +75,31 @@ class RunExtension(Protocol):
     """
 
     is_fallback: bool = False
-    """Whether the extension provides only what no other extension has provided: it is called last."""
+    """Whether the extension provides only what no other extension has provided.
 
-    def requires(self, wanted: Sequence[type]) -> Sequence[type]:
-        """Return the types of the resources that the extension itself needs to provide for *wanted*.
-
-        Called once, before `provide` of any extension. Extensions that require nothing provide their
-        resources first, then those that require something.
-
-        Args:
-            wanted: The types that leaves declare as resources, and those that other extensions require.
-        """
-        return ()
+    It is called last among the extensions that require nothing, or last among those that require something.
+    """
 
     def takes_over(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[type]:
         """Return the types that only this extension provides, because of its options; most return ().
 
-        Called once, before `requires`. The other extensions do not see these types in *wanted*, so that they
+        Called first. The other extensions do not see these types in *wanted*, so that they
         do not create what would not be used, such as a simulated world.
 
         Args:
             settings: The options of the command.
             wanted: The types that leaves declare as resources.
+        """
+        return ()
+
+    def requires(self, wanted: Sequence[type]) -> Sequence[type]:
+        """Return the types of the resources that the extension itself needs to provide for *wanted*.
+
+        Called before `provide` of any extension. Extensions that require nothing provide their
+        resources first, then those that require something.
+
+        Args:
+            wanted: The types that leaves declare as resources, and those that other extensions require.
         """
         return ()
 

@@ -69,7 +69,7 @@ def _find_problems(extension: RunExtension) -> list[str]:
         if nearest is not None:
             problems.append(f"unknown hook '{name}' (did you mean '{nearest}'?)")
             unset.discard(nearest)
-    problems += [f"missing hook '{name}'" for name in sorted(unset) if not hasattr(extension, name)]
+    problems += [f"missing member '{name}'" for name in sorted(unset) if not hasattr(extension, name)]
     for name, parameters in _METHODS.items():
         method = getattr(extension, name, None)
         if method is not None and not _accepts(method, parameters):
