@@ -53,7 +53,7 @@ def _create(loaded: entry_points.Loaded) -> RunExtension:
     if problems:
         raise ExtensionError(
             f"the extension '{loaded.name}' of the distribution '{loaded.distribution}' cannot be used: "
-            f"{'; '.join(problems)}. The hooks are described in btcore.run_extension.RunExtension"
+            f"{'; '.join(problems)}. The members are described in btcore.run_extension.RunExtension"
         )
     return extension
 
@@ -67,16 +67,16 @@ def _find_problems(extension: RunExtension) -> list[str]:
         # A public attribute that resembles a member without a value is probably that member, misspelled.
         nearest = None if known or name.startswith("_") else nearest_name(name, sorted(unset))
         if nearest is not None:
-            problems.append(f"unknown hook '{name}' (did you mean '{nearest}'?)")
+            problems.append(f"unknown member '{name}' (did you mean '{nearest}'?)")
             unset.discard(nearest)
     problems += [f"missing member '{name}'" for name in sorted(unset) if not hasattr(extension, name)]
     for name, parameters in _METHODS.items():
         method = getattr(extension, name, None)
         if method is not None and not _accepts(method, parameters):
-            problems.append(f"hook '{name}' must be a method that takes ({', '.join(parameters)})")
+            problems.append(f"member '{name}' must be a method that takes ({', '.join(parameters)})")
     options = getattr(extension, "options", ())
     if not isinstance(options, Sequence) or not all(isinstance(option, click.Option) for option in options):
-        problems.append("hook 'options' must be a sequence of click.Option")
+        problems.append("member 'options' must be a sequence of click.Option")
     return problems
 
 

@@ -190,12 +190,12 @@ class NeedsAnArgument(RunExtension):
 @pytest.mark.parametrize(
     ("extension", "said"),
     [
-        (Misspelled, "unknown hook 'replce_tree' (did you mean 'replace_tree'?)"),
-        (WithoutAttach, "missing hook 'attach'. The hooks are described in"),
-        (Renamed, "unknown hook 'atach' (did you mean 'attach'?)"),
-        (Shortened, "hook 'provide' must be a method that takes (settings, wanted, provided)"),
-        (Lacking, "missing hook 'attach'; missing hook 'is_fallback'; missing hook 'on_interrupt'"),
-        (WithTexts, "hook 'options' must be a sequence of click.Option"),
+        (Misspelled, "unknown member 'replce_tree' (did you mean 'replace_tree'?)"),
+        (WithoutAttach, "missing member 'attach'. The members are described in"),
+        (Renamed, "unknown member 'atach' (did you mean 'attach'?)"),
+        (Shortened, "member 'provide' must be a method that takes (settings, wanted, provided)"),
+        (Lacking, "missing member 'attach'; missing member 'is_fallback'; missing member 'on_interrupt'"),
+        (WithTexts, "member 'options' must be a sequence of click.Option"),
         (NeedsAnArgument, "creating it raised TypeError: "),
     ],
     ids=lambda value: value.__name__ if isinstance(value, type) else "",
