@@ -44,7 +44,7 @@ def test_every_tree_and_world_has_tests(check: ModuleType) -> None:
     [
         ("btcore/nodes/timing.py", "tests/btcore/nodes/test_timing.py"),
         ("btcore/engine/coroutine.py", "tests/btcore/engine/test_coroutines.py"),
-        ("btcore/xml/lint/data_flow.py", "tests/btcore/xml/test_dataflow.py"),
+        ("btcore/xml/lint/data_flow.py", "tests/btcore/xml/lint/test_data_flow.py"),
         ("btcore/script/lexer.py", "tests/btcore/script/test_script.py"),
         ("monitor/btcore_monitor/wire/groot2.py", "tests/monitor/wire/test_groot2.py"),
         ("robot_nodes/btcore_robot/leaves/drive.py", "tests/robot_nodes/test_drive_leaves.py"),

@@ -12,7 +12,7 @@ The words after a block's fence determine its kind:
 - ``diff``: a change of a file of the repository, as printed by ``git diff --no-prefix``. The page's folder is
   then a copy of the repository, not empty, and all changes are applied to the copy before anything runs. The
   numbers in ``@@ … @@`` may be outdated.
-- ``xml E101``: an example of docs/reference/errors.md, which tests/btcore/xml/test_error_codes.py runs.
+- ``xml E101``: an example of docs/reference/errors.md, which tests/btcore/test_diagnostic_codes.py runs.
 - ``text``, ``toml``, ``cpp``: to be read.
 
 Any of them may be ``unrun: REASON``, and is not run then. Other kinds are errors.

@@ -65,7 +65,7 @@ def test_links_to_other_files_of_the_repository_lead_to_the_repository() -> None
     assert "guides/batch.md)" in public_api
     conformance = build_site.with_site_links(ROOT / "docs/reference/conformance.md")
     assert (
-        f"({build_site.PROJECT['urls']['Repository']}/blob/main/tests/btcore/nodes/test_loops.py)"
+        f"({build_site.PROJECT['urls']['Repository']}/blob/main/tests/btcore/nodes/test_loop.py)"
         in conformance
     )
 

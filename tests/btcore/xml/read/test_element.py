@@ -88,7 +88,7 @@ def test_each_piece_alone_is_read_the_same_as_by_tinyxml2(piece: str) -> None:
 
 
 def test_bundled_trees_are_read_by_expat() -> None:
-    files = sorted((Path(__file__).parents[3] / "trees").rglob("*.xml"))
+    files = sorted((Path(__file__).parents[4] / "trees").rglob("*.xml"))
     assert files
     for file in files:
         assert parse_with_expat(file.read_bytes()) is not None, file

@@ -15,7 +15,7 @@ from btcore.xml.convert.convert import convert
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/reference/errors.md").read_text(encoding="utf-8")
 CODE = re.compile(r"[EWC][0-9]{3}")
 HEADINGS = re.findall(r"^### ([EWC][0-9]{3}) · ", PAGE, re.MULTILINE)

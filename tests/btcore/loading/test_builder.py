@@ -140,22 +140,22 @@ def test_all_errors_are_reported_with_the_lines_of_the_code(b: Builder) -> None:
         b.build(main)
     told = [(one.code, one.file.rsplit("/")[-1], one.line - start) for one in caught.value.diagnostics]
     assert sorted(told) == [
-        ("E104", "test_compose.py", 3),
-        ("E201", "test_compose.py", 2),
-        ("E202", "test_compose.py", 3),
+        ("E104", "test_builder.py", 3),
+        ("E201", "test_builder.py", 2),
+        ("E202", "test_builder.py", 3),
     ]
 
 
 def test_runtime_error_names_the_line_of_the_code(b: Builder) -> None:
     tree = b.build(b.Sequence(b.Near(distance="{never}")))
     line = this_line() - 1
-    with pytest.raises(btcore.NodeExecutionError, match=rf"test_compose\.py:{line}: node 'Near::2'"):
+    with pytest.raises(btcore.NodeExecutionError, match=rf"test_builder\.py:{line}: node 'Near::2'"):
         tree.tick_exactly_once()
 
 
 def test_unknown_node_is_refused_immediately(b: Builder) -> None:
     with pytest.raises(
-        UnknownNodeError, match=r"test_compose\.py:\d+: E101 unknown node Sequnce\n +did you mean Sequence"
+        UnknownNodeError, match=r"test_builder\.py:\d+: E101 unknown node Sequnce\n +did you mean Sequence"
     ):
         b.Sequnce()
     with pytest.raises(UnknownNodeError, match="'print' is not registered"):
@@ -182,7 +182,7 @@ def test_built_tree_may_be_two_thousand_levels_deep(b: Builder) -> None:
     assert len(tree.nodes) == 2_000
     assert tree.tick_exactly_once() is Status.FAILURE
     assert {node.status for node in tree} == {Status.IDLE}
-    with pytest.raises(TreeError, match=r"test_compose\.py:\d+: E006 nodes are nested more than 2,000 deep"):
+    with pytest.raises(TreeError, match=r"test_builder\.py:\d+: E006 nodes are nested more than 2,000 deep"):
         b.build(chain(b, 2_001))
 
 

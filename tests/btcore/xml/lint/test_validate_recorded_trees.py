@@ -15,7 +15,7 @@ from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 from tests.conformance.recorded_cases import conformance_registry, read_cases
 
-DATA = Path(__file__).parents[2] / "conformance" / "data"
+DATA = Path(__file__).parents[3] / "conformance" / "data"
 NODES = conformance_registry()
 WHOLE = ["v4_control", "v4_full", "v4_once", "v4_scopes", "v3_full"]
 MUTATED = ["v4_mutated", "v3_mutated"]

@@ -16,7 +16,7 @@ from btcore.xml.read.read import parse_text
 from btcore.xml.read.tinyxml2_compat import START_TAG, iter_start_tags
 from tests.conformance.recorded_cases import conformance_registry, run_case
 
-RECORDED = Path(__file__).parents[2] / "conformance" / "data" / "v3_full.jsonl.gz"
+RECORDED = Path(__file__).parents[3] / "conformance" / "data" / "v3_full.jsonl.gz"
 NODES = conformance_registry()
 THREE = "<AlwaysSuccess/>" * 3
 
