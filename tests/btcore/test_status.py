@@ -1,6 +1,7 @@
 """`Status` behaves as any enum, on every Python, also where its metaclass is exchanged."""
 
 import copy
+import json
 import pickle
 import sys
 from enum import Enum, EnumMeta, IntEnum
@@ -9,7 +10,7 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore import Status
+from btcore import NodeType, Status
 
 any_status: Any = Status
 
@@ -65,3 +66,17 @@ def test_members_are_patterns() -> None:
 @pytest.mark.skipif(sys.version_info >= (3, 12), reason="members are fast since Python 3.12")
 def test_no_method_prevents_the_interpreter_from_caching_members() -> None:
     assert not hasattr(type(Status), "__getattr__")
+
+
+@pytest.mark.parametrize("member", [*Status, *NodeType])
+def test_member_is_printed_as_its_name(member: Status | NodeType, capsys: pytest.CaptureFixture[str]) -> None:
+    print(member)
+    assert capsys.readouterr().out == f"{member.name}\n"
+    assert f"{member}" == str(member) == "%s" % member == member.name  # noqa: UP031
+    assert f"{member:>12}" == member.name.rjust(12)
+
+
+def test_status_is_still_a_number() -> None:
+    assert Status.RUNNING == 1
+    assert json.dumps([Status.RUNNING]) == "[1]"
+    assert f"{int(Status.SUCCESS):03d}" == "002"

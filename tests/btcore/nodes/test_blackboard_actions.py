@@ -1,14 +1,12 @@
-"""UnsetBlackboard and SetBlackboard, and enum ports."""
+"""UnsetBlackboard and SetBlackboard."""
 
-import enum
 from collections.abc import Callable
 
 import pytest
 
-from btcore import In, NodeExecutionError, Registry, Status, Tree, TreeError, condition
+from btcore import NodeExecutionError, Status, Tree
 from btcore.tree.saved_state import restore_state, save_state
 from btcore.values import INT64
-from tests.conformance.recorded_cases import conformance_registry
 
 Grow = Callable[..., Tree]
 
@@ -180,115 +178,3 @@ def test_number_as_output_key_is_converted_to_text_as_in_cpp(make_tree: Grow) ->
     tree.blackboard["d"] = 2.5
     assert tree.tick_once() is S
     assert tree.blackboard["2.500000"] == "x"
-
-
-# --- scripts in ports
-
-
-def test_empty_script_succeeds_without_effect(make_tree: Grow) -> None:
-    assert make_tree('<Script code=""/>').tick_once() is S
-
-
-@pytest.mark.parametrize(
-    ("body", "port"),
-    [('<ScriptCondition code=""/>', "code"), ('<Precondition if=""><AlwaysSuccess/></Precondition>', "if")],
-)
-def test_empty_condition_raises_when_it_is_ticked(body: str, port: str, make_tree: Grow) -> None:
-    tree = make_tree(body)
-    with pytest.raises(NodeExecutionError, match=rf"port \[{port}\] has an empty script"):
-        tree.tick_once()
-
-
-def test_script_of_spaces_is_refused(make_tree: Grow) -> None:
-    with pytest.raises(TreeError, match="empty"):
-        make_tree('<Script code=" "/>')
-
-
-# --- enum ports
-
-
-class Gear(enum.Enum):
-    PARK = 0
-    DRIVE = 3
-
-
-@condition
-def drives(gear: In[Gear]) -> bool:
-    return gear is Gear.DRIVE
-
-
-@pytest.fixture
-def nodes() -> Registry:
-    made = conformance_registry()
-    made.add(drives)
-    return made
-
-
-@pytest.mark.parametrize(("text", "status"), [("DRIVE", S), ("3", S), ("PARK", F), ("0", F)])
-def test_enum_is_given_by_name_or_by_number(
-    text: str, status: Status, nodes: Registry, make_tree: Grow
-) -> None:
-    assert make_tree(f'<Drives gear="{text}"/>', nodes=nodes).tick_once() is status
-
-
-@pytest.mark.parametrize("value", [Gear.DRIVE, 3, "DRIVE", "3"])
-def test_enum_entry_may_be_a_member_a_number_or_a_text(
-    value: object, nodes: Registry, make_tree: Grow
-) -> None:
-    tree = make_tree('<Drives gear="{g}"/>', nodes=nodes)
-    entry = tree.blackboard.find("g")
-    assert entry is not None
-    entry.put(value, 0)
-    assert tree.tick_once() is S
-
-
-def test_script_may_set_an_enum_by_a_registered_name(nodes: Registry, make_tree: Grow) -> None:
-    nodes.add_enum(Gear)
-    tree = make_tree('<Sequence><Script code="g := DRIVE"/><Drives gear="{g}"/></Sequence>', nodes=nodes)
-    assert tree.tick_once() is S
-
-
-def test_name_registered_for_a_number_is_accepted_by_ports(nodes: Registry, make_tree: Grow) -> None:
-    nodes.add_enum({"FORWARD": 3})
-    assert make_tree('<Drives gear="FORWARD"/>', nodes=nodes).tick_once() is S
-
-
-def test_unknown_member_raises_an_error_that_lists_the_members(nodes: Registry, make_tree: Grow) -> None:
-    with pytest.raises((TreeError, NodeExecutionError), match="PARK or DRIVE"):
-        make_tree('<Drives gear="REVERSE"/>', nodes=nodes).tick_once()
-
-
-@pytest.mark.parametrize("value", ["7", 7])
-def test_number_without_a_member_is_an_error_unlike_in_cpp(
-    value: object, nodes: Registry, make_tree: Grow
-) -> None:
-    tree = make_tree('<Drives gear="{g}"/>', nodes=nodes)
-    entry = tree.blackboard.find("g")
-    assert entry is not None
-    entry.put(value, 0)
-    with pytest.raises(NodeExecutionError, match=r"port \[gear\] reads \{g\} as Gear"):
-        tree.tick_once()
-
-
-@condition
-def succeeded(last: In[Status]) -> bool:
-    return last is S
-
-
-@pytest.mark.parametrize(
-    ("leaf", "name", "text", "number"),
-    [
-        ('<Drives gear="{k}"/>', "Gear", "DRIVE", 3),
-        ('<Succeeded last="{k}"/>', "BT::NodeStatus", "SUCCESS", 2),
-    ],
-)
-def test_set_blackboard_and_scripts_convert_no_text_to_an_enum(
-    leaf: str, name: str, text: str, number: int, nodes: Registry, make_tree: Grow
-) -> None:
-    nodes.add(succeeded)
-    for write in (f'<SetBlackboard value="{text}" output_key="k"/>', f"<Script code=\"k = '{text}'\"/>"):
-        tree = make_tree(f"<Sequence>{write}{leaf}</Sequence>", nodes=nodes)
-        with pytest.raises(NodeExecutionError, match=f"the type {name}, to which .* convert"):
-            tree.tick_once()
-    tree = make_tree(f'<Sequence><Script code="k = {number}"/>{leaf}</Sequence>', nodes=nodes)
-    assert tree.tick_once() is S

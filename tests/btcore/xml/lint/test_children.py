@@ -1,28 +1,15 @@
-"""Warnings about structure: children that are never reached or that halt each other, and unused trees."""
+"""Warnings about children: never reached, too many or too few, or halted by each other."""
 
 from collections.abc import Callable
-from textwrap import dedent
 from typing import Any
 
 import pytest
 
 import btcore
 from btcore import NodeSpec, Registry, StatefulAction, Status, SyncAction
+from tests.btcore.xml.lint.documents import children, dedented, tree
 
 Check = Callable[..., str]
-
-
-def children(node: str, *of: str) -> str:
-    """Return *node* with one child per line; the children stand in lines 4, 5, 6 …"""
-    return "\n      ".join((f"<{node}>", *of)) + f"\n    </{node.split()[0]}>"
-
-
-def tree(ID: str, body: str = "<AlwaysSuccess/>") -> str:
-    return f'  <BehaviorTree ID="{ID}">\n    {body}\n  </BehaviorTree>\n'
-
-
-def dedented(text: str) -> str:
-    return dedent(text).lstrip("\n")
 
 
 # --- W105: never reached
@@ -187,31 +174,6 @@ def test_correct_number_of_children_is_not_reported(check: Check, body: str) -> 
     assert check(body) == ""
 
 
-# --- W108: text between elements
-
-
-def test_text_between_elements_is_reported_at_its_position(check: Check) -> None:
-    assert check("<Sequence>\n  first  charge <!-- a comment --><Drive/></Sequence>") == dedented(
-        """
-        t.xml:4:3: W108 the text 'first charge' between the elements of a tree is ignored
-           4 |    first  charge <!-- a comment --><Drive/></Sequence>
-             |    ^^^^^^^^^^^^
-              pass values to a node in its attributes; write comments as <!-- … -->
-        """
-    )
-
-
-def test_comments_and_model_descriptions_are_not_reported_as_text(check: Check) -> None:
-    model = '<TreeNodesModel><Action ID="Say"><input_port name="text">what to say</input_port></Action>'
-    more = f"<!-- loose > text -->{model}</TreeNodesModel>\n"
-    assert check("<Drive _skipIf=\"1 &gt; 2 &amp;&amp; 'a>b' == 'c'\"/>", more) == ""
-
-
-def test_the_start_of_a_comment_in_a_value_hides_no_text(check: Check) -> None:
-    found = check('<Sequence>\n  <Say text="a <!-- b"/>\n  stray <!-- c --><Drive/></Sequence>')
-    assert "t.xml:5:3: W108 the text 'stray' between the elements" in found
-
-
 # --- W106: asynchronous children of reactive nodes
 
 
@@ -284,92 +246,3 @@ def test_asynchronous_leaf_may_declare_that_it_may_complete_on_start(check: Chec
     palette.add(WaitForScan)
     assert check(children("ReactiveSequence", "<WaitForScan/>", "<Drive/>")) == ""
     assert "W106" in check(children("ReactiveSequence", "<WaitForScan/>", "<Drive/>", "<Grasp/>"))
-
-
-# --- W104: unused trees
-
-
-def test_unused_tree_is_reported(check: Check) -> None:
-    assert check("<AlwaysSuccess/>", tree("Left")) == dedented(
-        """
-        t.xml:5:21: W104 the tree 'Left' is unused: 'Main' doesn't call it, directly or indirectly
-           5 |    <BehaviorTree ID="Left">
-             |                      ^^^^
-              call it with <SubTree ID="Left"/>, or remove it
-        """
-    )
-
-
-def test_first_of_unused_trees_that_call_each_other_is_reported(check: Check) -> None:
-    found = check("<AlwaysSuccess/>", tree("Left", '<SubTree ID="Right"/>') + tree("Right"))
-    assert [line for line in found.splitlines() if "W104" in line] == [
-        "t.xml:5:21: W104 the tree 'Left' is unused: 'Main' doesn't call it, directly or indirectly"
-    ]
-
-
-def test_called_trees_are_not_reported(check: Check) -> None:
-    assert check('<SubTree ID="Left"/>', tree("Left", '<SubTree ID="Right"/>') + tree("Right")) == ""
-
-
-def test_library_of_trees_is_not_reported(check: Any) -> None:
-    assert check.found_in(f'<root BTCPP_format="4">\n{tree("A")}{tree("B")}</root>') == []
-
-
-# --- W110: endless ticks
-
-REPEAT = '<Repeat num_cycles="-1">{}</Repeat>'
-RETRY = '<RetryUntilSuccessful num_attempts="-1">{}</RetryUntilSuccessful>'
-
-
-@pytest.mark.parametrize("format", [3, 4])
-@pytest.mark.parametrize(
-    ("body", "message"),
-    [
-        (REPEAT.format("<AlwaysSuccess/>"), "<Repeat> never ends a tick: it repeats <AlwaysSuccess> forever"),
-        (RETRY.format("<BatteryOk/>"),
-         "<RetryUntilSuccessful> does not end a tick until <BatteryOk> succeeds"),
-        (REPEAT.format("<BatteryOk/>"), "<Repeat> does not end a tick until <BatteryOk> fails"),
-        (f"<Inverter><Sequence>{REPEAT.format('<AlwaysSuccess/>')}</Sequence></Inverter>",
-         "<Repeat> never ends a tick: it repeats <AlwaysSuccess> forever"),
-        (REPEAT.format('<Repeat num_cycles="3"><ForceSuccess><BatteryOk/></ForceSuccess></Repeat>'),
-         "<Repeat> does not end a tick until <Repeat> is skipped"),
-    ],
-)  # fmt: skip
-def test_loop_that_never_ends_a_tick_is_reported(check: Check, body: str, message: str, format: int) -> None:
-    found = check(body, format=format)
-    assert f"W110 {message}, and no node below it can be RUNNING" in found
-    assert found.count("W110") == 1
-
-
-def test_loop_that_never_ends_a_tick_is_reported_in_a_subtree(check: Check) -> None:
-    inner = tree("Inner", REPEAT.format("<AlwaysSuccess/>"))
-    assert check('<Sequence><SubTree ID="Inner"/></Sequence>', more=inner).count("W110") == 1
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        '<Repeat num_cycles="1000"><AlwaysSuccess/></Repeat>',
-        '<Repeat num_cycles="-2"><AlwaysSuccess/></Repeat>',
-        "<KeepRunningUntilFailure><AlwaysSuccess/></KeepRunningUntilFailure>",
-        REPEAT.format("<KeepRunningUntilFailure><BatteryOk/></KeepRunningUntilFailure>"),
-        REPEAT.format("<Drive/>"),
-        REPEAT.format("<Sequence><BatteryOk/><Drive/></Sequence>"),
-        REPEAT.format('<Delay delay_msec="100"><AlwaysSuccess/></Delay>'),
-        # A while loop: the script may end it.
-        REPEAT.format("<Sequence><BatteryOk/><Script code='x:=1'/></Sequence>"),
-        REPEAT.format("<Sequence _skipIf='x>9'><Script code='x+=1'/></Sequence>"),
-        # Another node may halt the loop between two repetitions.
-        f'<Timeout msec="100">{REPEAT.format("<AlwaysSuccess/>")}</Timeout>',
-        f"<ReactiveSequence><BatteryOk/>{REPEAT.format('<AlwaysSuccess/>')}</ReactiveSequence>",
-        f'<Sequence _while="x==1">{REPEAT.format("<AlwaysSuccess/>")}</Sequence>',
-    ],
-)
-def test_loop_that_may_end_a_tick_is_not_reported(check: Check, body: str) -> None:
-    assert "W110" not in check(body, given=["x"])
-
-
-@pytest.mark.parametrize("format", [3, 4])
-def test_timeout_cannot_halt_a_loop_of_format_3(check: Check, format: int) -> None:
-    found = check(f'<Timeout msec="100">{REPEAT.format("<AlwaysSuccess/>")}</Timeout>', format=format)
-    assert ("W110" in found) is (format == 3)

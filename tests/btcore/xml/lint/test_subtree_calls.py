@@ -1,0 +1,135 @@
+"""Keys that are passed to subtrees without effect, and trees that no tree calls."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tests.btcore.xml.lint.documents import dedented, sequence, tree
+
+Check = Callable[..., str]
+REPEAT = '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>'
+
+CASES = {
+    "passed without effect": (
+        sequence('<Look found="{door}"/>', '<SubTree ID="Inner" dor="{door}" door="x"/>'),
+        tree("Inner", '<Say text="{door}"/>'),
+        """
+        t.xml:5:27: W204 no port or script in the tree of <SubTree ID="Inner"> uses 'dor'
+           5 |        <SubTree ID="Inner" dor="{door}" door="x"/>
+             |                            ^^^
+              its keys are 'door'
+        """,
+    ),
+    "passed in vain: a SetBlackboard has the same text, which is not a key": (
+        '<SubTree ID="Inner" door="open"/>',
+        tree("Inner", '<Sequence><SetBlackboard value="door" output_key="x"/><Say text="{x}"/></Sequence>'),
+        """
+        t.xml:3:25: W204 no port or script in the tree of <SubTree ID="Inner"> uses 'door'
+           3 |      <SubTree ID="Inner" door="open"/>
+             |                          ^^^^
+              its keys are 'x'
+        """,
+    ),
+    "passed under a mistyped name": (
+        '<SubTree ID="Inner" gate="open" dor="shut"/>',
+        tree("Inner", '<Script code="gate := door"/>'),
+        """
+        t.xml:3:37: W204 no port or script in the tree of <SubTree ID="Inner"> uses 'dor'
+           3 |      <SubTree ID="Inner" gate="open" dor="shut"/>
+             |                                      ^^^
+              did you mean 'door'?
+        t.xml:6:27: W201 the script in 'code' of <Script> reads 'door', which is never written
+           6 |      <Script code="gate := door"/>
+             |                            ^^^^
+              did you mean 'dor'?
+        """,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_warning_about_a_passed_key(check: Check, name: str) -> None:
+    body, more, expected = CASES[name]
+    assert check(body, more) == dedented(expected)
+
+
+@pytest.mark.parametrize(
+    ("call", "inner"),
+    [
+        ('<SubTree ID="Inner" n="3"/>', REPEAT),
+        ('<SubTree ID="Inner" n="{door}"/>', '<Say text="{n}"/>'),
+        ('<SubTree ID="Inner" _autoremap="true"/>', '<Say text="{door}"/>'),
+        ('<SubTree ID="Inner"/>', '<Say text="{@door}"/>'),
+        ('<SubTree ID="Inner" door="{=}" name="here" _skipIf="false"/>', '<Say text="{door}"/>'),
+        ('<SubTree ID="Inner" door="{door}"/>', '<SubTree ID="Deep" word="{door}"/>'),
+        ('<SubTree ID="Inner" word="{door}"/>', '<SubTree ID="Deep" _autoremap="true"/>'),
+    ],
+)
+def test_keys_passed_to_subtrees_are_not_reported(check: Check, call: str, inner: str) -> None:
+    deep = tree("Deep", '<Say text="{word}"/>') if "Deep" in inner else ""
+    assert check(sequence('<Look found="{door}"/>', call), tree("Inner", inner) + deep) == ""
+
+
+def test_braces_in_a_subtree_of_format_3_are_reported(check: Check) -> None:
+    body = sequence('<Look found="{door}"/>', '<SubTree ID="Inner" door="{door}"/>')
+    assert check(body, tree("Inner", '<Say text="{door}"/>'), format=3) == dedented(
+        """
+        t.xml:5:33: W205 in format 3 <SubTree ID="Inner"> takes keys without braces: 'door' has no effect
+           5 |        <SubTree ID="Inner" door="{door}"/>
+             |                                  ^^^^^^
+              write door="door", or <SubTreePlus ID="Inner" door="{door}"/>
+        """
+    )
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        '<SubTree ID="Inner" door="door"/>',
+        '<SubTreePlus ID="Inner" door="{door}"/>',
+        '<SubTreePlus ID="Inner" __autoremap="true"/>',
+        '<SubTree ID="Inner" __shared_blackboard="true"/>',
+    ],
+)
+def test_keys_passed_in_format_3_are_not_reported(check: Check, call: str) -> None:
+    body = sequence('<Look found="{door}"/>', call)
+    assert check(body, tree("Inner", '<Say text="{door}"/>'), format=3) == ""
+
+
+def test_equals_sign_as_the_default_of_a_model_is_reported(check: Check) -> None:
+    models = (
+        '<TreeNodesModel><SubTree ID="Inner"><input_port name="n" default="{=}"/></SubTree></TreeNodesModel>'
+    )
+    found = check('<SubTree ID="Inner"/>', tree("Inner", REPEAT) + models, given=["="])
+    assert "W210 the model of 'Inner' has the default '{=}' for 'n'" in found
+    assert found.count("W") == 1
+
+
+# --- W104: unused trees
+
+
+def test_unused_tree_is_reported(check: Check) -> None:
+    assert check("<AlwaysSuccess/>", tree("Left")) == dedented(
+        """
+        t.xml:5:21: W104 the tree 'Left' is unused: 'Main' doesn't call it, directly or indirectly
+           5 |    <BehaviorTree ID="Left">
+             |                      ^^^^
+              call it with <SubTree ID="Left"/>, or remove it
+        """
+    )
+
+
+def test_first_of_unused_trees_that_call_each_other_is_reported(check: Check) -> None:
+    found = check("<AlwaysSuccess/>", tree("Left", '<SubTree ID="Right"/>') + tree("Right"))
+    assert [line for line in found.splitlines() if "W104" in line] == [
+        "t.xml:5:21: W104 the tree 'Left' is unused: 'Main' doesn't call it, directly or indirectly"
+    ]
+
+
+def test_called_trees_are_not_reported(check: Check) -> None:
+    assert check('<SubTree ID="Left"/>', tree("Left", '<SubTree ID="Right"/>') + tree("Right")) == ""
+
+
+def test_library_of_trees_is_not_reported(check: Any) -> None:
+    assert check.found_in(f'<root BTCPP_format="4">\n{tree("A")}{tree("B")}</root>') == []
