@@ -1,0 +1,51 @@
+"""Sequences and fallbacks: rules that the recorded cases do not cover."""
+
+from collections.abc import Callable
+
+import pytest
+
+from btcore import NodeSpec, Status, Tree
+from btcore.nodes.sequences_and_fallbacks import OrderedNode, ReactiveNode, ReactiveSequence, Sequence
+from btcore.testing.plan_leaves import CallLog
+
+Grow = Callable[..., Tree]
+
+R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
+
+LEAVES = '<PlanSync name="a" plan="{}"/><PlanSync name="b" plan="{}"/>'
+
+
+@pytest.mark.parametrize("base", [OrderedNode, Sequence, ReactiveNode, ReactiveSequence])
+@pytest.mark.parametrize(
+    ("plans", "result", "ticked"), [("FS", S, ["a", "b"]), ("SF", S, ["a"]), ("FF", F, ["a", "b"])]
+)
+def test_subclass_may_continue_after_a_failure(
+    base: type, plans: str, result: Status, ticked: list[str], make_tree: Grow, journal: CallLog
+) -> None:
+    own = type("Own", (base,), {"spec": NodeSpec(continue_on=F)})
+    assert make_tree(f"<Own>{LEAVES.format(*plans)}</Own>", own).tick_once() is result
+    assert journal.calls == [f"{name}:tick" for name in ticked]
+
+
+@pytest.mark.parametrize(
+    ("tag", "plan", "first"),
+    [
+        ("Sequence", "S", "a"),
+        ("AsyncSequence", "S", "a"),
+        ("ReactiveSequence", "S", "a"),
+        ("Fallback", "F", "a"),
+        ("AsyncFallback", "F", "a"),
+        ("ReactiveFallback", "F", "a"),
+        ("SequenceWithMemory", "S", "b"),
+    ],
+)
+def test_first_child_that_is_ticked_after_a_halt(
+    tag: str, plan: str, first: str, make_tree: Grow, journal: CallLog
+) -> None:
+    tree = make_tree(f'<{tag}><PlanSync name="a" plan="{plan}"/><PlanAction name="b" plan="RRRR"/></{tag}>')
+    while "b:start" not in journal.calls:
+        assert tree.tick_once() is R
+    tree.halt()
+    journal.calls.clear()
+    assert tree.tick_once() is R
+    assert journal.calls[0].partition(":")[0] == first
