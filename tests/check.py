@@ -5,9 +5,10 @@ These tests belong to a file:
 
 - a test file: itself; the conftest.py of a subfolder of tests/: the tests in its folder;
 - a Python file of a package: of the folder in tests/ that corresponds to its own folder, or of the nearest
-  parent folder that exists, first the tests with the module's name, then the tests that import the module or
-  use the functions and classes that it defines. Without any, such tests in other folders, or the tests of the
-  modules that import it;
+  parent folder that exists, first the tests with the module's name (test_NAME.py, test_NAME_….py), then the
+  tests that import the module or use the functions and classes that it defines. Without any, tests in other
+  folders that import or use it, or the tests of the modules that import it. The recorded cases of built-in
+  nodes come first for a node without tests of its name;
 - a page of the documentation, an example or a benchmark: its parametrised tests;
 - any other file: the tests that contain its name, first the tests with this name.
 
@@ -53,7 +54,8 @@ PACKAGES = {
     "tools/btcore_sweep": "tests/tools/btcore_sweep",
 }
 # Built-in nodes and everything that they run on behave as in BehaviorTree.CPP.
-RECORDED = ("btcore/blackboard/", "btcore/engine/", "btcore/nodes/", "btcore/script/")
+NODES = "btcore/nodes/"
+RECORDED = ("btcore/blackboard/", "btcore/engine/", NODES, "btcore/script/")
 ROS2_TESTS = "tests/ros2"
 ROS2_PYTHON = ROOT / ".venv-ros/bin/python"
 RECORDED_TESTS = "tests/conformance/test_recorded_trees.py"
@@ -92,7 +94,11 @@ def tests_of(file: str) -> list[str]:
     if path.name == "conftest.py" and len(path.parts) > 2:
         return [path.parent.as_posix()]
     if is_source(file):
-        return [*tests_of_source(file), *[RECORDED_TESTS][: file.startswith(RECORDED)]]
+        found = tests_of_source(file)
+        if not file.startswith(RECORDED):
+            return found
+        first = file.startswith(NODES) and not any(has_name_of(test, file) for test in found[:1])
+        return [RECORDED_TESTS, *found] if first else [*found, RECORDED_TESTS]
     if path.is_relative_to("docs/site"):
         return [SITE_TESTS]
     if path.suffix == ".md" and path.parts[0] in ("docs", path.name) and path.name != "README.md":
@@ -118,30 +124,39 @@ def tests_of_source(file: str) -> list[str]:
     folder = Path(PACKAGES[package], path.parent)
     while not (ROOT / folder).is_dir():
         folder = folder.parent
-    found = tests_that_use(file, folder.as_posix()) or tests_that_use(file, "tests")
+    found = tests_that_use(file, folder.as_posix(), by_name=True)
+    if found:
+        return found
+    # In another folder, a test with the same name is that of another module.
+    found = tests_that_use(file, "tests", by_name=False)
     if found:
         return found
     # A module that only its neighbours use: their tests, and those of the folder.
     whole = folder.as_posix() == PACKAGES[package]
     importers = [other for other in sources() if other != file and module_name(file) in words(other)]
-    closest = [tests_that_use(other, "tests" if whole else folder.as_posix())[:1] for other in importers]
+    where = "tests" if whole else folder.as_posix()
+    closest = [tests_that_use(other, where, by_name=True)[:1] for other in importers]
     others = [] if whole and any(closest) else test_files(folder.as_posix())
     return list(dict.fromkeys([*chain.from_iterable(closest), *others]))
 
 
 @cache
-def tests_that_use(file: str, folder: str) -> list[str]:
-    """Return the tests in *folder* that have the name of a module or use it, the closest first."""
+def tests_that_use(file: str, folder: str, by_name: bool) -> list[str]:
+    """Return the tests in *folder* that use a module or, if *by_name*, have its name, the closest first."""
     module = module_name(file)
-    own_name = re.compile(rf"test_{Path(file).stem}s?(_|$)")
     names = {module, *definitions(file)}
     ranked = []
     for test in test_files(folder):
-        named = own_name.match(Path(test).stem) is not None
+        named = by_name and has_name_of(test, file)
         found = names & words(test)
         if named or found:
             ranked.append((not named, module not in found, -len(found), test))
     return [test for *_, test in sorted(ranked)]
+
+
+def has_name_of(test: str, file: str) -> bool:
+    """Return whether *test* is named after the module *file*."""
+    return re.match(rf"test_{Path(file).stem}s?(_|$)", Path(test).stem) is not None
 
 
 def package_of(file: str) -> str:
@@ -203,6 +218,9 @@ def test_files(folder: str) -> list[str]:
 def words(file: str) -> set[str]:
     """Return the names in *file*: with their dots, and their last parts."""
     names = set(re.findall(r"[\w.]+", text(file)))
+    names |= {
+        ".".join(pair) for pair in re.findall(r"^from ([\w.]+) import (\w+)$", text(file), re.MULTILINE)
+    }
     return names | {name.rpartition(".")[2] for name in names}
 
 

@@ -27,12 +27,12 @@ if importlib.util.find_spec("pybullet") is None:
         "robot_nodes/navigation/test_navigating_runs.py",
         "robot_nodes/navigation/test_scene.py",
         "robot_nodes/navigation/test_stack.py",
-        "robot_nodes/test_book_bumpgo_fsm.py",
-        "robot_nodes/test_book_commands.py",
-        "robot_nodes/test_boxes.py",
+        "robot_nodes/control/test_bumpgo_fsm.py",
+        "robot_nodes/book/test_commands.py",
+        "robot_nodes/perception/test_object_locator.py",
         "robot_nodes/test_bumpgo.py",
         "robot_nodes/test_exercise_trees.py",
-        "robot_nodes/test_keyboard.py",
+        "robot_nodes/control/test_keyboard.py",
         "robot_nodes/test_third_party_trees.py",
     ]
 

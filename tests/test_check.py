@@ -47,7 +47,7 @@ def test_every_tree_and_world_has_tests(check: ModuleType) -> None:
         ("btcore/xml/lint/data_flow.py", "tests/btcore/xml/lint/test_data_flow.py"),
         ("btcore/script/lexer.py", "tests/btcore/script/test_script.py"),
         ("monitor/btcore_monitor/wire/groot2.py", "tests/monitor/wire/test_groot2.py"),
-        ("robot_nodes/btcore_robot/leaves/drive.py", "tests/robot_nodes/test_drive_leaves.py"),
+        ("robot_nodes/btcore_robot/leaves/drive.py", "tests/robot_nodes/leaves/test_drive.py"),
         ("sim/btcore_sim/battery.py", "tests/sim/test_battery.py"),
         ("tests/sim/test_battery.py", "tests/sim/test_battery.py"),
         ("tests/sim/conftest.py", "tests/sim"),

@@ -38,7 +38,7 @@ FIXED = {
 TESTS = (
     "tests/btcore/nodes/test_timing.py",
     "tests/btcore/cli/test_validate.py",
-    "tests/btcore/cli/test_lsp_command.py",
+    "tests/tools/btcore_studio/language/test_command.py",
     "tests/tools/btcore_studio/agents/test_summaries.py",
     "tests/tools/btcore_bags/test_bags.py",
     "tests/tools/btcore_batch",
@@ -47,7 +47,7 @@ TESTS = (
     "tests/monitor/serve/test_keys.py",
     "tests/monitor/screen/test_scene_recording.py",
     "tests/monitor/watch/test_feed.py",
-    "tests/robot_nodes/test_obstacle_leaves.py",
+    "tests/robot_nodes/leaves/test_obstacle.py",
     "tests/robot_nodes/test_occupancy_map.py",
     "tests/robot_nodes/navigation/test_planner.py",
     "tests/sim/test_run_command.py",

@@ -97,7 +97,7 @@ def test_keys_of_a_terminal_drive_and_x_ends() -> None:
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "btcore", "drive", "--json"]
     with subprocess.Popen(
-        command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=Path(__file__).parents[2]
+        command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=Path(__file__).parents[3]
     ) as driven:
         assert driven.stdout is not None
         assert driven.stderr is not None

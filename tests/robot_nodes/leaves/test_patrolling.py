@@ -13,7 +13,7 @@ from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import HeadInfo, HeadPosition, Phase, Pose2D, Waypoints
 from btcore_sim.worlds import load_world_description
 
-TREES = Path(__file__).parents[2] / "trees"
+TREES = Path(__file__).parents[3] / "trees"
 SECOND = 10**9
 
 HOUSE = load_world_description("house").waypoint_poses()
