@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -32,6 +33,34 @@ def test_every_source_file_has_tests(check: ModuleType) -> None:
     assert {test for tests in found.values() for test in tests if not (ROOT / test).is_file()} == set()
 
 
+def test_folders_of_tests_are_those_of_the_packages(check: ModuleType) -> None:
+    folders = {
+        f"{tests}/{path.parent.relative_to(ROOT / package).as_posix()}".removesuffix("/.")
+        for package, tests in check.PACKAGES.items()
+        for path in (ROOT / package).rglob("*.py")
+    }
+    found = {
+        Path(test).parent.as_posix() for tests in check.PACKAGES.values() for test in check.test_files(tests)
+    }
+    assert found - folders == set()
+
+
+def test_test_files_that_other_files_name_exist() -> None:
+    files = [ROOT / "Makefile", ROOT / "pyproject.toml", ROOT / "tests/check.py"]
+    files += [
+        *(ROOT / "tests/acceptance").glob("*.py"),
+        *ROOT.glob("*/README.md"),
+        *ROOT.glob("*/*/README.md"),
+    ]
+    named = {
+        name
+        for file in files
+        for name in re.findall(r"\btests/[\w/]+\.py\b", file.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 20
+    assert [name for name in sorted(named) if not (ROOT / name).is_file()] == []
+
+
 def test_every_tree_and_world_has_tests(check: ModuleType) -> None:
     files = [*(ROOT / "trees").rglob("*.xml"), *(ROOT / "sim").rglob("*.json")]
     names = [path.relative_to(ROOT).as_posix() for path in files]
@@ -46,6 +75,9 @@ def test_every_tree_and_world_has_tests(check: ModuleType) -> None:
         ("btcore/engine/coroutine.py", "tests/btcore/engine/test_coroutines.py"),
         ("btcore/xml/lint/data_flow.py", "tests/btcore/xml/lint/test_data_flow.py"),
         ("btcore/script/lexer.py", "tests/btcore/script/test_script.py"),
+        ("btcore/nodes/try_catch.py", "tests/conformance/test_recorded_trees.py"),
+        ("btcore/xml/convert/nodes.py", "tests/btcore/xml/convert/test_convert.py"),
+        ("btcore/xml/plan/hints.py", "tests/btcore/xml/plan/test_plan.py"),
         ("monitor/btcore_monitor/wire/groot2.py", "tests/monitor/wire/test_groot2.py"),
         ("robot_nodes/btcore_robot/leaves/drive.py", "tests/robot_nodes/leaves/test_drive.py"),
         ("sim/btcore_sim/battery.py", "tests/sim/test_battery.py"),
