@@ -175,7 +175,7 @@ class Watcher:
         self.events: list[Event] = []
         self.feed = Feed(address, **options)
         if reply_within:
-            client = self.feed._groot2
+            client = self.feed._groot2_client
             client.timeout = client.patience = client._shortest_timeout = reply_within
         self._thread = threading.Thread(target=self._run)
         self._thread.start()

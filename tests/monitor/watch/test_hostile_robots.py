@@ -406,7 +406,7 @@ class Robot(threading.Thread):
             except zmq.ZMQError:  # the port is in use
                 for socket in sockets:
                     socket.close(linger=0)
-        self._requests, self._notices, self._scene = sockets
+        self._requests, self._notices, self._run_channel = sockets
         self.address = f"127.0.0.1:{port}"
 
     def run(self) -> None:
@@ -417,15 +417,15 @@ class Robot(threading.Thread):
             if self.notices:
                 for _ in range(50):
                     self._notices.send_multipart(self.notices)
-            while self._scene.poll(0):
-                frame = self._scene.recv()
+            while self._run_channel.poll(0):
+                frame = self._run_channel.recv()
                 if self.messages and frame.startswith(b"\x01again/tree/"):
-                    self._scene.send_multipart([frame[1:], self.messages[0]])
+                    self._run_channel.send_multipart([frame[1:], self.messages[0]])
             if time.monotonic() - scene > 0.25:
                 scene = time.monotonic()
                 self.sent += 1
                 for message in self.messages[1:]:
-                    self._scene.send_multipart([wire.STREAM, message])
+                    self._run_channel.send_multipart([wire.STREAM, message])
         self._context.destroy(linger=0)
 
     def _answer(self) -> None:
