@@ -33,7 +33,8 @@ class RunExtension(Protocol):
     """An extension of `btcore run`: its options, the resources that it provides, and its part in a run.
 
     The methods are called in the order in which they are listed here. *settings* are the options of
-    the command by their click names, including those of all extensions. A method may raise `click.UsageError`
+    the command by their click names, including those of all extensions. Programs may add keys: `ros_session`,
+    `port_hint` and `spare_boxes` come from btcore's ROS 2 commands. A method may raise `click.UsageError`
     for an error in the options: the message is printed and the exit code is 2. Any other exception counts
     as an internal error.
 

@@ -24,7 +24,6 @@ from btcore.cli.tree_source import (
 )
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.diagnostic_codes import NODE_NOT_CREATED
-from btcore.engine.context import TreeState
 from btcore.entry_points import names_by_remedy
 from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
@@ -135,10 +134,7 @@ def _load_needed_extensions(
     """
     if not ctx.meta.get(_EXTENSIONS_DEFERRED):
         return load_extensions(ctx), settings
-    if all(
-        kind in (random.Random, StubResults) or (isinstance(kind, type) and issubclass(kind, TreeState))
-        for kind in wanted
-    ):
+    if all(kind in (random.Random, StubResults) for kind in wanted):
         return LoadedExtensions([], []), settings
     loaded = load_extensions(ctx)
     added: list[click.Parameter] = [option for item in loaded.extensions for option in item.options]
@@ -312,7 +308,8 @@ def read_source_and_plans(
     """
     path = find_source(settings["source"])
     if installed is None or settings["plugins"]:
-        # Models and rules may name nodes of the installed libraries.
+        # Models and rules may name nodes of the installed libraries. And `NodeLibraries.load_for`, which loads
+        # what is missing, begins anew, so that models and rules would be lost.
         partial = not settings["models"] and not settings["substitutes"]
         libraries = node_libraries.load_libraries(settings["plugins"], partial=partial)
     else:

@@ -88,6 +88,7 @@ class TreeNode:
     config: NodeConfig = _UNPLACED
     _status: Status = IDLE
     _status_before_reset: Status = IDLE
+    """The last result, for drawings of a tree whose parents have reset it."""
     _tick_extras: TickExtras | None = None
     """None = the node has no condition scripts, callbacks or counters."""
     _tick_flags: int = 0
@@ -378,12 +379,12 @@ def add_to_backtrace(node: TreeNode, error: NodeExecutionError) -> None:
 # looks up by name every method that an interpreted class may override, which takes longer.
 
 
-def execute_tick(node: TreeNode, itself: bool = False) -> Status:
+def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     """Tick *node* as its parent does, and return the result.
 
     Args:
         node: The node.
-        itself: Whether the node's own execute_tick() is the caller, so that an override is not called again.
+        ignore_override: Whether an override of execute_tick() is not called, because it is the caller.
 
     The child of a decorator is reset here if it has completed, as in BehaviorTree.CPP
     (DecoratorNode::executeTick). Many built-in decorators reset it in `tick` already, so that observers are
@@ -393,13 +394,14 @@ def execute_tick(node: TreeNode, itself: bool = False) -> Status:
         NodeExecutionError: The node or a node below it raised.
     """
     flags = node._tick_flags
-    if flags >= OVERRIDES_EXECUTE_TICK and not itself:
+    if flags >= OVERRIDES_EXECUTE_TICK and not ignore_override:  # the greatest flag is set
         return node.execute_tick()
     extras = node._tick_extras
     status: Status
     try:
         result = node.tick() if extras is None else _tick_with_extras(node, extras)
-        stored = node._status  # by the tick itself, or before it
+        # Often not the status before the tick: a Sequence, for example, stores RUNNING in its tick.
+        stored = node._status
         if result is stored and stored is not IDLE:
             status = stored
         else:

@@ -28,7 +28,10 @@ class TickCounts:
 
 
 class TickExtras:
-    """The condition scripts, callbacks and counters of one node; most nodes have none."""
+    """The condition scripts, callbacks and counters of one node; most nodes have none.
+
+    Under `btcore run` all nodes have counters.
+    """
 
     def __init__(self) -> None:
         self.conditions: ConditionScripts | None = None

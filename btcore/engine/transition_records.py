@@ -36,8 +36,8 @@ class Transitions:
     """The transitions of one tick in chronological order, a lazy sequence of `Transition`.
 
     Args:
-        tick: The number of the tick.
         first: The number of the first transition, counted from the start of the tree.
+        tick: The number of the tick.
         records: The records of all transitions.
         count: The number of transitions.
     """

@@ -56,7 +56,8 @@ class TreeInstance:
 class NodeCreator:
     """Creates the nodes of a planned tree and of its subtrees, depth-first.
 
-    A subclass may override `bind_ports`, `open_scope` and `create_node`.
+    A subclass may override `bind_ports`, `open_scope` and `create_node`. The dry run of `btcore validate`
+    does; therefore the class belongs to the documents, not to the trees.
 
     Attributes:
         format: The format of the tree, 3 or 4.
@@ -92,21 +93,21 @@ class NodeCreator:
         self._uid = 0
         self.found = DiagnosticCollector()
 
-    def create_tree(self, tree: TreePlan) -> None:
-        """Create the nodes of *tree*, which is neither recursive nor too large."""
-        allow_depth(self._plans.sizes[tree.id].depth)
-        self._create_instance(tree, "", self.blackboard)
+    def create_tree(self, tree_plan: TreePlan) -> None:
+        """Create the nodes of *tree_plan*, which is neither recursive nor too large."""
+        allow_depth(self._plans.sizes[tree_plan.id].depth)
+        self._create_instance(tree_plan, "", self.blackboard)
 
-    def _create_instance(self, plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
+    def _create_instance(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
         """Create an instance of a tree. Return its root, or None if it could not be created."""
-        instance = TreeInstance(plan, path, blackboard)
+        instance = TreeInstance(tree_plan, path, blackboard)
         self.instances.append(instance)
-        assert plan.root is not None
-        return self._create_with_children(plan.root, instance)
+        assert tree_plan.root is not None
+        return self._create_with_children(tree_plan.root, instance)
 
-    def _create_with_children(self, plan: NodePlan, tree: TreeInstance) -> TreeNode | None:
+    def _create_with_children(self, plan: NodePlan, instance: TreeInstance) -> TreeNode | None:
         """Create a node and the nodes below it. Return None if the node could not be created."""
-        document = tree.document
+        document = instance.document
         line = plan.element.line if document.knows_lines else document.line(plan.element)
         self._uid = uid = self._uid + 1
         id = plan.id
@@ -115,36 +116,36 @@ class NodeCreator:
             id, name, uid, self.format, document.file, line, plan.scripts, plan.attributes, self._enums
         )
         if plan.call is not None:
-            return self._create_call(plan, plan.call, config, tree)
+            return self._create_call(plan, plan.call, config, instance)
         if name == id:
             # BehaviorTree.CPP appends the uid to the path of a node without a name.
-            config.path = f"{tree.prefix}{name}::{uid}"
-        elif tree.prefix:
-            config.path = tree.prefix + name
-        self.bind_ports(plan, config, tree)
-        manifest = self._substituted(plan, config, tree) if self._rules else plan.manifest
+            config.path = f"{instance.prefix}{name}::{uid}"
+        elif instance.prefix:
+            config.path = instance.prefix + name
+        self.bind_ports(plan, config, instance)
+        manifest = self._substituted(plan, config, instance) if self._rules else plan.manifest
         if not plan.children:
-            leaf = self.create_node(plan, manifest, config, tree, ())
+            leaf = self.create_node(plan, manifest, config, instance, ())
             if leaf is not None:
                 self.nodes.append(leaf)
-                tree.nodes.append(leaf)
+                instance.nodes.append(leaf)
             return leaf
         # Nodes are listed in pre-order, but a parent is created after its children: keep its place.
-        at, own_at = len(self.nodes), len(tree.nodes)
+        at, own_at = len(self.nodes), len(instance.nodes)
         self.nodes.append(_PLACE_HOLDER)
-        tree.nodes.append(_PLACE_HOLDER)
+        instance.nodes.append(_PLACE_HOLDER)
         below = plan.children if not self._rules or takes_children(manifest) else ()
-        children = [self._create_with_children(child, tree) for child in below]
-        node = self.create_node(plan, manifest, config, tree, children)
+        children = [self._create_with_children(child, instance) for child in below]
+        node = self.create_node(plan, manifest, config, instance, children)
         if node is not None:
-            self.nodes[at] = tree.nodes[own_at] = node
+            self.nodes[at] = instance.nodes[own_at] = node
         return node
 
-    def bind_ports(self, plan: NodePlan, config: NodeConfig, tree: TreeInstance) -> None:
+    def bind_ports(self, plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> None:
         """Bind the ports, and declare the entries that the ports point to."""
         if not plan.bindings:
             return
-        blackboard = tree.blackboard
+        blackboard = instance.blackboard
         inputs: dict[str, Input] = {}
         outputs: dict[str, Output] = {}
         for bound in plan.bindings:
@@ -154,7 +155,7 @@ class NodeCreator:
                 try:
                     entry = blackboard.create(key, port.type, not port.writes)
                 except (BlackboardError, ConversionError) as error:
-                    self.found.add(self._clash(plan, port, tree, blackboard.find(key), error))
+                    self.found.add(self._clash(plan, port, instance, blackboard.find(key), error))
                 else:
                     # The first port with a type declares the type; later ports are compared with it.
                     if entry not in self._declared and port.type.strong:
@@ -176,10 +177,10 @@ class NodeCreator:
         return f"'{bound.port.name}' of <{config.id}> ({config.where})"
 
     def _clash(
-        self, plan: NodePlan, port: Port, tree: TreeInstance, entry: Entry | None, error: BtcoreError
+        self, plan: NodePlan, port: Port, instance: TreeInstance, entry: Entry | None, error: BtcoreError
     ) -> Diagnostic:
         """Return the diagnostic for a port whose type differs from the declared type of its entry."""
-        document = tree.document
+        document = instance.document
         if entry is None or entry.declared.same(port.type):
             return document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, port.name)
         own, declared = port.type.name, entry.declared.name
@@ -202,7 +203,7 @@ class NodeCreator:
         plan: NodePlan,
         manifest: Manifest | None,
         config: NodeConfig,
-        tree: TreeInstance,
+        instance: TreeInstance,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
         """Create a node. Return None if it or a child could not be created."""
@@ -214,11 +215,11 @@ class NodeCreator:
         if manifest is None:
             return None
         try:
-            return manifest.make(config, self.context, tree.blackboard, self._resources, created)
+            return manifest.make(config, self.context, instance.blackboard, self._resources, created)
         except ScriptError as error:
-            self.found.add(self._script_diagnostic(plan, tree, error))
+            self.found.add(self._script_diagnostic(plan, instance, error))
         except (NodeError, BlackboardError, ConversionError) as error:
-            self.found.add(tree.document.diagnostic(_code_of(error, plan), str(error), plan.element))
+            self.found.add(instance.document.diagnostic(_code_of(error, plan), str(error), plan.element))
         except BtcoreError:
             raise  # an error of the program, not of the document
         except Exception as error:
@@ -226,10 +227,10 @@ class NodeCreator:
             hint = ""
             if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
                 hint = "call super().__init__() without arguments: a node has its name and config already"
-            self.found.add(tree.document.diagnostic(LEAF_INIT_RAISED, message, plan.element, hint=hint))
+            self.found.add(instance.document.diagnostic(LEAF_INIT_RAISED, message, plan.element, hint=hint))
         return None
 
-    def _substituted(self, plan: NodePlan, config: NodeConfig, tree: TreeInstance) -> Manifest | None:
+    def _substituted(self, plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> Manifest | None:
         """Return the manifest after the registry's substitution rules, or None after an error."""
         if plan.manifest is None:
             return None
@@ -238,48 +239,50 @@ class NodeCreator:
         try:
             return self._registry.apply_substitutions(config, plan.manifest, children)
         except NodeError as error:
-            self.found.add(tree.document.diagnostic(NODE_NOT_CREATED, str(error), plan.element))
+            self.found.add(instance.document.diagnostic(NODE_NOT_CREATED, str(error), plan.element))
             return None
 
-    def _script_diagnostic(self, plan: NodePlan, tree: TreeInstance, error: ScriptError) -> Diagnostic:
+    def _script_diagnostic(self, plan: NodePlan, instance: TreeInstance, error: ScriptError) -> Diagnostic:
         texts = {key: text for key, text in plan.element.attributes.items() if text == error.text}
         if texts:
-            return script_diagnostic(tree.document, plan, next(iter(texts)), error)
-        return tree.document.diagnostic(SCRIPT_SYNTAX, f"a script of <{plan.id}>: {error}", plan.element)
+            return script_diagnostic(instance.document, plan, next(iter(texts)), error)
+        return instance.document.diagnostic(SCRIPT_SYNTAX, f"a script of <{plan.id}>: {error}", plan.element)
 
     # --- SubTree elements
 
     def _create_call(
-        self, plan: NodePlan, call: SubtreeCall, config: NodeConfig, tree: TreeInstance
+        self, plan: NodePlan, call: SubtreeCall, config: NodeConfig, instance: TreeInstance
     ) -> TreeNode | None:
-        config.name = plan.name if plan.name is not None else call.tree
+        config.name = plan.name if plan.name is not None else call.tree_id
         # Format 3 ignores the name of a SubTree node in paths.
         own_name = plan.name if self.format == 4 else None
-        config.path = tree.prefix + (own_name if own_name is not None else f"{call.tree}::{config.uid}")
+        config.path = instance.prefix + (
+            own_name if own_name is not None else f"{call.tree_id}::{config.uid}"
+        )
         config.attributes = {**call.written, **plan.attributes}
         if config.path in self._paths:
             message = f"two SubTree nodes have the path '{config.path}'"
             hint = "give them different names, or remove the names"
             self.found.add(
-                tree.document.diagnostic(DUPLICATE_SUBTREE_PATH, message, plan.element, "name", hint=hint)
+                instance.document.diagnostic(DUPLICATE_SUBTREE_PATH, message, plan.element, "name", hint=hint)
             )
         self._paths.add(config.path)
-        at, own_at = len(self.nodes), len(tree.nodes)
+        at, own_at = len(self.nodes), len(instance.nodes)
         self.nodes.append(_PLACE_HOLDER)
-        tree.nodes.append(_PLACE_HOLDER)
-        manifest = self._substituted(plan, config, tree) if self._rules else plan.manifest
+        instance.nodes.append(_PLACE_HOLDER)
+        manifest = self._substituted(plan, config, instance) if self._rules else plan.manifest
         children = []
         if takes_children(manifest):
-            inner = self.open_scope(plan, call, tree)
-            children.append(self._create_instance(self._plans.trees[call.tree], config.path, inner))
-        node = self.create_node(plan, manifest, config, tree, children)
+            inner = self.open_scope(plan, call, instance)
+            children.append(self._create_instance(self._plans.trees[call.tree_id], config.path, inner))
+        node = self.create_node(plan, manifest, config, instance, children)
         if node is not None:
-            self.nodes[at] = tree.nodes[own_at] = node
+            self.nodes[at] = instance.nodes[own_at] = node
         return node
 
-    def open_scope(self, plan: NodePlan, call: SubtreeCall, tree: TreeInstance) -> Blackboard:
-        """Return the blackboard of the called tree, connected with that of *tree*, which calls it."""
-        outer = tree.blackboard
+    def open_scope(self, plan: NodePlan, call: SubtreeCall, instance: TreeInstance) -> Blackboard:
+        """Return the blackboard of the called tree, connected with that of *instance*, which calls it."""
+        outer = instance.blackboard
         if call.shared:
             return outer
         inner = self._scopes(outer)
@@ -292,7 +295,7 @@ class NodeCreator:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
             except BlackboardError as error:
                 self.found.add(
-                    tree.document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, key)
+                    instance.document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, key)
                 )
         inner.autoremap = call.autoremap
         return inner

@@ -24,7 +24,7 @@ def declare_parameter(
     """
     from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 
-    def define_and_plan(value: Any) -> None:
+    def check_value(value: Any) -> None:
         allowed = (int, float) if isinstance(default, float) else type(default)
         is_valid = isinstance(value, allowed) and not isinstance(value, bool)
         if isinstance(default, list):
@@ -39,7 +39,7 @@ def declare_parameter(
         try:
             for change in changes:
                 if change.name == name:
-                    define_and_plan(change.value)
+                    check_value(change.value)
         except RosError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -52,7 +52,7 @@ def declare_parameter(
         )
         node.declare_parameter(name, default, descriptor)
     value = node.get_parameter(name).value
-    define_and_plan(value)
+    check_value(value)
     if is_new and not fixed:
         node.add_on_set_parameters_callback(allow)
     return value

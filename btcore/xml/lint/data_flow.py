@@ -76,7 +76,7 @@ def trace_dataflow(plans: Plans) -> list[DataflowRow]:
 
 def _access(use: EntryUse, path: str) -> DataflowAccess:
     call = use.node.call
-    name = use.node.name or (call.tree if call is not None else use.node.id)
+    name = use.node.name or (call.tree_id if call is not None else use.node.id)
     full = f"{path}/{name}" if path else name
     if call is not None and use.attribute in call.constants:
         full = path  # a constant is written to the inner blackboard, whose path is that of the SubTree node

@@ -107,7 +107,7 @@ class DryRun(NodeCreator):
         plan: NodePlan,
         manifest: Manifest | None,
         config: NodeConfig,
-        tree: TreeInstance,
+        instance: TreeInstance,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
         """Create a built-in node; other nodes are replaced by a node without effect."""
@@ -117,12 +117,12 @@ class DryRun(NodeCreator):
         for bound in config.inputs.values():
             if bound.port.role in SCRIPT_ROLES and bound.key is not None:
                 return TreeNode()  # the node would compile a script from the blackboard, which is empty here
-        return super().create_node(plan, manifest, config, tree, children)
+        return super().create_node(plan, manifest, config, instance, children)
 
-    def bind_ports(self, plan: NodePlan, config: NodeConfig, tree: TreeInstance) -> None:
+    def bind_ports(self, plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> None:
         """Bind the ports, and record the entries that ports and scripts use."""
-        super().bind_ports(plan, config, tree)
-        document, blackboard = tree.document, tree.blackboard
+        super().bind_ports(plan, config, instance)
+        document, blackboard = instance.document, instance.blackboard
         for port, text, written in plan.ports:
             self._recorded += self._uses_of_port(plan, port, text, written, document, blackboard)
         for attribute, text in plan.scripts.items():
@@ -170,14 +170,14 @@ class DryRun(NodeCreator):
             for use in find_name_uses(text, self._enums)
         )
 
-    def open_scope(self, plan: NodePlan, call: SubtreeCall, tree: TreeInstance) -> Blackboard:
+    def open_scope(self, plan: NodePlan, call: SubtreeCall, instance: TreeInstance) -> Blackboard:
         """Return the blackboard of the called tree, and record the entries that the call uses."""
-        document, outer = tree.document, tree.blackboard
-        inner = super().open_scope(plan, call, tree)
+        document, outer = instance.document, instance.blackboard
+        inner = super().open_scope(plan, call, instance)
         for attribute, text in plan.scripts.items():
             self._script(plan, attribute, text, document, outer)
         if inner is not outer:
-            self.entrances[inner] = EntryUse(AccessKind.MENTIONS, call.tree, outer, document, plan, "ID")
+            self.entrances[inner] = EntryUse(AccessKind.MENTIONS, call.tree_id, outer, document, plan, "ID")
             for key in call.constants:
                 self._recorded.append(EntryUse(AccessKind.WRITES, key, inner, document, plan, key))
             for key, outside in call.remaps.items():

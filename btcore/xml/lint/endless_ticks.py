@@ -114,4 +114,4 @@ class EndlessTickCheck:
         return is_action or any(map(self._has_action, node.children))
 
     def _called(self, node: NodePlan) -> TreePlan | None:
-        return None if node.call is None else self._plans.trees.get(node.call.tree)
+        return None if node.call is None else self._plans.trees.get(node.call.tree_id)

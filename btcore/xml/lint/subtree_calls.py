@@ -22,7 +22,7 @@ def check_unused_trees(plans: Plans, main: TreePlan, reporter: LintReporter) -> 
     unused = [
         tree for tree in plans.trees.values() if tree not in used and tree.definition.document is document
     ]
-    called = {call.tree for tree in unused for call in tree.calls if call.tree != tree.id}
+    called = {call.tree_id for tree in unused for call in tree.calls if call.tree_id != tree.id}
     for tree in unused:
         element = tree.definition.element
         if tree.id not in called and element.get("ID") is not None:
@@ -90,7 +90,7 @@ class TreeKeys:
     def _call_keys(self, call: SubtreeCall) -> set[str] | None:
         keys = {outer for key, outer in call.remaps.items() if key not in _OF_THE_ELEMENT}
         if call.shared or call.autoremap:
-            inner = self.keys_of(call.tree) if self._bounded else None
+            inner = self.keys_of(call.tree_id) if self._bounded else None
             if inner is None:
                 return None
             keys |= inner - call.remaps.keys() - call.constants.keys()
@@ -114,19 +114,19 @@ def check_remappings(
     call = node.call
     if call is None:
         return
-    used = tree_keys.keys_of(call.tree)
-    declared = models.get(call.tree, {})
+    used = tree_keys.keys_of(call.tree_id)
+    declared = models.get(call.tree_id, {})
     for key, text in call.written.items():
         if key in _OF_THE_ELEMENT:
             continue
         if node.id == "SubTree" and call.remaps.get(key) == text and remapped_key(text, key, 3) is not None:
             message = f"in format 3 {node_label(node)} takes keys without braces: '{key}' has no effect"
-            hint = f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree}" {key}="{text}"/>'
+            hint = f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree_id}" {key}="{text}"/>'
             reporter.warn(BRACES_IN_FORMAT_3, message, document, node, key, hint)
         if call.remaps.get(key) == "=" and node.element.get(key) is None:
             message = (
-                f"the model of '{call.tree}' has the default '{text}' for '{key}', which means the entry '=' "
-                "of the calling tree"
+                f"the model of '{call.tree_id}' has the default '{text}' for '{key}', which means the entry "
+                "'=' of the calling tree"
             )
             hint = f'write default="{{{key}}}" in the model'
             reporter.warn(INCOMPLETE_POINTER, message, document, node, hint=hint)

@@ -68,14 +68,14 @@ class Plans(NamedTuple):
             id = pending.pop()
             if id not in plans and id not in known and id in self.trees:
                 plans[id] = self.trees[id]
-                pending += [call.tree for call in reversed(plans[id].calls)]
+                pending += [call.tree_id for call in reversed(plans[id].calls)]
         return list(plans.values())
 
     def roots(self) -> list[TreePlan]:
         """Return the main tree and the planned trees that no other tree calls."""
         used = set() if self.main is None else {tree.id for tree in self.reachable(self.main)}
         others = [tree for tree in self.trees.values() if tree.id not in used]
-        called = {call.tree for tree in others for call in tree.calls}
+        called = {call.tree_id for tree in others for call in tree.calls}
         roots = [tree for tree in others if tree.id not in called]
         return roots if self.main is None else [self.main, *roots]
 
@@ -117,7 +117,7 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
         definition = pending.pop()
         if definition.id not in trees:
             trees[definition.id] = tree = TreePlanner(context, definition).plan(outlines[definition])
-            pending += [by_id[call.tree] for call in reversed(tree.calls) if call.tree in by_id]
+            pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
     sizes: dict[str, TreeSize] = {}
     plans = Plans(
         definitions, registry, trees, None if main is None else trees[main.id], sizes, Diagnostics()
@@ -193,15 +193,15 @@ def _measure(
         path.append(id)
         pending.append((id, True))
         for call in trees[id].calls:
-            if call.tree in places:
+            if call.tree_id in places:
                 is_recursive = True
-                _add_cycle(path, places[call.tree], trees[id], call, found)
-            elif call.tree in trees and call.tree not in order:
-                pending.append((call.tree, False))
+                _add_cycle(path, places[call.tree_id], trees[id], call, found)
+            elif call.tree_id in trees and call.tree_id not in order:
+                pending.append((call.tree_id, False))
     if is_recursive:
         return
     for id, tree in order.items():
-        below = [sizes[call.tree] for call in tree.calls if call.tree in sizes]  # without unknown trees
+        below = [sizes[call.tree_id] for call in tree.calls if call.tree_id in sizes]  # without unknown trees
         count = min(MAX_NODES + 1, tree.size + sum(size.nodes for size in below))
         sizes[id] = TreeSize(count, tree.depth + max((size.depth for size in below), default=0))
     size = sizes[root.id]
@@ -226,7 +226,7 @@ def _add_cycle(
     else:
         half = _MAX_SHOWN_CYCLE // 2
         cycle = [*path[start : start + half], "…", *path[1 - half :]]
-    message = f"the trees call each other recursively: {' → '.join([*cycle, call.tree])}"
+    message = f"the trees call each other recursively: {' → '.join([*cycle, call.tree_id])}"
     document = tree.definition.document
     hint = "a tree can't contain itself"
     found.add(document.diagnostic(RECURSIVE_TREES, message, call.element, "ID", hint=hint))

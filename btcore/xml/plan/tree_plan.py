@@ -54,7 +54,7 @@ class SubtreeCall:
     """A SubTree element: the tree that it calls, and how the two blackboards are connected.
 
     Attributes:
-        tree: ID of the called tree.
+        tree_id: ID of the called tree.
         element: The SubTree element.
         remaps: For each remapped key of the called tree, the key in the calling tree.
         constants: For each key of the called tree that is set to a constant, the text of the constant.
@@ -67,11 +67,11 @@ class SubtreeCall:
     """
 
     __slots__ = (
-        "autoremap", "constants", "element", "outer_constants", "remaps", "shared", "tree", "written",
+        "autoremap", "constants", "element", "outer_constants", "remaps", "shared", "tree_id", "written",
     )  # fmt: skip
 
-    def __init__(self, tree: str, element: Element) -> None:
-        self.tree = tree
+    def __init__(self, tree_id: str, element: Element) -> None:
+        self.tree_id = tree_id
         self.element = element
         self.remaps: dict[str, str] = {}
         self.constants: dict[str, str] = {}
@@ -215,7 +215,7 @@ def outline_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
     definitions, dialect = context.definitions, context.dialect
     for document in definitions.sources.documents:
         models = list(document.root.iterchildren("TreeNodesModel"))
-        if dialect.explicit_by_id and len(models) > 1:
+        if dialect.format == 4 and len(models) > 1:
             message = "second <TreeNodesModel> in the document"
             hint = "move its models into the first <TreeNodesModel>"
             context.found.add(document.diagnostic(DUPLICATE_MODELS, message, models[1], hint=hint))
@@ -396,7 +396,7 @@ class _Outline:
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
         asynchronous = [child for child in children if child.tag == "AsyncSequence"]
-        if len(asynchronous) > 1 and self._dialect.explicit_by_id:
+        if len(asynchronous) > 1 and self._dialect.format == 4:
             message = "second AsyncSequence in a ReactiveSequence, which can have only one"
             hint = "only one child can be RUNNING at a time"
             self._report(SEVERAL_ASYNC_SEQUENCES, message, asynchronous[1], hint=hint)
@@ -418,7 +418,7 @@ class _Outline:
 
     def _check_call(self, tag: str, element: Element, children: list[Element]) -> None:
         name = element.get("ID") or ""
-        if element.get("ID") is None or (not name and self._dialect.explicit_by_id):
+        if element.get("ID") is None or (not name and self._dialect.format == 4):
             message = f"the ID of the tree is missing in <{tag}>"
             self._report(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>')
         elif self._dialect.tree_ids_checked:
@@ -551,7 +551,7 @@ class TreePlanner:
         scripts: dict[str, str] = {}
         kept: dict[str, str] = {}
         for key, text in others.items():
-            if key in SCRIPT_ATTRIBUTES and dialect.free_underscore:
+            if key in SCRIPT_ATTRIBUTES and dialect.has_conditions:
                 scripts[key] = text
             elif key == "ID":
                 if dialect.explicit_by_id and plan.element.tag not in EXPLICIT_TAGS:
@@ -578,7 +578,7 @@ class TreePlanner:
         return kept
 
     def _check_name(self, plan: NodePlan, text: str) -> None:
-        if self._dialect.free_underscore and not _CONTROL_CHARACTERS.isdisjoint(text):
+        if self._dialect.has_conditions and not _CONTROL_CHARACTERS.isdisjoint(text):
             message = f"control character in the name {text!r}"
             self._report(CONTROL_CHARACTER_IN_NAME, message, plan.element, "name")
 
@@ -662,13 +662,15 @@ class TreePlanner:
                 attributes[key] = text
         plan.scripts, plan.attributes = scripts, attributes
         if not call.autoremap:
-            for port, default in self._context.definitions.subtree_models.get(call.tree, {}).items():
+            for port, default in self._context.definitions.subtree_models.get(call.tree_id, {}).items():
                 if port in given:
                     continue
                 if default is None or default == "":
                     if self._found.is_full(MISSING_SUBTREE_PORT):
                         break
-                    message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree}' requires"
+                    message = (
+                        f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
+                    )
                     hint = f'write {port}="…", or declare a default in <TreeNodesModel>'
                     self._report(MISSING_SUBTREE_PORT, message, plan.element, "", hint)
                 else:
@@ -706,7 +708,7 @@ class TreePlanner:
                     if call.autoremap:
                         call.outer_constants.add(key)
         # Format 3 ignores the name of a call.
-        plan.name = call.tree
+        plan.name = call.tree_id
 
     def _read_bool(self, plan: NodePlan, key: str, text: str) -> bool:
         try:

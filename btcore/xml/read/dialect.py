@@ -33,6 +33,7 @@ class Dialect(NamedTuple):
     - *closed_tags*: those of them whose content is not checked: children are an error already.
     - *ignoring_tags*: those of them whose children are checked, but ignored.
     - *reserved*: attributes of a node that are never ports.
+    - *has_conditions*: nodes have pre- and post-conditions, and names without control characters.
     - *free_underscore*: any other attribute whose name is not a valid port name is allowed and ignored.
     - *last_tree_wins*: the last of several trees with the same ID is used, otherwise the first.
     - *explicit_by_id*: the type of a node such as `<Action ID="…">` comes from its ID, not from its tag.
@@ -48,6 +49,7 @@ class Dialect(NamedTuple):
     closed_tags: frozenset[str]
     ignoring_tags: frozenset[str]
     reserved: frozenset[str]
+    has_conditions: bool
     free_underscore: bool
     last_tree_wins: bool
     explicit_by_id: bool
@@ -65,6 +67,7 @@ DIALECTS: Final = {
         closed_tags=frozenset(),
         ignoring_tags=frozenset(),
         reserved=frozenset({"ID", "name"}) | SCRIPT_ATTRIBUTES,
+        has_conditions=True,
         free_underscore=True,
         last_tree_wins=True,
         explicit_by_id=True,
@@ -80,6 +83,7 @@ DIALECTS: Final = {
         closed_tags=frozenset({"SubTree"}),
         ignoring_tags=frozenset({"SubTreePlus"}),
         reserved=frozenset({"ID", "name", "_description"}),
+        has_conditions=False,
         free_underscore=False,
         last_tree_wins=False,
         explicit_by_id=False,

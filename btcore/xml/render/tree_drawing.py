@@ -63,7 +63,7 @@ def diagram_of_document(plans: Plans) -> DiagramNode:
         sketch = DiagramNode(
             uid=next(uids),
             id=plan.id,
-            name=plan.name or (plan.id if call is None else call.tree),
+            name=plan.name or (plan.id if call is None else call.tree_id),
             type=manifest.type if manifest is not None else NodeType.UNDEFINED,
             ports=[(port.name, text, _direction(port)) for port, text, written in plan.ports if written],
             scripts=plan.scripts,
@@ -74,8 +74,8 @@ def diagram_of_document(plans: Plans) -> DiagramNode:
         if call is not None:
             sketch.type = NodeType.SUBTREE
             sketch.ports = [(name, text, "") for name, text in call.written.items()]
-            sketch.tree = call.tree
-            sketch.children = [of_tree(plans.trees[call.tree])]
+            sketch.tree = call.tree_id
+            sketch.children = [of_tree(plans.trees[call.tree_id])]
         else:
             sketch.children = [of_node(child, document) for child in plan.children]
         return sketch

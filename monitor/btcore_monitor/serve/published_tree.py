@@ -19,7 +19,7 @@ from btcore_monitor.serve.queueing_observer import (
     StampedTransition,
     merge_scenes,
 )
-from btcore_monitor.serve.run_stream import RunStreamServer
+from btcore_monitor.serve.run_channel_server import RunChannelServer
 from btcore_monitor.wire.msgpack_values import Boards, encode_boards
 from btcore_monitor.wire.run_channel import ANNOUNCEMENT
 from btcore_scene import SceneSource, StaticScene
@@ -75,11 +75,11 @@ class PublishedTree:
             if previous_uid is None
             else Groot1Server(tree, previous_uid, ending=b"" if has_groot2 else ending)
         )
-        self.run_stream_server: RunStreamServer | None = None
+        self.run_channel_server: RunChannelServer | None = None
         if run_channel:
             parts = [source.scene_static() for source in self._sources]
             static = merge_scenes(StaticScene, parts) if parts else None
-            self.run_stream_server = RunStreamServer(self.tree_id, xml, static, statuses, tree.clock.now())
+            self.run_channel_server = RunChannelServer(self.tree_id, xml, static, statuses, tree.clock.now())
         self._unsubscribe: Callable[[], None] | None = None
 
     def subscribe(self) -> None:
@@ -123,12 +123,12 @@ class PublishedTree:
                 self._boards = item.boards
             elif isinstance(item, SceneTaken):
                 self._observer.big_taken += item.weight
-            if self.run_stream_server is not None:
-                self.run_stream_server.put(item)
+            if self.run_channel_server is not None:
+                self.run_channel_server.put(item)
             if time.monotonic() > deadline:
                 break
-        if self.run_stream_server is not None:
-            self.run_stream_server.flush()
+        if self.run_channel_server is not None:
+            self.run_channel_server.flush()
         if self.groot2_server.dropped != dropped:
             statuses = statuses_of(self.tree)
             self.groot2_server.correct(statuses)

@@ -22,7 +22,7 @@ from btcore_monitor.serve.gateway import Gateway
 from btcore_monitor.serve.groot1 import Groot1Sockets
 from btcore_monitor.serve.published_tree import PublishedTree
 from btcore_monitor.serve.request_socket import RequestSocket
-from btcore_monitor.serve.run_stream import RunStreamServer
+from btcore_monitor.serve.run_channel_server import RunChannelServer
 from btcore_monitor.serve.tcp_ports import (
     GROOT1_ALONE,
     GROOT1_PORTS,
@@ -343,15 +343,15 @@ class Publisher(Closeable):
                 if self._watch_requests.socket in ready:
                     self._answer(self._watch_requests, may_control=False)
                 self._serve_groot1(ready)
-                run_stream = self._published.run_stream_server
-                if run_stream is not None and self._stream in ready:
-                    self._read_subscriptions(run_stream)
+                run_channel = self._published.run_channel_server
+                if run_channel is not None and self._stream in ready:
+                    self._read_subscriptions(run_channel)
                 now = time.monotonic()
                 if now >= next_heartbeat:
                     next_heartbeat = now + wire.ALIVE_EVERY
                     self._gateway.continue_if_ended()
-                    if run_stream is not None:
-                        self._send(*run_stream.alive())
+                    if run_channel is not None:
+                        self._send(*run_channel.alive())
             while self._drain():
                 pass
             self._serve_groot1({}, at_once=True)
@@ -381,9 +381,9 @@ class Publisher(Closeable):
         # Before draining: if a new tree is here already, the old tree's queue gets no more items.
         replaced = bool(self._replacements)
         more = self._published.drain()
-        run_stream = self._published.run_stream_server
-        if run_stream is not None:
-            for topic, data in run_stream.pending_frames():
+        run_channel = self._published.run_channel_server
+        if run_channel is not None:
+            for topic, data in run_channel.pending_frames():
                 self._send(topic, data)
         if replaced and not more:
             self._switch_to(self._replacements.popleft())
@@ -394,9 +394,9 @@ class Publisher(Closeable):
         """Switch to the tree *fresh*, and send it to all clients."""
         self._serve_groot1({}, at_once=True)
         before, self._published = self._published, fresh
-        if before.run_stream_server is not None and fresh.run_stream_server is not None:
-            fresh.run_stream_server.clients = before.run_stream_server.clients
-            for topic, data in fresh.run_stream_server.introduction():
+        if before.run_channel_server is not None and fresh.run_channel_server is not None:
+            fresh.run_channel_server.clients = before.run_channel_server.clients
+            for topic, data in fresh.run_channel_server.introduction():
                 self._send(topic, data)
 
     def _send(self, topic: bytes, data: bytes) -> None:
@@ -425,13 +425,13 @@ class Publisher(Closeable):
             sockets.answer(server)
         sockets.publish(server, time.monotonic(), at_once)
 
-    def _read_subscriptions(self, run_stream: RunStreamServer) -> None:
+    def _read_subscriptions(self, run_channel: RunChannelServer) -> None:
         # All subscriptions that wait; zmq.Again ends the loop.
         with contextlib.suppress(zmq.Again):
             while True:
-                for topic, data in run_stream.subscription(self._stream.recv(zmq.DONTWAIT)):
+                for topic, data in run_channel.subscription(self._stream.recv(zmq.DONTWAIT)):
                     self._send(topic, data)
-        if len(run_stream.clients) != self._clients:
+        if len(run_channel.clients) != self._clients:
             with self._change:
-                self._clients = len(run_stream.clients)
+                self._clients = len(run_channel.clients)
                 self._change.notify_all()

@@ -140,7 +140,7 @@ class QueueingObserver(Observer):
         self._next_scene: int | None = None
 
     def transition(self, change: Transition) -> None:
-        """Queue *change*."""
+        """Queue *change* at once, with the wall time."""
         self.queue.append(StampedTransition(change, time.time_ns()))
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:

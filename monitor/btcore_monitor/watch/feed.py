@@ -36,7 +36,7 @@ from btcore_monitor.watch.groot1_feed import Groot1Feed
 from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
 from btcore_monitor.watch.groot2_feed import Groot2Feed
 from btcore_monitor.watch.request_client import NoReplyError
-from btcore_monitor.watch.run_stream import RunStreamClient
+from btcore_monitor.watch.run_channel_client import RunChannelClient
 from btcore_monitor.wire import run_channel as wire
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.fulltree import read_fulltree
@@ -111,7 +111,7 @@ class Feed(Closeable):
     ) -> None:
         self.address = parse_address(address)
         self._keys = keys
-        self._run_stream = RunStreamClient(self.address, keys)
+        self._run_stream = RunChannelClient(self.address, keys)
         self._groot2_client = Groot2Client(self.address, patience=MAX_REPLY_TIMEOUT, keys=keys)
         self._groot2_feed = Groot2Feed(self._groot2_client, blackboard_rate, record)
         self._groot1_feed: Groot1Feed | None = None

@@ -31,7 +31,7 @@ from btcore_monitor.watch.address import AddressError, parse_address
 from btcore_monitor.watch.feed import Feed
 from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.watch.request_client import NoReplyError
-from btcore_monitor.watch.run_stream import RunStreamClient
+from btcore_monitor.watch.run_channel_client import RunChannelClient
 from btcore_monitor.wire import run_channel as wire
 from btcore_monitor.wire.errors import RobotRefusedError
 from btcore_monitor.wire.fulltree import read_fulltree
@@ -230,7 +230,7 @@ def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, unt
     context: zmq.Context = zmq.Context()
     with context.socket(zmq.XPUB) as robot:
         address = parse_address(f":{robot.bind_to_random_port('tcp://127.0.0.1') - wire.PORT_OFFSET}")
-        client = RunStreamClient(address)
+        client = RunChannelClient(address)
         topics: list[bytes] = []
 
         def asked(topic: bytes) -> bool:
@@ -385,7 +385,7 @@ def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until)
     context: zmq.Context = zmq.Context()
     with context.socket(zmq.XPUB) as robot:
         address = parse_address(f":{robot.bind_to_random_port('tcp://127.0.0.1') - wire.PORT_OFFSET}")
-        client = RunStreamClient(address)
+        client = RunChannelClient(address)
 
         def question() -> bytes:
             heard = [b""]

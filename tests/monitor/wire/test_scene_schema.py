@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from btcore_monitor.serve.queueing_observer import merge_scenes, weight
-from btcore_monitor.serve.run_stream import to_jpeg
+from btcore_monitor.serve.run_channel_server import to_jpeg
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.run_channel import MovingMessage, StaticMessage, decode, encode
 from btcore_scene import (

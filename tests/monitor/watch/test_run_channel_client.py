@@ -6,7 +6,7 @@ import pytest
 import zmq
 
 from btcore_monitor.watch.address import parse_address
-from btcore_monitor.watch.run_stream import WAITING_BYTES_AT_MOST, RunStreamClient
+from btcore_monitor.watch.run_channel_client import WAITING_BYTES_AT_MOST, RunChannelClient
 from btcore_monitor.wire import run_channel as wire
 
 TREE_ID = "a" * 32
@@ -60,7 +60,7 @@ def robot() -> Iterator[Robot]:
 
 
 def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(robot, until):
-    client = RunStreamClient(robot.address)
+    client = RunChannelClient(robot.address)
     received: list[int] = []
 
     def read() -> None:

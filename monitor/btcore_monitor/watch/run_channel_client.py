@@ -48,7 +48,7 @@ _RECONNECT_MS: Final = 100
 Socket = zmq.Socket[bytes]
 
 
-class RunStreamClient:
+class RunChannelClient:
     """Receives the stream of the btcore robot at *address*, in order. Use it from one thread.
 
     *keys* are the keys of the client, if the robot requires keys.

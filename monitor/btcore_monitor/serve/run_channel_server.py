@@ -45,7 +45,7 @@ _log = logging.getLogger("monitor")
 Frames = tuple[bytes, bytes]
 
 
-class RunStreamServer:
+class RunChannelServer:
     """Creates the stream of messages about one tree, and replies to requests for past messages.
 
     Only the publisher's thread may use it.
