@@ -308,8 +308,8 @@ def read_source_and_plans(
     """
     path = find_source(settings["source"])
     if installed is None or settings["plugins"]:
-        # Models and rules may name nodes of the installed libraries. And `NodeLibraries.load_for`, which loads
-        # what is missing, begins anew, so that models and rules would be lost.
+        # Models and rules may name nodes of the installed libraries. Also, they would be lost when
+        # `NodeLibraries.load_for` loads what is missing, because it begins anew.
         partial = not settings["models"] and not settings["substitutes"]
         libraries = node_libraries.load_libraries(settings["plugins"], partial=partial)
     else:
