@@ -26,7 +26,7 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.serve import Publisher, serve
 from btcore_monitor.serve.gateway_process import CONNECTIONS
-from btcore_monitor.watch import feed, run_stream
+from btcore_monitor.watch import feed, run_channel_client
 from btcore_monitor.watch.address import AddressError, parse_address
 from btcore_monitor.watch.feed import Feed
 from btcore_monitor.watch.groot2_client import Groot2Client
@@ -226,7 +226,7 @@ def test_a_robot_whose_run_channel_is_not_reachable_is_sampled(endless, monkeypa
 
 def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, until):
     """With many clients or on a busy machine, a reply takes longer than the pause between two requests."""
-    monkeypatch.setattr(run_stream, "_ASK_AGAIN_AFTER", 0.0)
+    monkeypatch.setattr(run_channel_client, "_ASK_AGAIN_AFTER", 0.0)
     context: zmq.Context = zmq.Context()
     with context.socket(zmq.XPUB) as robot:
         address = parse_address(f":{robot.bind_to_random_port('tcp://127.0.0.1') - wire.PORT_OFFSET}")
