@@ -326,10 +326,10 @@ class Toolbox:
 
     def _words(self, call: TreeArguments, output: Path) -> list[str]:
         """Return the arguments of a command for a tree: a file in the folder, or the text in a new file."""
-        if (call.tree_id is None) == (call.xml is None):
+        if (call.tree is None) == (call.xml is None):
             raise RefusedError("give either `tree`, a path, or `xml`, a text")
-        if call.tree_id is not None:
-            file = self._folder.find_tree(call.tree_id)
+        if call.tree is not None:
+            file = self._folder.find_tree(call.tree)
         else:
             assert call.xml is not None
             data = call.xml.encode(errors="replace")
