@@ -7,6 +7,7 @@ its own clock: waiting on that clock advances the physics simulation.
 
 import threading
 import time
+from collections.abc import Callable
 from math import inf
 from typing import Final, Protocol
 
@@ -125,6 +126,10 @@ class SimClock:
     def advance(self, seconds: float) -> None:
         """Advance the time by *seconds* (s)."""
         self._now += round(seconds * NS_PER_S)
+
+
+FAST_NOW: Final[dict[type, Callable[[], int]]] = {SystemClock: time.monotonic_ns}
+"""For classes of clocks, a function that returns the same time (ns) as their `now`, but faster."""
 
 
 class TickSchedule:

@@ -6,12 +6,11 @@ scope. A key that begins with `_` is not remapped automatically (BehaviorTree.CP
 """
 
 import reprlib
-import time
 from collections.abc import Callable, ItemsView, Iterator, KeysView, Mapping, Sequence, ValuesView
 from copy import deepcopy
 from typing import Any, Final, NoReturn, SupportsIndex, TypeVar, cast, get_origin, overload
 
-from btcore.clock import Clock, SystemClock
+from btcore.clock import FAST_NOW, Clock, SystemClock
 from btcore.errors import BlackboardError, ConversionError, MissingEntryError
 from btcore.suggestions import did_you_mean
 from btcore.values import (
@@ -128,8 +127,7 @@ class Blackboard:
         if clock is None:
             clock = parent.clock if parent is not None else SystemClock()
         self.clock: Clock = clock
-        # Without the method's call, which takes longer than reading the time.
-        self.now: Callable[[], int] = time.monotonic_ns if type(clock) is SystemClock else clock.now
+        self.now: Callable[[], int] = FAST_NOW.get(type(clock), clock.now)
         self._entries: dict[str, Entry] = {}
         # The keys of the parent to which keys of this scope are remapped.
         self._outside: dict[str, str] = {}

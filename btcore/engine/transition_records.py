@@ -20,11 +20,10 @@ of the next record or nothing, or a list. For example, a Sequence (s) with the l
     | 0 | s | IDLE | RUNNING | 3 | a | 5 | b | 7 | a | SUCCESS | IDLE | 7 | b | SUCCESS | IDLE | ...
 """
 
-import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final, cast
 
-from btcore.clock import Clock, SystemClock
+from btcore.clock import FAST_NOW, Clock
 from btcore.engine.node_config import NodeConfig
 from btcore.status import IDLE, SUCCESS, Status, Transition
 
@@ -77,7 +76,7 @@ class TransitionRecorder:
     """
 
     def __init__(self, clock: Clock) -> None:
-        self.now: Callable[[], Any] = time.monotonic_ns if type(clock) is SystemClock else clock.now
+        self.now: Callable[[], Any] = FAST_NOW.get(type(clock), clock.now)
         self.tick = 0
         self.notifies_at_once = False
         self._first = 1  # the number of the first recorded transition
