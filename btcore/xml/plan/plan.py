@@ -118,10 +118,9 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
         if definition.id not in trees:
             trees[definition.id] = tree = TreePlanner(context, definition).plan(outlines[definition])
             pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
+    planned_main = None if main is None else trees[main.id]
+    plans = Plans(definitions, registry, trees, planned_main, {}, Diagnostics())
     sizes: dict[str, TreeSize] = {}
-    plans = Plans(
-        definitions, registry, trees, None if main is None else trees[main.id], sizes, Diagnostics()
-    )
     checked: set[str] = set()
     # Trees that call each other may have no root among them.
     for tree in (*plans.roots(), *trees.values()):
@@ -131,7 +130,7 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
     if every_tree or found.errors:
         for tree in trees.values():
             _check_scripts(tree, registry.types.enums, found)
-    return plans._replace(diagnostics=found.collected())
+    return plans._replace(sizes=sizes, diagnostics=found.collected())
 
 
 def define_and_plan(
