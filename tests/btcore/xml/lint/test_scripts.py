@@ -4,10 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-import btcore
 from btcore import NodeExecutionError, Registry
-from btcore.clock import SimClock
-from tests.btcore.xml.lint.documents import dedented
+from tests.btcore.xml.lint.documents import dedented, load_main
 
 Check = Callable[..., str]
 
@@ -82,8 +80,7 @@ RAISING = [
 
 @pytest.mark.parametrize("name", RAISING)
 def test_tree_with_a_warning_raises_when_ticked(palette: Registry, name: str) -> None:
-    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{CASES[name][0]}</BehaviorTree></root>'
-    made = btcore.loads(text, nodes=palette, clock=SimClock())
+    made = load_main(palette, CASES[name][0])
     made.blackboard["a"] = 1
     with pytest.raises(NodeExecutionError):
         made.tick_once()

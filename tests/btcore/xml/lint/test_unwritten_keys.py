@@ -5,10 +5,8 @@ from typing import Any
 
 import pytest
 
-import btcore
 from btcore import NodeExecutionError, Registry
-from btcore.clock import SimClock
-from tests.btcore.xml.lint.documents import dedented, sequence, tree
+from tests.btcore.xml.lint.documents import dedented, load_main, sequence, tree
 
 Check = Callable[..., str]
 REPEAT = '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>'
@@ -116,11 +114,7 @@ RAISING = [
 @pytest.mark.parametrize("name", RAISING)
 def test_tree_with_a_warning_raises_when_ticked(palette: Registry, name: str) -> None:
     body, more, _ = CASES[name]
-    text = (
-        f'<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">'
-        f"{body}</BehaviorTree>{more}</root>"
-    )
-    made = btcore.loads(text, nodes=palette, clock=SimClock())
+    made = load_main(palette, body, more)
     with pytest.raises(NodeExecutionError):
         made.tick_once()
 
