@@ -1,7 +1,8 @@
 """Loading the entry points by which packages extend btcore.
 
 The group `btcore.nodes` holds node libraries, `btcore.commands` click commands, `btcore.run_extensions`
-extensions of `btcore run`, and `btcore.logs` formats of log files. An entry point that cannot be loaded,
+extensions of `btcore run`, `btcore.logs` formats of log files, and `btcore.preview` what connects the preview
+with running trees. An entry point that cannot be loaded,
 because an extra is not installed or broken, does not raise: it is returned together with the error, so that
 the rest of the command line works without it.
 """

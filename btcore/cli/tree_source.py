@@ -150,6 +150,7 @@ class TreeSource:
             document = parse_source(self.path, self.confined)
             sources = read(document, self.libraries.nodes.documents)
             if self.libraries.load_for(sources.documents):
+                # A library may have registered trees, which are among the sources.
                 sources = read(document, self.libraries.nodes.documents)
             nodes = self.libraries.nodes_for(document)
             if substitute is not None:
