@@ -3,13 +3,16 @@
 import math
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
 from btcore.engine.node import count_ticks
+from btcore_robot.robot import LaserScan
 from btcore_sim.faults import Fault, FaultSchedule
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
@@ -43,7 +46,7 @@ def tick(tree: Tree, body: SimulatedRobot, seconds: float) -> None:
     ("name", "body"), [("bumpgo", "arena"), ("bumpgo_wide", "arena_boxes")], indirect=["body"]
 )
 def test_the_robot_drives_for_a_minute_without_collisions(name: str, body: SimulatedRobot, nodes: Registry):
-    tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[body])
+    tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[body], clock=body.clock)
     tree.count_ticks()
     tick(tree, body, 60)
     assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
@@ -55,7 +58,7 @@ def test_the_robot_drives_for_a_minute_without_collisions(name: str, body: Simul
 def test_the_robot_stops_within_a_second_of_a_laser_failure_in_any_leaf(
     body: SimulatedRobot, nodes: Registry
 ):
-    tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[body])
+    tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[body], clock=body.clock)
     for leaf in ("Forward", "Back", "TurnToFree"):
         node = next(node for node in tree.nodes if node.id == leaf)
         ticks = 0
@@ -76,6 +79,31 @@ def test_the_robot_stops_within_a_second_of_a_laser_failure_in_any_leaf(
         tick(tree, body, 15.0)
         assert body.distance > before + 1.0
     assert body.contacts.events == []
+
+
+@pytest.mark.parametrize("body", ["arena_boxes"], indirect=True)
+def test_a_wrong_echo_does_not_let_the_robot_back_up(body: SimulatedRobot, nodes: Registry):
+    """Its way back may not be free: it may just have turned."""
+    tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[body], clock=body.clock)
+    tree.count_ticks()
+    scan, wrong = body.scan, True
+
+    def scan_with_dust() -> LaserScan | None:
+        seen = scan()
+        if seen is None or not wrong:
+            return seen
+        ranges = np.full_like(seen.ranges, math.inf)
+        ranges[len(ranges) // 2] = 0.3
+        return replace(seen, ranges=ranges)
+
+    body.scan = scan_with_dust
+    tick(tree, body, 0.1)
+    wrong = False
+    tick(tree, body, 0.5)
+    ran = {node.id: count_ticks(node).ticks for node in tree.nodes}
+    assert ran["Delay"] > 0
+    assert ran["Back"] == 0
+    assert ran["Forward"] > 0
 
 
 @pytest.mark.parametrize("name", ["bumpgo", "bumpgo_wide"])

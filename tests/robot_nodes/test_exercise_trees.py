@@ -56,8 +56,17 @@ def test_a_turn_keeps_its_side_and_ends_when_it_is_clear_ahead(robot):
     assert len(robot.commands) == 2
 
 
+def test_an_obstacle_beside_the_clear_directions_but_in_the_lane_is_turned_away_from(robot):
+    tree = turning(robot)
+    around(robot, 5.0, 5.0, 0.5)
+    assert tree.tick_once() is Status.RUNNING
+    assert robot.commands == [(0.0, TURN_SPEED)]
+    around(robot, 5.0, 5.0, 0.6)
+    assert tree.tick_once() is Status.SUCCESS
+
+
 def test_the_required_clearance_is_a_port(robot):
-    around(robot, 0.5, 1.5, 0.5)
+    around(robot, 0.6, 1.5, 0.6)
     assert turning(robot, '<TurnToFree clear="1.1"/>').tick_once() is Status.SUCCESS
     assert turning(robot, '<TurnToFree clear="1.6"/>').tick_once() is Status.RUNNING
 

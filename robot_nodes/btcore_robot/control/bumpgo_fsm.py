@@ -212,18 +212,26 @@ def freest_direction(scan: LaserScan) -> float:
     return float(angles[freest[np.argmin(np.abs(angles[freest]))]])
 
 
-def is_lane_blocked(scan: LaserScan) -> bool:
-    """Return whether an obstacle is in the lane ahead, `OBSTACLE_DISTANCE` long and twice `HALF_WIDTH` wide.
+def is_lane_blocked(scan: LaserScan, length: float = OBSTACLE_DISTANCE) -> bool:
+    """Return whether an obstacle is in the lane ahead, *length* (m) long and twice `HALF_WIDTH` wide.
 
     An echo that is too near for the laser is an obstacle.
     """
     angles = scan.angles()
     ranges = np.where(np.isneginf(scan.ranges), 0.0, scan.ranges)
     # Rays without an echo are infinite or NaN: their products with a sine or cosine are no distances.
-    near = ranges <= math.hypot(OBSTACLE_DISTANCE, HALF_WIDTH)
+    near = ranges <= math.hypot(length, HALF_WIDTH)
     ahead, aside = ranges[near] * np.cos(angles[near]), ranges[near] * np.sin(angles[near])
-    in_lane = (ahead >= 0.0) & (ahead < OBSTACLE_DISTANCE) & (np.abs(aside) < HALF_WIDTH)
+    in_lane = (ahead >= 0.0) & (ahead < length) & (np.abs(aside) < HALF_WIDTH)
     return bool(in_lane.any())
+
+
+def is_free_ahead(scan: LaserScan, clear: float) -> bool:
+    """Return whether *clear* metres are free within `AHEAD` to each side, and the lane of the robot is free.
+
+    Near the robot, the lane is wider than the directions within `AHEAD`.
+    """
+    return clearance_ahead(scan) >= clear and not is_lane_blocked(scan, min(clear, OBSTACLE_DISTANCE))
 
 
 class Diagonals(BumpGo):
@@ -288,6 +296,5 @@ class ClosedLoop(OpenLoop):
 
     def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
         """Return the velocity of the turn; the next state is FORWARD when there is free space ahead."""
-        is_free = clearance_ahead(scan) >= 2 * OBSTACLE_DISTANCE and not self.is_blocked(scan)
-        done = is_free or elapsed > LONGEST_TURN * NS_PER_S
+        done = is_free_ahead(scan, 2 * OBSTACLE_DISTANCE) or elapsed > LONGEST_TURN * NS_PER_S
         return Twist2D(0.0, math.copysign(SPEED_ANGULAR, self.angle)), BumpGoState.FORWARD if done else None

@@ -9,7 +9,7 @@ import math
 from typing import Annotated, ClassVar
 
 from btcore import FAILURE, RUNNING, SUCCESS, In, NodeSpec, StatefulAction, Status
-from btcore_robot.control.bumpgo_fsm import clearance_ahead, freest_direction
+from btcore_robot.control.bumpgo_fsm import freest_direction, is_free_ahead
 from btcore_robot.robot import Robot
 
 FORWARD_SPEED = 0.3
@@ -103,7 +103,9 @@ class TurnToFree(StatefulAction):
     """Turn at 0.5 rad/s towards the freest direction until *clear* metres are free ahead, then SUCCESS.
 
     FAILURE when a full turn finds no free direction. The free distance in a direction is the smallest range
-    of the laser rays within 30° to either side. Without a scan the robot stands and the node is RUNNING.
+    of the laser rays within 30° to either side. The lane of the robot, 0.8 m wide, must be free as well, up
+    to 1 m ahead: near the robot it is wider than 30° to either side. Without a scan the robot stands and the
+    node is RUNNING.
     """
 
     clear: Annotated[In[float], "The distance (m) that has to be free ahead."] = 2.0
@@ -135,7 +137,7 @@ class TurnToFree(StatefulAction):
         if not self.side:
             self.side = math.copysign(1.0, freest_direction(scan))
             self.started = now
-        if clearance_ahead(scan) >= self.clear:
+        if is_free_ahead(scan, self.clear):
             return SUCCESS
         if now - self.started > FULL_TURN_TIME:
             return FAILURE
