@@ -1,7 +1,7 @@
 """Publish a tree, and receive its structure and status changes, as `btcore monitor` does."""
 
 from btcore import Registry, SimClock, loads
-from btcore_monitor.events import ConnectionChanged, StatusChanged, TreeSeen
+from btcore_monitor.events import ConnectionEvent, TransitionEvent, TreeEvent
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.feed import Feed
 
@@ -21,11 +21,11 @@ with serve(tree, groot2=0) as publisher:
     publisher.finish()
     changes = 0
     for event in feed.events(until_end=True):
-        if isinstance(event, TreeSeen):
+        if isinstance(event, TreeEvent):
             print("the tree:", ", ".join(node.name for node in event.tree.nodes))
-        elif isinstance(event, StatusChanged):
+        elif isinstance(event, TransitionEvent):
             changes += 1
-        elif isinstance(event, ConnectionChanged) and event.state == "ended":
+        elif isinstance(event, ConnectionEvent) and event.state == "ended":
             break
     print(changes, "changes of status")
     feed.close()

@@ -1,8 +1,8 @@
 """The nodes of a running tree, and the events of a robot, independent of the protocol.
 
-Feeds convert all protocols to these types, and screens and log writers read them. Times: *t* is the tree's
-clock in ns, *wall* is ns since the epoch. A C++ robot does not send the time of its tree, so for such a robot
-*t* counts from the first message.
+Feeds convert all protocols to these types, and screens and log writers read them. Times: *stamp* is the
+tree's clock in ns, *wall* is ns since the epoch. A C++ robot does not send the time of its tree, so for such
+a robot *stamp* counts from the first message.
 """
 
 from collections.abc import Iterator, Mapping
@@ -145,7 +145,7 @@ RUN_CHANNEL: Final = DataSource("btcore's run channel")
 
 
 @dataclass(frozen=True, slots=True)
-class TreeSeen:
+class TreeEvent:
     """The tree of a robot, which precedes all data about the tree.
 
     A new tree causes a new event. A second event with the same tree ID means that the transitions between the
@@ -153,7 +153,7 @@ class TreeSeen:
 
     Attributes:
         tree: The tree.
-        t: The time of the tree (ns).
+        stamp: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
         statuses: The status of every uid at that moment.
         numbered: Whether the robot numbers the transitions, so that gaps are visible.
@@ -162,7 +162,7 @@ class TreeSeen:
     """
 
     tree: ObservedTree
-    t: int
+    stamp: int
     wall: int
     statuses: Mapping[int, int]
     numbered: bool = True
@@ -171,12 +171,12 @@ class TreeSeen:
 
 
 @dataclass(frozen=True, slots=True)
-class StatusChanged:
+class TransitionEvent:
     """The status of a node changed.
 
     Attributes:
         number: The number of the transition in the tree, from 1.
-        t: The time of the tree (ns).
+        stamp: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
         tick: The number of the root's tick, or 0 if the robot does not send it.
         uid: The node.
@@ -185,7 +185,7 @@ class StatusChanged:
     """
 
     number: int
-    t: int
+    stamp: int
     wall: int
     tick: int
     uid: int
@@ -194,41 +194,41 @@ class StatusChanged:
 
 
 @dataclass(frozen=True, slots=True)
-class Ticked:
+class TickEvent:
     """The root was ticked.
 
     Attributes:
         tick: The number of the tick, from 1.
-        t: The time of the tree (ns).
+        stamp: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
         duration_ns: The duration of the tick (ns of wall time).
         status: The number of the root's status.
     """
 
     tick: int
-    t: int
+    stamp: int
     wall: int
     duration_ns: int
     status: int
 
 
 @dataclass(frozen=True, slots=True)
-class BlackboardSeen:
+class BlackboardEvent:
     """All blackboards: subtree path (`""`: main) → key → value (None: declared, but not written).
 
     Attributes:
-        t: The time of the tree (ns).
+        stamp: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
         boards: The values of the entries by subtree path and key.
     """
 
-    t: int
+    stamp: int
     wall: int
     boards: Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class SceneStatic:
+class StaticSceneEvent:
     """The part of the scene that does not change during a run.
 
     Attributes:
@@ -239,39 +239,39 @@ class SceneStatic:
 
 
 @dataclass(frozen=True, slots=True)
-class SceneMoving:
+class MovingSceneEvent:
     """The part of the scene that moved or changed.
 
     Attributes:
-        t: The time of the tree (ns).
+        stamp: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
         data: The changed part of the scene.
     """
 
-    t: int
+    stamp: int
     wall: int
     data: MovingScene
 
 
 @dataclass(frozen=True, slots=True)
-class ExceptionRaised:
+class ExceptionEvent:
     """A node raised an exception.
 
     Attributes:
-        t: The time of the tree (ns).
+        stamp: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
         path: The path of the node.
         message: The whole error message.
     """
 
-    t: int
+    stamp: int
     wall: int
     path: str
     message: str
 
 
 @dataclass(frozen=True, slots=True)
-class TransitionsLost:
+class LostTransitionsEvent:
     """The transitions *first* to *last* (both included) are lost and cannot be requested again."""
 
     first: int
@@ -279,20 +279,20 @@ class TransitionsLost:
 
 
 @dataclass(frozen=True, slots=True)
-class DataMissed:
+class MissingDataEvent:
     """An unknown amount of data was missed.
 
-    This event is for robots without transition numbers; for others see `TransitionsLost`.
+    This event is for robots without transition numbers; for others see `LostTransitionsEvent`.
 
     Attributes:
-        t: The end of the gap (ns of the tree's time).
+        stamp: The end of the gap (ns of the tree's time).
         wall: The wall-clock time (ns since the epoch).
         since: The beginning of the gap (ns of the tree's time).
         topic: The kind of the missing data.
         reason: A phrase for users.
     """
 
-    t: int
+    stamp: int
     wall: int
     since: int
     topic: Topic
@@ -300,22 +300,22 @@ class DataMissed:
 
 
 @dataclass(frozen=True, slots=True)
-class HooksFound:
+class HooksEvent:
     """The robot has hooks of other clients, which may stop its tree.
 
     Attributes:
-        t: The time of the tree (ns).
+        stamp: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
         warning: A text for users.
     """
 
-    t: int
+    stamp: int
     wall: int
     warning: str
 
 
 @dataclass(frozen=True, slots=True)
-class ConnectionChanged:
+class ConnectionEvent:
     """A change of the connection to the robot.
 
     Attributes:
@@ -328,16 +328,16 @@ class ConnectionChanged:
 
 
 Event = (
-    TreeSeen
-    | StatusChanged
-    | Ticked
-    | BlackboardSeen
-    | SceneStatic
-    | SceneMoving
-    | ExceptionRaised
-    | TransitionsLost
-    | DataMissed
-    | HooksFound
-    | ConnectionChanged
+    TreeEvent
+    | TransitionEvent
+    | TickEvent
+    | BlackboardEvent
+    | StaticSceneEvent
+    | MovingSceneEvent
+    | ExceptionEvent
+    | LostTransitionsEvent
+    | MissingDataEvent
+    | HooksEvent
+    | ConnectionEvent
 )
 """An event of a feed. A feed returns events in the order in which they happened."""

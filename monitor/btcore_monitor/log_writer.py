@@ -19,12 +19,12 @@ from btcore.status import Status
 from btcore_bags.log import EXTENSION as BAG
 from btcore_bags.log import BagWriter
 from btcore_monitor.events import (
-    ConnectionChanged,
-    DataMissed,
+    ConnectionEvent,
     Event,
-    StatusChanged,
-    TransitionsLost,
-    TreeSeen,
+    LostTransitionsEvent,
+    MissingDataEvent,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.wire.fulltree import write_fulltree
 
@@ -60,15 +60,15 @@ class LogWriter:
 
     def show(self, event: Event) -> None:
         """Process an event. Its transitions are written to the files by `flush`."""
-        if isinstance(event, TreeSeen):
+        if isinstance(event, TreeEvent):
             self._begin(event)
-        elif isinstance(event, StatusChanged):
+        elif isinstance(event, TransitionEvent):
             self._write_change(event)
-        elif isinstance(event, TransitionsLost):
+        elif isinstance(event, LostTransitionsEvent):
             self._write_gap(f"the transitions {event.first} to {event.last} are lost")
-        elif isinstance(event, DataMissed) and event.topic == "transitions":
+        elif isinstance(event, MissingDataEvent) and event.topic == "transitions":
             self._incomplete = event.reason
-        elif isinstance(event, ConnectionChanged) and event.state == "lost":
+        elif isinstance(event, ConnectionEvent) and event.state == "lost":
             self._lost = f"the robot was away: {event.detail}"
 
     def flush(self) -> None:
@@ -82,7 +82,7 @@ class LogWriter:
         for log in logs:
             log.close()
 
-    def _begin(self, event: TreeSeen) -> None:
+    def _begin(self, event: TreeEvent) -> None:
         if event.tree.tree_id == self._tree_id:
             self._write_gap(self._incomplete or self._lost or "the robot was away")
         else:
@@ -92,12 +92,12 @@ class LogWriter:
             if any(event.statuses.values()):
                 self._write_gap("the tree was running before the recording began")
         self._lost = self._incomplete = ""
-        self._update(event.t, event.statuses)
+        self._update(event.stamp, event.statuses)
 
-    def _open(self, event: TreeSeen) -> None:
+    def _open(self, event: TreeEvent) -> None:
         self.close()
         self._tree_id = event.tree.tree_id
-        self._start, self._next = event.t, 1 if event.numbered else None
+        self._start, self._next = event.stamp, 1 if event.numbered else None
         self._statuses = dict.fromkeys(event.tree.by_uid, 0)
         self._trees += 1
         for path in self.paths:
@@ -106,7 +106,7 @@ class LogWriter:
             self._logs.append(_FORMATS.get(path.suffix, _SqliteLog)(path, event))
             self.files.append(path)
 
-    def _write_change(self, event: StatusChanged) -> None:
+    def _write_change(self, event: TransitionEvent) -> None:
         if event.uid not in self._statuses:
             return
         if self._next is not None and event.number > self._next:
@@ -117,19 +117,19 @@ class LogWriter:
             self._incomplete = ""
         self._next = None
         # The previous status differs from the known status after a gap.
-        self._update(event.t, {event.uid: event.previous})
-        self._write(event.t, event.uid, event.previous, event.status)
+        self._update(event.stamp, {event.uid: event.previous})
+        self._write(event.stamp, event.uid, event.previous, event.status)
 
-    def _update(self, t: int, statuses: Mapping[int, int]) -> None:
+    def _update(self, stamp: int, statuses: Mapping[int, int]) -> None:
         """Write a transition for each node whose known status differs from its status in *statuses*."""
         for uid, status in statuses.items():
             before = self._statuses.get(uid, status)
             if before != status:
-                self._write(t, uid, before, status)
+                self._write(stamp, uid, before, status)
 
-    def _write(self, t: int, uid: int, previous: int, status: int) -> None:
+    def _write(self, stamp: int, uid: int, previous: int, status: int) -> None:
         # A log's times must not be negative, even if a robot's clock goes back, and have 48 bits in a .btlog.
-        since = min(max(0, t - self._start) // NS_PER_US, _LATEST)
+        since = min(max(0, stamp - self._start) // NS_PER_US, _LATEST)
         self._statuses[uid] = status
         self.transitions += 1
         for log in self._logs:
@@ -145,7 +145,7 @@ class LogWriter:
 class _BtLog:
     """A `.btlog` file. It has the same methods as `_SqliteLog`."""
 
-    def __init__(self, path: Path, event: TreeSeen) -> None:
+    def __init__(self, path: Path, event: TreeEvent) -> None:
         self._file = BtLogWriter(path, write_fulltree(event.tree), event.wall // NS_PER_US)
         self._rows: list[tuple[int, int, int]] = []
 
@@ -171,7 +171,7 @@ class _BtLog:
 class _Bag:
     """A bag. It has the same methods as `_SqliteLog`."""
 
-    def __init__(self, path: Path, event: TreeSeen) -> None:
+    def __init__(self, path: Path, event: TreeEvent) -> None:
         names = {node.uid: node.name for node in event.tree.nodes}
         self._file = BagWriter(path, write_fulltree(event.tree), names, event.wall // NS_PER_US)
         self._rows: list[tuple[int, int, Status, Status]] = []
@@ -199,7 +199,7 @@ class _Bag:
 class _SqliteLog:
     """An SQLite file. A gap is written with the next transition, because only its row has a text column."""
 
-    def __init__(self, path: Path, event: TreeSeen) -> None:
+    def __init__(self, path: Path, event: TreeEvent) -> None:
         tree = event.tree
         xml = write_fulltree(tree).decode("utf-8", "replace")
         self._file = SqliteWriter(path, xml, [(node.path, node.uid) for node in tree.nodes])

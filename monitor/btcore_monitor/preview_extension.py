@@ -152,22 +152,22 @@ class RobotConnection:
         from btcore_monitor import events
 
         state = self._state
-        if isinstance(event, events.ConnectionChanged):
+        if isinstance(event, events.ConnectionEvent):
             self._state = state._replace(connection=event.state, detail=event.detail)
-        elif isinstance(event, events.TreeSeen):
+        elif isinstance(event, events.TreeEvent):
             if [node.uid for node in state.nodes] != [node.uid for node in event.tree.nodes]:
                 self._begin(event.tree)
             self._statuses = dict(event.statuses)
             self._take_results(event.results)
             self._take_results(event.statuses)
             self._has_new_status = True
-        elif isinstance(event, events.StatusChanged):
+        elif isinstance(event, events.TransitionEvent):
             self._statuses[event.uid] = event.status
             self._take_results({event.uid: event.status})
             self._has_new_status = True
-        elif isinstance(event, events.BlackboardSeen):
+        elif isinstance(event, events.BlackboardEvent):
             self._state = state._replace(entries=_list_entries(event.boards))
-        elif isinstance(event, events.HooksFound) and not state.breakpoints:
+        elif isinstance(event, events.HooksEvent) and not state.breakpoints:
             self._state = state._replace(problem=event.warning)
 
     def _take_results(self, statuses: Mapping[int, int]) -> None:

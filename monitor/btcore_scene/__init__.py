@@ -5,11 +5,11 @@ opacity of 0–255, and stamps are ns of the tree's clock. An entry without a `f
 Arrays are little-endian bytes in C order: `array.astype("<f4").tobytes()` with numpy, `float32` without.
 
     class Rover:
-        def scene_static(self) -> StaticScene:
+        def static_scene(self) -> StaticScene:
             base = Cylinder(frame="base_link", radius=0.2, length=0.3, position=(0.0, 0.0, 0.15))
             return StaticScene(parts=[base])
 
-        def scene_moving(self) -> MovingScene:
+        def moving_scene(self) -> MovingScene:
             return MovingScene(frames=[Frame("base_link", "map", (self.x, self.y, 0.0), UPRIGHT)])
 """
 
@@ -418,14 +418,14 @@ class SceneSource(Protocol):
     """A resource that the monitor can draw.
 
     Both methods are called on the thread that ticks the tree, and must be fast. Do not modify their
-    results later, because these may be encoded on another thread. A new publisher first calls `scene_static`;
+    results later, because these may be encoded on another thread. A new publisher first calls `static_scene`;
     a source that sends only changes must then send everything again.
     """
 
-    def scene_static(self) -> StaticScene:
+    def static_scene(self) -> StaticScene:
         """Return the part of the scene that does not change."""
         ...
 
-    def scene_moving(self) -> MovingScene:
+    def moving_scene(self) -> MovingScene:
         """Return the part of the scene that moved or changed."""
         ...

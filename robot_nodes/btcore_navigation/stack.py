@@ -234,11 +234,11 @@ class Navigation:
         """Return the outcomes of accepted goals that have ended, in order; replaced goals are CANCELED."""
         return self._outcomes
 
-    def scene_static(self) -> StaticScene:
+    def static_scene(self) -> StaticScene:
         """Return the map and its keep-out areas."""
         return self._scene.static()
 
-    def scene_moving(self) -> MovingScene:
+    def moving_scene(self) -> MovingScene:
         """Return costmaps, paths, poses and notes that are new."""
         return self._scene.moving(self.robot.clock.now())
 

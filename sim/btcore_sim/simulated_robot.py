@@ -372,7 +372,7 @@ class SimulatedRobot(Robot):
         """Return the velocity (m/s, rad/s) that is commanded to the wheels, after limits and ramps."""
         return self._base.twist.v, self._base.twist.w
 
-    def scene_static(self) -> StaticScene:
+    def static_scene(self) -> StaticScene:
         """Return the parts of the scene that do not change: shapes, the sensors' geometry, and waypoints."""
         self._last_picture_stamp = -1  # a new viewer gets the newest picture even if it is an old picture
         lens = self.camera_info
@@ -390,7 +390,7 @@ class SimulatedRobot(Robot):
             cameras=() if lens is None else [camera_message(lens)],
         )
 
-    def scene_moving(self) -> MovingScene:
+    def moving_scene(self) -> MovingScene:
         """Return the present frames, and the newest scan, velocity, battery level and contacts.
 
         The newest picture is included if it was taken since the last call. Latencies are ignored, because the

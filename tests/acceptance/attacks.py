@@ -179,10 +179,10 @@ def run_robot(seconds: float) -> None:
     class Camera:
         """A camera with pictures of PICTURE bytes."""
 
-        def scene_static(self) -> StaticScene:
+        def static_scene(self) -> StaticScene:
             return StaticScene()
 
-        def scene_moving(self) -> MovingScene:
+        def moving_scene(self) -> MovingScene:
             picture = Picture(name="camera", size=(640, 480), format="jpeg", data=bytes(PICTURE))
             return MovingScene(pictures=[picture])
 
@@ -295,18 +295,18 @@ class Robot:
         return outcome
 
     def _watch(self) -> None:
-        from btcore_monitor.events import ConnectionChanged, StatusChanged, TreeSeen
+        from btcore_monitor.events import ConnectionEvent, TransitionEvent, TreeEvent
         from btcore_monitor.watch.feed import Feed
 
         give_up_at = float("inf")
         with Feed(f"tcp://127.0.0.1:{self.ports[0]}") as feed:
             while time.monotonic() < give_up_at:
                 for event in feed.poll(0.1):
-                    if isinstance(event, TreeSeen):
+                    if isinstance(event, TreeEvent):
                         self._connected.set()
-                    elif isinstance(event, StatusChanged):
+                    elif isinstance(event, TransitionEvent):
                         self.outcome.received += event.number == self.outcome.received + 1
-                    elif isinstance(event, ConnectionChanged):
+                    elif isinstance(event, ConnectionEvent):
                         self.outcome.disconnected += event.state == "lost"
                         if event.state == "ended":
                             return

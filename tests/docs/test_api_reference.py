@@ -278,7 +278,7 @@ SHOWN_BY = {
     "btcore.values.RealType": "btcore.values.IntegerType",
     "btcore_monitor.breakpoints.RequestedHook": "btcore_monitor.breakpoints.BreakpointClient",
     "btcore_monitor.events.ObservedNode": "btcore_monitor.events.ObservedTree",
-    "btcore_monitor.events.TreeSeen": "btcore_monitor.watch.feed.Feed",
+    "btcore_monitor.events.TreeEvent": "btcore_monitor.watch.feed.Feed",
     "btcore_monitor.serve.Publisher": "btcore_monitor.serve.serve",
 }
 # … or these, for other reasons.
@@ -302,17 +302,17 @@ WITHOUT = {
     "btcore.values.PortDirection": "an enum that scripts use",
     "btcore.values.UserType": "a registry creates it for a class of the user",
     "btcore_monitor.breakpoints.HookReached": EVENT,
-    "btcore_monitor.events.BlackboardSeen": EVENT,
-    "btcore_monitor.events.ConnectionChanged": EVENT,
-    "btcore_monitor.events.DataMissed": EVENT,
+    "btcore_monitor.events.BlackboardEvent": EVENT,
+    "btcore_monitor.events.ConnectionEvent": EVENT,
+    "btcore_monitor.events.MissingDataEvent": EVENT,
     "btcore_monitor.events.DataSource": EVENT,
-    "btcore_monitor.events.ExceptionRaised": EVENT,
-    "btcore_monitor.events.HooksFound": EVENT,
-    "btcore_monitor.events.SceneMoving": EVENT,
-    "btcore_monitor.events.SceneStatic": EVENT,
-    "btcore_monitor.events.StatusChanged": EVENT,
-    "btcore_monitor.events.Ticked": EVENT,
-    "btcore_monitor.events.TransitionsLost": EVENT,
+    "btcore_monitor.events.ExceptionEvent": EVENT,
+    "btcore_monitor.events.HooksEvent": EVENT,
+    "btcore_monitor.events.MovingSceneEvent": EVENT,
+    "btcore_monitor.events.StaticSceneEvent": EVENT,
+    "btcore_monitor.events.TransitionEvent": EVENT,
+    "btcore_monitor.events.TickEvent": EVENT,
+    "btcore_monitor.events.LostTransitionsEvent": EVENT,
 }
 
 

@@ -17,13 +17,13 @@ from rerun.chunk import RrdReader
 
 from btcore.cli.main import main
 from btcore_monitor.events import (
-    ConnectionChanged,
-    SceneMoving,
-    SceneStatic,
-    StatusChanged,
-    Ticked,
-    TransitionsLost,
-    TreeSeen,
+    ConnectionEvent,
+    LostTransitionsEvent,
+    MovingSceneEvent,
+    StaticSceneEvent,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.keys import create_keys
 from btcore_monitor.process_end import exit_on_sigterm
@@ -91,18 +91,18 @@ def test_a_viewer_that_waited_gets_every_transition_of_a_thousand_ticks(free_por
         )
         events = list(feed.events(until_end=True))
         assert process.wait(60) == 0
-    numbers = [event.number for event in events if isinstance(event, StatusChanged)]
+    numbers = [event.number for event in events if isinstance(event, TransitionEvent)]
     assert len(numbers) > 1000
     assert numbers == list(range(1, len(numbers) + 1))
-    assert [event.tick for event in events if isinstance(event, Ticked)] == list(range(1, 1001))
-    assert not [event for event in events if isinstance(event, TransitionsLost)]
-    assert next(event.data for event in events if isinstance(event, SceneStatic)).frame == "map"
-    moving = [event.data for event in events if isinstance(event, SceneMoving)]
+    assert [event.tick for event in events if isinstance(event, TickEvent)] == list(range(1, 1001))
+    assert not [event for event in events if isinstance(event, LostTransitionsEvent)]
+    assert next(event.data for event in events if isinstance(event, StaticSceneEvent)).frame == "map"
+    moving = [event.data for event in events if isinstance(event, MovingSceneEvent)]
     assert len(moving) > 900
     assert moving[-1].frames
     assert moving[-1].scan is not None
     assert moving[-1].velocity is not None
-    assert isinstance(events[-1], ConnectionChanged)
+    assert isinstance(events[-1], ConnectionEvent)
     assert events[-1].state == "ended"
 
 
@@ -156,9 +156,9 @@ def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
     address = told.split("publishing at ")[1].split()[0]
     with Feed(address) as feed:
         events = feed.events(until_end=True)
-        assert next(event for event in events if isinstance(event, Ticked)).tick >= 1
+        assert next(event for event in events if isinstance(event, TickEvent)).tick >= 1
         process.send_signal(signal.SIGINT)
-        assert [event for event in events if isinstance(event, ConnectionChanged)][-1].state == "ended"
+        assert [event for event in events if isinstance(event, ConnectionEvent)][-1].state == "ended"
     _, rest = process.communicate(timeout=60)
     assert process.returncode == 130, rest
     assert "Traceback" not in rest
@@ -179,17 +179,17 @@ def test_a_changed_tree_is_published_at_the_same_port_and_saved_separately(tmp_p
     for line in process.stderr:
         if "by btcore's run channel" in line:
             break  # the recorder listens
-    seen: list[TreeSeen] = []
+    seen: list[TreeEvent] = []
     links: list[str] = []
     ticks = 0
     with Feed(f":{free_port}") as feed:
         for event in feed.events(until_end=True):
-            if isinstance(event, TreeSeen):
+            if isinstance(event, TreeEvent):
                 seen.append(event)
                 ticks = 0
-            elif isinstance(event, ConnectionChanged):
+            elif isinstance(event, ConnectionEvent):
                 links.append(event.state)
-            elif isinstance(event, Ticked):
+            elif isinstance(event, TickEvent):
                 ticks += 1
                 if ticks == 2 and len(seen) == 1:
                     Path(tree_file).write_text(TREE.replace('"M"', '"Saved"'))
@@ -224,9 +224,9 @@ def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_printed(both:
         spoken = "Groot 1's protocol" if both else "run channel"
         with Feed(f":{first + 1}") as feed:
             for event in feed:
-                if isinstance(event, ConnectionChanged) and event.state == "connected":
+                if isinstance(event, ConnectionEvent) and event.state == "connected":
                     assert spoken in event.detail
-                if isinstance(event, StatusChanged):
+                if isinstance(event, TransitionEvent):
                     break
     finally:
         process.send_signal(signal.SIGINT)

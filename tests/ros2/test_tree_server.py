@@ -26,7 +26,7 @@ from rclpy.parameter import Parameter
 import btcore
 from btcore import Status
 from btcore.cli.main import main
-from btcore_monitor.events import TreeSeen
+from btcore_monitor.events import TreeEvent
 from btcore_monitor.watch.feed import Feed
 from btcore_ros2 import shared_entities
 from btcore_ros2.errors import RosError
@@ -307,7 +307,7 @@ def test_monitor_follows_the_trees(server: ServerProcess, client: ClientProcess)
 
         def sees(name: str) -> bool:
             for event in feed.poll(0.05):
-                if isinstance(event, TreeSeen):
+                if isinstance(event, TreeEvent):
                     seen.extend(node.name for node in event.tree.nodes)
             return name in seen
 

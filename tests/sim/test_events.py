@@ -131,10 +131,10 @@ def test_a_box_drops_ahead_and_is_in_the_scan_and_in_the_scene(meet):
     assert happened["y"] - pose.y == pytest.approx(0.1, abs=0.02)
     scan = body.scan()
     assert scan.ranges[len(scan.ranges) // 2] == pytest.approx(1.6 + 0.07, abs=0.3)
-    frames = {frame[0]: frame for frame in body.scene_moving().frames}
+    frames = {frame[0]: frame for frame in body.moving_scene().frames}
     name = body.world.bodies[number].name
     assert frames[name][2] == pytest.approx([happened["x"], happened["y"], SIDE / 2], abs=1e-3)
-    assert name in {part.frame for part in body.scene_static().parts}
+    assert name in {part.frame for part in body.static_scene().parts}
 
 
 def test_a_triggered_box_drops_at_once(meet):

@@ -91,8 +91,8 @@ def test_a_look_of_another_kind_of_object_is_an_error(tmp_path: Path):
 
 def test_the_shells_of_tiago_are_within_its_footprint_and_height(robot_at):
     robot = robot_at()
-    static = robot.scene_static()
-    frames = {frame.child: frame for frame in robot.scene_moving().frames}
+    static = robot.static_scene()
+    frames = {frame.child: frame for frame in robot.moving_scene().frames}
     shelled = {mesh.frame for mesh in static.meshes}
     assert shelled == {"base_link", "torso_fixed_link", "torso_lift_link", "head_1_link", "head_2_link"}
     assert shelled.isdisjoint(part.frame for part in static.parts)

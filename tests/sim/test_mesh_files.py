@@ -87,11 +87,11 @@ def test_the_meshes_of_a_urdf_are_drawn_in_their_place_and_size(tmp_path: Path, 
     place = text.index("<visual>", text.index('<link name="wheel_left_link">'))
     (tmp_path / "hat.urdf").write_text(text[:place] + hat + text[place:], encoding="utf-8")
     robot = robot_at(description=replace(tiago, urdf=tmp_path / "hat.urdf", shells=()))
-    (mesh,) = robot.scene_static().meshes
+    (mesh,) = robot.static_scene().meshes
     assert mesh.frame == "wheel_left_link"
     corners = np.frombuffer(mesh.vertices, "<f4").reshape(-1, 3, 3)
     assert corners == pytest.approx(0.1 * TETRAHEDRON + np.array((0.1, 0.0, 0.5)), abs=1e-6)
     (tmp_path / "hat.stl").write_bytes(b"")
     with caplog.at_level(logging.WARNING):
-        assert not robot.scene_static().meshes
+        assert not robot.static_scene().meshes
     assert "not a valid STL file" in caplog.text or "no triangles" in caplog.text

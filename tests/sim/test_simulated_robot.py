@@ -187,14 +187,14 @@ def test_the_static_scene_has_shapes_and_the_moving_scene_has_poses(robot_at, st
         box(3.0, 0.0, (0.3, 0.3, 0.3), mass=1.0, name="crate"),
         description=noiseless_tiago,
     )
-    static = body.scene_static()
+    static = body.static_scene()
     parts = {part.name: part for part in static.parts}
     assert parts["test/box"].position == (1.0, 2.0, 0.15)
     assert parts["test/box"].quaternion == pytest.approx([0.0, 0.0, math.sin(0.25), math.cos(0.25)])
     assert parts["test/crate"].frame == "crate"
     assert static.laser.frame == "base_laser_link"
     steer(body, 2.0, (0.2, 0.0))
-    moving = body.scene_moving()
+    moving = body.moving_scene()
     frames = {frame[0]: frame for frame in moving.frames}
     assert frames["base_link"][2][0] == pytest.approx(body.true_pose().x)
     assert frames["crate"][2] == pytest.approx([3.0, 0.0, 0.15], abs=0.005)

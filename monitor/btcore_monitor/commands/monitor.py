@@ -223,13 +223,13 @@ def _create_label(feed: "Feed") -> str:
 
 def _show(feed: "Feed", view: "RobotView", until_end: bool, stop: threading.Event, quiet: bool) -> None:
     from btcore_monitor.commands.notices import notice
-    from btcore_monitor.events import ConnectionChanged
+    from btcore_monitor.events import ConnectionEvent
 
     for events in feed.batches(until_end):
         for event in events:
             view.show(event)
             text = notice(event)
-            if text and not (quiet and isinstance(event, ConnectionChanged) and event.state != "lost"):
+            if text and not (quiet and isinstance(event, ConnectionEvent) and event.state != "lost"):
                 print_line(f"monitor: {text}", err=True)
         if not events:
             view.pause()

@@ -1,17 +1,17 @@
 """The lines that the commands `monitor` and `record` print about the events of a robot."""
 
-from btcore_monitor.events import ConnectionChanged, DataMissed, Event, HooksFound, TransitionsLost
+from btcore_monitor.events import ConnectionEvent, Event, HooksEvent, LostTransitionsEvent, MissingDataEvent
 
 
 def notice(event: Event) -> str:
     """Return the line to print about *event*, or an empty text if nothing is printed."""
-    if isinstance(event, TransitionsLost):
+    if isinstance(event, LostTransitionsEvent):
         return f"the transitions {event.first} to {event.last} are lost"
-    if isinstance(event, DataMissed):
-        between = f" from {event.since / 1e9:.3f} s to {event.t / 1e9:.3f} s" if event.since < event.t else ""
+    if isinstance(event, MissingDataEvent):
+        between = f" from {event.since / 1e9:.3f} s to {event.stamp / 1e9:.3f} s" if event.since < event.stamp else ""
         return f"{event.topic} missing{between}: {event.reason}"
-    if isinstance(event, HooksFound):
+    if isinstance(event, HooksEvent):
         return event.warning
-    if isinstance(event, ConnectionChanged):
+    if isinstance(event, ConnectionEvent):
         return event.detail or event.state
     return ""

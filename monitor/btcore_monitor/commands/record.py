@@ -21,7 +21,7 @@ from btcore_monitor.process_end import INCOMPLETE_OUTPUT, abandon, stop_on_signa
 from btcore_monitor.watch_options import duration_option, robot_options
 
 if TYPE_CHECKING:
-    from btcore_monitor.events import Event, TreeSeen
+    from btcore_monitor.events import Event, TreeEvent
     from btcore_monitor.screen.robot_view import RobotView
     from btcore_monitor.screen.sinks import RecordingSinks
     from btcore_monitor.watch.feed import Feed
@@ -166,7 +166,7 @@ class _Files:
 
 def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool) -> None:
     from btcore_monitor.commands.notices import notice
-    from btcore_monitor.events import ConnectionChanged, TreeSeen
+    from btcore_monitor.events import ConnectionEvent, TreeEvent
 
     shown = ""
     stop = threading.Event()
@@ -180,13 +180,13 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
             for event in feed.poll(left):
                 files.show(event)
                 # After a gap the same tree is seen again.
-                if isinstance(event, TreeSeen) and event.tree.tree_id != shown:
+                if isinstance(event, TreeEvent) and event.tree.tree_id != shown:
                     shown = event.tree.tree_id
                     _print_source(event, statuses_only=not files.views)
                 text = notice(event)
                 if text:
                     _print(text)
-                if isinstance(event, ConnectionChanged):
+                if isinstance(event, ConnectionEvent):
                     ended = event.state == "ended"
             files.flush()
             files.check()
@@ -194,7 +194,7 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
                 return
 
 
-def _print_source(event: "TreeSeen", statuses_only: bool) -> None:
+def _print_source(event: "TreeEvent", statuses_only: bool) -> None:
     """Print the name of the recorded tree, and which data the files will not contain."""
     _print(f"recording '{event.tree.name}', {len(event.tree.nodes)} nodes")
     for topic, sentence in event.source.unavailable.items():

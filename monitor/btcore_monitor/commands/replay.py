@@ -18,13 +18,13 @@ from btcore_monitor.display_options import DisplayOptions
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.events import (
     KINDS,
-    DataMissed,
     DataSource,
     Event,
+    MissingDataEvent,
     ObservedNode,
     ObservedTree,
-    StatusChanged,
-    TreeSeen,
+    TransitionEvent,
+    TreeEvent,
     kind_from_children,
 )
 from btcore_monitor.installed_packages import check_installed
@@ -117,22 +117,22 @@ def observed_tree(recording: Recording) -> ObservedTree:
 def events(recording: Recording, window: range) -> Iterator[Event]:
     """Yield the transitions of *recording* with an index in *window*, as events of a robot."""
     first = recording.transitions[window.start].stamp if window.start else recording.start
-    since, stamp = first - recording.start, first
+    stamp, wall = first - recording.start, first
     statuses = dict(recording.statuses(window.start))
-    yield TreeSeen(observed_tree(recording), since, stamp, statuses, source=LOG_FILE)
+    yield TreeEvent(observed_tree(recording), stamp, wall, statuses, source=LOG_FILE)
     # A gap's `at` is the index of the transition that follows the gap.
     gaps = [gap for gap in recording.gaps if window.start <= gap.at <= window.stop]
     for index in window:
-        before, (stamp, uid, previous, status) = since, recording.transitions[index]
-        since = stamp - recording.start
+        before, (wall, uid, previous, status) = stamp, recording.transitions[index]
+        stamp = wall - recording.start
         while gaps and gaps[0].at <= index:
-            yield DataMissed(since, stamp, before, "transitions", gaps.pop(0).reason)
-        yield StatusChanged(index + 1, since, stamp, 0, uid, previous, status)
+            yield MissingDataEvent(stamp, wall, before, "transitions", gaps.pop(0).reason)
+        yield TransitionEvent(index + 1, stamp, wall, 0, uid, previous, status)
     ends = [gap.reason for gap in gaps]
     if recording.damage and window.stop == len(recording.transitions):
         ends.append(recording.damage)
     for reason in ends:
-        yield DataMissed(since, stamp, since, "transitions", reason)
+        yield MissingDataEvent(stamp, wall, stamp, "transitions", reason)
 
 
 def _find_window(recording: Recording, begin: float | None, end: float | None) -> range:
@@ -168,12 +168,12 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
     }
     width = max(map(len, chosen.values()), default=0)
     for event in events(recording, window):
-        if isinstance(event, DataMissed):
+        if isinstance(event, MissingDataEvent):
             label = "" if event.reason == recording.damage else "gap: "
             print_line(f"{'—':>12}  {label}{event.reason}")
-        elif isinstance(event, StatusChanged) and event.uid in chosen:
+        elif isinstance(event, TransitionEvent) and event.uid in chosen:
             status = Status(event.status)
-            line = format_transition(event.t, chosen[event.uid], Status(event.previous), status, width)
+            line = format_transition(event.stamp, chosen[event.uid], Status(event.previous), status, width)
             colour = _COLOURS.get(status)
             print_line(line, colour=colour, dim=colour is None)
 

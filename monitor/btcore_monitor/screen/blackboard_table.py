@@ -56,12 +56,12 @@ class BlackboardTable:
         self._last: set[tuple[str, str]] = set()
         self._shown = ""
 
-    def blank(self, t: int, wall: int) -> None:
+    def blank(self, stamp: int, wall: int) -> None:
         """Show only the note, if no blackboard has been shown yet."""
         if not self._shown:
-            self._series.add(t, wall, f"*{escape_markdown(self.note)}*")
+            self._series.add(stamp, wall, f"*{escape_markdown(self.note)}*")
 
-    def show(self, t: int, wall: int, boards: Boards) -> None:
+    def show(self, stamp: int, wall: int, boards: Boards) -> None:
         """Show *boards*, and add their changes to the history."""
         before, self._boards = self._boards, boards
         self.has_entries = self.has_entries or any(boards.values())
@@ -69,15 +69,15 @@ class BlackboardTable:
             changes = list(_list_changes(before, boards))
             if changes:
                 self._last = {(path, key) for path, key, *_ in changes}
-                self._changed |= dict.fromkeys(self._last, t)
+                self._changed |= dict.fromkeys(self._last, stamp)
                 if len(self._changed) > _TIMES_AT_MOST:
-                    self._changed = dict.fromkeys(self._last, t)
+                    self._changed = dict.fromkeys(self._last, stamp)
             lines = [_format_change(*change) for change in changes[:_LINES_AT_MOST]]
             if len(changes) > _LINES_AT_MOST:
                 lines.append(f"… and {len(changes) - _LINES_AT_MOST} more")
             for line in lines:
-                self._history.add(t, wall, (line, LEVELS[2], self._colour))
-        self._update(t, wall)
+                self._history.add(stamp, wall, (line, LEVELS[2], self._colour))
+        self._update(stamp, wall)
 
     def run(self, states: TickStates) -> None:
         """Show the blackboards of the subtrees that run first."""
@@ -86,9 +86,9 @@ class BlackboardTable:
         running = [*(self._paths[at] for at in reversed(active)), self._main]
         if running != self._running:
             self._running = running
-            self._update(states.t, states.wall)
+            self._update(states.stamp, states.wall)
 
-    def _update(self, t: int, wall: int) -> None:
+    def _update(self, stamp: int, wall: int) -> None:
         if self._boards is None:
             return
         document = self._format_boards(self._boards)
@@ -96,7 +96,7 @@ class BlackboardTable:
             document = f"*{escape_markdown(self.note)}*\n\n{document}"
         if document != self._shown:
             self._shown = document
-            self._series.add(t, wall, document)
+            self._series.add(stamp, wall, document)
 
     def _format_boards(self, boards: Boards) -> str:
         lines: list[str] = []

@@ -51,8 +51,8 @@ class CameraView:
             lines = rr.LineStrips3D(_create_pyramid(camera), colors=[_SIGHT], radii=[-1.0])
             self._rows.log(entity, self._rows.in_frame(camera.frame), lines, static=True)
 
-    def moving(self, t: int, wall: int, data: MovingScene) -> None:
-        """Draw new pictures and detections at tree time *t* and wall time *wall* (ns)."""
+    def moving(self, stamp: int, wall: int, data: MovingScene) -> None:
+        """Draw new pictures and detections at tree time *stamp* and wall time *wall* (ns)."""
         for picture in data.pictures:
             self.pictured = True
             key = picture.name, picture.format
@@ -62,16 +62,16 @@ class CameraView:
                     entity, _create_jpeg_columns if key[1] == "jpeg" else _create_image_columns
                 )
                 self._ages[key] = _Age(self._rows, picture)
-            if not 0 <= t - self._recorded.get(key, t - _PICTURE_EVERY) < _PICTURE_EVERY:
-                self._recorded[key] = t
-                self._series[key].add(t, wall, picture)
-            self._ages[key].renew(t, wall)
+            if not 0 <= stamp - self._recorded.get(key, stamp - _PICTURE_EVERY) < _PICTURE_EVERY:
+                self._recorded[key] = stamp
+                self._series[key].add(stamp, wall, picture)
+            self._ages[key].renew(stamp, wall)
         for age in self._ages.values():
-            age.update(t, wall)
+            age.update(stamp, wall)
         detections = data.detections
         if detections is not None and detections != self._shown:
             self._shown = detections
-            self._detections.add(t, wall, detections)
+            self._detections.add(stamp, wall, detections)
 
 
 class _Age:
@@ -88,20 +88,20 @@ class _Age:
         self._seen = 0
         self._faint = False
 
-    def renew(self, t: int, wall: int) -> None:
+    def renew(self, stamp: int, wall: int) -> None:
         """Show a new picture without fading."""
-        self._seen = t
+        self._seen = stamp
         if self._faint:
             self._faint = False
-            self._opacity.add(t, wall, 1.0)
-            self._captions.add(t, wall, "")
+            self._opacity.add(stamp, wall, 1.0)
+            self._captions.add(stamp, wall, "")
 
-    def update(self, t: int, wall: int) -> None:
-        """Fade the picture if it is too old at *t*."""
-        if not self._faint and t - self._seen > _OLD:
+    def update(self, stamp: int, wall: int) -> None:
+        """Fade the picture if it is too old at *stamp*."""
+        if not self._faint and stamp - self._seen > _OLD:
             self._faint = True
-            self._opacity.add(t, wall, _FAINT)
-            self._captions.add(t, wall, f"as of {self._rows.seconds(self._seen):.1f} s")
+            self._opacity.add(stamp, wall, _FAINT)
+            self._captions.add(stamp, wall, f"as of {self._rows.seconds(self._seen):.1f} s")
 
     def _create_caption_columns(self, values: list[str]) -> Iterable[Any]:
         captions = [text for text in values if text]

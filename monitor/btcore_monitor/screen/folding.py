@@ -139,15 +139,15 @@ class FoldedTreeView:
             chosen = self._drawing(running, states)
             if chosen is not active:
                 if active is not None:
-                    active.move(states.t, states.wall, is_active=False)
-                chosen.move(states.t, states.wall, is_active=True)
+                    active.move(states.stamp, states.wall, is_active=False)
+                chosen.move(states.stamp, states.wall, is_active=True)
                 self._active = active = chosen
         active.view.colour(states)
 
-    def raised(self, uid: int, t: int, wall: int) -> None:
+    def raised(self, uid: int, stamp: int, wall: int) -> None:
         """Draw a ring around a node that raised an exception; see TreeView.raised."""
         if self._active is not None:
-            self._active.view.raised(uid, t, wall)
+            self._active.view.raised(uid, stamp, wall)
 
     def _drawing(self, running: NDArray[np.bool_], states: TickStates) -> "_Drawing":
         """Return the drawing that shows the *running* nodes, which may be a new one."""
@@ -183,10 +183,10 @@ class _Drawing:
             rows.series(f"{FOLDED}/{layer}/{number}", _create_transform_columns) for layer in (LINES, PILLS)
         ]
 
-    def move(self, t: int, wall: int, is_active: bool) -> None:
+    def move(self, stamp: int, wall: int, is_active: bool) -> None:
         place = self._place if is_active else (_OUTSIDE, _OUTSIDE, 0.0)
         for series in self._series:
-            series.add(t, wall, (place, self._scale))
+            series.add(stamp, wall, (place, self._scale))
 
 
 def _create_transform_columns(values: list[tuple[tuple[float, float, float], float]]) -> Iterable[Any]:

@@ -17,15 +17,15 @@ from btcore_monitor.events import (
     SKIPPED,
     STATUS_NAMES,
     SUCCESS,
-    ConnectionChanged,
-    DataMissed,
+    ConnectionEvent,
     DataSource,
-    ExceptionRaised,
-    HooksFound,
+    ExceptionEvent,
+    HooksEvent,
+    LostTransitionsEvent,
+    MissingDataEvent,
     ObservedTree,
-    StatusChanged,
-    Ticked,
-    TransitionsLost,
+    TickEvent,
+    TransitionEvent,
 )
 from btcore_monitor.screen.captions import distinct_names
 from btcore_monitor.screen.font import elide
@@ -80,61 +80,61 @@ class TransitionLog:
         # With several robots, the first column shows the time of the day.
         self._shows_time = bool(rows.place)
         self._lines: Series[tuple[str, str, int]] = rows.series(LOG, log_lines)
-        self._numbers: Series[StatusChanged] = rows.series(f"{LOG}/numbers", _create_number_columns)
+        self._numbers: Series[TransitionEvent] = rows.series(f"{LOG}/numbers", _create_number_columns)
 
-    def add_transition(self, event: StatusChanged) -> None:
+    def add_transition(self, event: TransitionEvent) -> None:
         """Log a transition as a line `#number  name  PREVIOUS → STATUS`, and as numbers."""
         line = (
             f"#{event.number:<6d} {self._names.get(event.uid, '?' * self._width)} "
             f"{STATUS_NAMES[event.previous]:>7} → {STATUS_NAMES[event.status]}"
         )
         level, colour = _LEVEL_OF_STATUS[event.status], self._palette.ink[event.status]
-        self._add(event.t, event.wall, line, level, colour)
-        self._numbers.add(event.t, event.wall, event)
+        self._add(event.stamp, event.wall, line, level, colour)
+        self._numbers.add(event.stamp, event.wall, event)
 
     def send(self) -> None:
         """Send the lines and the numbers, before the other data of the robot."""
         for series in (self._lines, self._numbers):
             series.send(self._rows.recording)
 
-    def add_unmatched_pattern(self, pattern: str, t: int, wall: int) -> None:
-        """Log that no node matches a search pattern, at tree time *t* and wall time *wall* (ns)."""
-        self._warn(t, wall, f"no node's name or path matches '{pattern}'")
+    def add_unmatched_pattern(self, pattern: str, stamp: int, wall: int) -> None:
+        """Log that no node matches a search pattern, at tree time *stamp* and wall time *wall* (ns)."""
+        self._warn(stamp, wall, f"no node's name or path matches '{pattern}'")
 
-    def add_exception(self, event: ExceptionRaised) -> None:
+    def add_exception(self, event: ExceptionEvent) -> None:
         """Log the exception of a node."""
         line = f"{event.path} raised: {brief(event.message)}"
-        self._add(event.t, event.wall, line, "ERROR", self._palette.ink[FAILURE])
+        self._add(event.stamp, event.wall, line, "ERROR", self._palette.ink[FAILURE])
 
-    def add_gap(self, event: TransitionsLost, t: int, wall: int) -> None:
-        """Log a gap in the transitions at tree time *t* and wall time *wall* (ns)."""
-        self._warn(t, wall, f"transitions #{event.first} to #{event.last} are missing: they never arrived")
+    def add_gap(self, event: LostTransitionsEvent, stamp: int, wall: int) -> None:
+        """Log a gap in the transitions at tree time *stamp* and wall time *wall* (ns)."""
+        self._warn(stamp, wall, f"transitions #{event.first} to #{event.last} are missing: they never arrived")
 
-    def add_missing_data(self, event: DataMissed) -> None:
+    def add_missing_data(self, event: MissingDataEvent) -> None:
         """Log missing data of unknown amount."""
-        since = f"since {self._rows.seconds(event.since):.2f}s " if event.since < event.t else ""
-        self._warn(event.t, event.wall, f"{event.topic} {since}incomplete: {event.reason}")
+        since = f"since {self._rows.seconds(event.since):.2f}s " if event.since < event.stamp else ""
+        self._warn(event.stamp, event.wall, f"{event.topic} {since}incomplete: {event.reason}")
 
-    def add_hooks(self, event: HooksFound) -> None:
+    def add_hooks(self, event: HooksEvent) -> None:
         """Log the warning about hooks of other clients."""
-        self._warn(event.t, event.wall, event.warning)
+        self._warn(event.stamp, event.wall, event.warning)
 
-    def show_source(self, source: DataSource, t: int, wall: int) -> None:
-        """Log which data the robot does not send, at tree time *t* and wall time *wall* (ns)."""
+    def show_source(self, source: DataSource, stamp: int, wall: int) -> None:
+        """Log which data the robot does not send, at tree time *stamp* and wall time *wall* (ns)."""
         for topic, reason in source.unavailable.items():
-            self._add(t, wall, f"{topic}: {reason}", "INFO", self._palette.faint)
+            self._add(stamp, wall, f"{topic}: {reason}", "INFO", self._palette.faint)
 
-    def add_connection(self, event: ConnectionChanged, t: int, wall: int) -> None:
-        """Log a change of the connection at tree time *t* and wall time *wall* (ns)."""
+    def add_connection(self, event: ConnectionEvent, stamp: int, wall: int) -> None:
+        """Log a change of the connection at tree time *stamp* and wall time *wall* (ns)."""
         line = f"robot {event.state}" + (f": {event.detail}" if event.detail else "")
-        self._add(t, wall, line, "WARN" if event.state == "lost" else "INFO", self._palette.faint)
+        self._add(stamp, wall, line, "WARN" if event.state == "lost" else "INFO", self._palette.faint)
 
-    def _warn(self, t: int, wall: int, line: str) -> None:
-        self._add(t, wall, line, "WARN", self._palette.ink[RUNNING])
+    def _warn(self, stamp: int, wall: int, line: str) -> None:
+        self._add(stamp, wall, line, "WARN", self._palette.ink[RUNNING])
 
-    def _add(self, t: int, wall: int, line: str, level: str, colour: int) -> None:
-        time = f"{self._rows.seconds(t):9.2f}s " if self._shows_time else ""
-        self._lines.add(t, wall, (f"{time}{line}", level, int(colour)))
+    def _add(self, stamp: int, wall: int, line: str, level: str, colour: int) -> None:
+        time = f"{self._rows.seconds(stamp):9.2f}s " if self._shows_time else ""
+        self._lines.add(stamp, wall, (f"{time}{line}", level, int(colour)))
 
 
 def log_lines(values: list[tuple[str, str, int]]) -> Iterable[Any]:
@@ -143,7 +143,7 @@ def log_lines(values: list[tuple[str, str, int]]) -> Iterable[Any]:
     return rr.TextLog.columns(text=text, level=level, color=np.array(colour, dtype=np.uint32))
 
 
-def _create_number_columns(values: list[StatusChanged]) -> Iterable[Any]:
+def _create_number_columns(values: list[TransitionEvent]) -> Iterable[Any]:
     names = ("number", "tick", "uid", "previous", "status")
     columns: dict[str, Any] = {
         name: np.array([getattr(event, name) for event in values], dtype=np.int64) for name in names
@@ -174,18 +174,18 @@ class NowPanel:
         if "exceptions" in source.unavailable:
             self._source_lines.append(f"| raised | {source.unavailable['exceptions']} |")
 
-    def show_exception(self, event: ExceptionRaised, states: TickStates) -> None:
+    def show_exception(self, event: ExceptionEvent, states: TickStates) -> None:
         """Show the last node that raised an exception.
 
         The panel is updated immediately, because a tick that raises may be the last tick.
         """
         path, message = escape_markdown(event.path), escape_markdown(brief(event.message))
-        self._raised = f"**{path}** raised at {self._rows.seconds(event.t):.2f} s: {message}"
-        self._show(event.t, event.wall, states, self._root)
+        self._raised = f"**{path}** raised at {self._rows.seconds(event.stamp):.2f} s: {message}"
+        self._show(event.stamp, event.wall, states, self._root)
 
-    def count_missing(self, event: TransitionsLost | DataMissed) -> None:
+    def count_missing(self, event: LostTransitionsEvent | MissingDataEvent) -> None:
         """Count missing transitions."""
-        if isinstance(event, TransitionsLost):
+        if isinstance(event, LostTransitionsEvent):
             self._lost += event.last - event.first + 1
         elif event.topic == "transitions":
             self._gaps += 1
@@ -196,15 +196,15 @@ class NowPanel:
         if data.collisions is not None:
             self._contacts = f"{data.collisions} collisions · {data.grazes or 0} grazes"
 
-    def show_tick(self, event: Ticked, states: TickStates) -> None:
+    def show_tick(self, event: TickEvent, states: TickStates) -> None:
         """Show the state after a tick."""
-        self._show(event.t, event.wall, states, f"{STATUS_NAMES[event.status]}, tick {event.tick}")
+        self._show(event.stamp, event.wall, states, f"{STATUS_NAMES[event.status]}, tick {event.tick}")
 
     def show_states(self, states: TickStates) -> None:
         """Show *states*, for a robot that does not report its ticks."""
-        self._show(states.t, states.wall, states, SHOWN_NAMES[int(states.shown[0])])
+        self._show(states.stamp, states.wall, states, SHOWN_NAMES[int(states.shown[0])])
 
-    def _show(self, t: int, wall: int, states: TickStates, root: str) -> None:
+    def _show(self, stamp: int, wall: int, states: TickStates, root: str) -> None:
         self._root = root
         runs = states.shown == RUNNING
         failed = (states.shown == FAILURE) | (states.shown == RESET_OFFSET + FAILURE)
@@ -228,7 +228,7 @@ class NowPanel:
         document = "\n".join(lines)
         if document != self._shown:
             self._shown = document
-            self._series.add(t, wall, document)
+            self._series.add(stamp, wall, document)
 
     def _format_leaves(self, chosen: NDArray[np.bool_]) -> str:
         indices = np.flatnonzero(chosen & self._leaf).tolist()
@@ -252,22 +252,22 @@ class StatisticsTable:
         self._running_ns = dict.fromkeys(self._results, 0)
         self._since: dict[int, int] = {}
         self._next_update: int | None = None
-        self._shown_at = 0
+        self._last_update_stamp = 0
         self._changed = False
 
-    def start(self, t: int, wall: int, statuses: Mapping[int, int]) -> None:
-        """Begin with known statuses. Transitions before *t* are unknown.
+    def start(self, stamp: int, wall: int, statuses: Mapping[int, int]) -> None:
+        """Begin with known statuses. Transitions before *stamp* are unknown.
 
         Args:
-            t: Tree time (ns).
-            wall: Wall time (ns).
+            stamp: The time of the tree (ns).
+            wall: The wall-clock time (ns since the epoch).
             statuses: The nodes' statuses by uid.
         """
-        self._since = {uid: t for uid, status in statuses.items() if status == RUNNING}
+        self._since = {uid: stamp for uid, status in statuses.items() if status == RUNNING}
         self._changed = True
-        self.show(t, wall)
+        self.show(stamp, wall)
 
-    def change(self, event: StatusChanged) -> None:
+    def change(self, event: TransitionEvent) -> None:
         """Count a transition."""
         counts = self._results.get(event.uid)
         if counts is None:
@@ -275,29 +275,29 @@ class StatisticsTable:
         self._changed = True
         since = self._since.pop(event.uid, None)
         if since is not None:
-            self._running_ns[event.uid] += max(0, event.t - since)
+            self._running_ns[event.uid] += max(0, event.stamp - since)
         if event.status == RUNNING:
-            self._since[event.uid] = event.t
+            self._since[event.uid] = event.stamp
         elif event.status != IDLE:
             counts[event.status - SUCCESS] += 1
 
-    def update(self, t: int, wall: int) -> None:
-        """Update the table at *t* (ns), unless the last update was less than EVERY_NS ago."""
-        if self._next_update is None or t >= self._next_update:
-            self.show(t, wall)
+    def update(self, stamp: int, wall: int) -> None:
+        """Update the table at *stamp* (ns), unless the last update was less than EVERY_NS ago."""
+        if self._next_update is None or stamp >= self._next_update:
+            self.show(stamp, wall)
 
-    def show(self, t: int, wall: int) -> None:
-        """Update the table at *t* (ns) if a status has changed or a node is RUNNING."""
-        if self._changed or (self._since and t != self._shown_at):
+    def show(self, stamp: int, wall: int) -> None:
+        """Update the table at *stamp* (ns) if a status has changed or a node is RUNNING."""
+        if self._changed or (self._since and stamp != self._last_update_stamp):
             self._changed = False
-            self._shown_at = t
-            self._next_update = t + EVERY_NS
-            self._series.add(t, wall, self.markdown(t))
+            self._last_update_stamp = stamp
+            self._next_update = stamp + EVERY_NS
+            self._series.add(stamp, wall, self.markdown(stamp))
 
-    def markdown(self, t: int) -> str:
-        """Return the table as of *t* (ns)."""
+    def markdown(self, stamp: int) -> str:
+        """Return the table as of *stamp* (ns)."""
         running = {
-            uid: ns + (max(0, t - self._since[uid]) if uid in self._since else 0)
+            uid: ns + (max(0, stamp - self._since[uid]) if uid in self._since else 0)
             for uid, ns in self._running_ns.items()
         }
         nodes = list(self._nodes)
@@ -331,7 +331,7 @@ class TickCost:
         self._budget: Series[float] = rows.series(BUDGET_MS, scalars)
         self._rate: Series[float] = rows.series(RATE, scalars)
         self._palette = palette
-        self._before: Ticked | None = None
+        self._before: TickEvent | None = None
         self._periods: deque[int] = deque(maxlen=21)
         self._worst = 0
         self._budget_ns = 0
@@ -342,27 +342,27 @@ class TickCost:
         self._rows.log(BUDGET_MS, curve("budget", ink[FAILURE]), static=True)
         self._rows.log(RATE, curve("ticks a second", ink[SUCCESS]), static=True)
 
-    def tick(self, event: Ticked) -> None:
+    def tick(self, event: TickEvent) -> None:
         """Add a tick. The budget is the median time between the latest ticks.
 
         The line of the budget is drawn once a tick has taken more than a tenth of the budget, because a line
         far above would flatten the curve. Until then only the legend shows the budget.
         """
         before, self._before = self._before, event
-        self._duration.add(event.t, event.wall, event.duration_ns / 1e6)
+        self._duration.add(event.stamp, event.wall, event.duration_ns / 1e6)
         self._worst = max(self._worst, event.duration_ns)
-        if before is None or event.t <= before.t:
+        if before is None or event.stamp <= before.stamp:
             return
         # Ticks may be lost on the way, so the time is divided by the difference of their numbers.
-        self._periods.append((event.t - before.t) // max(1, event.tick - before.tick))
-        self._rate.add(event.t, event.wall, 1e9 / self._periods[-1])
+        self._periods.append((event.stamp - before.stamp) // max(1, event.tick - before.tick))
+        self._rate.add(event.stamp, event.wall, 1e9 / self._periods[-1])
         budget = int(median(self._periods))
         if abs(budget - self._budget_ns) > self._budget_ns // 20:
             self._budget_ns = budget
             name = f"tick (budget {budget / 1e6:.4g} ms)"
             self._rows.log(TICK_MS, curve(name, self._palette.laser), static=True)
         if self._worst * 10 > self._budget_ns:
-            self._budget.add(event.t, event.wall, self._budget_ns / 1e6)
+            self._budget.add(event.stamp, event.wall, self._budget_ns / 1e6)
 
 
 def escape_markdown(text: str) -> str:

@@ -7,19 +7,19 @@ from typing import Final
 
 from btcore_monitor.events import (
     RUN_CHANNEL,
-    BlackboardSeen,
-    ConnectionChanged,
-    DataMissed,
+    BlackboardEvent,
+    ConnectionEvent,
     DataSource,
     Event,
-    ExceptionRaised,
-    HooksFound,
-    SceneMoving,
-    SceneStatic,
-    StatusChanged,
-    Ticked,
-    TransitionsLost,
-    TreeSeen,
+    ExceptionEvent,
+    HooksEvent,
+    LostTransitionsEvent,
+    MissingDataEvent,
+    MovingSceneEvent,
+    StaticSceneEvent,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.screen.blackboard_table import BLACKBOARD, BlackboardTable
 from btcore_monitor.screen.blueprint import LIVE, WHOLE_AT_MOST, Pane, tree_room
@@ -82,8 +82,8 @@ class RobotView:
         self._find = find
         self._level = level
         self._display: _TreeDisplay | None = None
-        self._new_tree: TreeSeen | None = None
-        self._scene: SceneStatic | None = None
+        self._new_tree: TreeEvent | None = None
+        self._scene: StaticSceneEvent | None = None
         self._sent = self._transitions_sent = time.monotonic()
         self._events = 0
 
@@ -94,11 +94,11 @@ class RobotView:
 
     def show(self, event: Event) -> None:
         """Process an event."""
-        if isinstance(event, TreeSeen):
+        if isinstance(event, TreeEvent):
             self._draw()
             self._new_tree = event
         # Robots send the static scene right after the tree; it belongs to the tree that is drawn next.
-        elif isinstance(event, SceneStatic) and (self._new_tree is not None or self._display is None):
+        elif isinstance(event, StaticSceneEvent) and (self._new_tree is not None or self._display is None):
             self._scene = event
             self._draw()
         else:
@@ -173,7 +173,7 @@ class _TreeDisplay:
 
     def __init__(
         self,
-        event: TreeSeen,
+        event: TreeEvent,
         window: RobotWindow,
         palette: Palette,
         scene: bool,
@@ -188,7 +188,7 @@ class _TreeDisplay:
         self.window = window
         self.recording, self.place, self.file = window.begin(tree.name)
         # Other sources count the time from their beginning already.
-        origin = event.t if event.source == RUN_CHANNEL else 0
+        origin = event.stamp if event.source == RUN_CHANNEL else 0
         self.rows = RowBuffer(self.recording, self.place, origin)
         self.level = level
         self._palette = palette
@@ -208,14 +208,14 @@ class _TreeDisplay:
         self.now = NowPanel(self.rows, tree)
         self.statistics = StatisticsTable(self.rows, tree)
         self.scene = SceneView(self.rows, palette)
-        self._t, self._wall = event.t, event.wall
-        self._ticked_at = event.t - 1
+        self._stamp, self._wall = event.stamp, event.wall
+        self._last_tick_stamp = event.stamp - 1
         self._begin = self._now
         self._end = self._begin + LIVE
-        self._show_source(event.source, event.t, event.wall)
+        self._show_source(event.source, event.stamp, event.wall)
         for pattern, uids in matches.items():
             if not uids:
-                self.log.add_unmatched_pattern(pattern, event.t, event.wall)
+                self.log.add_unmatched_pattern(pattern, event.stamp, event.wall)
         self._is_rearranged = True
         self._shown_filled = self._list_filled()
         self._show_blueprint()
@@ -225,34 +225,34 @@ class _TreeDisplay:
         self.cost.draw()
         self._restart(event)
         self._handlers: dict[type, Callable[..., None]] = {
-            StatusChanged: self._show_transition,
-            Ticked: self._show_tick,
-            BlackboardSeen: self._show_blackboards,
-            SceneStatic: self._show_static_scene,
-            SceneMoving: self._show_moving_scene,
-            ExceptionRaised: self._show_exception,
-            TransitionsLost: self._show_gap,
-            DataMissed: self._show_missing_data,
-            HooksFound: self.log.add_hooks,
-            ConnectionChanged: self._show_connection,
+            TransitionEvent: self._show_transition,
+            TickEvent: self._show_tick,
+            BlackboardEvent: self._show_blackboards,
+            StaticSceneEvent: self._show_static_scene,
+            MovingSceneEvent: self._show_moving_scene,
+            ExceptionEvent: self._show_exception,
+            LostTransitionsEvent: self._show_gap,
+            MissingDataEvent: self._show_missing_data,
+            HooksEvent: self.log.add_hooks,
+            ConnectionEvent: self._show_connection,
         }
 
-    def resume(self, event: TreeSeen) -> None:
+    def resume(self, event: TreeEvent) -> None:
         """Continue the same tree with the statuses in *event*. The transitions before it are unknown."""
-        self._move_to(event.t, event.wall)
+        self._move_to(event.stamp, event.wall)
         self._restart(event)
 
-    def is_of(self, event: TreeSeen) -> bool:
+    def is_of(self, event: TreeEvent) -> bool:
         """Return whether *event* has this tree, and comes from a source with the same clock and numbering."""
         return self.tree_id == event.tree.tree_id and self.numbered == event.numbered
 
-    def _restart(self, event: TreeSeen) -> None:
-        self._show_source(event.source, event.t, event.wall)
-        self.states.start(event.t, event.wall, event.statuses)
+    def _restart(self, event: TreeEvent) -> None:
+        self._show_source(event.source, event.stamp, event.wall)
+        self.states.start(event.stamp, event.wall, event.statuses)
         self._colour()
         self.blackboard.run(self.states)
         self.lanes.show(self.states, range(len(self.states.shown)))
-        self.statistics.start(event.t, event.wall, event.statuses)
+        self.statistics.start(event.stamp, event.wall, event.statuses)
         if "ticks" in self.source.unavailable:
             self.now.show_states(self.states)
 
@@ -261,20 +261,20 @@ class _TreeDisplay:
         if handler is not None:
             handler(event)
 
-    def _show_source(self, source: DataSource, t: int, wall: int) -> None:
+    def _show_source(self, source: DataSource, stamp: int, wall: int) -> None:
         if source == self.source:
             return
         self.source = source
         self.now.show_source(source)
-        self.log.show_source(source, t, wall)
+        self.log.show_source(source, stamp, wall)
         self.blackboard.note = source.unavailable.get("blackboard", "")
         if self.blackboard.note:
-            self.blackboard.blank(t, wall)
+            self.blackboard.blank(stamp, wall)
 
     def settle(self) -> None:
         """Show the last changes of a robot that does not report the end of a tick."""
         if "ticks" in self.source.unavailable and self.states.is_open:
-            self._end_tick(self._t, self._wall)
+            self._end_tick(self._stamp, self._wall)
 
     def send(self) -> None:
         """Send the buffered rows, and the arrangement of the views if it has changed."""
@@ -288,7 +288,7 @@ class _TreeDisplay:
         if self._now - self._begin <= WHOLE_AT_MOST:
             self._end = self._now
             self._show_blueprint()
-        self.statistics.show(self._t, self._wall)
+        self.statistics.show(self._stamp, self._wall)
         self.send()
         self.window.end(self.recording)
 
@@ -296,17 +296,17 @@ class _TreeDisplay:
         """Show the changes after the last tick, for example of a tree that was halted."""
         if self.states.is_open:
             # A halt at the time of the last tick must not hide the states of that tick.
-            self._t = self.states.t = max(self._t, self._ticked_at + 1)
-            self._end_tick(self._t, self._wall)
+            self._stamp = self.states.stamp = max(self._stamp, self._last_tick_stamp + 1)
+            self._end_tick(self._stamp, self._wall)
             self.now.show_states(self.states)
 
     @property
     def _now(self) -> int:
         """The time (ns) of the last event on the window's timeline."""
-        return self._wall if self.place else self._t - self.rows.origin
+        return self._wall if self.place else self._stamp - self.rows.origin
 
-    def _end_tick(self, t: int, wall: int) -> None:
-        changed = self.states.close(t, wall)
+    def _end_tick(self, stamp: int, wall: int) -> None:
+        changed = self.states.close(stamp, wall)
         if changed:
             self._colour()
             self.blackboard.run(self.states)
@@ -318,68 +318,68 @@ class _TreeDisplay:
         for view in self.trees:
             view.colour(self.states)
 
-    def _move_to(self, t: int, wall: int) -> None:
-        self._t, self._wall = t, wall
+    def _move_to(self, stamp: int, wall: int) -> None:
+        self._stamp, self._wall = stamp, wall
         if self._now > self._end:
             # The axes follow the cursor from now on.
             self._end = _ENDLESS
             self._show_blueprint()
 
-    def _show_transition(self, event: StatusChanged) -> None:
+    def _show_transition(self, event: TransitionEvent) -> None:
         # First, because the states of the previous tick must not contain this event.
         if self.states.is_over(event):
-            self._end_tick(self._t, self._wall)
-        self._move_to(event.t, event.wall)
+            self._end_tick(self._stamp, self._wall)
+        self._move_to(event.stamp, event.wall)
         self.states.change(event)
         self.log.add_transition(event)
         self.statistics.change(event)
-        self.statistics.update(event.t, event.wall)
+        self.statistics.update(event.stamp, event.wall)
 
-    def _show_tick(self, event: Ticked) -> None:
-        self._move_to(event.t, event.wall)
-        self._ticked_at = event.t
-        self._end_tick(event.t, event.wall)
+    def _show_tick(self, event: TickEvent) -> None:
+        self._move_to(event.stamp, event.wall)
+        self._last_tick_stamp = event.stamp
+        self._end_tick(event.stamp, event.wall)
         self.cost.tick(event)
         self.now.show_tick(event, self.states)
-        self.statistics.update(event.t, event.wall)
+        self.statistics.update(event.stamp, event.wall)
 
-    def _show_blackboards(self, event: BlackboardSeen) -> None:
-        self._move_to(event.t, event.wall)
-        self.blackboard.show(event.t, event.wall, event.boards)
+    def _show_blackboards(self, event: BlackboardEvent) -> None:
+        self._move_to(event.stamp, event.wall)
+        self.blackboard.show(event.stamp, event.wall, event.boards)
         self._show_filled_views()
 
-    def _show_static_scene(self, event: SceneStatic) -> None:
-        if self.scene.static(self._t, self._wall, event.data):
+    def _show_static_scene(self, event: StaticSceneEvent) -> None:
+        if self.scene.static(self._stamp, self._wall, event.data):
             self._show_blueprint()
 
-    def _show_moving_scene(self, event: SceneMoving) -> None:
-        self._move_to(event.t, event.wall)
+    def _show_moving_scene(self, event: MovingSceneEvent) -> None:
+        self._move_to(event.stamp, event.wall)
         pictured = self.scene.pictured
-        self.scene.moving(event.t, event.wall, event.data)
+        self.scene.moving(event.stamp, event.wall, event.data)
         self.now.keep_notes(event.data)
         if self.scene.pictured != pictured:
             self._show_blueprint()
         self._show_filled_views()
 
-    def _show_exception(self, event: ExceptionRaised) -> None:
-        self._move_to(event.t, event.wall)
+    def _show_exception(self, event: ExceptionEvent) -> None:
+        self._move_to(event.stamp, event.wall)
         self.log.add_exception(event)
         self.now.show_exception(event, self.states)
         uid = self._uids.get(event.path)
         if uid is not None:
             for view in self.trees:
-                view.raised(uid, event.t, event.wall)
+                view.raised(uid, event.stamp, event.wall)
 
-    def _show_gap(self, event: TransitionsLost) -> None:
-        self.log.add_gap(event, self._t, self._wall)
+    def _show_gap(self, event: LostTransitionsEvent) -> None:
+        self.log.add_gap(event, self._stamp, self._wall)
         self.now.count_missing(event)
 
-    def _show_missing_data(self, event: DataMissed) -> None:
+    def _show_missing_data(self, event: MissingDataEvent) -> None:
         self.log.add_missing_data(event)
         self.now.count_missing(event)
 
-    def _show_connection(self, event: ConnectionChanged) -> None:
-        self.log.add_connection(event, self._t, self._wall)
+    def _show_connection(self, event: ConnectionEvent) -> None:
+        self.log.add_connection(event, self._stamp, self._wall)
         if event.state == "ended":
             self._show_remaining()
 

@@ -37,34 +37,34 @@ class Series(Generic[Value]):
         self.entity = entity
         self._origin = origin
         self._encode = encode
-        self._t: list[int] = []
-        self._wall: list[int] = []
+        self._stamps: list[int] = []
+        self._walls: list[int] = []
         self._values: list[Value] = []
 
-    def add(self, t: int, wall: int, value: Value) -> None:
+    def add(self, stamp: int, wall: int, value: Value) -> None:
         """Add a row.
 
         Args:
-            t: Tree time (ns).
-            wall: Wall time (ns since the epoch).
+            stamp: The time of the tree (ns).
+            wall: The wall-clock time (ns since the epoch).
             value: The content of the row, which *encode* converts later.
         """
-        self._t.append(t)
-        self._wall.append(wall)
+        self._stamps.append(stamp)
+        self._walls.append(wall)
         self._values.append(value)
 
     def send(self, recording: rr.RecordingStream) -> None:
         """Send the rows, and clear the buffer."""
         if not self._values:
             return
-        since = np.array(self._t, dtype=np.int64) - self._origin
+        since = np.array(self._stamps, dtype=np.int64) - self._origin
         times = [
             rr.TimeColumn(TREE_TIME, duration=since.astype("timedelta64[ns]")),
-            rr.TimeColumn(WALL_TIME, timestamp=np.array(self._wall, dtype="datetime64[ns]")),
+            rr.TimeColumn(WALL_TIME, timestamp=np.array(self._walls, dtype="datetime64[ns]")),
         ]
         values, self._values = self._values, []
-        self._t.clear()
-        self._wall.clear()
+        self._stamps.clear()
+        self._walls.clear()
         recording.send_columns(self.entity, times, map(_make_column_legible, self._encode(values)))
 
 
@@ -89,9 +89,9 @@ class RowBuffer:
         self._series.append(series)
         return series
 
-    def seconds(self, t: int) -> float:
-        """Return the displayed time (s) of tree time *t* (ns)."""
-        return (t - self.origin) / 1e9
+    def seconds(self, stamp: int) -> float:
+        """Return the displayed time (s) of tree time *stamp* (ns)."""
+        return (stamp - self.origin) / 1e9
 
     def log(self, entity: str, *components: Any, static: bool) -> None:
         """Log data without buffering.

@@ -115,12 +115,12 @@ class SceneView:
         """Whether there are camera pictures to show."""
         return self._cameras.pictured
 
-    def static(self, t: int, wall: int, data: StaticScene) -> bool:
+    def static(self, stamp: int, wall: int, data: StaticScene) -> bool:
         """Draw the static scene.
 
         Args:
-            t: Tree time (ns).
-            wall: Wall time (ns).
+            stamp: The time of the tree (ns).
+            wall: The wall-clock time (ns since the epoch).
             data: The scene.
 
         Returns:
@@ -148,7 +148,7 @@ class SceneView:
         if data.footprint_radius is not None:
             self._markers.footprint = data.footprint_radius
         self._draw_sensors()
-        self._floor.static(t, wall, data, self._root)
+        self._floor.static(stamp, wall, data, self._root)
         if data.grids:
             log(COLOURS, rr.TextDocument(_COLOUR_LEGEND, media_type="text/markdown"), static=True)
         self._cameras.static(data)
@@ -180,35 +180,35 @@ class SceneView:
         ):
             log(entity, curve(label, colour), static=True)
 
-    def moving(self, t: int, wall: int, data: MovingScene) -> None:
+    def moving(self, stamp: int, wall: int, data: MovingScene) -> None:
         """Draw the changes: moved frames, a new scan, the speed, and other new data.
 
         Args:
-            t: Tree time (ns).
-            wall: Wall time (ns).
+            stamp: The time of the tree (ns).
+            wall: The wall-clock time (ns since the epoch).
             data: The changes.
         """
         # Frames first: the trail and the markers use the new poses.
         for child, parent, position, quaternion in data.frames:
-            self._set_pose(t, wall, child, (parent, position, quaternion))
-        self._add_footprint(t, wall)
+            self._set_pose(stamp, wall, child, (parent, position, quaternion))
+        self._add_footprint(stamp, wall)
         if data.scan is not None:
-            stamp = t if data.scan.stamp is None else data.scan.stamp
-            if stamp != self._scan_stamp:
-                self._scan_stamp = stamp
-                self._show_scan(t, wall, np.frombuffer(data.scan.ranges, dtype="<f4"))
+            scan_stamp = stamp if data.scan.stamp is None else data.scan.stamp
+            if scan_stamp != self._scan_stamp:
+                self._scan_stamp = scan_stamp
+                self._show_scan(stamp, wall, np.frombuffer(data.scan.ranges, dtype="<f4"))
         if data.velocity is not None:
             self.has_speed = True
-            self._v.add(t, wall, float(data.velocity[0]))
-            self._w.add(t, wall, float(data.velocity[1]))
+            self._v.add(stamp, wall, float(data.velocity[0]))
+            self._w.add(stamp, wall, float(data.velocity[1]))
         if data.battery is not None:
-            self._battery.add(t, wall, float(data.battery))
-        self._extend_trail(t, wall)
-        self._floor.moving(t, wall, data, self._root)
-        self._markers.moving(t, wall, data, self._root)
-        self._cameras.moving(t, wall, data)
+            self._battery.add(stamp, wall, float(data.battery))
+        self._extend_trail(stamp, wall)
+        self._floor.moving(stamp, wall, data, self._root)
+        self._markers.moving(stamp, wall, data, self._root)
+        self._cameras.moving(stamp, wall, data)
 
-    def _set_pose(self, t: int, wall: int, child: str, pose: Pose) -> None:
+    def _set_pose(self, stamp: int, wall: int, child: str, pose: Pose) -> None:
         before = self._poses.get(child)
         if before is not None and _is_near(before, pose):
             return
@@ -216,14 +216,14 @@ class SceneView:
         series = self._frames.get(child)
         if series is None:
             series = self._frames[child] = self._frame_series(child)
-        series.add(t, wall, pose)
+        series.add(stamp, wall, pose)
 
-    def _add_footprint(self, t: int, wall: int) -> None:
+    def _add_footprint(self, stamp: int, wall: int) -> None:
         """Add the footprint's frame, on the floor, for a robot that sends only its base link."""
         footprint, link = _BODIES
         if footprint not in self._poses and link in self._poses:
             height = self._poses[link][1][2]
-            self._set_pose(t, wall, footprint, (link, (0.0, 0.0, -height), UPRIGHT))
+            self._set_pose(stamp, wall, footprint, (link, (0.0, 0.0, -height), UPRIGHT))
 
     def _frame_series(self, child: str) -> Series[Pose]:
         rows = self._rows
@@ -238,7 +238,7 @@ class SceneView:
 
         return rows.series(f"{ORIGIN}/frames/{entity_part(child)}", encode)
 
-    def _show_scan(self, t: int, wall: int, ranges: NDArray[np.float32]) -> None:
+    def _show_scan(self, stamp: int, wall: int, ranges: NDArray[np.float32]) -> None:
         laser = self._static.laser
         if laser is None:
             return
@@ -246,11 +246,11 @@ class SceneView:
             self._set_directions(laser, len(ranges))
         ranges = ranges[:: self._ray_step]
         seen = np.isfinite(ranges) & (ranges >= (laser.range_min or 0.0))
-        self._points.add(t, wall, self._directions[seen] * ranges[seen, None])
+        self._points.add(stamp, wall, self._directions[seen] * ranges[seen, None])
         reach = _FAN_REACH if laser.range_max is None else min(_FAN_REACH, float(laser.range_max))
         free = np.where(np.isposinf(ranges), np.float32(reach), np.where(seen, ranges, np.float32(0.0)))
         corners = self._directions[::_FAN_STEP] * free[::_FAN_STEP, None]
-        self._fan.add(t, wall, np.concatenate((np.zeros((1, 3), dtype=np.float32), corners)))
+        self._fan.add(stamp, wall, np.concatenate((np.zeros((1, 3), dtype=np.float32), corners)))
 
     def _set_directions(self, laser: Laser, count: int) -> None:
         self._rays = count
@@ -261,14 +261,14 @@ class SceneView:
         triangles = np.stack((0 * corners, corners, corners + 1), axis=1)
         self._rows.log(FAN, rr.Mesh3D.from_fields(triangle_indices=triangles), static=True)
 
-    def _extend_trail(self, t: int, wall: int) -> None:
+    def _extend_trail(self, stamp: int, wall: int) -> None:
         place = self._robot()
         if place is None:
             return
         if self._last is None:
             self._last = place
         elif float(np.linalg.norm(place - self._last)) >= _TRAIL_STEP:
-            self._trail.add(t, wall, np.stack((self._last, place)).astype(np.float32))
+            self._trail.add(stamp, wall, np.stack((self._last, place)).astype(np.float32))
             self._last = place
 
     def _robot(self) -> Vector | None:

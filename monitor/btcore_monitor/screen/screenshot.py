@@ -42,7 +42,7 @@ _STILL_FOR: Final = 0.7
 def screenshot(
     recording: Path,
     picture: Path,
-    t: float | None = None,
+    at: float | None = None,
     size: tuple[int, int] = FULL_HD,
     view: str | None = None,
 ) -> None:
@@ -51,7 +51,7 @@ def screenshot(
     Args:
         recording: The recording (`.rrd`).
         picture: The PNG file to write.
-        t: Tree time (s), or None for the last tick: after it, a run halts its tree. In a recording of several
+        at: Tree time (s), or None for the last tick: after it, a run halts its tree. In a recording of several
             robots, the time since its beginning.
         size: Width and height (pixels).
         view: The name of a view, or its beginning, to show instead of the whole window.
@@ -70,7 +70,7 @@ def screenshot(
             if chosen is None:
                 names = ", ".join(sorted(known.name for known in views))
                 raise ScreenError(f"there is no view {view!r} in the recording; views are: {names}")
-        _set_time(viewer, t, recording)
+        _set_time(viewer, at, recording)
         shot = _settled(viewer, chosen)
     picture.write_bytes(shot if view is not None else _remove_top_bar(shot))
 
@@ -93,20 +93,20 @@ def last_tick(recording: Path, timeline: str) -> int | None:
     return last
 
 
-def _set_time(viewer: "_HeadlessViewer", t: float | None, recording: Path) -> None:
-    """Set the time cursor to *t* on the window's timeline: tree time, or wall time for several robots."""
+def _set_time(viewer: "_HeadlessViewer", at: float | None, recording: Path) -> None:
+    """Set the time cursor to *at* on the window's timeline: tree time, or wall time for several robots."""
     recordings = viewer.state().recordings
     timelines = [timeline for recording in recordings for timeline in recording.timelines]
     if any(recording.current_timeline == WALL_TIME for recording in recordings):
-        wall = None if t is not None else last_tick(recording, WALL_TIME)
+        wall = None if at is not None else last_tick(recording, WALL_TIME)
         spans = [(timeline.start, timeline.end) for timeline in timelines if timeline.name == WALL_TIME]
-        if t is not None:
-            wall = min((start for start, _ in spans if start is not None), default=0) + round(t * 1e9)
+        if at is not None:
+            wall = min((start for start, _ in spans if start is not None), default=0) + round(at * 1e9)
         elif wall is None:
             wall = max((end for _, end in spans if end is not None), default=0)
         viewer.set_time(WALL_TIME, np.datetime64(wall, "ns"))
         return
-    last = round(t * 1e9) if t is not None else last_tick(recording, TREE_TIME)
+    last = round(at * 1e9) if at is not None else last_tick(recording, TREE_TIME)
     if last is None:
         ends = [line.end for line in timelines if line.name == TREE_TIME and line.end is not None]
         last = max(ends, default=0)

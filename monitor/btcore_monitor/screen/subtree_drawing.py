@@ -57,12 +57,12 @@ class SubtreeDrawing:
         self._last_path: list[int] | None = None
         self._last_rings: list[int] = []
 
-    def colour(self, t: int, wall: int, pills: Colours, rims: Colours, running: NDArray[np.bool_]) -> None:
+    def colour(self, stamp: int, wall: int, pills: Colours, rims: Colours, running: NDArray[np.bool_]) -> None:
         """Add rows for changed colours.
 
         Args:
-            t: Tree time (ns).
-            wall: Wall time (ns).
+            stamp: The time of the tree (ns).
+            wall: The wall-clock time (ns since the epoch).
             pills: Fill colours of all nodes of the tree.
             rims: Border colours of all nodes of the tree.
             running: For all nodes of the tree, whether the node is RUNNING.
@@ -71,22 +71,22 @@ class SubtreeDrawing:
         # Rows are sent only for changes: an unchanged subtree costs nothing.
         if not np.array_equal(own, self._last_pills):
             self._last_pills = own
-            self._pills.add(t, wall, own)
+            self._pills.add(stamp, wall, own)
         own = rims[self.at]
         if not np.array_equal(own, self._last_rims):
             self._last_rims = own
-            self._rims.add(t, wall, own)
+            self._rims.add(stamp, wall, own)
         path = np.flatnonzero(running[self.at] & self._joined).tolist()
         if path != self._last_path:
             self._last_path = path
-            self._path.add(t, wall, [self._edges[index] for index in path])
+            self._path.add(stamp, wall, [self._edges[index] for index in path])
 
-    def ring(self, t: int, wall: int, raised: Iterable[int]) -> None:
+    def ring(self, stamp: int, wall: int, raised: Iterable[int]) -> None:
         """Draw rings around exactly those nodes of this subtree that are in *raised* (tree indices)."""
         inside = np.flatnonzero(np.isin(self.at, list(raised))).tolist()
         if inside != self._last_rings:
             self._last_rings = inside
-            self._rings.add(t, wall, [self._strips[index] for index in inside])
+            self._rings.add(stamp, wall, [self._strips[index] for index in inside])
 
     def draw(self, labels: Sequence[str], hover: Mapping[str, Sequence[str]], stroke: float) -> None:
         """Draw pills and edges.

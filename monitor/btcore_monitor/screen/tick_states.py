@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_monitor.events import IDLE, RUNNING, STATUS_NAMES, ObservedTree, StatusChanged
+from btcore_monitor.events import IDLE, RUNNING, STATUS_NAMES, ObservedTree, TransitionEvent
 
 RESET_OFFSET: Final = 3
 """Added to a result (SUCCESS 2, FAILURE 3, SKIPPED 4) of a node that was reset in the same tick."""
@@ -28,7 +28,7 @@ class TickStates:
     """The states of a tree's nodes, by their index in the tree.
 
     *shown* has each node's stored status, or `RESET_OFFSET + result` if the node ended and was reset within
-    the tick. *results* has each node's last result (0 for none). *t* and *wall* (ns) are the times of the
+    the tick. *results* has each node's last result (0 for none). *stamp* and *wall* (ns) are the times of the
     last change, and *began* the times of the first statuses.
     """
 
@@ -36,7 +36,7 @@ class TickStates:
         self.index: Mapping[int, int] = {node.uid: at for at, node in enumerate(tree.nodes)}
         self.shown: States = np.zeros(len(tree.nodes), dtype=np.uint8)
         self.results: States = np.zeros(len(tree.nodes), dtype=np.uint8)
-        self.t = 0
+        self.stamp = 0
         self.wall = 0
         self.began = (0, 0)
         self._before = self.shown.copy()
@@ -46,17 +46,17 @@ class TickStates:
         self._tick: int | None = None
         self._began = 0
 
-    def start(self, t: int, wall: int, statuses: Mapping[int, int]) -> None:
+    def start(self, stamp: int, wall: int, statuses: Mapping[int, int]) -> None:
         """Begin with known statuses.
 
         Args:
-            t: Tree time (ns).
-            wall: Wall time (ns).
+            stamp: The time of the tree (ns).
+            wall: The wall-clock time (ns since the epoch).
             statuses: The nodes' statuses by uid.
         """
-        self.t, self.wall = t, wall
+        self.stamp, self.wall = stamp, wall
         if self.began == (0, 0):
-            self.began = t, wall
+            self.began = stamp, wall
         for uid, status in statuses.items():
             at = self.index.get(uid)
             if at is not None:
@@ -72,19 +72,19 @@ class TickStates:
         """Whether there are changes since the last call of `close`."""
         return self._tick is not None
 
-    def is_over(self, event: StatusChanged) -> bool:
+    def is_over(self, event: TransitionEvent) -> bool:
         """Return whether *event* belongs to a later tick than the changes since the last call of `close`."""
         # Robots with Groot's protocols send no numbers of ticks (0). Then a pause or a long time ends a tick.
         if self._tick is None or event.tick != self._tick:
             return self._tick is not None
-        return event.tick == 0 and (event.t - self.t >= QUIET or event.t - self._began >= LONG)
+        return event.tick == 0 and (event.stamp - self.stamp >= QUIET or event.stamp - self._began >= LONG)
 
-    def change(self, event: StatusChanged) -> None:
+    def change(self, event: TransitionEvent) -> None:
         """Apply a transition."""
         if self._tick is None:
-            self._began = event.t
+            self._began = event.stamp
         self._tick = event.tick
-        self.t, self.wall = event.t, event.wall
+        self.stamp, self.wall = event.stamp, event.wall
         at = self.index.get(event.uid)
         if at is None:
             return
@@ -99,18 +99,18 @@ class TickStates:
             else:
                 self._ended[at] = self.results[at] = event.status
 
-    def close(self, t: int, wall: int) -> list[int]:
+    def close(self, stamp: int, wall: int) -> list[int]:
         """End a tick. Results of the previous tick that did not occur again are forgotten.
 
         Args:
-            t: Tree time (ns).
-            wall: Wall time (ns).
+            stamp: The time of the tree (ns).
+            wall: The wall-clock time (ns since the epoch).
 
         Returns:
             The indices of the nodes whose displayed state differs from the state after the last call.
         """
         if not self._touched and self._held:
-            self.t, self.wall = t, wall
+            self.stamp, self.wall = stamp, wall
         # A reset node shows its result for one tick, unless it ended again.
         for at in self._held - self._touched:
             self.shown[at] = IDLE

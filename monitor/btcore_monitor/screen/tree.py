@@ -123,13 +123,13 @@ class TreeView:
 
     def colour(self, states: TickStates) -> None:
         """Add rows for the nodes whose colours change with *states*."""
-        palette, t, wall = self.palette, states.t, states.wall
+        palette, stamp, wall = self.palette, states.stamp, states.wall
         shown = states.shown[self._index]
         running = shown == RUNNING
         pills = np.where(self._inner & running, np.uint32(palette.busy), palette.fill[shown])
         rims = np.where(shown == IDLE, palette.rest[states.results[self._index]], palette.rim[shown])
         for subtree in self.subtrees:
-            subtree.colour(t, wall, pills, rims, running)
+            subtree.colour(stamp, wall, pills, rims, running)
         rings = dict(self._raised)
         self._raised.clear()
         for uid, was_idle in rings.items():
@@ -138,25 +138,25 @@ class TreeView:
             if not was_idle or is_idle:
                 self._raised[uid] = was_idle or is_idle
         if self._raised or rings:
-            self._ring(t, wall)
+            self._ring(stamp, wall)
 
-    def raised(self, uid: int, t: int, wall: int) -> None:
+    def raised(self, uid: int, stamp: int, wall: int) -> None:
         """Draw a ring around a node that raised an exception, or around the folded subtree that contains it.
 
         The ring disappears when the node becomes active again after it was IDLE.
 
         Args:
             uid: The uid of the node.
-            t: Tree time (ns).
-            wall: Wall time (ns).
+            stamp: The time of the tree (ns).
+            wall: The wall-clock time (ns since the epoch).
         """
         self._raised[uid] = False
-        self._ring(t, wall)
+        self._ring(stamp, wall)
 
-    def _ring(self, t: int, wall: int) -> None:
+    def _ring(self, stamp: int, wall: int) -> None:
         rings = {at for uid in self._raised if (at := self._nearest(uid)) is not None}
         for subtree in self.subtrees:
-            subtree.ring(t, wall, rings)
+            subtree.ring(stamp, wall, rings)
 
     def _nearest(self, uid: int) -> int | None:
         """Return the index of the node *uid* of the complete tree, or of its nearest drawn ancestor."""

@@ -51,7 +51,7 @@ def serve(
             this is a port number.
         bind: The interface (`*`: all interfaces).
         run_channel: Whether to publish the run channel.
-        resources: Objects of the robot. Those with `scene_static` and `scene_moving` are shown in 3D.
+        resources: Objects of the robot. Those with `static_scene` and `moving_scene` are shown in 3D.
         grace: Maximum time in s (wall clock) that closing waits for clients that have not received the end of
             the run yet. After an exception or Ctrl-C it waits for 2 s at most.
         groot1: The port for Groot 1's updates: usually 1666, or 2666 if Groot 2 is served too. 0 chooses a

@@ -10,11 +10,11 @@ from btcore.engine.node_config import MAX_NODES
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.tree.tree import Tree
-from btcore_monitor.serve.queueing_observer import StampedTransition
+from btcore_monitor.serve.queueing_observer import TransitionItem
 from btcore_monitor.serve.request_socket import RequestSocket
 from btcore_monitor.serve.tcp_ports import Socket
 from btcore_monitor.wire import groot1
-from btcore_monitor.wire.groot1 import WireChange
+from btcore_monitor.wire.groot1 import WireTransition
 from btcore_monitor.wire.groot1_tree import (
     INOUT,
     INPUT,
@@ -62,17 +62,17 @@ class Groot1Server:
             encode_tree(WireTree(tuple(self._create_wire_nodes(tree)), _create_wire_models(tree))) + ending
         )
         self._places = dict(zip(self._statuses, status_places(bytes(self._tree)), strict=True))
-        self._waiting: list[WireChange] = []
+        self._waiting: list[WireTransition] = []
         self._due = 0.0
 
-    def add_transition(self, item: StampedTransition, now: float) -> None:
+    def add_transition(self, item: TransitionItem, now: float) -> None:
         """Add a transition to the next update.
 
         Args:
             item: The transition, with its wall-clock time.
             now: The time in s of any monotonic clock.
         """
-        self._add_change(item.change.uid, int(item.change.status), item.wall, now)
+        self._add_transition(item.change.uid, int(item.change.status), item.wall, now)
 
     def correct(self, statuses: dict[int, int], wall: int, now: float) -> None:
         """Correct nodes with lost transitions by adding transitions to their current statuses.
@@ -83,9 +83,9 @@ class Groot1Server:
             now: The time in s of any monotonic clock.
         """
         for node, status in statuses.items():
-            self._add_change(node, status, wall, now)
+            self._add_transition(node, status, wall, now)
 
-    def _add_change(self, node: int, status: int, wall: int, now: float) -> None:
+    def _add_transition(self, node: int, status: int, wall: int, now: float) -> None:
         uid, status = self.offset + node, groot1.status_code(status)
         previous = self._statuses[uid]
         if status == previous:
@@ -93,7 +93,7 @@ class Groot1Server:
         # Changes wait for at most one period, and are published with all changes until then.
         if not self._waiting:
             self._due = now + self._period
-        self._waiting.append(WireChange(wall, uid, previous, status))
+        self._waiting.append(WireTransition(wall, uid, previous, status))
         self._statuses[uid] = status
         self._tree[self._places[uid]] = status
 

@@ -9,7 +9,7 @@ from btcore.engine.node_config import MAX_NODES
 from btcore.tree.tree import Tree
 from btcore_monitor.serve.blackboards import ReservedNameError
 from btcore_monitor.serve.hook_controller import HookController, RequestRejectedError
-from btcore_monitor.serve.queueing_observer import StampedTransition
+from btcore_monitor.serve.queueing_observer import TransitionItem
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.groot2 import Request, RequestHeader
@@ -52,7 +52,7 @@ class Groot2Server:
         self.dropped = 0
         """Transitions that were lost because the queue to this thread was full."""
 
-    def add_transition(self, item: StampedTransition) -> None:
+    def add_transition(self, item: TransitionItem) -> None:
         """Update the node's status, and record the transition while a recording is on."""
         change = item.change
         if self._expected is not None:

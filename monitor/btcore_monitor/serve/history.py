@@ -7,7 +7,7 @@ maximum size in bytes, and always keeps its newest message.
 from collections import deque
 from typing import Final
 
-from btcore_monitor.wire.run_channel import PieceMessage, TicksMessage, decode
+from btcore_monitor.wire.run_channel import PieceMessage, TickMessage, decode
 
 LANE_ROOM: Final = {"ticks": 32 << 20, "moving": 24 << 20, "blackboard": 8 << 20}
 """Maximum bytes per lane. Measured: a transition takes about 30 bytes, so about a million are kept."""
@@ -63,7 +63,7 @@ class History:
     def _apply(self, data: bytes) -> None:
         """Apply the transitions of a removed message to the statuses before the oldest message."""
         message = decode(data)
-        if isinstance(message, TicksMessage):
+        if isinstance(message, TickMessage):
             self.stamp, self.wall = message.stamp, message.wall
             for row in message.transitions:
                 # row: stamp, wall, tick, uid, previous, status

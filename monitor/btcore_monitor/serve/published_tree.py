@@ -12,11 +12,11 @@ from btcore_monitor.serve.groot1 import Groot1Server
 from btcore_monitor.serve.groot2 import Groot2Server, statuses_of
 from btcore_monitor.serve.hook_controller import HookController
 from btcore_monitor.serve.queueing_observer import (
-    BoardsChanged,
-    Finished,
+    BlackboardItem,
+    EndItem,
+    MovingSceneItem,
     QueueingObserver,
-    SceneTaken,
-    StampedTransition,
+    TransitionItem,
     merge_scenes,
 )
 from btcore_monitor.serve.run_channel_server import RunChannelServer
@@ -77,7 +77,7 @@ class PublishedTree:
         )
         self.run_channel_server: RunChannelServer | None = None
         if run_channel:
-            parts = [source.scene_static() for source in self._sources]
+            parts = [source.static_scene() for source in self._sources]
             static = merge_scenes(StaticScene, parts) if parts else None
             self.run_channel_server = RunChannelServer(self.tree_id, xml, static, statuses, tree.clock.now())
         self._unsubscribe: Callable[[], None] | None = None
@@ -102,7 +102,7 @@ class PublishedTree:
     def finish(self) -> None:
         """Stop observing the tree, and queue the end of the stream for clients."""
         self.leave()
-        self._observer.queue.append(Finished(self.tree.clock.now(), time.time_ns(), self.tree.status))
+        self._observer.queue.append(EndItem(self.tree.clock.now(), time.time_ns(), self.tree.status))
 
     # The following methods run on the publisher's thread.
 
@@ -114,14 +114,14 @@ class PublishedTree:
         # At most the items that are queued now: the tree may append items faster than this loop takes them.
         for _ in range(len(queue)):
             item = queue.popleft()
-            if isinstance(item, StampedTransition):
+            if isinstance(item, TransitionItem):
                 self.groot2_server.add_transition(item)
                 if self.groot1_server is not None:
                     self.groot1_server.add_transition(item, time.monotonic())
-            elif isinstance(item, BoardsChanged):
+            elif isinstance(item, BlackboardItem):
                 self._observer.big_taken += 1
                 self._boards = item.boards
-            elif isinstance(item, SceneTaken):
+            elif isinstance(item, MovingSceneItem):
                 self._observer.big_taken += item.weight
             if self.run_channel_server is not None:
                 self.run_channel_server.put(item)

@@ -62,7 +62,7 @@ class Publisher(Closeable):
         groot2_port: The port for Groot 2's requests; 0 = a free port, None = no support for Groot 2.
         bind: The interface (`*`: all interfaces).
         run_channel: Whether to publish the run channel.
-        resources: Objects of the robot; those with `scene_static` and `scene_moving` are shown in 3D.
+        resources: Objects of the robot; those with `static_scene` and `moving_scene` are shown in 3D.
         grace: Maximum time (s, wall clock) that closing waits for clients that have not received the end.
         groot1_port: The port for Groot 1's updates; 0 = a free port, None = no support for Groot 1.
         control: The time (s) without requests after which hooks are disabled; None = clients cannot set

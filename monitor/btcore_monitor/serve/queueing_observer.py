@@ -65,27 +65,27 @@ def weight(scene: MovingScene) -> int:
     return 1 + sum(map(len, blobs)) // _BLOB
 
 
-class StampedTransition(NamedTuple):
+class TransitionItem(NamedTuple):
     """A transition, and its wall-clock time (ns since the epoch)."""
 
-    change: Transition
+    transition: Transition
     wall: int
 
 
-class TickEnded(NamedTuple):
+class TickItem(NamedTuple):
     """The end of a tick of the root.
 
-    *stamp* is ns of the tree's clock, *wall* ns since the epoch, and *duration* ns of wall time.
+    *stamp* is ns of the tree's clock, *wall* ns since the epoch, and *duration_ns* of wall time.
     """
 
     tick: int
     stamp: int
     wall: int
-    duration: int
+    duration_ns: int
     status: Status
 
 
-class BoardsChanged(NamedTuple):
+class BlackboardItem(NamedTuple):
     """All blackboards, frozen, after a tick that wrote an entry."""
 
     stamp: int
@@ -93,7 +93,7 @@ class BoardsChanged(NamedTuple):
     boards: Boards
 
 
-class SceneTaken(NamedTuple):
+class MovingSceneItem(NamedTuple):
     """The moving part of the scene after a tick."""
 
     stamp: int
@@ -102,7 +102,7 @@ class SceneTaken(NamedTuple):
     weight: int
 
 
-class NodeException(NamedTuple):
+class ExceptionItem(NamedTuple):
     """An exception of the node at *path*."""
 
     stamp: int
@@ -111,7 +111,7 @@ class NodeException(NamedTuple):
     message: str
 
 
-class Finished(NamedTuple):
+class EndItem(NamedTuple):
     """The end of the run; no item follows."""
 
     stamp: int
@@ -119,14 +119,14 @@ class Finished(NamedTuple):
     status: Status
 
 
-Item = StampedTransition | TickEnded | BoardsChanged | SceneTaken | NodeException | Finished
+QueueItem = TransitionItem | TickItem | BlackboardItem | MovingSceneItem | ExceptionItem | EndItem
 
 
 class QueueingObserver(Observer):
     """Observes one tree and queues its events for the publisher."""
 
     def __init__(self, boards: BlackboardTracker | None, scenes: Sequence[SceneSource]) -> None:
-        self.queue: deque[Item] = deque(maxlen=QUEUE_AT_MOST)
+        self.queue: deque[QueueItem] = deque(maxlen=QUEUE_AT_MOST)
         self.big_taken = 0
         """The total weight of the scenes and blackboards that the publisher's thread took.
 
@@ -141,20 +141,20 @@ class QueueingObserver(Observer):
 
     def transition(self, change: Transition) -> None:
         """Queue *change* at once, with the wall time."""
-        self.queue.append(StampedTransition(change, time.time_ns()))
+        self.queue.append(TransitionItem(change, time.time_ns()))
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
         """Queue the tick's end, the blackboards if they changed, and the scene if it is due."""
         wall = time.time_ns()
         queue = self.queue
-        queue.append(TickEnded(tick, stamp, wall, duration_ns, status))
+        queue.append(TickItem(tick, stamp, wall, duration_ns, status))
         # Transitions are small and must not be lost, so only scenes and blackboards are skipped.
         if self._big_put - self.big_taken > _BIG_AT_MOST:
             return
         if self._boards is not None:
             boards = self._boards.snapshot_if_changed()
             if boards is not None:
-                queue.append(BoardsChanged(stamp, wall, boards))
+                queue.append(BlackboardItem(stamp, wall, boards))
                 self._big_put += 1
         self.ended_at = time.monotonic_ns()
         if self._scenes:
@@ -171,11 +171,11 @@ class QueueingObserver(Observer):
             return
         # 10 % early is accepted, so that jitter of the ticks does not skip every other scene.
         self._next_scene = stamp + SCENE_EVERY_NS - SCENE_EVERY_NS // 10
-        data = merge_scenes(MovingScene, [source.scene_moving() for source in self._scenes])
-        taken = SceneTaken(stamp, wall, data, weight(data))
+        data = merge_scenes(MovingScene, [source.moving_scene() for source in self._scenes])
+        taken = MovingSceneItem(stamp, wall, data, weight(data))
         self.queue.append(taken)
         self._big_put += taken.weight
 
     def raised(self, error: NodeExecutionError, stamp: int) -> None:
         """Queue the error message."""
-        self.queue.append(NodeException(stamp, time.time_ns(), error.path, str(error)))
+        self.queue.append(ExceptionItem(stamp, time.time_ns(), error.path, str(error)))

@@ -11,26 +11,26 @@ from btcore.status import Status
 from btcore_monitor.serve.blackboards import portable_board
 from btcore_monitor.serve.history import History
 from btcore_monitor.serve.queueing_observer import (
-    BoardsChanged,
-    Finished,
-    Item,
-    NodeException,
-    SceneTaken,
-    StampedTransition,
-    TickEnded,
+    BlackboardItem,
+    EndItem,
+    ExceptionItem,
+    MovingSceneItem,
+    QueueItem,
+    TickItem,
+    TransitionItem,
 )
 from btcore_monitor.wire.run_channel import (
     ALIVE,
     STREAM,
-    AliveMessage,
     BlackboardMessage,
     EndMessage,
+    ExceptionMessage,
+    HeartbeatMessage,
     Message,
-    MovingMessage,
-    RaisedMessage,
-    StaticMessage,
+    MovingSceneMessage,
+    StaticSceneMessage,
     StreamMessage,
-    TicksMessage,
+    TickMessage,
     TreeMessage,
     encode,
 )
@@ -64,31 +64,33 @@ class RunChannelServer:
         self._sent = 0
         self._warned: set[str] = set()
         # Encoded now, on the tick thread: the robot may change its objects later.
-        self._static = None if static is None else self._encode(StaticMessage(tree_id, static))
+        self._static = None if static is None else self._encode(StaticSceneMessage(tree_id, static))
         self._expected: int | None = None
         self._first = 0
         self._rows: list[list[int]] = []
 
-    def put(self, item: Item) -> None:
+    def put(self, item: QueueItem) -> None:
         """Add *item* to the stream."""
-        if isinstance(item, StampedTransition):
+        if isinstance(item, TransitionItem):
             self._put_transition(item)
             return
-        if isinstance(item, TickEnded):
+        if isinstance(item, TickItem):
             self._flush(item.tick, item.stamp, item.wall, item.duration, int(item.status), True)
             return
         self.flush()
         seq = self.history.latest + 1
-        if isinstance(item, BoardsChanged):
+        if isinstance(item, BlackboardItem):
             boards = {path: portable_board(board) for path, board in item.boards.items()}
             self._add(BlackboardMessage(self.tree_id, seq, item.stamp, item.wall, boards))
-        elif isinstance(item, SceneTaken):
+        elif isinstance(item, MovingSceneItem):
             self._add(
-                MovingMessage(self.tree_id, seq, item.stamp, item.wall, self._convert_pictures(item.data))
+                MovingSceneMessage(
+                    self.tree_id, seq, item.stamp, item.wall, self._convert_pictures(item.data)
+                )
             )
-        elif isinstance(item, NodeException):
-            self._add(RaisedMessage(self.tree_id, seq, item.stamp, item.wall, item.path, item.message))
-        elif isinstance(item, Finished):
+        elif isinstance(item, ExceptionItem):
+            self._add(ExceptionMessage(self.tree_id, seq, item.stamp, item.wall, item.path, item.message))
+        elif isinstance(item, EndItem):
             status = int(item.status)
             self._add(EndMessage(self.tree_id, seq, item.stamp, item.wall, status, self.dropped))
 
@@ -109,7 +111,7 @@ class RunChannelServer:
             self._sent = piece.last
             yield STREAM, encode(piece)
 
-    def _put_transition(self, item: StampedTransition) -> None:
+    def _put_transition(self, item: TransitionItem) -> None:
         change = item.change
         # A message's transitions have consecutive numbers, so a gap starts a new message.
         if self._expected is not None and change.number != self._expected:
@@ -128,7 +130,7 @@ class RunChannelServer:
         rows, self._rows = self._rows, []
         first = self._first if rows else (self._expected or 0)
         seq = self.history.latest + 1
-        self._add(TicksMessage(self.tree_id, seq, stamp, wall, tick, duration, status, ended, first, rows))
+        self._add(TickMessage(self.tree_id, seq, stamp, wall, tick, duration, status, ended, first, rows))
 
     def _add(self, message: StreamMessage) -> None:
         data = self._encode(message)
@@ -163,7 +165,7 @@ class RunChannelServer:
 
     def alive(self) -> Frames:
         """Return the frames of a heartbeat."""
-        return ALIVE, encode(AliveMessage(self.tree_id, self.history.latest))
+        return ALIVE, encode(HeartbeatMessage(self.tree_id, self.history.latest))
 
     def subscription(self, frame: bytes) -> Iterator[Frames]:
         """Yield the replies to a subscription, the *frame* that an XPUB socket received."""

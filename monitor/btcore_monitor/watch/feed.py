@@ -17,18 +17,18 @@ import zmq
 
 from btcore_monitor.closeable import Closeable
 from btcore_monitor.events import (
-    BlackboardSeen,
-    ConnectionChanged,
+    BlackboardEvent,
+    ConnectionEvent,
     ConnectionState,
-    DataMissed,
     Event,
-    ExceptionRaised,
-    SceneMoving,
-    SceneStatic,
-    StatusChanged,
-    Ticked,
-    TransitionsLost,
-    TreeSeen,
+    ExceptionEvent,
+    LostTransitionsEvent,
+    MissingDataEvent,
+    MovingSceneEvent,
+    StaticSceneEvent,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import parse_address
@@ -90,13 +90,13 @@ class Feed(Closeable):
 
     Examples:
         >>> import btcore
-        >>> from btcore_monitor.events import TreeSeen
+        >>> from btcore_monitor.events import TreeEvent
         >>> from btcore_monitor.serve import serve
         >>> from btcore_monitor.watch.feed import Feed
         >>> b = btcore.Builder()
         >>> with serve(b.build(b.AlwaysSuccess(name="door")), groot2=0) as publisher:
         ...     with Feed(publisher.address) as feed:
-        ...         event = next(event for event in feed if isinstance(event, TreeSeen))
+        ...         event = next(event for event in feed if isinstance(event, TreeEvent))
         >>> event.tree.name
         'Main'
     """
@@ -155,7 +155,7 @@ class Feed(Closeable):
             events = self.poll(_STEP)
             yield events
             for event in events:
-                if isinstance(event, ConnectionChanged):
+                if isinstance(event, ConnectionEvent):
                     if until_end and event.state == "ended":
                         return
                     away_since = None if event.state == "connected" else time.monotonic()
@@ -212,7 +212,7 @@ class Feed(Closeable):
     def _report_connection(self, events: list[Event], state: ConnectionState, detail: str) -> None:
         if state != self._state:
             self._state = state
-            events.append(ConnectionChanged(state, _shorten(detail)))
+            events.append(ConnectionEvent(state, _shorten(detail)))
 
     def _report_errors(self, now: float, events: list[Event]) -> None:
         """Report messages of the run channel that are invalid, at most once in REPORT_EVERY."""
@@ -225,7 +225,7 @@ class Feed(Closeable):
             count = self._run_stream.errors - self._reported_errors
             self._reported_errors, self._reported_at = self._run_stream.errors, now
             reason = f"{count} invalid, the last because: {_shorten(self._run_stream.error)}"
-            events.append(DataMissed(*self._latest, self._latest[0], "messages", reason))
+            events.append(MissingDataEvent(*self._latest, self._latest[0], "messages", reason))
 
     def _add_events(self, message: wire.Message, events: list[Event]) -> None:
         if isinstance(message, wire.StreamMessage):
@@ -239,31 +239,33 @@ class Feed(Closeable):
             self._number = None
             self._report_connection(events, "connected", f"{self.address}, by btcore's run channel")
             statuses = {node.uid: 0 for node in tree.nodes} | message.statuses
-            events.append(TreeSeen(tree, message.stamp, message.wall, statuses))
-        elif isinstance(message, wire.StaticMessage):
-            events.append(SceneStatic(message.data))
-        elif isinstance(message, wire.TicksMessage):
+            events.append(TreeEvent(tree, message.stamp, message.wall, statuses))
+        elif isinstance(message, wire.StaticSceneMessage):
+            events.append(StaticSceneEvent(message.data))
+        elif isinstance(message, wire.TickMessage):
             self._add_ticks(message, events)
-        elif isinstance(message, wire.MovingMessage):
-            events.append(SceneMoving(message.stamp, message.wall, message.data))
+        elif isinstance(message, wire.MovingSceneMessage):
+            events.append(MovingSceneEvent(message.stamp, message.wall, message.data))
         elif isinstance(message, wire.BlackboardMessage):
-            events.append(BlackboardSeen(message.stamp, message.wall, message.boards))
-        elif isinstance(message, wire.RaisedMessage):
-            events.append(ExceptionRaised(message.stamp, message.wall, message.path, message.message))
+            events.append(BlackboardEvent(message.stamp, message.wall, message.boards))
+        elif isinstance(message, wire.ExceptionMessage):
+            events.append(ExceptionEvent(message.stamp, message.wall, message.path, message.message))
         elif isinstance(message, wire.EndMessage):
             self._report_connection(events, "ended", f"the run at {self.address} is over")
 
-    def _add_ticks(self, message: wire.TicksMessage, events: list[Event]) -> None:
+    def _add_ticks(self, message: wire.TickMessage, events: list[Event]) -> None:
         number = message.first
         if message.transitions:
             if self._number is not None and number > self._number:
-                events.append(TransitionsLost(self._number, number - 1))
+                events.append(LostTransitionsEvent(self._number, number - 1))
             self._number = number + len(message.transitions)
         for stamp, wall, tick, uid, previous, status in message.transitions:
-            events.append(StatusChanged(number, stamp, wall, tick, uid, previous, status))
+            events.append(TransitionEvent(number, stamp, wall, tick, uid, previous, status))
             number += 1
         if message.ended:
-            events.append(Ticked(message.tick, message.stamp, message.wall, message.duration, message.status))
+            events.append(
+                TickEvent(message.tick, message.stamp, message.wall, message.duration, message.status)
+            )
 
     def _note_groot_reply(self, reply: bytes, now: float) -> None:
         """Note that the robot replied to a request of Groot with its tree, *reply*."""

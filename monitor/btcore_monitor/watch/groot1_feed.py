@@ -14,12 +14,12 @@ from typing import Final
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
-from btcore_monitor.events import IDLE, DataMissed, DataSource, Event, StatusChanged, TreeSeen
+from btcore_monitor.events import IDLE, DataSource, Event, MissingDataEvent, TransitionEvent, TreeEvent
 from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import Address
 from btcore_monitor.watch.request_client import NoReplyError, RequestClient, Socket
 from btcore_monitor.wire.errors import ProtocolError, describe_bytes
-from btcore_monitor.wire.groot1 import QUESTION, Update, WireChange, decode_update
+from btcore_monitor.wire.groot1 import QUESTION, Update, WireTransition, decode_update
 from btcore_monitor.wire.groot1_tree import Groot1ObservedTree, WireTree, find_tree, read_groot1
 
 PROBE_AFTER: Final = 3.0
@@ -58,9 +58,9 @@ The first update, from which the clock is estimated, may have been delayed that 
 class Groot1Feed:
     """Converts a robot's updates to events. Use it from one thread.
 
-    The feed numbers the transitions itself, so `TreeSeen.numbered` is false. If an update does not begin
-    with the statuses at the end of the previous update, a DataMissed event reports missing transitions, and a
-    TreeSeen event with the same tree ID has the current statuses. A disconnection counts as a restart.
+    The feed numbers the transitions itself, so `TreeEvent.numbered` is false. If an update does not begin
+    with the statuses at the end of the previous update, a MissingDataEvent reports missing transitions, and a
+    TreeEvent with the same tree ID has the current statuses. A disconnection counts as a restart.
 
     Args:
         address: The robot's address.
@@ -103,9 +103,9 @@ class Groot1Feed:
         self._number = 0
         self._began = time.monotonic_ns()
         self._clock_offset = 0
-        self._stamp = 0
+        self._last_wall = 0
         self._reported_up_to = 0
-        self._t = 0
+        self._last_stamp = 0
         self.alive_at = 0.0
         """When the last update or reply arrived (monotonic s); 0: never."""
         self._silent_since = 0.0
@@ -241,76 +241,76 @@ class Groot1Feed:
             update = self._waiting[0]
             self._statuses |= self._map_to_own_uids(update)
             self._is_certain = True
-            if update.changes:
+            if update.transitions:
                 self._compare_clocks(update)
-                wall = update.changes[0].stamp
-                events.append(self._create_tree_event(self._to_tree_time(wall), wall))
+                wall = update.transitions[0].wall
+                events.append(self._create_tree_event(self._to_stamp(wall), wall))
                 return
-        self._t = max(self._t, self._read_tree_time())
-        events.append(self._create_tree_event(self._t, wall))
+        self._last_stamp = max(self._last_stamp, self._read_clock())
+        events.append(self._create_tree_event(self._last_stamp, wall))
 
-    def _create_tree_event(self, t: int, wall: int) -> TreeSeen:
+    def _create_tree_event(self, stamp: int, wall: int) -> TreeEvent:
         assert self._observed is not None
         self._shown = True
-        self._reported_up_to = t
-        return TreeSeen(self._observed.tree, t, wall, dict(self._statuses), numbered=False, source=GROOT1)
+        self._reported_up_to = stamp
+        return TreeEvent(self._observed.tree, stamp, wall, dict(self._statuses), numbered=False, source=GROOT1)
 
     def _is_known(self, update: Update) -> bool:
         assert self._observed is not None
         uids = self._observed.uids
-        return update.statuses.keys() <= uids.keys() and all(change.uid in uids for change in update.changes)
+        return update.statuses.keys() <= uids.keys() and all(transition.uid in uids for transition in update.transitions)
 
     def _map_to_own_uids(self, update: Update) -> dict[int, int]:
         assert self._observed is not None
         return {self._observed.uids[uid]: status for uid, status in update.statuses.items()}
 
     def _apply(self, update: Update, events: list[Event]) -> None:
-        if not update.changes:
+        if not update.transitions:
             return
         self._compare_clocks(update)
-        first = update.changes[0].stamp
-        self._compare(self._map_to_own_uids(update), self._to_tree_time(first), first, events)
-        for change in update.changes:
-            self._add_change(change, events)
+        first = update.transitions[0].wall
+        self._compare(self._map_to_own_uids(update), self._to_stamp(first), first, events)
+        for transition in update.transitions:
+            self._add_transition(transition, events)
 
-    def _compare(self, received: dict[int, int], t: int, wall: int, events: list[Event]) -> None:
+    def _compare(self, received: dict[int, int], stamp: int, wall: int, events: list[Event]) -> None:
         """Compare the known statuses with the *received* statuses, and correct the known statuses."""
         different = {uid: status for uid, status in received.items() if self._statuses[uid] != status}
         if self._is_certain and not any(different.values()):
             # A robot can be configured not to publish transitions to IDLE: StatusChangeLogger's
             # enableTransitionToIdle(false). Then this is not a gap.
             for uid in different:
-                self._report(uid, IDLE, t, wall, events)
+                self._report(uid, IDLE, stamp, wall, events)
         elif different:
             if self._is_certain:
-                events.append(self._create_gap(t, wall))
+                events.append(self._create_gap(stamp, wall))
             self._statuses |= different
-            events.append(self._create_tree_event(t, wall))
+            events.append(self._create_tree_event(stamp, wall))
         self._is_certain = True
 
-    def _add_change(self, change: WireChange, events: list[Event]) -> None:
+    def _add_transition(self, transition: WireTransition, events: list[Event]) -> None:
         assert self._observed is not None
-        uid, t = self._observed.uids[change.uid], self._to_tree_time(change.stamp)
-        if change.previous != self._statuses[uid]:
-            if change.previous != IDLE:
-                events.append(self._create_gap(t, change.stamp))
-            self._report(uid, change.previous, t, change.stamp, events)
-        if change.status != change.previous:
-            self._report(uid, change.status, t, change.stamp, events)
+        uid, stamp = self._observed.uids[transition.uid], self._to_stamp(transition.wall)
+        if transition.previous != self._statuses[uid]:
+            if transition.previous != IDLE:
+                events.append(self._create_gap(stamp, transition.wall))
+            self._report(uid, transition.previous, stamp, transition.wall, events)
+        if transition.status != transition.previous:
+            self._report(uid, transition.status, stamp, transition.wall, events)
 
-    def _report(self, uid: int, status: int, t: int, wall: int, events: list[Event]) -> None:
+    def _report(self, uid: int, status: int, stamp: int, wall: int, events: list[Event]) -> None:
         self._number += 1
         previous, self._statuses[uid] = self._statuses[uid], status
-        self._reported_up_to = t
+        self._reported_up_to = stamp
         # Tick 0: the protocol has no numbers of ticks.
-        events.append(StatusChanged(self._number, t, wall, 0, uid, previous, status))
+        events.append(TransitionEvent(self._number, stamp, wall, 0, uid, previous, status))
 
-    def _create_gap(self, t: int, wall: int) -> DataMissed:
-        return DataMissed(
-            t, wall, self._reported_up_to, "transitions", "updates of the robot were lost on the network"
+    def _create_gap(self, stamp: int, wall: int) -> MissingDataEvent:
+        return MissingDataEvent(
+            stamp, wall, self._reported_up_to, "transitions", "updates of the robot were lost on the network"
         )
 
-    def _read_tree_time(self) -> int:
+    def _read_clock(self) -> int:
         return time.monotonic_ns() - self._began
 
     def _compare_clocks(self, update: Update) -> None:
@@ -319,13 +319,13 @@ class Groot1Feed:
         The first measurement is kept until the robot's clock is set. The feed notices that if the clock goes
         back, or if an update is too far in the future.
         """
-        first, last = update.changes[0].stamp, update.changes[-1].stamp
-        now = self._read_tree_time()
-        if first < self._stamp or last - self._clock_offset - now > _FUTURE_NS or not self._stamp:
+        first, last = update.transitions[0].wall, update.transitions[-1].wall
+        now = self._read_clock()
+        if first < self._last_wall or last - self._clock_offset - now > _FUTURE_NS or not self._last_wall:
             self._clock_offset = last - now
-        self._stamp = last
+        self._last_wall = last
 
-    def _to_tree_time(self, stamp: int) -> int:
-        """Return *stamp* (robot's wall clock) as time (ns) since the feed was created; it never decreases."""
-        self._t = max(self._t, stamp - self._clock_offset)
-        return self._t
+    def _to_stamp(self, wall: int) -> int:
+        """Return *wall* (robot's wall clock) as time (ns) since the feed was created; it never decreases."""
+        self._last_stamp = max(self._last_stamp, wall - self._clock_offset)
+        return self._last_stamp

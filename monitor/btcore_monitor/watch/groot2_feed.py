@@ -7,7 +7,7 @@ Each request for transitions empties the robot's buffer. So the feed requests on
 requests transitions too, if the robot rejects the request, or if `record` is false. Then changes between
 two requests are not seen, with one exception: the protocol sends the previous status of an idle node. After
 some time the feed requests transitions again, because the other client may have left. With and without a
-recording, the feed numbers the transitions itself, and `TreeSeen.numbered` is false.
+recording, the feed numbers the transitions itself, and `TreeEvent.numbered` is false.
 
 The robot keeps 1,000 transitions. The feed requests them so often that a batch is much smaller, also while a
 big tree changes many nodes in one tick. If the buffer overflows anyway, the feed reports a gap and continues
@@ -20,15 +20,15 @@ from itertools import pairwise
 from typing import Final
 
 from btcore_monitor.events import (
-    BlackboardSeen,
-    DataMissed,
+    BlackboardEvent,
     DataSource,
     Event,
-    HooksFound,
+    HooksEvent,
+    MissingDataEvent,
     ObservedTree,
-    StatusChanged,
     Topic,
-    TreeSeen,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.watch.blackboard_poller import BlackboardPoller
 from btcore_monitor.watch.groot2_client import Groot2Client
@@ -251,7 +251,7 @@ class Groot2Feed:
             boards = self._boards.answer(reply.body)
             if boards is not None:
                 wall = self._clock.wall()
-                events.append(BlackboardSeen(self._clock.t(wall), wall, boards))
+                events.append(BlackboardEvent(self._clock.stamp(wall), wall, boards))
         elif reply.kind == Request.GET_TRANSITIONS:
             # Until the transitions are decoded, because the robot no longer has them.
             self._reply_lost, lost = True, self._reply_lost
@@ -310,12 +310,12 @@ class Groot2Feed:
         assert self.tree is not None
         statuses = {node.uid: 0 for node in self.tree.nodes}
         statuses |= {uid: record.status for uid, record in records.items()}
-        self._seen_up_to = max(self._seen_up_to, self._clock.t(wall))
+        self._seen_up_to = max(self._seen_up_to, self._clock.stamp(wall))
         results = {
             uid: record.previous for uid, record in records.items() if record.status == 0 and record.previous
         }
         events.append(
-            TreeSeen(self.tree, self._seen_up_to, wall, statuses, False, self._create_source(), results)
+            TreeEvent(self.tree, self._seen_up_to, wall, statuses, False, self._create_source(), results)
         )
         if self._hooks_listed_for != self._tree_id:
             self._hooks_listed_for = self._tree_id
@@ -354,7 +354,7 @@ class Groot2Feed:
                 hooks, lambda uid: nodes[uid].path if uid in nodes else f"node {uid}", self.client.address
             )
         wall = self._clock.wall()
-        events.append(HooksFound(self._clock.t(wall), wall, warning))
+        events.append(HooksEvent(self._clock.stamp(wall), wall, warning))
 
     def _compare(
         self, before: Mapping[int, StatusRecord], observed: Mapping[int, StatusRecord], events: list[Event]
@@ -373,8 +373,8 @@ class Groot2Feed:
 
     def _report(self, wall: int, uid: int, previous: int, status: int, events: list[Event]) -> None:
         self._number += 1
-        self._seen_up_to = max(self._seen_up_to, self._clock.t(wall))
-        events.append(StatusChanged(self._number, self._seen_up_to, wall, 0, uid, previous, status))
+        self._seen_up_to = max(self._seen_up_to, self._clock.stamp(wall))
+        events.append(TransitionEvent(self._number, self._seen_up_to, wall, 0, uid, previous, status))
 
     def _apply(self, batch: list[RecordedTransition], events: list[Event]) -> None:
         """Process the transitions that the robot recorded since the previous batch."""
@@ -467,17 +467,17 @@ class Groot2Feed:
     def _report_gap(self, reason: str, wall: int, events: list[Event]) -> None:
         """Report that transitions before *wall* (ns, robot's clock) are missing."""
         if not self._is_first:
-            t = max(self._seen_up_to, self._clock.t(wall))
-            events.append(DataMissed(t, wall, self._seen_up_to, "transitions", reason))
+            stamp = max(self._seen_up_to, self._clock.stamp(wall))
+            events.append(MissingDataEvent(stamp, wall, self._seen_up_to, "transitions", reason))
 
     def _continue_without(self, request: Request | None, reason: str, events: list[Event]) -> bool:
         """Continue without data that the robot does not send. Return false if the data is necessary."""
         if request is Request.BLACKBOARD:
             wall = self._clock.wall()
-            t = self._clock.t(wall)
+            stamp = self._clock.stamp(wall)
             names = self._boards.refused()
             events.extend(
-                DataMissed(t, wall, t, "blackboard", f"{name} isn't shown: {reason}") for name in names
+                MissingDataEvent(stamp, wall, stamp, "blackboard", f"{name} isn't shown: {reason}") for name in names
             )
         elif request in (Request.TOGGLE_RECORDING, Request.GET_TRANSITIONS) and self._records is not None:
             self._record = False

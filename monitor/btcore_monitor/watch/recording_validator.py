@@ -158,6 +158,6 @@ class RobotClock:
         """Let the tree's time start at *wall* (ns since the epoch)."""
         self._origin = wall
 
-    def t(self, wall: int) -> int:
+    def stamp(self, wall: int) -> int:
         """Return the tree's time (ns) at *wall* (ns since the epoch)."""
         return wall - self._origin

@@ -19,11 +19,11 @@ from btcore_monitor.watch.address import Address
 from btcore_monitor.wire import run_channel as wire
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.run_channel import (
-    AliveMessage,
     EndMessage,
+    HeartbeatMessage,
     Message,
     PieceMessage,
-    StaticMessage,
+    StaticSceneMessage,
     StreamMessage,
     TreeMessage,
     UnknownMessage,
@@ -157,12 +157,12 @@ class RunChannelClient:
         if message.tree_id != self.tree_id:
             # The TreeMessage of this tree has not arrived yet, or was lost.
             waited = time.monotonic() - self._tree_requested_at
-            if isinstance(message, AliveMessage) and self.tree_id and waited >= _ASK_AGAIN_AFTER:
+            if isinstance(message, HeartbeatMessage) and self.tree_id and waited >= _ASK_AGAIN_AFTER:
                 self._request_tree()
             return
-        if isinstance(message, StaticMessage):
+        if isinstance(message, StaticSceneMessage):
             received.append(message)
-        elif isinstance(message, AliveMessage):
+        elif isinstance(message, HeartbeatMessage):
             self._latest = max(self._latest, message.latest)
         elif isinstance(message, PieceMessage):
             self._latest = max(self._latest, message.latest)

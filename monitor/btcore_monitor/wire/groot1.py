@@ -29,25 +29,25 @@ _SIZE: Final = struct.Struct("<I")
 _STATUS: Final = struct.Struct("<Hb")
 # SerializeTransition writes int64 seconds at byte 0 and int64 microseconds at byte 4. Each write covers the
 # high half of the previous value, so 32 bits of each remain on the wire.
-_CHANGE: Final = struct.Struct("<IIHbb")
+_TRANSITION: Final = struct.Struct("<IIHbb")
 _NS_PER_US: Final = 1_000
 _US_PER_S: Final = 1_000_000
 
 
-class WireChange(NamedTuple):
-    """A transition. *stamp* is the robot's wall clock in ns since the epoch; the wire carries whole µs."""
+class WireTransition(NamedTuple):
+    """A transition. *wall* is the robot's wall clock in ns since the epoch; the wire carries whole µs."""
 
-    stamp: int
+    wall: int
     uid: int
     previous: int
     status: int
 
 
 class Update(NamedTuple):
-    """An update: *statuses* maps uids to the statuses before *changes*, in the tree's order."""
+    """An update: *statuses* maps uids to the statuses before *transitions*, in the tree's order."""
 
     statuses: Mapping[int, int]
-    changes: tuple[WireChange, ...]
+    transitions: tuple[WireTransition, ...]
 
 
 def status_code(status: int) -> int:
@@ -55,25 +55,25 @@ def status_code(status: int) -> int:
     return status if status < 4 else 0
 
 
-def encode_update(statuses: Iterable[tuple[int, int]], changes: Iterable[WireChange]) -> bytes:
+def encode_update(statuses: Iterable[tuple[int, int]], transitions: Iterable[WireTransition]) -> bytes:
     """Return the frame of an update.
 
     Args:
-        statuses: Pairs of a uid and the status before *changes*, in the tree's order.
-        changes: The transitions, the oldest first.
+        statuses: Pairs of a uid and the status before *transitions*, in the tree's order.
+        transitions: The transitions, the oldest first.
     """
     block = b"".join(_STATUS.pack(uid, status) for uid, status in statuses)
-    records = b"".join(map(_encode_change, changes))
+    records = b"".join(map(_encode_transition, transitions))
     # The first size counts bytes, the second counts transitions.
     return b"".join(
-        (_SIZE.pack(len(block)), block, _SIZE.pack(len(records) // _CHANGE.size), records),
+        (_SIZE.pack(len(block)), block, _SIZE.pack(len(records) // _TRANSITION.size), records),
     )
 
 
-def _encode_change(change: WireChange) -> bytes:
-    seconds, micros = divmod(change.stamp // _NS_PER_US, _US_PER_S)
+def _encode_transition(transition: WireTransition) -> bytes:
+    seconds, micros = divmod(transition.wall // _NS_PER_US, _US_PER_S)
     # Unsigned, the 32 bits of the seconds last until 2106.
-    return _CHANGE.pack(seconds & 0xFFFFFFFF, micros, change.uid, change.previous, change.status)
+    return _TRANSITION.pack(seconds & 0xFFFFFFFF, micros, transition.uid, transition.previous, transition.status)
 
 
 def decode_update(frame: bytes) -> Update:
@@ -90,24 +90,24 @@ def decode_update(frame: bytes) -> Update:
             f"and got {describe_bytes(frame)}"
         )
     count = _read_size(frame, _SIZE.size + size)
-    if len(frame) != start + count * _CHANGE.size:
+    if len(frame) != start + count * _TRANSITION.size:
         raise ProtocolError(
-            f"expected {count} transitions of {_CHANGE.size} bytes each, and got {describe_bytes(frame)}"
+            f"expected {count} transitions of {_TRANSITION.size} bytes each, and got {describe_bytes(frame)}"
         )
     statuses = {
         uid: _decode_status(status, uid)
         for uid, status in _STATUS.iter_unpack(frame[_SIZE.size : _SIZE.size + size])
     }
-    changes = tuple(
-        WireChange(
+    transitions = tuple(
+        WireTransition(
             (seconds * _US_PER_S + micros) * _NS_PER_US,
             uid,
             _decode_status(previous, uid),
             _decode_status(status, uid),
         )
-        for seconds, micros, uid, previous, status in _CHANGE.iter_unpack(frame[start:])
+        for seconds, micros, uid, previous, status in _TRANSITION.iter_unpack(frame[start:])
     )
-    return Update(statuses, changes)
+    return Update(statuses, transitions)
 
 
 def _read_size(frame: bytes, offset: int) -> int:

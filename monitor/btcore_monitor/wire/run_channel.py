@@ -7,14 +7,14 @@ A publisher's XPUB socket sends two frames: a topic, and a MessagePack map with 
 fields of the message. Under the topic `stream` it sends `PieceMessage`, which holds messages of the
 stream, each encoded separately. Each message has the robot's `tree_id` and a `seq` that counts from 1
 without gaps, so a client notices missing messages. When the robot replaces its tree, the topic also carries
-the `TreeMessage` and `StaticMessage` of the new tree. Under `alive` the publisher sends
+the `TreeMessage` and `StaticSceneMessage` of the new tree. Under `alive` the publisher sends
 heartbeats; a heartbeat of an unknown tree makes a client request that tree.
 
 A client sends a request by subscribing to a topic, so a SUB socket is enough. The last part of the topic is
 a token that the client chooses, and the reply has the same topic:
 
 =====================  ====================================================================
-`again/tree/TOKEN`   `TreeMessage`, `StaticMessage`
+`again/tree/TOKEN`   `TreeMessage`, `StaticSceneMessage`
 `again/N/TOKEN`      `PieceMessage`: the stream from number N to the number in the field `last`
 `here/TOKEN`         no reply; marks a connected client, for which a closing publisher waits briefly
 =====================  ====================================================================
@@ -104,7 +104,7 @@ class TreeMessage(Message):
 
 
 @dataclass(frozen=True, slots=True)
-class StaticMessage(Message):
+class StaticSceneMessage(Message):
     """The part of the scene that does not change during a run."""
 
     kind: ClassVar[str] = "static"
@@ -112,7 +112,7 @@ class StaticMessage(Message):
 
 
 @dataclass(frozen=True, slots=True)
-class TicksMessage(StreamMessage):
+class TickMessage(StreamMessage):
     """Transitions in their order, and, if *ended*, the end of the tick number *tick*.
 
     Transition i has the number `first + i` and is (stamp, wall, tick, uid, previous, status). The numbers
@@ -129,7 +129,7 @@ class TicksMessage(StreamMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class MovingMessage(StreamMessage):
+class MovingSceneMessage(StreamMessage):
     """The part of the scene that moved or changed."""
 
     kind: ClassVar[str] = "moving"
@@ -145,7 +145,7 @@ class BlackboardMessage(StreamMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class RaisedMessage(StreamMessage):
+class ExceptionMessage(StreamMessage):
     """An exception of a node: the node's full *path*, and the error message."""
 
     kind: ClassVar[str] = "raised"
@@ -166,7 +166,7 @@ class EndMessage(StreamMessage):
 
 
 @dataclass(frozen=True, slots=True)
-class AliveMessage(Message):
+class HeartbeatMessage(Message):
     """A heartbeat.
 
     *latest* is the number of the stream's newest message, so a client notices if the last messages were lost.
@@ -203,13 +203,13 @@ _KINDS: Final[dict[str, type[Any]]] = {
     message.kind: message
     for message in (
         TreeMessage,
-        StaticMessage,
-        TicksMessage,
-        MovingMessage,
+        StaticSceneMessage,
+        TickMessage,
+        MovingSceneMessage,
         BlackboardMessage,
-        RaisedMessage,
+        ExceptionMessage,
         EndMessage,
-        AliveMessage,
+        HeartbeatMessage,
         PieceMessage,
     )
 }
@@ -237,7 +237,7 @@ def encode(message: Message) -> bytes:
     if isinstance(message, TreeMessage):
         # pairs, because many MessagePack readers accept only text as keys of a map
         values["statuses"] = list(message.statuses.items())
-    elif isinstance(message, StaticMessage | MovingMessage):
+    elif isinstance(message, StaticSceneMessage | MovingSceneMessage):
         values["data"] = scene_schema.pack_scene(message.data)
     encoded: bytes = msgpack.packb(values, default=to_portable, unicode_errors="replace")
     return encoded
@@ -277,7 +277,7 @@ def decode(data: bytes) -> Message:
     message: Message = _KINDS[kind](
         *(_read_field(type_, values, name, kind) for name, type_ in _FIELDS[kind])
     )
-    if isinstance(message, TicksMessage):
+    if isinstance(message, TickMessage):
         _check_rows(message.transitions)
     elif isinstance(message, PieceMessage) and not all(isinstance(data, bytes) for data in message.messages):
         raise ProtocolError("expected messages as bytes in a 'piece' message")

@@ -58,12 +58,12 @@ class ColourWatcher(Process):
             self.info(f"{detected.width}x{detected.height} pixels at {corner}, centre {centre}")
         self.last = None
 
-    def scene_moving(self) -> MovingScene:
+    def moving_scene(self) -> MovingScene:
         """Return the camera image and the detections in it."""
         assert self.context.robot is not None
         return camera_scene(self.context.robot, self.last.objects if self.last is not None else ())
 
-    def scene_static(self) -> StaticScene:
+    def static_scene(self) -> StaticScene:
         """Return an empty scene: everything moves."""
         return StaticScene()
 

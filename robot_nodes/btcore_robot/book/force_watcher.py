@@ -62,11 +62,11 @@ class ForceWatcher(Process):
         view.legend(colours, "VFF: forces at the nearest moment; a square is 1 m")
         return view.image
 
-    def scene_moving(self) -> MovingScene:
+    def moving_scene(self) -> MovingScene:
         """Return the forces as arrows."""
         return MovingScene(arrows=[scene_arrow(arrow, _NAMES[arrow.number]) for arrow in self.arrows])
 
-    def scene_static(self) -> StaticScene:
+    def static_scene(self) -> StaticScene:
         """Return an empty scene: everything moves."""
         return StaticScene()
 

@@ -53,12 +53,12 @@ class HeadWatcher(Process):
             command = command_from_detection(detection)
             self.info(f"{position}; the object is off by {command.pan:+.2f}, {command.tilt:+.2f}")
 
-    def scene_moving(self) -> MovingScene:
+    def moving_scene(self) -> MovingScene:
         """Return the image of the head's camera, and the detected object in it."""
         detection = self.tracker.detection
         return camera_scene(self.robot, [] if detection is None else [detection])
 
-    def scene_static(self) -> StaticScene:
+    def static_scene(self) -> StaticScene:
         """Return an empty scene: everything moves."""
         return StaticScene()
 

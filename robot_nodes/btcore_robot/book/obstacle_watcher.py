@@ -65,10 +65,10 @@ class ObstacleWatcher(Process):
         view.legend({"detected_obstacle": OBSTACLES, "the robot's way": TRAIL})
         return view.image
 
-    def scene_moving(self) -> MovingScene:
+    def moving_scene(self) -> MovingScene:
         """Return the arrow to the obstacle."""
         return MovingScene(arrows=[scene_arrow(arrow, OBSTACLE_FRAME) for arrow in self.arrows])
 
-    def scene_static(self) -> StaticScene:
+    def static_scene(self) -> StaticScene:
         """Return an empty scene: everything moves."""
         return StaticScene()

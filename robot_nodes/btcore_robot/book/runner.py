@@ -135,7 +135,7 @@ class BookRunner:
             name: The name of the run.
             get_results: A function that returns the results at the end.
             draw: A function that returns the picture (RGB) at the end.
-            shown: Objects with `scene_static()` and `scene_moving()` that a viewer shows during the run.
+            shown: Objects with `static_scene()` and `moving_scene()` that a viewer shows during the run.
 
         Returns:
             The exit code.

@@ -183,11 +183,11 @@ class HeadTracker(LifecycleComponent):
         tilt = head.tilt - self._tilt.output(command.tilt)
         self.robot.move_head(pan, tilt)
 
-    def scene_static(self) -> StaticScene:
+    def static_scene(self) -> StaticScene:
         """Return an empty scene: everything moves."""
         return StaticScene()
 
-    def scene_moving(self) -> MovingScene:
+    def moving_scene(self) -> MovingScene:
         """Return the newest detection in the camera image."""
         detection = self.detection
         if detection is None:

@@ -172,11 +172,11 @@ class ObjectLocator(LifecycleComponent):
         camera = self.transforms.lookup(self.frame, image.frame, image.stamp)
         self.boxes = tuple(detect_boxes(image, camera_info, self.colours, self.frame, camera))
 
-    def scene_static(self) -> StaticScene:
+    def static_scene(self) -> StaticScene:
         """Return an empty scene: everything moves."""
         return StaticScene()
 
-    def scene_moving(self) -> MovingScene:
+    def moving_scene(self) -> MovingScene:
         """Return the boxes of the objects in the newest image."""
         return MovingScene(
             boxes=[

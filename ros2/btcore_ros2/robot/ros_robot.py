@@ -170,7 +170,7 @@ class RosRobot(TopicRobot):
         self._watch_camera()
         return super().camera()
 
-    def scene_static(self) -> StaticScene:
+    def static_scene(self) -> StaticScene:
         """Return the robot's shapes and sensors. The first call subscribes to the robot's description."""
         topic = self.description.frames.robot_description
         if topic is not None and not self._watches_shapes:
@@ -181,7 +181,7 @@ class RosRobot(TopicRobot):
             self._subscribe(String, model, self._receive_shapes, depth=1, latched=True)
             if self._node.count_publishers(self._node.resolve_topic_name(topic)):
                 self._session.wait_for(lambda: self._shapes is not None, SHAPES_WAIT)
-        return super().scene_static()
+        return super().static_scene()
 
     def raise_failure(self) -> None:
         """Check the robot, as waiting on `clock` does.

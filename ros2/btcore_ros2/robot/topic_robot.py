@@ -199,11 +199,11 @@ class TopicRobot(Robot):
                 raise RosError(f"{source.image.topic}: {error}") from None
         return self._image
 
-    def scene_static(self) -> StaticScene:
+    def static_scene(self) -> StaticScene:
         """Return the robot's shapes and sensors, for the monitor."""
         return self._scene.static(self._shapes or (), self._camera_info)
 
-    def scene_moving(self) -> MovingScene:
+    def moving_scene(self) -> MovingScene:
         """Return the robot's frames and newest readings, for the monitor.
 
         Pictures are included only if a leaf uses the camera.

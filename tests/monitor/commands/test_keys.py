@@ -5,7 +5,7 @@ from click.testing import CliRunner
 
 from btcore.cli.main import main
 from btcore_monitor.commands.keys import keys
-from btcore_monitor.events import TreeSeen
+from btcore_monitor.events import TreeEvent
 from btcore_monitor.key_options import client_keys
 from btcore_monitor.keys import RobotKeys, create_keys
 from btcore_monitor.serve import serve
@@ -99,5 +99,5 @@ def test_several_robots_have_their_own_keys(folder, endless, sample, no_threads_
             serve(tree, groot2=0, keys=RobotKeys(robot, ["desk.pub"])) as publisher,
             Feed(publisher.address, keys=own) as feed,
         ):
-            assert next(event.tree.name for event in feed if isinstance(event, TreeSeen)) == name
+            assert next(event.tree.name for event in feed if isinstance(event, TreeEvent)) == name
     assert client_keys(folder / "desk", ["robot.pub"], 2)[0] is not None

@@ -12,14 +12,14 @@ from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs import BtLog, find_divergence, read_btlog, read_log, read_sqlite, steps
 from btcore.logs.recording import parse_nodes
 from btcore_monitor.events import (
-    ConnectionChanged,
-    DataMissed,
+    ConnectionEvent,
     DataSource,
+    LostTransitionsEvent,
+    MissingDataEvent,
     ObservedNode,
     ObservedTree,
-    StatusChanged,
-    TransitionsLost,
-    TreeSeen,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.log_writer import LogWriter
 from btcore_monitor.serve import serve
@@ -235,8 +235,8 @@ TREE = ObservedTree(
 )
 
 
-def changed(number: int, ms: int, uid: int, previous: int, status: int) -> StatusChanged:
-    return StatusChanged(number, ms * MS, WALL + ms * MS, 1, uid, previous, status)
+def changed(number: int, ms: int, uid: int, previous: int, status: int) -> TransitionEvent:
+    return TransitionEvent(number, ms * MS, WALL + ms * MS, 1, uid, previous, status)
 
 
 @pytest.fixture
@@ -246,10 +246,10 @@ def logs(tmp_path: Path) -> list[Path]:
 
 def test_a_gap_is_marked_and_status_changes_within_it_are_added(logs: list[Path]) -> None:
     book = LogWriter(logs)
-    book.show(TreeSeen(TREE, 0, WALL, {}))
+    book.show(TreeEvent(TREE, 0, WALL, {}))
     book.show(changed(1, 0, 1, 0, 1))
     book.show(changed(2, 1, 2, 0, 1))
-    book.show(TransitionsLost(3, 8))
+    book.show(LostTransitionsEvent(3, 8))
     book.show(changed(9, 9, 2, 0, 1))
     book.close()
     for log in logs:
@@ -271,9 +271,9 @@ def test_a_lost_connection_and_an_earlier_start_are_marked_as_gaps(logs: list[Pa
     sampled = DataSource(
         "Groot 2, sampled", {"ticks": "not sent", "transitions": "short changes are not seen"}
     )
-    book.show(TreeSeen(TREE, 0, WALL, {1: 1}, numbered=False, source=sampled))
-    book.show(ConnectionChanged("lost", "no answer for 3 s"))
-    book.show(TreeSeen(TREE, 5 * MS, WALL, {1: 2}, numbered=False))
+    book.show(TreeEvent(TREE, 0, WALL, {1: 1}, numbered=False, source=sampled))
+    book.show(ConnectionEvent("lost", "no answer for 3 s"))
+    book.show(TreeEvent(TREE, 5 * MS, WALL, {1: 2}, numbered=False))
     book.close()
     assert [gap.reason for gap in read_log(logs[0]).gaps] == [
         "short changes are not seen",
@@ -287,10 +287,10 @@ def test_a_lost_connection_and_an_earlier_start_are_marked_as_gaps(logs: list[Pa
 
 def test_missed_transitions_are_marked_as_a_gap_and_other_missed_data_is_not(logs: list[Path]) -> None:
     book = LogWriter(logs)
-    book.show(TreeSeen(TREE, 0, WALL, {}, numbered=False))
+    book.show(TreeEvent(TREE, 0, WALL, {}, numbered=False))
     book.show(changed(1, 1, 2, 0, 1))
-    book.show(DataMissed(2 * MS, WALL, MS, "blackboard", "not asked for"))
-    book.show(DataMissed(2 * MS, WALL, MS, "transitions", "the robot's buffer ran over"))
+    book.show(MissingDataEvent(2 * MS, WALL, MS, "blackboard", "not asked for"))
+    book.show(MissingDataEvent(2 * MS, WALL, MS, "transitions", "the robot's buffer ran over"))
     book.show(changed(2, 2, 2, 2, 0))
     book.close()
     for log in logs:
@@ -300,7 +300,7 @@ def test_missed_transitions_are_marked_as_a_gap_and_other_missed_data_is_not(log
 
 def test_transitions_before_the_recording_are_marked_as_a_gap(logs: list[Path]) -> None:
     book = LogWriter(logs)
-    book.show(TreeSeen(TREE, 0, WALL, {}))
+    book.show(TreeEvent(TREE, 0, WALL, {}))
     book.show(changed(500, 1, 2, 0, 1))
     book.show(changed(501, 2, 2, 1, 2))
     book.close()
@@ -309,10 +309,10 @@ def test_transitions_before_the_recording_are_marked_as_a_gap(logs: list[Path]) 
 
 def test_another_tree_is_written_to_separate_files(logs: list[Path]) -> None:
     book = LogWriter(logs)
-    book.show(TreeSeen(TREE, 0, WALL, {}))
+    book.show(TreeEvent(TREE, 0, WALL, {}))
     book.show(changed(1, 0, 1, 0, 1))
     other = ObservedTree("b" * 32, "Main", TREE.nodes, TREE.subtrees)
-    book.show(TreeSeen(other, 0, WALL, {}))
+    book.show(TreeEvent(other, 0, WALL, {}))
     book.show(changed(1, 0, 2, 0, 2))
     book.close()
     assert [file.name for file in book.files] == ["run.btlog", "run.db3", "run.2.btlog", "run.2.db3"]
@@ -333,8 +333,8 @@ def test_a_tree_received_with_xml_is_written_byte_for_byte(sample) -> None:
 
 def test_stamps_are_the_first_wall_time_plus_the_trees_elapsed_time(tmp_path: Path) -> None:
     book = LogWriter([tmp_path / "run.btlog"])
-    book.show(TreeSeen(TREE, 100 * MS, WALL, {}))
-    book.show(StatusChanged(1, 350 * MS, WALL + 2 * MS, 1, 1, 0, 1))  # a run faster than real time
+    book.show(TreeEvent(TREE, 100 * MS, WALL, {}))
+    book.show(TransitionEvent(1, 350 * MS, WALL + 2 * MS, 1, 1, 0, 1))  # a run faster than real time
     book.close()
     recording = read_btlog(tmp_path / "run.btlog")
     assert recording.start == WALL

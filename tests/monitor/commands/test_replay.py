@@ -13,7 +13,7 @@ from rerun.chunk import RrdReader
 from btcore.cli.main import main
 from btcore.logs import read_fbl, read_log
 from btcore_monitor.commands.replay import events, observed_tree
-from btcore_monitor.events import DataMissed, StatusChanged, TreeSeen
+from btcore_monitor.events import MissingDataEvent, TransitionEvent, TreeEvent
 from btcore_monitor.wire.fulltree import read_fulltree
 
 CAPTURES = Path(__file__).parents[2] / "btcore" / "logs" / "captures"
@@ -140,9 +140,9 @@ def test_the_recording_for_the_viewer_has_every_transition(replay: Replay, tmp_p
 def test_a_part_of_a_log_starts_with_the_statuses_at_its_beginning() -> None:
     recording = read_log(LOGS[0])
     seen, *rest = events(recording, range(5, 8))
-    assert isinstance(seen, TreeSeen)
+    assert isinstance(seen, TreeEvent)
     assert seen.statuses == recording.statuses(5)
-    assert [one.number for one in rest if isinstance(one, StatusChanged)] == [6, 7, 8]
+    assert [one.number for one in rest if isinstance(one, TransitionEvent)] == [6, 7, 8]
     assert set(seen.source.unavailable) == {"ticks", "exceptions", "blackboard"}
 
 
@@ -151,7 +151,7 @@ def test_truncation_and_gaps_are_reported_as_missed_data(tmp_path: Path) -> None
     (tmp_path / "run.btlog.gaps").write_text("2 the transitions 3 to 9 are lost\n")
     recording = read_log(tmp_path / "run.btlog")
     told = list(events(recording, range(56)))
-    assert [(at, one.reason) for at, one in enumerate(told) if isinstance(one, DataMissed)] == [
+    assert [(at, one.reason) for at, one in enumerate(told) if isinstance(one, MissingDataEvent)] == [
         (3, "the transitions 3 to 9 are lost"),
         (58, recording.damage),
     ]

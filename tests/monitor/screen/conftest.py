@@ -12,16 +12,16 @@ import pytest
 from rerun.chunk import RrdReader
 
 from btcore_monitor.events import (
-    BlackboardSeen,
-    ConnectionChanged,
+    BlackboardEvent,
+    ConnectionEvent,
     Event,
+    MovingSceneEvent,
     ObservedNode,
     ObservedTree,
-    SceneMoving,
-    SceneStatic,
-    StatusChanged,
-    Ticked,
-    TreeSeen,
+    StaticSceneEvent,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.screen.rerun_process import ScreenError, hold_port, port_of
 from btcore_monitor.screen.robot_view import RobotView
@@ -111,24 +111,24 @@ def _moving(tick: int, t: int) -> MovingScene:
 def _run(ticks: int, scene: bool, tree_id: str) -> Iterator[Event]:
     tree = bumpgo(tree_id)
     status = {node.uid: IDLE for node in tree.nodes}
-    yield ConnectionChanged("connected", "a script")
-    yield TreeSeen(tree, 0, WALL, dict(status))
+    yield ConnectionEvent("connected", "a script")
+    yield TreeEvent(tree, 0, WALL, dict(status))
     if scene:
-        yield SceneStatic(_scene())
+        yield StaticSceneEvent(_scene())
     number = 0
     for tick in range(1, ticks + 1):
         t = tick * PERIOD
         for uid, new in _changes(tick):
             if status[uid] != new:
                 number += 1
-                yield StatusChanged(number, t, WALL + t, tick, uid, status[uid], new)
+                yield TransitionEvent(number, t, WALL + t, tick, uid, status[uid], new)
                 status[uid] = new
-        yield Ticked(tick, t, WALL + t, 150_000 + 1_000 * (tick % 7), RUNNING)
+        yield TickEvent(tick, t, WALL + t, 150_000 + 1_000 * (tick % 7), RUNNING)
         if tick % 5 == 0:
-            yield BlackboardSeen(t, WALL + t, {"": {"bumps": tick // 60, "goal": None}})
+            yield BlackboardEvent(t, WALL + t, {"": {"bumps": tick // 60, "goal": None}})
         if scene:
-            yield SceneMoving(t, WALL + t, _moving(tick, t))
-    yield ConnectionChanged("ended", "")
+            yield MovingSceneEvent(t, WALL + t, _moving(tick, t))
+    yield ConnectionEvent("ended", "")
 
 
 @pytest.fixture
@@ -252,9 +252,9 @@ def vulkan(tmp_path_factory: pytest.TempPathFactory) -> None:
         pytest.skip(str(fault))
 
 
-def _one_node() -> TreeSeen:
+def _one_node() -> TreeEvent:
     tree = ObservedTree("c" * 32, "One", (ObservedNode(1, "One", "One", "action", "One"),))
-    return TreeSeen(tree, 0, 0, {1: IDLE})
+    return TreeEvent(tree, 0, 0, {1: IDLE})
 
 
 def _blueprints(path: Path) -> list[dict[str, list[Any]]]:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from btcore_monitor.events import ExceptionRaised, ObservedNode, ObservedTree, StatusChanged, TreeSeen
+from btcore_monitor.events import ExceptionEvent, ObservedNode, ObservedTree, TransitionEvent, TreeEvent
 from btcore_monitor.screen.folding import FOLDED_AT_MOST, fold
 from btcore_monitor.screen.style import GROOT
 from btcore_monitor.screen.subtree_drawing import node_entities, split_by_subtree
@@ -14,11 +14,11 @@ SECOND = 10**9
 
 def tree_events(tree, *steps):
     """Return the events of *tree* and of *steps*, which are (time in s, uid, status)."""
-    events = [TreeSeen(tree, 0, 0, {})]
+    events = [TreeEvent(tree, 0, 0, {})]
     status: dict[int, int] = {}
     for number, (seconds, uid, new) in enumerate(steps, start=1):
         t = round(seconds * SECOND)
-        events.append(StatusChanged(number, t, t, number, uid, status.get(uid, IDLE), new))
+        events.append(TransitionEvent(number, t, t, number, uid, status.get(uid, IDLE), new))
         status[uid] = new
     return events
 
@@ -194,12 +194,12 @@ def test_found_nodes_are_highlighted_and_have_the_lanes(run, tmp_path, recorded)
 def test_a_node_that_raised_is_marked_until_it_runs_again(run, tmp_path, recorded):
     forward, path = 8, "Forward"
     events = run(50)  # Forward is reset at 4.1 s and idle since
-    t = events[-2].t
+    t = events[-2].stamp
     events[-1:] = [
-        ExceptionRaised(t, t, path, "no laser"),
-        StatusChanged(10_000, t + SECOND, t, 60, forward, IDLE, RUNNING),
-        StatusChanged(10_001, t + 2 * SECOND, t, 70, forward, RUNNING, IDLE),
-        StatusChanged(10_002, t + 3 * SECOND, t, 80, forward, IDLE, RUNNING),
+        ExceptionEvent(t, t, path, "no laser"),
+        TransitionEvent(10_000, t + SECOND, t, 60, forward, IDLE, RUNNING),
+        TransitionEvent(10_001, t + 2 * SECOND, t, 70, forward, RUNNING, IDLE),
+        TransitionEvent(10_002, t + 3 * SECOND, t, 80, forward, IDLE, RUNNING),
     ]
     recording = recorded(events, tmp_path / "run.rrd")
     pill = recording.of("/tree/rims", "LineStrips2D:strips")[0][1][7]
@@ -210,7 +210,7 @@ def test_a_node_that_raised_is_marked_until_it_runs_again(run, tmp_path, recorde
 def test_the_last_exception_stays_in_the_running_panel(run, tmp_path, recorded):
     events = run(50)
     message = "/a/t.xml:7: node 'avoid' <Avoid> raised while ticking: Fault: no laser\n  bumpgo\n    avoid"
-    events.append(ExceptionRaised(6 * SECOND, 0, "avoid|x", message))
+    events.append(ExceptionEvent(6 * SECOND, 0, "avoid|x", message))
     recording = recorded(events, tmp_path / "run.rrd")
     said = recording.of("/now", "TextDocument:text")[-1][1][0]
     assert said.startswith("**avoid¦x** raised at 6.00 s: Fault: no laser\n\n| runs |")
@@ -221,7 +221,7 @@ def test_an_exception_inside_a_folded_subtree_marks_the_subtree(big_tree, tmp_pa
     small = fold(tree)
     leaf = tree.nodes[-1]
     assert leaf.uid not in {node.uid for node in small.nodes}
-    events = [TreeSeen(tree, 0, 0, {}), ExceptionRaised(SECOND, SECOND, leaf.path, "no laser")]
+    events = [TreeEvent(tree, 0, 0, {}), ExceptionEvent(SECOND, SECOND, leaf.path, "no laser")]
     recording = recorded(events, tmp_path / "run.rrd")
     place = recording.of("/folded/lines/0/rims", "LineStrips2D:strips")[0][1][-1]  # the last of the main tree
     assert small.nodes[-1].subtree == ""

@@ -5,12 +5,12 @@ from rerun.chunk import RrdReader
 
 from btcore_monitor.display_options import LOG_LEVELS
 from btcore_monitor.events import (
-    ExceptionRaised,
+    ExceptionEvent,
+    LostTransitionsEvent,
     ObservedNode,
     ObservedTree,
-    StatusChanged,
-    TransitionsLost,
-    TreeSeen,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.screen.panels import LEVELS
 from btcore_monitor.screen.robot_view import RobotView
@@ -23,13 +23,14 @@ TREE = ObservedTree("a" * 32, "T", (ObservedNode(1, "Go", "Go", "action", "Go"),
 def events() -> list:
     steps = [(IDLE, RUNNING), (RUNNING, SUCCESS), (SUCCESS, IDLE), (IDLE, SKIPPED), (SKIPPED, FAILURE)]
     changes = [
-        StatusChanged(number, number, number, number, 1, *step) for number, step in enumerate(steps, start=1)
+        TransitionEvent(number, number, number, number, 1, *step)
+        for number, step in enumerate(steps, start=1)
     ]
     return [
-        TreeSeen(TREE, 0, 0, {1: 0}),
+        TreeEvent(TREE, 0, 0, {1: 0}),
         *changes,
-        TransitionsLost(6, 7),
-        ExceptionRaised(9, 9, "Go", "no"),
+        LostTransitionsEvent(6, 7),
+        ExceptionEvent(9, 9, "Go", "no"),
     ]
 
 

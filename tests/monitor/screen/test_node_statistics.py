@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from btcore_monitor.events import ObservedNode, ObservedTree, StatusChanged, TreeSeen
+from btcore_monitor.events import ObservedNode, ObservedTree, TransitionEvent, TreeEvent
 from btcore_monitor.screen.panels import EVERY_NS, ROWS_AT_MOST
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = range(5)
@@ -20,11 +20,11 @@ def table(document: str) -> dict[str, list[str]]:
 def leaf_events(*changes: tuple[float, int], first: int = IDLE) -> list[object]:
     """A tree of one leaf that goes to a status at each time (s)."""
     tree = ObservedTree("d" * 32, "One", (ObservedNode(1, "Dock|it", "Dock", "action", "Dock|it"),))
-    events: list[object] = [TreeSeen(tree, 0, 0, {1: first})]
+    events: list[object] = [TreeEvent(tree, 0, 0, {1: first})]
     status = first
     for number, (seconds, new) in enumerate(changes, start=1):
         t = round(seconds * SECOND)
-        events.append(StatusChanged(number, t, t, number, 1, status, new))
+        events.append(TransitionEvent(number, t, t, number, 1, status, new))
         status = new
     return events
 
@@ -83,12 +83,12 @@ def test_a_table_is_written_once_a_second_at_any_tick_rate(run, tmp_path, record
 def test_a_big_tree_lists_the_leaves_that_ran_longest_first(big_tree, tmp_path, recorded):
     tree = big_tree(300)
     busy = [node for node in tree.nodes if not node.children][: ROWS_AT_MOST + 5]
-    events: list[object] = [TreeSeen(tree, 0, 0, {})]
+    events: list[object] = [TreeEvent(tree, 0, 0, {})]
     for number, node in enumerate(busy, start=1):
         t = number * SECOND
-        events.append(StatusChanged(2 * number, t, t, 0, node.uid, IDLE, RUNNING))
+        events.append(TransitionEvent(2 * number, t, t, 0, node.uid, IDLE, RUNNING))
         events.append(
-            StatusChanged(2 * number + 1, t + number, t + number * 10**7, 0, node.uid, RUNNING, IDLE)
+            TransitionEvent(2 * number + 1, t + number, t + number * 10**7, 0, node.uid, RUNNING, IDLE)
         )
     document = recorded(events, tmp_path / "run.rrd").of("/statistics", "TextDocument:text")[-1][1][0]
     assert list(table(document))[:3] == [node.path for node in reversed(busy[-3:])]

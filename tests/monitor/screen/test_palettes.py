@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from btcore_monitor.display_options import PALETTE_NAMES as NAMES
-from btcore_monitor.events import StatusChanged
+from btcore_monitor.events import TransitionEvent
 from btcore_monitor.screen.style import COLOUR_BLIND, GROOT, PALETTES
 
 RUNNING, SUCCESS, FAILURE, SKIPPED = range(1, 5)
@@ -86,5 +86,5 @@ def test_the_tree_and_the_log_use_the_palette(run, tmp_path, recorded):
     pills = recording.at("/tree/pills", "LineStrips2D:colors", 4_500_000_000)
     assert pills[5] == COLOUR_BLIND.fill[RUNNING]
     colours = {values[0] for _, values in recording.of("/log", "TextLog:color")}
-    said = {event.status for event in events if isinstance(event, StatusChanged)}
+    said = {event.status for event in events if isinstance(event, TransitionEvent)}
     assert {int(COLOUR_BLIND.ink[status]) for status in said} <= colours

@@ -2,7 +2,14 @@
 
 import pytest
 
-from btcore_monitor.events import ObservedNode, ObservedTree, SceneMoving, StatusChanged, Ticked, TreeSeen
+from btcore_monitor.events import (
+    MovingSceneEvent,
+    ObservedNode,
+    ObservedTree,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
+)
 from btcore_scene import MovingScene
 
 SECOND = 10**9
@@ -21,17 +28,17 @@ def panel(recorded, tmp_path):
 
     def texts(ticks: dict[int, list[tuple[int, int]]], notes: dict[str, str] | None = None) -> dict[int, str]:
         tree = ObservedTree("a" * 32, "Main", NODES, {"": "Main"})
-        events = [TreeSeen(tree, 0, 0, {node.uid: IDLE for node in NODES})]
-        events += [SceneMoving(0, 0, MovingScene(notes=notes or {}))]
+        events = [TreeEvent(tree, 0, 0, {node.uid: IDLE for node in NODES})]
+        events += [MovingSceneEvent(0, 0, MovingScene(notes=notes or {}))]
         stands, number = {node.uid: IDLE for node in NODES}, 0
         for second, changes in ticks.items():
             t = second * SECOND
             for uid, status in changes:
                 number += 1
-                events.append(StatusChanged(number, t, t, second, uid, stands[uid], status))
+                events.append(TransitionEvent(number, t, t, second, uid, stands[uid], status))
                 stands[uid] = status
             if stands[1] != IDLE:
-                events.append(Ticked(second, t, t, 1000, stands[1]))
+                events.append(TickEvent(second, t, t, 1000, stands[1]))
         recording = recorded(events, tmp_path / "run.rrd")
         return {second: recording.at("/now", "TextDocument:text", second * SECOND)[0] for second in ticks}
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from btcore_monitor.events import SceneMoving, SceneStatic, TreeSeen
+from btcore_monitor.events import MovingSceneEvent, StaticSceneEvent, TreeEvent
 from btcore_monitor.screen.navigation_markers import POSE_STYLES
 from btcore_monitor.screen.shapes import archetypes, extent
 from btcore_monitor.screen.style import GROOT
@@ -63,10 +63,10 @@ def show(run, recorded, tmp_path):
     """``show({second: changes, …})``: the recording of these changes."""
 
     def made(moved: dict[float, dict], static: StaticScene = STATIC):
-        seen = next(event for event in run(1) if isinstance(event, TreeSeen))
-        events = [seen, SceneStatic(static)]
+        seen = next(event for event in run(1) if isinstance(event, TreeEvent))
+        events = [seen, StaticSceneEvent(static)]
         for t, changed in moved.items():
-            events.append(SceneMoving(round(t * SECOND), round(t * SECOND), MovingScene(**changed)))
+            events.append(MovingSceneEvent(round(t * SECOND), round(t * SECOND), MovingScene(**changed)))
         return recorded(events, tmp_path / "run.rrd")
 
     return made
@@ -274,8 +274,8 @@ def test_only_walls_and_parts_as_high_as_a_room_are_cut(size, height: float, out
 
 def test_the_battery_is_a_curve_and_notes_are_in_the_running_panel(run, recorded, tmp_path):
     events = run(3)
-    t = events[-2].t
-    moved = SceneMoving(t, t, MovingScene(battery=77.5, notes={"localisation": "sure"}))
+    t = events[-2].stamp
+    moved = MovingSceneEvent(t, t, MovingScene(battery=77.5, notes={"localisation": "sure"}))
     recording = recorded([*events[:-2], moved, *run(4)[-3:-2]], tmp_path / "run.rrd")
     assert recording.of("/battery/level", "Scalars:scalars") == [(t, [77.5])]
     assert "| localisation | sure |" in recording.of("/now", "TextDocument:text")[-1][1][0]

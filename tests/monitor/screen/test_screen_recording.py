@@ -5,12 +5,12 @@ import pytest
 from rerun.chunk import RrdReader
 
 from btcore_monitor.events import (
-    BlackboardSeen,
-    ExceptionRaised,
-    StatusChanged,
-    Ticked,
-    TransitionsLost,
-    TreeSeen,
+    BlackboardEvent,
+    ExceptionEvent,
+    LostTransitionsEvent,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.screen import robot_view
 from btcore_monitor.screen.robot_view import RobotView
@@ -30,7 +30,7 @@ def thousand(run, tmp_path, recorded):
 
 def test_no_numbered_transition_of_a_thousand_ticks_is_missing(thousand):
     events, recording = thousand
-    sent = [event for event in events if isinstance(event, StatusChanged)]
+    sent = [event for event in events if isinstance(event, TransitionEvent)]
     columns = {
         name: [values[0] for _, values in recording.of("/log/numbers", name)]
         for name in ("number", "tick", "uid", "previous", "status")
@@ -58,7 +58,7 @@ def test_a_file_without_a_viewer_is_written_in_large_pieces(run, tmp_path, monke
 
 def test_every_tick_has_its_duration_at_its_time(thousand):
     events, recording = thousand
-    ticks = [(one.t, one.duration_ns / 1e6) for one in events if isinstance(one, Ticked)]
+    ticks = [(one.stamp, one.duration_ns / 1e6) for one in events if isinstance(one, TickEvent)]
     assert [(t, values[0]) for t, values in recording.of("/tick/duration", "Scalars:scalars")] == ticks
     rates = [values[0] for _, values in recording.of("/rate/ticks", "Scalars:scalars")]
     assert rates == [10.0] * 999
@@ -68,14 +68,14 @@ def test_pills_have_the_colours_of_the_statuses_at_every_tick(thousand):
     events, recording = thousand
     status: dict[int, int] = {}
     for event in events:
-        if isinstance(event, TreeSeen):
+        if isinstance(event, TreeEvent):
             status = dict(event.statuses)
             uids = [node.uid for node in event.tree.nodes]
             inner = {node.uid for node in event.tree.nodes if node.children}
-        elif isinstance(event, StatusChanged):
+        elif isinstance(event, TransitionEvent):
             status[event.uid] = event.status
-        elif isinstance(event, Ticked) and event.tick % 7 == 0:
-            colours = recording.at("/tree/pills", "LineStrips2D:colors", event.t)
+        elif isinstance(event, TickEvent) and event.tick % 7 == 0:
+            colours = recording.at("/tree/pills", "LineStrips2D:colors", event.stamp)
             for uid, colour in zip(uids, colours, strict=True):
                 allowed = {int(GROOT.fill[status[uid]])}
                 if status[uid] == IDLE:
@@ -140,7 +140,7 @@ def test_a_table_replaces_bars_and_backticks_and_shortens_long_values(run, tmp_p
         "": {"a|b": "x`y\nz", "long": "w" * 500, "pi": 3.14159265, "on": True},
         "Patrol": {"goal": "1;2"},
     }
-    events = [*run(1)[:2], BlackboardSeen(5, 5, boards)]
+    events = [*run(1)[:2], BlackboardEvent(5, 5, boards)]
     text = recorded(events, tmp_path / "run.rrd").at("/blackboard", "TextDocument:text", 10)[0]
     assert "| a¦b | `x'y z` |" in text
     assert "| pi | `3.142` |" in text
@@ -155,7 +155,7 @@ def test_the_robot_moves_with_its_laser_and_leaves_a_trail(thousand):
     frames = recording.of("/scene/frames/base_link", "Transform3D:translation")
     assert len(frames) == ticks
     assert frames[9][1][0] == pytest.approx([0.3, 0.0, 0.1])
-    points = recording.at("/scene/laser/points", "Points3D:positions", events[-2].t)
+    points = recording.at("/scene/laser/points", "Points3D:positions", events[-2].stamp)
     assert len(points) == 90  # ten readings without an echo are not points
     # Coordinates are rounded to 1/64 m.
     assert np.linalg.norm(points[0]) == pytest.approx(2.0 + 0.5 * np.sin(ticks / 9), abs=0.012)
@@ -167,8 +167,8 @@ def test_the_robot_moves_with_its_laser_and_leaves_a_trail(thousand):
 def test_gaps_and_exceptions_are_lines_in_the_log(run, tmp_path, recorded):
     events = [
         *run(3),
-        TransitionsLost(40, 44),
-        ExceptionRaised(10**9, 10**9, "avoid/Back", "division by zero"),
+        LostTransitionsEvent(40, 44),
+        ExceptionEvent(10**9, 10**9, "avoid/Back", "division by zero"),
     ]
     lines = [values[0] for _, values in recorded(events, tmp_path / "run.rrd").of("/log", "TextLog:text")]
     assert any("#40 to #44 are missing" in line for line in lines)
@@ -188,14 +188,14 @@ def test_a_robot_that_returns_with_another_tree_gets_another_recording(run, tmp_
 
 def test_the_same_tree_after_a_lost_connection_continues_its_recording(run, tmp_path, recorded):
     events = run(45)
-    again = TreeSeen(events[1].tree, 5 * 10**9, 5 * 10**9, {BACK: RUNNING, ROOT: RUNNING})
+    again = TreeEvent(events[1].tree, 5 * 10**9, 5 * 10**9, {BACK: RUNNING, ROOT: RUNNING})
     recording = recorded([*events, again], tmp_path / "run.rrd")
     assert recording.at(recording.lane("Back"), "StateChange:state", 5 * 10**9) == ["RUNNING"]
     assert len(recording.of("/tree/edges", "LineStrips2D:strips")) == 1
 
 
 def test_a_run_without_ticks_or_scene_is_recorded(run, tmp_path, recorded):
-    events = [event for event in run(20, scene=False) if not isinstance(event, Ticked)]
+    events = [event for event in run(20, scene=False) if not isinstance(event, TickEvent)]
     recording = recorded(events, tmp_path / "run.rrd")
     assert recording.at(recording.lane("Forward"), "StateChange:state", 2 * 10**9) == ["RUNNING"]
     assert not [entity for entity, _ in recording.rows if entity.startswith("/scene")]

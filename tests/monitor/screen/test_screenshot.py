@@ -15,15 +15,15 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from btcore_monitor.events import (
-    BlackboardSeen,
-    ExceptionRaised,
+    BlackboardEvent,
+    ExceptionEvent,
+    MovingSceneEvent,
     ObservedNode,
     ObservedTree,
-    SceneMoving,
-    SceneStatic,
-    StatusChanged,
-    Ticked,
-    TreeSeen,
+    StaticSceneEvent,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.screen import screenshot as screenshot_module
 from btcore_monitor.screen.font import legible
@@ -57,15 +57,15 @@ def _foreign_events():
         nodes.append(ObservedNode(sub, name, "SubTree", "subtree", name, 1, (uid,), {"to": f"{{{name}}}"}))
         nodes.append(ObservedNode(uid, name, name, "action", f"{name}/{name}", sub, (), {}, name))
     tree = ObservedTree("d" * 32, "木", tuple(nodes), {"": "木", **{name: name for name in FOREIGN}})
-    yield TreeSeen(tree, 0, 0, {})
+    yield TreeEvent(tree, 0, 0, {})
     for number, uid in enumerate((1, 2, 3), start=1):
-        yield StatusChanged(number, SECOND, SECOND, 1, uid, IDLE, RUNNING)
-    yield BlackboardSeen(SECOND, SECOND, {"": {name: [name] for name in FOREIGN}, FOREIGN[2]: {"x": "電"}})
-    yield SceneStatic(StaticScene(frame="地", parts=(BOX,)))
+        yield TransitionEvent(number, SECOND, SECOND, 1, uid, IDLE, RUNNING)
+    yield BlackboardEvent(SECOND, SECOND, {"": {name: [name] for name in FOREIGN}, FOREIGN[2]: {"x": "電"}})
+    yield StaticSceneEvent(StaticScene(frame="地", parts=(BOX,)))
     frames = (Frame("車", "地", (0, 0, 0), (0, 0, 0, 1)), Frame("轮", "地", (1, 0, 0), (0, 0, 0, 1)))
-    yield SceneMoving(SECOND, SECOND, MovingScene(stamp=SECOND, frames=frames, notes={"電": "🔋 90 %"}))
-    yield ExceptionRaised(SECOND, SECOND, f"{FOREIGN[3]}/{FOREIGN[3]}", "no 電池 🔋")
-    yield Ticked(1, SECOND, SECOND, 1000, RUNNING)
+    yield MovingSceneEvent(SECOND, SECOND, MovingScene(stamp=SECOND, frames=frames, notes={"電": "🔋 90 %"}))
+    yield ExceptionEvent(SECOND, SECOND, f"{FOREIGN[3]}/{FOREIGN[3]}", "no 電池 🔋")
+    yield TickEvent(1, SECOND, SECOND, 1000, RUNNING)
 
 
 @pytest.fixture
@@ -116,18 +116,18 @@ def test_pills_have_their_places_and_colours_and_equal_pictures_are_equal(vulkan
         5.5: {"Turn": GROOT.fill[RUNNING], "Back": GROOT.fill[SUCCESS], "clear": GROOT.fill[FAILURE]},
     }
     for t, colours in wanted.items():
-        screenshot(path, tmp_path / "tree.png", t=t, view=TREE, size=SMALL)
+        screenshot(path, tmp_path / "tree.png", at=t, view=TREE, size=SMALL)
         picture = TreePicture((tmp_path / "tree.png").read_bytes(), view)
         for name, colour in colours.items():
             assert close(picture.at(name), colour), (t, name, picture.at(name), rgb(colour))
     # The whole window may differ in the few pixels of a scroll bar, which the viewer fades.
-    screenshot(path, tmp_path / "again.png", t=t, view=TREE, size=SMALL)
+    screenshot(path, tmp_path / "again.png", at=t, view=TREE, size=SMALL)
     assert (tmp_path / "again.png").read_bytes() == (tmp_path / "tree.png").read_bytes()
 
 
 def test_the_laser_and_the_trail_are_in_the_scene(vulkan, recording, tmp_path):
     path, _ = recording
-    screenshot(path, tmp_path / "scene.png", t=5.0, view="Robot")
+    screenshot(path, tmp_path / "scene.png", at=5.0, view="Robot")
     with Image.open(tmp_path / "scene.png") as image:
         pixels = np.asarray(image.convert("RGB")).reshape(-1, 3).astype(int)
     for colour in (GROOT.laser, GROOT.trail):
@@ -145,7 +145,7 @@ def test_texts_in_any_script_are_drawn_in_a_window_of_the_requested_size(vulkan,
         assert image.size == (1280, 800)
         top = np.asarray(image.convert("RGB"), dtype=int)[:28]
     assert (np.ptp(top, axis=2) < 30).all()  # no coloured warnings of rerun above the views
-    screenshot(tmp_path / "run.rrd", tmp_path / "tree.png", t=1.0, view=TREE)
+    screenshot(tmp_path / "run.rrd", tmp_path / "tree.png", at=1.0, view=TREE)
     picture = TreePicture((tmp_path / "tree.png").read_bytes(), view)
     assert close(picture.at("🌳"), GROOT.busy)
     assert close(picture.at("放电"), GROOT.fill[IDLE])  # not hidden by another subtree's drawing
@@ -193,7 +193,7 @@ def test_requests_that_rerun_ends_too_early_are_repeated(vulkan, recording, tmp_
     for name in ended:
         monkeypatch.setattr(ViewerClient, name, slow(name))
     path, view = recording
-    screenshot(path, tmp_path / "tree.png", t=2.0, view=TREE, size=SMALL)
+    screenshot(path, tmp_path / "tree.png", at=2.0, view=TREE, size=SMALL)
     picture = TreePicture((tmp_path / "tree.png").read_bytes(), view)
     assert close(picture.at("Forward"), GROOT.fill[RUNNING])
     assert min(ended.values()) > 2

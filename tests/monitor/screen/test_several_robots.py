@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from btcore_monitor.events import ObservedNode, ObservedTree, StatusChanged, TreeSeen
+from btcore_monitor.events import ObservedNode, ObservedTree, TransitionEvent, TreeEvent
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import WALL_TIME
 from btcore_monitor.screen.sinks import RecordingSinks
@@ -25,12 +25,12 @@ def shown(path: Path, *runs: tuple[str, list]) -> SharedWindow:
     return together
 
 
-def seen(tree_id: str, name: str, t: int, wall: int) -> TreeSeen:
+def seen(tree_id: str, name: str, t: int, wall: int) -> TreeEvent:
     nodes = (
         ObservedNode(1, "root", "Sequence", "control", "root", 0, (2,)),
         ObservedNode(2, "Go", "Go", "action", "Go", 1),
     )
-    return TreeSeen(ObservedTree(tree_id * 32, name, nodes, {"": name}), t, wall, {1: 0, 2: 0})
+    return TreeEvent(ObservedTree(tree_id * 32, name, nodes, {"": name}), t, wall, {1: 0, 2: 0})
 
 
 def test_all_robots_are_in_one_file_and_each_has_its_own_entities(run, read, tmp_path):
@@ -78,8 +78,8 @@ def test_the_window_has_an_overview_a_tab_for_each_robot_and_the_wall_time(bluep
 
 def test_a_restarted_robot_gets_new_entities_and_a_tab_for_its_earlier_tree(blueprints, read, tmp_path):
     path = tmp_path / "two.rrd"
-    before = [seen("a", "Old", 0, SECOND), StatusChanged(1, SECOND, 2 * SECOND, 1, 2, 0, 1)]
-    after = [seen("c", "New", 0, 3 * SECOND), StatusChanged(1, SECOND, 4 * SECOND, 1, 2, 0, 2)]
+    before = [seen("a", "Old", 0, SECOND), TransitionEvent(1, SECOND, 2 * SECOND, 1, 2, 0, 1)]
+    after = [seen("c", "New", 0, 3 * SECOND), TransitionEvent(1, SECOND, 4 * SECOND, 1, 2, 0, 2)]
     shown(path, ("arm", before + after), ("base", [seen("b", "Base", 0, SECOND)]))
     rows = read(path)
     for place, line in (("arm", "IDLE → RUNNING"), ("arm_2", "IDLE → SUCCESS")):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from btcore_monitor.events import ObservedNode, ObservedTree, TreeSeen
+from btcore_monitor.events import ObservedNode, ObservedTree, TreeEvent
 from btcore_monitor.screen.captions import captions
 from btcore_monitor.screen.lanes import distinct_names
 from btcore_monitor.screen.panels import brief
@@ -113,7 +113,7 @@ def test_entities_follow_the_subtrees_and_avoid_the_names_of_drawing_parts(big_t
 
 
 def test_all_parts_of_a_subtree_are_below_its_entity(recorded, tmp_path):
-    recording = recorded([TreeSeen(NESTED, 0, 0, {})], tmp_path / "run.rrd")
+    recording = recorded([TreeEvent(NESTED, 0, 0, {})], tmp_path / "run.rrd")
     entities = {entity for entity, _ in recording.rows if entity.startswith("/tree/Drive/")}
     shown = {"frames", "edges", "path", "rims", "pills", "badges", "ink", "raised"}
     assert shown | {"Steps.3", "Go.4"} == {entity.rsplit("/", 1)[1] for entity in entities}
@@ -125,21 +125,21 @@ def test_all_parts_of_a_subtree_are_below_its_entity(recorded, tmp_path):
 
 def test_the_entity_of_a_node_describes_it_and_has_the_place_of_its_pill(recorded, tmp_path):
     one = observed_tree(node(1, "nap", id="Sleep", path="nap", ports={"msec": "500"}))
-    recording = recorded([TreeSeen(one, 0, 0, {})], tmp_path / "run.rrd")
+    recording = recorded([TreeEvent(one, 0, 0, {})], tmp_path / "run.rrd")
     assert recording.of("/tree/nap", "node")[0][1] == ['Sleep  nap  msec="500"']
     pill = recording.of("/tree/rims", "LineStrips2D:strips")[0][1]
     assert recording.of("/tree/nap", "LineStrips2D:strips")[0][1] == pill
 
 
 def test_nodes_of_a_big_tree_have_entities_that_draw_nothing(big_tree, recorded, tmp_path):
-    recording = recorded([TreeSeen(big_tree(BIG + 10), 0, 0, {})], tmp_path / "run.rrd")
+    recording = recorded([TreeEvent(big_tree(BIG + 10), 0, 0, {})], tmp_path / "run.rrd")
     named = [entity for entity, component in recording.rows if component == "node"]
     assert len(named) == BIG + 10
     assert not [entity for entity in named if recording.of(entity, "LineStrips2D:strips")]
 
 
 def test_the_legend_is_below_the_tree_in_the_colours_of_the_palette(recorded, tmp_path):
-    recording = recorded([TreeSeen(NESTED, 0, 0, {})], tmp_path / "run.rrd")
+    recording = recorded([TreeEvent(NESTED, 0, 0, {})], tmp_path / "run.rrd")
     colours = set(recording.of("/tree/legend", "LineStrips2D:colors")[0][1])
     assert {int(one) for one in GROOT.fill[:5]} | {GROOT.raised} <= colours
     assert GROOT.found not in colours

@@ -5,13 +5,13 @@ from dataclasses import replace
 import pytest
 
 from btcore_monitor.events import (
-    BlackboardSeen,
-    ConnectionChanged,
-    ExceptionRaised,
-    SceneMoving,
-    StatusChanged,
-    Ticked,
-    TreeSeen,
+    BlackboardEvent,
+    ConnectionEvent,
+    ExceptionEvent,
+    MovingSceneEvent,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIME
@@ -49,10 +49,10 @@ def test_axes_begin_with_the_run_and_follow_the_cursor_of_a_long_run(ticks, run,
 def test_the_default_moment_of_a_picture_is_thelast_tick_before_the_halt(run, recorded, tmp_path):
     events = run(70)
     last = events[-1:]
-    t = events[-2].t
-    halt = StatusChanged(10_000, t, t, 70, FORWARD, RUNNING, IDLE)
+    t = events[-2].stamp
+    halt = TransitionEvent(10_000, t, t, 70, FORWARD, RUNNING, IDLE)
     recording = recorded([*events[:-1], halt, *last], tmp_path / "run.rrd")
-    assert isinstance(last[0], ConnectionChanged)
+    assert isinstance(last[0], ConnectionEvent)
     assert last_tick(tmp_path / "run.rrd", TREE_TIME) == t
     before, after = (recording.at("/tree/pills", "LineStrips2D:colors", at) for at in (t, t + 1))
     assert before[FORWARD - 1] != after[FORWARD - 1]
@@ -77,13 +77,13 @@ def test_the_blackboards_of_running_subtrees_are_first_with_their_changes(big_tr
         (3, tasks[3].uid, RUNNING, IDLE),
         (3, tasks[1].uid, IDLE, RUNNING),
     ]
-    events = [TreeSeen(tree, 0, 0, {}), BlackboardSeen(SECOND // 2, 0, boards)]
+    events = [TreeEvent(tree, 0, 0, {}), BlackboardEvent(SECOND // 2, 0, boards)]
     for number, (second, *change) in enumerate(changes):
-        events.append(StatusChanged(number, second * SECOND, 0, second, *change))
+        events.append(TransitionEvent(number, second * SECOND, 0, second, *change))
         if number == 1:
-            events.append(Ticked(1, SECOND, 0, 1, RUNNING))
-            events.append(BlackboardSeen(2 * SECOND, 0, later))
-    events.append(Ticked(3, 3 * SECOND, 0, 1, RUNNING))
+            events.append(TickEvent(1, SECOND, 0, 1, RUNNING))
+            events.append(BlackboardEvent(2 * SECOND, 0, later))
+    events.append(TickEvent(3, 3 * SECOND, 0, 1, RUNNING))
     recording = recorded(events, tmp_path / "run.rrd")
 
     def table(second):
@@ -101,10 +101,10 @@ def test_panels_without_data_are_not_in_the_window(run, recorded, blueprints, tm
         return {name for (name,) in blueprints(tmp_path / name)[-1]["ViewBlueprint:display_name"]}
 
     everything = run(40)
-    bare = [event for event in everything if not isinstance(event, BlackboardSeen)]
+    bare = [event for event in everything if not isinstance(event, BlackboardEvent)]
     still = [
-        SceneMoving(event.t, event.wall, replace(event.data, velocity=None))
-        if isinstance(event, SceneMoving)
+        MovingSceneEvent(event.stamp, event.wall, replace(event.data, velocity=None))
+        if isinstance(event, MovingSceneEvent)
         else event
         for event in bare
     ]
@@ -116,8 +116,8 @@ def test_panels_without_data_are_not_in_the_window(run, recorded, blueprints, tm
 
 def test_times_count_from_the_first_data_of_a_robot_whose_clock_began_earlier(run, recorded, tmp_path):
     later = 16_862 * SECOND
-    events = [replace(event, t=event.t + later) if hasattr(event, "t") else event for event in run(70)]
-    events.insert(-1, ExceptionRaised(later + 7 * SECOND + SECOND // 2, 0, "Forward", "no laser"))
+    events = [replace(event, stamp=event.stamp + later) if hasattr(event, "stamp") else event for event in run(70)]
+    events.insert(-1, ExceptionEvent(later + 7 * SECOND + SECOND // 2, 0, "Forward", "no laser"))
     recording = recorded(events, tmp_path / "run.rrd")
     assert recording.of("/log", "TextLog:text")[0][0] == SECOND // 10
     said = [values[0] for _, values in recording.of("/now", "TextDocument:text")]

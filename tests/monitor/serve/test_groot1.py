@@ -18,7 +18,7 @@ from btcore import Registry, SimClock, Status
 from btcore.status import Transition
 from btcore_monitor.serve import PortInUseError, Publisher, ServeError, serve
 from btcore_monitor.serve.groot1 import Groot1Server
-from btcore_monitor.serve.queueing_observer import StampedTransition
+from btcore_monitor.serve.queueing_observer import TransitionItem
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 CAPTURES = Path(__file__).parents[1] / "captures"
@@ -367,7 +367,7 @@ def test_updates_equal_the_originals_bytes(sample3):
             assert sample3.ticks < 5
             sample3.tick_exactly_once()
         for change, stamp in zip(heard, stamps, strict=True):
-            server.add_transition(StampedTransition(change, stamp), 0.0)
+            server.add_transition(TransitionItem(change, stamp), 0.0)
         heard.clear()
         assert server.update(1.0) == frame
 
@@ -438,8 +438,8 @@ def test_an_update_has_the_statuses_at_the_end_of_the_previous_update(endless, w
 # The throttle, by the publisher's clock.
 
 
-def change_of(tree: btcore.Tree, number: int, status: Status) -> StampedTransition:
-    return StampedTransition(Transition(number, 0, 1, tree.root.uid, Status.IDLE, status), number)
+def change_of(tree: btcore.Tree, number: int, status: Status) -> TransitionItem:
+    return TransitionItem(Transition(number, 0, 1, tree.root.uid, Status.IDLE, status), number)
 
 
 def test_an_update_is_sent_one_period_after_its_first_transition(endless):

@@ -11,7 +11,7 @@ import zmq
 from zmq.utils.monitor import parse_monitor_message
 
 from btcore_monitor.breakpoints import BreakpointClient, BreakpointError
-from btcore_monitor.events import ConnectionChanged, StatusChanged, TreeSeen
+from btcore_monitor.events import ConnectionEvent, TransitionEvent, TreeEvent
 from btcore_monitor.keys import ClientKeys, RobotKeys, create_keys
 from btcore_monitor.serve import ServeError, serve
 from btcore_monitor.watch.feed import Feed
@@ -63,17 +63,17 @@ REFUSALS = {
 
 def watch(tree, address: str, keys: ClientKeys | None) -> tuple[str, str, int]:
     """Return how a feed is connected, the name of the tree, and the number of transitions of two ticks."""
-    seen: list[StatusChanged] = []
+    seen: list[TransitionEvent] = []
     how = name = ""
     with Feed(address, keys=keys) as feed:
         for event in feed:
-            if isinstance(event, ConnectionChanged) and event.state == "connected":
+            if isinstance(event, ConnectionEvent) and event.state == "connected":
                 how = event.detail
-            elif isinstance(event, TreeSeen):
+            elif isinstance(event, TreeEvent):
                 name = event.tree.name
                 for _ in range(2):
                     tree.tick_exactly_once()
-            elif isinstance(event, StatusChanged):
+            elif isinstance(event, TransitionEvent):
                 seen.append(event)
             if len(seen) >= 10:
                 return how, name, len(seen)
@@ -141,7 +141,7 @@ def test_a_tunnel_to_a_robot_that_is_not_running_is_no_refusal(desk):
         with Feed(f":{tunnel.getsockname()[1]}", keys=desk) as feed:
             while closed < 12:
                 for event in feed.poll(0.05):
-                    assert isinstance(event, ConnectionChanged)
+                    assert isinstance(event, ConnectionEvent)
                     assert event.state == "waiting"
         tunnel.shutdown(socket.SHUT_RDWR)
 

@@ -10,13 +10,13 @@ from collections.abc import Iterator
 import pytest
 
 from btcore_monitor.events import (
-    BlackboardSeen,
-    ConnectionChanged,
-    DataMissed,
-    StatusChanged,
-    Ticked,
-    TransitionsLost,
-    TreeSeen,
+    BlackboardEvent,
+    ConnectionEvent,
+    LostTransitionsEvent,
+    MissingDataEvent,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.serve import serve
 from btcore_monitor.watch import groot2_feed
@@ -36,7 +36,7 @@ OTHER_TREE = (
 
 
 def changes(viewer) -> list[tuple[int, int, int]]:
-    return [(one.uid, one.previous, one.status) for one in viewer.of(StatusChanged)]
+    return [(one.uid, one.previous, one.status) for one in viewer.of(TransitionEvent)]
 
 
 def with_previous(*steps: tuple[int, int]) -> list[tuple[int, int, int]]:
@@ -49,7 +49,7 @@ def with_previous(*steps: tuple[int, int]) -> list[tuple[int, int, int]]:
 
 
 def source(viewer):
-    return viewer.of(TreeSeen)[-1].source
+    return viewer.of(TreeEvent)[-1].source
 
 
 # --- the stand-in
@@ -93,30 +93,30 @@ def test_every_recorded_transition_is_seen_with_its_time(cpp_robot, watch_cpp, u
     robot = cpp_robot()
     began = time.time_ns()
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     for _ in range(60):
         robot.change(*ROUND)
     expected = with_previous(*ROUND * 60)
     until(lambda: len(changes(viewer)) >= len(expected), "all transitions")
     assert changes(viewer) == expected
-    assert [one.number for one in viewer.of(StatusChanged)] == list(range(1, len(expected) + 1))
-    assert not viewer.of(DataMissed)
-    assert len(viewer.of(TreeSeen)) == 1
-    walls = [one.wall for one in viewer.of(StatusChanged)]
+    assert [one.number for one in viewer.of(TransitionEvent)] == list(range(1, len(expected) + 1))
+    assert not viewer.of(MissingDataEvent)
+    assert len(viewer.of(TreeEvent)) == 1
+    walls = [one.wall for one in viewer.of(TransitionEvent)]
     assert walls == sorted(walls)
     assert began <= walls[0]
     assert walls[-1] <= time.time_ns()
-    seen = viewer.of(TreeSeen)[0]
-    assert seen.t == 0
-    assert [one.t for one in viewer.of(StatusChanged)] == [wall - seen.wall for wall in walls]
+    seen = viewer.of(TreeEvent)[0]
+    assert seen.stamp == 0
+    assert [one.stamp for one in viewer.of(TransitionEvent)] == [wall - seen.wall for wall in walls]
 
 
 def test_transitions_before_the_first_request_are_shown_as_statuses(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     robot.change(*TICK_1)
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
-    assert viewer.of(TreeSeen)[0].statuses == dict.fromkeys(range(1, 11), IDLE) | dict(TICK_1)
+    until(lambda: viewer.of(TreeEvent), "the tree")
+    assert viewer.of(TreeEvent)[0].statuses == dict.fromkeys(range(1, 11), IDLE) | dict(TICK_1)
     robot.change((5, SUCCESS), (4, IDLE), (5, IDLE))
     until(lambda: len(changes(viewer)) == 3, "what came after")
     assert changes(viewer) == [(5, RUNNING, SUCCESS), (4, FAILURE, IDLE), (5, SUCCESS, IDLE)]
@@ -125,40 +125,40 @@ def test_transitions_before_the_first_request_are_shown_as_statuses(cpp_robot, w
 def test_data_that_the_protocol_lacks_is_reported_as_unavailable(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*TICK_1)
     until(lambda: len(changes(viewer)) == 5, "a tick")
-    assert not viewer.of(TreeSeen)[0].numbered
+    assert not viewer.of(TreeEvent)[0].numbered
     assert source(viewer).name == "Groot 2, recorded"
     assert source(viewer).unavailable == {
         "ticks": "not sent by Groot 2",
         "exceptions": "not sent by Groot 2",
         "blackboard": "requested 2 times a second: short changes are not seen",
     }
-    assert not viewer.of(Ticked)
-    assert {one.tick for one in viewer.of(StatusChanged)} == {0}
+    assert not viewer.of(TickEvent)
+    assert {one.tick for one in viewer.of(TransitionEvent)} == {0}
 
 
 def test_more_transitions_than_the_robot_keeps_are_reported_as_a_gap(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*ROUND * 200, (4, RUNNING))
     until(lambda: changes(viewer)[-1:] == [(4, IDLE, RUNNING)], "the last transition that the robot kept")
-    (gap,) = viewer.of(DataMissed)
+    (gap,) = viewer.of(MissingDataEvent)
     assert gap.topic == "transitions"
     assert gap.reason == (
         "more than 1000 statuses changed between two requests, and the robot keeps only the last ones"
     )
-    assert gap.since < gap.t
-    again = viewer.of(TreeSeen)[1]
-    assert again.tree is viewer.of(TreeSeen)[0].tree
-    assert again.t == gap.t
+    assert gap.since < gap.stamp
+    again = viewer.of(TreeEvent)[1]
+    assert again.tree is viewer.of(TreeEvent)[0].tree
+    assert again.stamp == gap.stamp
     assert len(changes(viewer)) == 1000, "of 1,201"
     robot.change((4, SUCCESS), (4, IDLE))
     until(lambda: len(changes(viewer)) == 1002, "what comes after the gap")
     assert changes(viewer)[-2:] == [(4, RUNNING, SUCCESS), (4, SUCCESS, IDLE)]
-    assert not viewer.of(TransitionsLost)
+    assert not viewer.of(LostTransitionsEvent)
 
 
 @pytest.mark.parametrize("request_before", ["S", "t"])
@@ -167,7 +167,7 @@ def test_statuses_that_changed_within_a_gap_are_corrected_without_another_gap(
 ):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     robot.stall_at = request_before
     assert robot.stalled.wait(60)
     robot.change((7, RUNNING), (8, RUNNING), *ROUND * 200, (8, SUCCESS))
@@ -178,9 +178,13 @@ def test_statuses_that_changed_within_a_gap_are_corrected_without_another_gap(
     until(lambda: (8, SUCCESS, IDLE) in changes(viewer), "what comes after the gap")
     assert changes(viewer)[-2:] == [(7, RUNNING, SUCCESS), (8, SUCCESS, IDLE)]
     assert ((7, IDLE, RUNNING) in changes(viewer)) == (request_before == "t"), "after the gap"
-    assert viewer.of(TreeSeen)[1].statuses[7] == (RUNNING if request_before == "S" else IDLE)
-    assert len(viewer.of(DataMissed)) == 1
-    times = [event.t for event in viewer.events if isinstance(event, TreeSeen | DataMissed | StatusChanged)]
+    assert viewer.of(TreeEvent)[1].statuses[7] == (RUNNING if request_before == "S" else IDLE)
+    assert len(viewer.of(MissingDataEvent)) == 1
+    times = [
+        event.stamp
+        for event in viewer.events
+        if isinstance(event, TreeEvent | MissingDataEvent | TransitionEvent)
+    ]
     assert times == sorted(times)
 
 
@@ -195,14 +199,14 @@ def test_a_big_tree_that_changes_in_bursts_is_requested_more_often_and_received_
         ).encode()
     )
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     ticks = 3
     for _ in range(ticks):
         for status in (SUCCESS, IDLE):
             robot.change(*((uid, status) for uid in range(2, 902)))
             until(lambda: not robot._recorded, "a request before the second half of the tick")
     until(lambda: len(changes(viewer)) == 2 * 900 * ticks, "all transitions")
-    assert not viewer.of(DataMissed)
+    assert not viewer.of(MissingDataEvent)
     # Requests stay frequent for a while: by the default, sixty would take an hour now.
     monkeypatch.setattr(groot2_feed, "_SLOWER_AFTER", 1000.0)
     monkeypatch.setattr(groot2_feed, "STATUS_EVERY", 60.0)
@@ -235,10 +239,10 @@ def another_reader(robot) -> Iterator[None]:
 def test_a_recording_that_another_client_reads_is_left_to_that_client(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     with another_reader(robot):
         until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
-    assert viewer.of(DataMissed)[-1].reason == (
+    assert viewer.of(MissingDataEvent)[-1].reason == (
         "another client reads this robot's recording too: statuses are sampled for 10 s"
     )
     assert (
@@ -256,50 +260,53 @@ def test_a_recording_is_read_again_after_another_client_has_left(cpp_robot, watc
     monkeypatch.setattr(groot2_feed, "RETRY_AFTER", 0.2)
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     with another_reader(robot):
         until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
     until(lambda: source(viewer).name == "Groot 2, recorded", "another attempt that succeeds")
-    assert viewer.of(DataMissed)[-1].reason == "short changes before this time were not seen in the samples"
-    gaps = len(viewer.of(DataMissed))
+    assert (
+        viewer.of(MissingDataEvent)[-1].reason
+        == "short changes before this time were not seen in the samples"
+    )
+    gaps = len(viewer.of(MissingDataEvent))
     robot.change(*ROUND * 20)
     until(lambda: changes(viewer)[-1:] == [(5, FAILURE, IDLE)], "all transitions")
     assert [step[::2] for step in changes(viewer)[1 - len(ROUND) * 20 :]] == (ROUND * 20)[1:]
-    assert len(viewer.of(DataMissed)) == gaps
-    times = [event.t for event in viewer.of(StatusChanged)]
+    assert len(viewer.of(MissingDataEvent)) == gaps
+    times = [event.stamp for event in viewer.of(TransitionEvent)]
     assert times == sorted(times)
 
 
 def test_a_lost_reply_with_transitions_is_not_blamed_on_another_client(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     robot.drop_reply_to = "t"
     robot.change((4, RUNNING), (5, RUNNING))
-    until(lambda: viewer.of(DataMissed), "the gap")
-    (gap,) = viewer.of(DataMissed)
+    until(lambda: viewer.of(MissingDataEvent), "the gap")
+    (gap,) = viewer.of(MissingDataEvent)
     assert gap.reason == "a reply of the robot with its recorded transitions did not arrive"
     robot.change((4, SUCCESS))
     until(lambda: (4, RUNNING, SUCCESS) in changes(viewer), "the next transition")
-    assert viewer.of(TreeSeen)[-1].statuses[5] == RUNNING
+    assert viewer.of(TreeEvent)[-1].statuses[5] == RUNNING
     assert source(viewer).name == "Groot 2, recorded"
 
 
 def test_a_recording_that_another_client_restarts_is_left_to_that_client(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     began = time.monotonic()
     until(lambda: time.monotonic() - began > 1.5, "a time that tells the two recordings apart")
     with Groot2Client(parse_address(robot.address), timeout=60) as other:
         other.request(Request.TOGGLE_RECORDING, b"start")
     robot.change((4, RUNNING))
-    until(lambda: viewer.of(DataMissed), "the hole")
-    assert "another client began a recording" in viewer.of(DataMissed)[0].reason
+    until(lambda: viewer.of(MissingDataEvent), "the hole")
+    assert "another client began a recording" in viewer.of(MissingDataEvent)[0].reason
     until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
     # The change comes with the tree that is seen again, or with a sample after it.
     until(
-        lambda: viewer.of(TreeSeen)[-1].statuses[4] == RUNNING or (4, IDLE, RUNNING) in changes(viewer),
+        lambda: viewer.of(TreeEvent)[-1].statuses[4] == RUNNING or (4, IDLE, RUNNING) in changes(viewer),
         "the changed status",
     )
     assert robot.recording, "the other client's recording goes on"
@@ -308,17 +315,17 @@ def test_a_recording_that_another_client_restarts_is_left_to_that_client(cpp_rob
 def test_a_robot_that_changes_faster_than_it_can_be_polled_is_recorded_with_gaps(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     for count in range(1, 6):
         robot.change(*ROUND * 200)
-        until(lambda count=count: len(viewer.of(DataMissed)) == count, "a gap")
+        until(lambda count=count: len(viewer.of(MissingDataEvent)) == count, "a gap")
     robot.change((4, RUNNING))
     until(lambda: changes(viewer)[-1] == (4, IDLE, RUNNING), "the next transition")
     assert source(viewer).name == "Groot 2, recorded"
     # The first of the 1,000 transitions leads to the known status.
     assert len(changes(viewer)) == 5 * 999 + 1
-    assert all("the robot keeps only the last ones" in gap.reason for gap in viewer.of(DataMissed))
-    assert len(viewer.of(DataMissed)) == 5
+    assert all("the robot keeps only the last ones" in gap.reason for gap in viewer.of(MissingDataEvent))
+    assert len(viewer.of(MissingDataEvent)) == 5
 
 
 def test_record_prints_one_line_for_each_gap(cpp_robot, command, until):
@@ -343,7 +350,7 @@ def test_record_prints_one_line_for_each_gap(cpp_robot, command, until):
 def test_no_record_leaves_the_robots_buffer_to_other_clients(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address, record=False)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*TICK_1)
     until(lambda: len(changes(viewer)) == 5, "the tick")
     assert (robot.asked["r"], robot.asked["t"]) == (0, 0)
@@ -356,7 +363,7 @@ def test_a_robot_that_cannot_record_is_sampled(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     robot.refused["r"] = "Request not recognized"
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     assert "refuses TOGGLE_RECORDING: Request not recognized" in source(viewer).unavailable["transitions"]
     robot.change((4, RUNNING), (4, SUCCESS), (4, IDLE))
     until(lambda: len(changes(viewer)) == 2, "what an idle node says that it was")
@@ -367,7 +374,7 @@ def test_a_monitor_that_leaves_stops_the_recording_that_it_began(cpp_robot, watc
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
     until(lambda: robot.recording, "the recording")
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     viewer.stop()
     until(lambda: not robot.recording, "its end")
 
@@ -379,66 +386,66 @@ def test_a_feed_waits_for_a_robot_that_starts_later(cpp_robot, watch_cpp, until)
     gone = cpp_robot()
     gone.close()
     viewer = watch_cpp(gone.address, reply_within=30.0)
-    until(lambda: viewer.of(ConnectionChanged), "a word")
-    assert viewer.of(ConnectionChanged)[0].state == "waiting"
+    until(lambda: viewer.of(ConnectionEvent), "a word")
+    assert viewer.of(ConnectionEvent)[0].state == "waiting"
     cpp_robot(port=gone.port)
-    until(lambda: viewer.of(TreeSeen), "the tree")
-    assert [link.state for link in viewer.of(ConnectionChanged)] == ["waiting", "connected"]
-    assert viewer.of(ConnectionChanged)[1].detail == f"{gone.address}, by Groot 2's protocol"
+    until(lambda: viewer.of(TreeEvent), "the tree")
+    assert [link.state for link in viewer.of(ConnectionEvent)] == ["waiting", "connected"]
+    assert viewer.of(ConnectionEvent)[1].detail == f"{gone.address}, by Groot 2's protocol"
 
 
 def test_a_restarted_robot_shows_its_new_tree(cpp_robot, watch_cpp, until):
     first = cpp_robot()
     viewer = watch_cpp(first.address)
-    until(lambda: viewer.of(TreeSeen), "the first tree")
+    until(lambda: viewer.of(TreeEvent), "the first tree")
     first.change(*TICK_1)
     until(lambda: len(changes(viewer)) == 5, "a tick")
     first.close()
     second = cpp_robot(port=first.port, xml=OTHER_TREE)
-    until(lambda: len(viewer.of(TreeSeen)) == 2, "the second tree")
+    until(lambda: len(viewer.of(TreeEvent)) == 2, "the second tree")
     second.change((1, SUCCESS), (1, IDLE))
     until(lambda: len(changes(viewer)) == 7, "what it does")
-    assert [one.tree.name for one in viewer.of(TreeSeen)] == ["Main", "Other"]
-    assert [one.tree.tree_id for one in viewer.of(TreeSeen)] == [first.tree_id.hex(), second.tree_id.hex()]
-    assert [one.number for one in viewer.of(StatusChanged)][5:] == [1, 2]
-    assert not viewer.of(DataMissed)
+    assert [one.tree.name for one in viewer.of(TreeEvent)] == ["Main", "Other"]
+    assert [one.tree.tree_id for one in viewer.of(TreeEvent)] == [first.tree_id.hex(), second.tree_id.hex()]
+    assert [one.number for one in viewer.of(TransitionEvent)][5:] == [1, 2]
+    assert not viewer.of(MissingDataEvent)
 
 
 def test_a_tree_with_a_new_id_is_noticed_without_a_lost_connection(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address, reply_within=30.0)
-    until(lambda: viewer.of(TreeSeen), "the first tree")
+    until(lambda: viewer.of(TreeEvent), "the first tree")
     with robot.lock:
         robot.tree_id = bytes(16)
         robot.xml = OTHER_TREE
         robot.statuses = {1: RUNNING}
         robot.recording = False
-    until(lambda: len(viewer.of(TreeSeen)) == 2, "the second tree")
-    assert viewer.of(TreeSeen)[1].statuses == {1: RUNNING}
+    until(lambda: len(viewer.of(TreeEvent)) == 2, "the second tree")
+    assert viewer.of(TreeEvent)[1].statuses == {1: RUNNING}
     until(lambda: robot.recording, "a recording of it")
-    assert [link.state for link in viewer.of(ConnectionChanged)] == ["waiting", "connected"]
+    assert [link.state for link in viewer.of(ConnectionEvent)] == ["waiting", "connected"]
 
 
 def test_transitions_recorded_during_a_short_silence_are_not_lost(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*TICK_1)
     until(lambda: len(changes(viewer)) == 5, "a tick")
     robot.stall_at = "S"
-    until(lambda: viewer.of(ConnectionChanged)[-1].state == "lost", "the silence")
+    until(lambda: viewer.of(ConnectionEvent)[-1].state == "lost", "the silence")
     robot.change((5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
     robot.resume()
     until(lambda: len(changes(viewer)) == 8 + len(ROUND) * 20, "what happened meanwhile")
     assert changes(viewer) == with_previous(*TICK_1, (5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
-    assert [link.state for link in viewer.of(ConnectionChanged)] == [
+    assert [link.state for link in viewer.of(ConnectionEvent)] == [
         "waiting",
         "connected",
         "lost",
         "connected",
     ]
-    assert not viewer.of(DataMissed)
-    assert len(viewer.of(TreeSeen)) == 1
+    assert not viewer.of(MissingDataEvent)
+    assert len(viewer.of(TreeEvent)) == 1
 
 
 def test_a_reply_may_take_longer_than_the_first_timeout(cpp_robot, watch_cpp, until):
@@ -447,18 +454,18 @@ def test_a_reply_may_take_longer_than_the_first_timeout(cpp_robot, watch_cpp, un
     viewer = watch_cpp(robot.address)
     until(lambda: robot.asked["S"], "that the tree was taken in, and the next question")
     robot.delay = 0.1
-    until(lambda: viewer.of(TreeSeen), "the tree")
+    until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*TICK_1)
     until(lambda: len(changes(viewer)) == 5, "the tick")
     # Later, a machine that stops for a second loses the connection, because the reply is late.
-    states = [link.state for link in viewer.of(ConnectionChanged)]
+    states = [link.state for link in viewer.of(ConnectionEvent)]
     assert (states[:2], states[-1]) == (["waiting", "connected"], "connected")
 
 
 def test_several_robots_are_followed_at_once(cpp_robot, watch_cpp, until):
     robots = [cpp_robot() for _ in range(3)]
     viewers = [watch_cpp(robot.address) for robot in robots]
-    until(lambda: all(one.of(TreeSeen) for one in viewers), "the trees")
+    until(lambda: all(one.of(TreeEvent) for one in viewers), "the trees")
     for number, robot in enumerate(robots, start=1):
         robot.change(*ROUND * number)
     until(lambda: [len(changes(one)) for one in viewers] == [6, 12, 18], "what each does")
@@ -481,8 +488,8 @@ def test_blackboards_are_requested_at_the_given_rate(cpp_robot, watch_cpp, until
     if rate:
         until(lambda: robot.asked["B"] > 5, "questions")
         assert set(robot.names) == {b"Main;Sub::6"}
-        assert len(viewer.of(BlackboardSeen)) == 1
-        assert viewer.of(BlackboardSeen)[0].boards["Sub::6"] == {
+        assert len(viewer.of(BlackboardEvent)) == 1
+        assert viewer.of(BlackboardEvent)[0].boards["Sub::6"] == {
             "lim": 7,
             "loc": 4.5,
             "mode": "fast",
@@ -494,9 +501,9 @@ def test_blackboards_that_are_refused_together_are_requested_one_by_one(cpp_robo
     robot = cpp_robot()
     robot.refused["B"] = "two different root blackboards"
     viewer = watch_cpp(robot.address, reply_within=30.0, blackboard_rate=50)
-    until(lambda: len(viewer.of(DataMissed)) == 2, "a word on each")
+    until(lambda: len(viewer.of(MissingDataEvent)) == 2, "a word on each")
     assert robot.names == []
-    for hole, name in zip(viewer.of(DataMissed), ("Main", "Sub::6"), strict=True):
+    for hole, name in zip(viewer.of(MissingDataEvent), ("Main", "Sub::6"), strict=True):
         assert hole.topic == "blackboard"
         assert f"{name} isn't shown" in hole.reason
         assert "two different root blackboards" in hole.reason
@@ -504,7 +511,7 @@ def test_blackboards_that_are_refused_together_are_requested_one_by_one(cpp_robo
     robot.change((4, RUNNING))
     until(lambda: changes(viewer), "that the rest goes on")
     assert robot.asked["B"] == asked == 3
-    assert [link.state for link in viewer.of(ConnectionChanged)] == ["waiting", "connected"]
+    assert [link.state for link in viewer.of(ConnectionEvent)] == ["waiting", "connected"]
 
 
 def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch_cpp, until, capture):
@@ -512,7 +519,7 @@ def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch_cpp, until,
     robot.boards = capture("blackboard_after.rep")[1]
     robot.delay = 0.1
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(BlackboardSeen), "a blackboard, though looks are always overdue")
+    until(lambda: viewer.of(BlackboardEvent), "a blackboard, though looks are always overdue")
 
 
 # --- a btcore robot without its run channel
@@ -522,9 +529,9 @@ def test_a_btcore_robot_can_be_followed_through_groot_2(endless, watch_cpp, unti
     told = changes(endless)
     with serve(endless, groot2=0, run_channel=False) as publisher:
         viewer = watch_cpp(publisher.address)
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
         for tick in range(1, 21):
             endless.tick_exactly_once()
-            until(lambda number=told.count: len(viewer.of(StatusChanged)) == number, f"tick {tick}")
-        assert not viewer.of(DataMissed)
+            until(lambda number=told.count: len(viewer.of(TransitionEvent)) == number, f"tick {tick}")
+        assert not viewer.of(MissingDataEvent)
         assert source(viewer).name == "Groot 2, recorded"

@@ -12,17 +12,17 @@ import zmq
 import btcore
 from btcore import SimClock
 from btcore_monitor.events import (
-    BlackboardSeen,
-    ConnectionChanged,
+    BlackboardEvent,
+    ConnectionEvent,
     Event,
-    ExceptionRaised,
+    ExceptionEvent,
+    LostTransitionsEvent,
+    MovingSceneEvent,
     ObservedTree,
-    SceneMoving,
-    SceneStatic,
-    StatusChanged,
-    Ticked,
-    TransitionsLost,
-    TreeSeen,
+    StaticSceneEvent,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.serve import Publisher, serve
 from btcore_monitor.serve.gateway_process import CONNECTIONS
@@ -56,14 +56,14 @@ class Watcher:
         with self.feed:
             for event in self.feed:
                 self.events.append(event)
-                if self.pause and isinstance(event, Ticked):
+                if self.pause and isinstance(event, TickEvent):
                     time.sleep(self.pause)
 
     def of(self, kind: type) -> list:
         return [event for event in self.events if isinstance(event, kind)]
 
     def ended(self) -> bool:
-        return any(link.state == "ended" for link in self.of(ConnectionChanged))
+        return any(link.state == "ended" for link in self.of(ConnectionEvent))
 
 
 @pytest.fixture
@@ -84,11 +84,11 @@ def watch() -> Iterator[Callable[..., Watcher]]:
 class Scene:
     """A resource that can be shown."""
 
-    def scene_static(self) -> StaticScene:
+    def static_scene(self) -> StaticScene:
         wall = Box(name="wall", size=(1, 2, 3), position=(0, 0, 1.5))
         return StaticScene(frame="map", parts=[wall])
 
-    def scene_moving(self) -> MovingScene:
+    def moving_scene(self) -> MovingScene:
         frame = Frame("base_link", "map", (0, 0, 0), (0, 0, 0, 1))
         return MovingScene(stamp=5, frames=[frame], scan=Scan(ranges=b"\x00\x00\x80\x3f"))
 
@@ -103,16 +103,16 @@ def statuses(client: Groot2Client) -> dict[int, StatusRecord]:
 
 
 def numbers(watcher: Watcher) -> list[int]:
-    return [event.number for event in watcher.of(StatusChanged)]
+    return [event.number for event in watcher.of(TransitionEvent)]
 
 
 class Cameras(Scene):
     """A scene with an invalid picture, which is left out, and a valid picture."""
 
-    def scene_moving(self) -> MovingScene:
+    def moving_scene(self) -> MovingScene:
         torn = Picture(name="torn", size=(4, 2), format="rgb8", data=bytes(23))
         whole = Picture(name="whole", size=(4, 2), format="rgb8", data=bytes(24))
-        return replace(super().scene_moving(), pictures=[torn, whole])
+        return replace(super().moving_scene(), pictures=[torn, whole])
 
 
 def test_a_picture_of_the_wrong_size_is_left_out_with_one_warning(sample, watch, until, caplog):
@@ -123,7 +123,7 @@ def test_a_picture_of_the_wrong_size_is_left_out_with_one_warning(sample, watch,
             sample.clock.advance(1.0)
         publisher.finish()
         until(watcher.ended, "the end of the stream")
-    scenes = [one.data for one in watcher.of(SceneMoving)]
+    scenes = [one.data for one in watcher.of(MovingSceneEvent)]
     assert len(scenes) > 1
     assert {tuple(picture.name for picture in scene.pictures) for scene in scenes} == {("whole",)}
     assert all(scene.frames for scene in scenes)
@@ -137,32 +137,32 @@ def test_a_viewer_that_starts_before_the_robot_sees_everything(sample, watch, un
     with serve(sample, groot2=0) as publisher:
         port = publisher.port
     early = watch(f":{port}")
-    until(lambda: early.of(ConnectionChanged), "a word about the robot that isn't there")
-    assert early.events[0] == ConnectionChanged("waiting", f"waiting for the robot at tcp://127.0.0.1:{port}")
+    until(lambda: early.of(ConnectionEvent), "a word about the robot that isn't there")
+    assert early.events[0] == ConnectionEvent("waiting", f"waiting for the robot at tcp://127.0.0.1:{port}")
     with serve(sample, groot2=port, resources=[Scene()]) as publisher:
         assert publisher.wait_for_clients(1, 60)
         for _ in range(3):
             sample.tick_exactly_once()
     until(early.ended, "the goodbye")
 
-    seen = early.of(TreeSeen)[0]
+    seen = early.of(TreeEvent)[0]
     assert seen.tree.tree_id == publisher.tree_id
     assert seen.tree.name == "Main"
     assert set(seen.statuses.values()) == {0}
     assert numbers(early) == list(range(1, len(numbers(early)) + 1))
-    assert [(one.uid, one.previous, one.status) for one in early.of(StatusChanged)][:5] == [
+    assert [(one.uid, one.previous, one.status) for one in early.of(TransitionEvent)][:5] == [
         (1, 0, 1),
         (2, 0, 2),
         (3, 0, 1),
         (4, 0, 3),
         (5, 0, 1),
     ]
-    assert [one.tick for one in early.of(Ticked)] == [1, 2, 3]
-    assert early.of(SceneStatic)[0].data.frame == "map"
-    assert early.of(SceneMoving)[0].data.scan.ranges == b"\x00\x00\x80\x3f"
-    assert early.of(BlackboardSeen)[-1].boards["Sub::6"]["mode"] == "fast"
-    assert [link.state for link in early.of(ConnectionChanged)] == ["waiting", "connected", "ended"]
-    assert not early.of(TransitionsLost)
+    assert [one.tick for one in early.of(TickEvent)] == [1, 2, 3]
+    assert early.of(StaticSceneEvent)[0].data.frame == "map"
+    assert early.of(MovingSceneEvent)[0].data.scan.ranges == b"\x00\x00\x80\x3f"
+    assert early.of(BlackboardEvent)[-1].boards["Sub::6"]["mode"] == "fast"
+    assert [link.state for link in early.of(ConnectionEvent)] == ["waiting", "connected", "ended"]
+    assert not early.of(LostTransitionsEvent)
 
 
 @contextmanager
@@ -198,10 +198,10 @@ def test_a_robot_with_a_run_channel_is_not_sampled_meanwhile(endless, monkeypatc
         publisher.finish()
         events += viewer.events(until_end=True)
         publisher.close()
-    assert len([event for event in events if isinstance(event, TreeSeen)]) == 1
-    found = [event.number for event in events if isinstance(event, StatusChanged)]
+    assert len([event for event in events if isinstance(event, TreeEvent)]) == 1
+    found = [event.number for event in events if isinstance(event, TransitionEvent)]
     assert found == list(range(1, len(found) + 1))
-    assert [event.tick for event in events if isinstance(event, Ticked)] == list(range(1, 21))
+    assert [event.tick for event in events if isinstance(event, TickEvent)] == list(range(1, 21))
 
 
 def test_a_robot_whose_run_channel_is_not_reachable_is_sampled(endless, monkeypatch):
@@ -211,17 +211,17 @@ def test_a_robot_whose_run_channel_is_not_reachable_is_sampled(endless, monkeypa
         leave = stack.enter_context(strangers(publisher, CONNECTIONS))
         viewer = stack.enter_context(Feed(publisher.address))
         connected = next(
-            event for event in viewer if isinstance(event, ConnectionChanged) and event.state == "connected"
+            event for event in viewer if isinstance(event, ConnectionEvent) and event.state == "connected"
         )
         port = publisher.port
         assert connected.detail == (
             f"tcp://127.0.0.1:{port}, by Groot 2's protocol, because there is no reply from its run "
             f"channel, tcp://127.0.0.1:{port + 2}"
         )
-        assert not next(event for event in viewer if isinstance(event, TreeSeen)).numbered
+        assert not next(event for event in viewer if isinstance(event, TreeEvent)).numbered
         leave()
         # A run channel that can be reached again begins with the tree.
-        assert next(event for event in viewer if isinstance(event, TreeSeen)).numbered
+        assert next(event for event in viewer if isinstance(event, TreeEvent)).numbered
 
 
 def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, until):
@@ -246,11 +246,11 @@ def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, unt
             until(lambda: asked(b"again/1/"), "the request for the first message")
             topic = next(one[1:] for one in topics if one.startswith(b"\x01again/1/"))
             client.read()
-            ticks = wire.encode(wire.TicksMessage("a", 1, 0, 0, 1, 0, 1, True, 1, []))
+            ticks = wire.encode(wire.TickMessage("a", 1, 0, 0, 1, 0, 1, True, 1, []))
             robot.send_multipart([topic, wire.encode(wire.PieceMessage("a", 1, 1, 1, [ticks]))])
             received: list[wire.Message] = []
             until(lambda: received.extend(client.read()) or received, "the message")
-            assert [message.seq for message in received if isinstance(message, wire.TicksMessage)] == [1]
+            assert [message.seq for message in received if isinstance(message, wire.TickMessage)] == [1]
         finally:
             client.close()
     context.term()
@@ -271,7 +271,7 @@ def test_closing_waits_for_a_client_that_does_not_read_for_some_time(endless, mo
         ]
         events += viewer.events(until_end=True)
         closing.join()
-    assert [event.tick for event in events if isinstance(event, Ticked)] == list(range(1, 21))
+    assert [event.tick for event in events if isinstance(event, TickEvent)] == list(range(1, 21))
 
 
 def test_a_viewer_that_connects_during_a_run_gets_the_earlier_events(endless, watch, until):
@@ -279,10 +279,10 @@ def test_a_viewer_that_connects_during_a_run_gets_the_earlier_events(endless, wa
         for _ in range(50):
             endless.tick_exactly_once()
         late = watch(publisher.address)
-        until(lambda: len(late.of(Ticked)) == 50, "the past")
+        until(lambda: len(late.of(TickEvent)) == 50, "the past")
         for _ in range(50):
             endless.tick_exactly_once()
-        until(lambda: len(late.of(Ticked)) == 100, "the present")
+        until(lambda: len(late.of(TickEvent)) == 100, "the present")
         assert numbers(late) == list(range(1, len(numbers(late)) + 1))
 
 
@@ -294,8 +294,8 @@ def test_a_viewer_that_connects_after_the_last_tick_gets_the_run(sample, watch, 
         publisher.finish()
         late = watch(publisher.address)
         until(late.ended, "the goodbye")
-        assert len(late.of(Ticked)) == 3
-        assert late.of(StatusChanged)[-1].status == 0
+        assert len(late.of(TickEvent)) == 3
+        assert late.of(TransitionEvent)[-1].status == 0
 
 
 def test_slow_viewers_of_a_fast_tree_miss_no_transition(endless, watch, until, changes):
@@ -313,23 +313,23 @@ def test_slow_viewers_of_a_fast_tree_miss_no_transition(endless, watch, until, c
     until(lambda: all(one.ended() for one in viewers), "everybody's goodbye")
     for viewer in viewers:
         assert numbers(viewer) == list(range(1, total + 1))
-        assert [one.tick for one in viewer.of(Ticked)] == list(range(1, 1001))
-        assert not viewer.of(TransitionsLost)
+        assert [one.tick for one in viewer.of(TickEvent)] == list(range(1, 1001))
+        assert not viewer.of(LostTransitionsEvent)
     assert publisher.dropped == 0
 
 
 def test_a_robot_that_restarts_shows_its_new_tree(sample, endless, watch, until):
     with serve(sample, groot2=0) as first:
         viewer = watch(first.address)
-        until(lambda: viewer.of(TreeSeen), "the first tree")
+        until(lambda: viewer.of(TreeEvent), "the first tree")
     with serve(endless, groot2=first.port) as second:
-        until(lambda: len(viewer.of(TreeSeen)) == 2, "the second tree")
+        until(lambda: len(viewer.of(TreeEvent)) == 2, "the second tree")
         endless.tick_exactly_once()
-        until(lambda: viewer.of(Ticked), "a tick of the second tree")
-    trees = [event.tree for event in viewer.of(TreeSeen)]
+        until(lambda: viewer.of(TickEvent), "a tick of the second tree")
+    trees = [event.tree for event in viewer.of(TreeEvent)]
     assert [tree.name for tree in trees] == ["Main", "Endless"]
     assert trees[1].tree_id == second.tree_id
-    assert [link.state for link in viewer.of(ConnectionChanged)][:4] == [
+    assert [link.state for link in viewer.of(ConnectionEvent)][:4] == [
         "waiting",
         "connected",
         "ended",
@@ -350,20 +350,22 @@ def test_a_replaced_tree_is_seen_on_the_same_connection(sample, endless, watch, 
         assert publisher.clients == 1
         second = publisher.tree_id
     until(viewer.ended, "the goodbye")
-    seen = viewer.of(TreeSeen)
+    seen = viewer.of(TreeEvent)
     assert [event.tree.name for event in seen] == ["Main", "Endless"]
     assert seen[1].tree.tree_id == second
-    assert [link.state for link in viewer.of(ConnectionChanged)][-2:] == ["connected", "ended"], (
+    assert [link.state for link in viewer.of(ConnectionEvent)][-2:] == ["connected", "ended"], (
         "no connection was lost"
     )
     kinds = [type(event) for event in viewer.events]
-    assert kinds.index(SceneStatic, viewer.events.index(seen[1]))
-    before = [one for one in viewer.events[: viewer.events.index(seen[1])] if isinstance(one, StatusChanged)]
+    assert kinds.index(StaticSceneEvent, viewer.events.index(seen[1]))
+    before = [
+        one for one in viewer.events[: viewer.events.index(seen[1])] if isinstance(one, TransitionEvent)
+    ]
     after = numbers(viewer)[len(before) :]
     assert [one.number for one in before] == list(range(1, told_before.count + 1))
     assert before[-1].status == 0, "the last halt of the first tree is not lost"
     assert after == list(range(1, told_after.count + 1))
-    assert [one.tick for one in viewer.of(Ticked)] == [1, *range(1, 101)]
+    assert [one.tick for one in viewer.of(TickEvent)] == [1, *range(1, 101)]
 
 
 def test_a_groot2_client_sees_the_next_tree_at_once(sample, endless):
@@ -392,7 +394,7 @@ def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until)
 
             def asked() -> bool:
                 # The client repeats its request after some time only, because a reply may be on its way.
-                robot.send_multipart([wire.ALIVE, wire.encode(wire.AliveMessage("second", 0))])
+                robot.send_multipart([wire.ALIVE, wire.encode(wire.HeartbeatMessage("second", 0))])
                 client.read()
                 while robot.poll(0) and not heard[-1].startswith(b"\x01again/tree/"):
                     heard.append(robot.recv())
@@ -428,9 +430,9 @@ def test_the_exception_of_a_node_arrives(watch, until):
         assert publisher.wait_for_clients(1, 60)
         with pytest.raises(btcore.NodeExecutionError):
             tree.tick_exactly_once()
-        until(lambda: viewer.of(ExceptionRaised), "the error")
-    assert viewer.of(ExceptionRaised)[0].path == "fuse"
-    assert "boom" in viewer.of(ExceptionRaised)[0].message
+        until(lambda: viewer.of(ExceptionEvent), "the error")
+    assert viewer.of(ExceptionEvent)[0].path == "fuse"
+    assert "boom" in viewer.of(ExceptionEvent)[0].message
 
 
 def test_transitions_of_an_unfinished_tick_are_shown(watch, until):
@@ -450,8 +452,8 @@ def test_transitions_of_an_unfinished_tick_are_shown(watch, until):
         ticking = threading.Thread(target=tree.tick_exactly_once)
         ticking.start()
         try:
-            until(lambda: viewer.of(StatusChanged), "the first child's success")
-            assert not viewer.of(Ticked)
+            until(lambda: viewer.of(TransitionEvent), "the first child's success")
+            assert not viewer.of(TickEvent)
         finally:
             go_on.set()
             ticking.join()
@@ -474,46 +476,46 @@ def test_a_hanging_viewer_does_not_delay_the_end(endless):
 def test_a_robot_with_groot2_only_is_sampled(sample, watch, until):
     with serve(sample, groot2=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
-        until(lambda: viewer.of(BlackboardSeen), "a first look")
-        seen = viewer.of(TreeSeen)[0]
+        until(lambda: viewer.of(BlackboardEvent), "a first look")
+        seen = viewer.of(TreeEvent)[0]
         assert not seen.numbered
-        assert [link.state for link in viewer.of(ConnectionChanged)] == ["waiting", "connected"]
+        assert [link.state for link in viewer.of(ConnectionEvent)] == ["waiting", "connected"]
         sample.tick_exactly_once()
-        until(lambda: len(viewer.of(StatusChanged)) == 5, "the first tick")
-        assert [one.number for one in viewer.of(StatusChanged)] == [1, 2, 3, 4, 5]
-        assert {one.uid: one.status for one in viewer.of(StatusChanged)} == {1: 1, 2: 2, 3: 1, 4: 3, 5: 1}
-        until(lambda: viewer.of(BlackboardSeen)[-1].boards[""].get("x") == 42, "the blackboard")
-        assert viewer.of(BlackboardSeen)[-1].boards["Sub::6"]["lim"] == 7
-        assert "ROOT" not in viewer.of(BlackboardSeen)[-1].boards
+        until(lambda: len(viewer.of(TransitionEvent)) == 5, "the first tick")
+        assert [one.number for one in viewer.of(TransitionEvent)] == [1, 2, 3, 4, 5]
+        assert {one.uid: one.status for one in viewer.of(TransitionEvent)} == {1: 1, 2: 2, 3: 1, 4: 3, 5: 1}
+        until(lambda: viewer.of(BlackboardEvent)[-1].boards[""].get("x") == 42, "the blackboard")
+        assert viewer.of(BlackboardEvent)[-1].boards["Sub::6"]["lim"] == 7
+        assert "ROOT" not in viewer.of(BlackboardEvent)[-1].boards
 
 
 def test_sampling_shows_the_last_result_of_a_node_that_became_idle(sample, watch, until):
     with serve(sample, groot2=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
         sample.tick_exactly_once()
-        until(lambda: len(viewer.of(StatusChanged)) == 5, "the first tick")
+        until(lambda: len(viewer.of(TransitionEvent)) == 5, "the first tick")
         sample.tick_exactly_once()
         sample.tick_exactly_once()
-        until(lambda: [one for one in viewer.of(StatusChanged) if one.uid == 9], "the third tick")
-        of_count = [(one.previous, one.status) for one in viewer.of(StatusChanged) if one.uid == 5]
+        until(lambda: [one for one in viewer.of(TransitionEvent) if one.uid == 9], "the third tick")
+        of_count = [(one.previous, one.status) for one in viewer.of(TransitionEvent) if one.uid == 5]
         assert of_count == [(0, 1), (1, 2), (2, 0)]
 
 
 def test_a_sampled_robot_that_goes_silent_is_lost_and_found_again(sample, watch, until):
     with serve(sample, groot2=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
     until(
         lambda: (
-            viewer.events[-1] == viewer.of(ConnectionChanged)[-1]
-            and viewer.of(ConnectionChanged)[-1].state == "lost"
+            viewer.events[-1] == viewer.of(ConnectionEvent)[-1]
+            and viewer.of(ConnectionEvent)[-1].state == "lost"
         ),
         "the loss",
     )
     with serve(sample, groot2=publisher.port, run_channel=False):
-        until(lambda: len(viewer.of(TreeSeen)) == 2, "the return")
-    assert viewer.of(TreeSeen)[0].tree.tree_id != viewer.of(TreeSeen)[1].tree.tree_id
+        until(lambda: len(viewer.of(TreeEvent)) == 2, "the return")
+    assert viewer.of(TreeEvent)[0].tree.tree_id != viewer.of(TreeEvent)[1].tree.tree_id
 
 
 def test_a_groot2_client_gets_replies_to_its_requests(sample):

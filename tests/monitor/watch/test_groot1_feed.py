@@ -8,12 +8,19 @@ from pathlib import Path
 import pytest
 import zmq
 
-from btcore_monitor.events import ConnectionChanged, DataMissed, Event, StatusChanged, Ticked, TreeSeen
+from btcore_monitor.events import (
+    ConnectionEvent,
+    Event,
+    MissingDataEvent,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
+)
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.feed import Feed
 from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
-from btcore_monitor.wire.groot1 import WireChange, encode_update
+from btcore_monitor.wire.groot1 import WireTransition, encode_update
 from btcore_monitor.wire.groot1_tree import WireModel, WireNode, WireTree, encode_tree
 from btcore_monitor.wire.groot2 import Request
 
@@ -33,7 +40,7 @@ SMALL = WireTree(
 
 
 def update(statuses: list[int], *steps: tuple[int, int, int], stamp: int = 10**18) -> bytes:
-    changes = [WireChange(stamp + 1000 * number, *step) for number, step in enumerate(steps)]
+    changes = [WireTransition(stamp + 1000 * number, *step) for number, step in enumerate(steps)]
     return encode_update(enumerate(statuses, start=1), changes)
 
 
@@ -119,11 +126,11 @@ class Watcher:
 
     @property
     def links(self) -> list[str]:
-        return [link.state for link in self.of(ConnectionChanged)]
+        return [link.state for link in self.of(ConnectionEvent)]
 
     @property
     def steps(self) -> list[tuple[int, int, int]]:
-        return [(one.uid, one.previous, one.status) for one in self.of(StatusChanged)]
+        return [(one.uid, one.previous, one.status) for one in self.of(TransitionEvent)]
 
 
 @pytest.fixture
@@ -144,24 +151,24 @@ def watch() -> Iterator[Callable[[str], Watcher]]:
 def test_a_robot_of_version_3_is_detected_and_every_transition_is_shown(watch, until):
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
         robot.publish(*UPDATES)
         until(lambda: len(viewer.steps) == len(STEPS), "what the robot published")
     assert not robot.hurt
     assert viewer.links[:2] == ["waiting", "connected"]
-    assert viewer.of(ConnectionChanged)[1].detail == f"tcp://127.0.0.1:{robot.port}, by Groot 1's protocol"
-    seen = viewer.of(TreeSeen)[0]
+    assert viewer.of(ConnectionEvent)[1].detail == f"tcp://127.0.0.1:{robot.port}, by Groot 1's protocol"
+    seen = viewer.of(TreeEvent)[0]
     assert len(seen.tree.nodes) == 11
     assert not seen.numbered
     assert set(seen.source.unavailable) == {"ticks", "exceptions", "blackboard"}
     assert set(seen.statuses.values()) == {0}
     assert viewer.steps == STEPS
-    changes = viewer.of(StatusChanged)
+    changes = viewer.of(TransitionEvent)
     assert [one.number for one in changes] == list(range(1, len(STEPS) + 1))
     assert [one.wall for one in changes[:2]] == [1795223035621691000, 1795223035621823000]
-    assert changes[7].t - changes[4].t == changes[7].wall - changes[4].wall
-    assert [one.t for one in changes] == sorted(one.t for one in changes)
-    assert not viewer.of(DataMissed)
+    assert changes[7].stamp - changes[4].stamp == changes[7].wall - changes[4].wall
+    assert [one.stamp for one in changes] == sorted(one.stamp for one in changes)
+    assert not viewer.of(MissingDataEvent)
 
 
 def test_a_viewer_that_connects_during_a_run_gets_statuses_by_the_first_update(watch, until):
@@ -171,35 +178,35 @@ def test_a_viewer_that_connects_during_a_run_gets_statuses_by_the_first_update(w
         until(lambda: robot.listeners == 1, "a listener")
         robot.publish(UPDATES[1])
         until(lambda: len(viewer.steps) == 7, "the update")
-    assert len(viewer.of(TreeSeen)) == 1
-    assert viewer.of(TreeSeen)[0].statuses == dict(zip(range(1, 12), [1, 2, 1, 3, 1] + 6 * [0], strict=True))
-    assert not viewer.of(DataMissed)
+    assert len(viewer.of(TreeEvent)) == 1
+    assert viewer.of(TreeEvent)[0].statuses == dict(zip(range(1, 12), [1, 2, 1, 3, 1] + 6 * [0], strict=True))
+    assert not viewer.of(MissingDataEvent)
 
 
 def test_statuses_that_arrive_late_correct_the_statuses_of_the_tree(watch, until):
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
         robot.publish(UPDATES[1])
         until(lambda: len(viewer.steps) == 7, "the update")
-    first, second = viewer.of(TreeSeen)
+    first, second = viewer.of(TreeEvent)
     assert second.tree is first.tree, "it is the same tree"
     assert [second.statuses[uid] for uid in range(1, 6)] == [1, 2, 1, 3, 1]
-    assert not viewer.of(DataMissed), "nothing got lost, since nothing was known"
+    assert not viewer.of(MissingDataEvent), "nothing got lost, since nothing was known"
 
 
 def test_a_lost_update_is_reported_as_a_gap(watch, until):
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
         robot.publish(UPDATES[0], UPDATES[2])
         until(lambda: len(viewer.steps) == 13, "the updates")
-    changes = viewer.of(StatusChanged)
+    changes = viewer.of(TransitionEvent)
     assert [one.number for one in changes] == list(range(1, 14))
-    again = viewer.of(TreeSeen)[1]
-    (hole,) = viewer.of(DataMissed)
-    assert (hole.since, hole.t, hole.topic) == (changes[4].t, changes[5].t, "transitions")
-    assert again.tree.tree_id == viewer.of(TreeSeen)[0].tree.tree_id
+    again = viewer.of(TreeEvent)[1]
+    (hole,) = viewer.of(MissingDataEvent)
+    assert (hole.since, hole.stamp, hole.topic) == (changes[4].stamp, changes[5].stamp, "transitions")
+    assert again.tree.tree_id == viewer.of(TreeEvent)[0].tree.tree_id
     assert [again.statuses[uid] for uid in range(1, 9)] == [1, 2, 2, 0, 0, 1, 1, 1]
     assert viewer.events.index(hole) < viewer.events.index(again)
 
@@ -207,14 +214,14 @@ def test_a_lost_update_is_reported_as_a_gap(watch, until):
 def test_a_robot_that_does_not_publish_transitions_to_idle_has_no_gaps(watch, until):
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
         robot.publish(
             update([0, 0], (1, 0, 1), (2, 0, 2), (2, 0, 3)),
             update([1, 0], (2, 0, 2)),
         )
         until(lambda: len(viewer.steps) == 6, "the updates")
     assert viewer.steps == [(1, 0, 1), (2, 0, 2), (2, 2, 0), (2, 0, 3), (2, 3, 0), (2, 0, 2)]
-    assert not viewer.of(DataMissed)
+    assert not viewer.of(MissingDataEvent)
 
 
 def test_a_robot_may_start_later_and_restart_with_another_tree(watch, until):
@@ -223,44 +230,44 @@ def test_a_robot_may_start_later_and_restart_with_another_tree(watch, until):
     viewer = watch(f":{port}")
     until(lambda: viewer.links == ["waiting"], "a word about the robot that isn't there")
     with Robot(TREE, port) as robot:
-        until(lambda: viewer.of(TreeSeen), "the first tree")
+        until(lambda: viewer.of(TreeEvent), "the first tree")
         robot.publish(UPDATES[0])
     with Robot(encode_tree(SMALL), port) as robot:
-        until(lambda: len(viewer.of(TreeSeen)) == 2, "the second tree")
+        until(lambda: len(viewer.of(TreeEvent)) == 2, "the second tree")
         robot.publish(update([0, 0], (1, 0, 1)))
         until(lambda: len(viewer.steps) == 6, "the second tree's transition")
-    first, second = viewer.of(TreeSeen)
+    first, second = viewer.of(TreeEvent)
     assert (first.tree.name, second.tree.name) == ("root_seq", "again")
     assert first.tree.tree_id != second.tree.tree_id
-    assert viewer.of(StatusChanged)[-1].number == 1
+    assert viewer.of(TransitionEvent)[-1].number == 1
 
 
 def test_a_robot_that_restarts_with_the_same_tree_is_a_new_run(watch, until):
     """Groot 1 does not notice the restart, because the uids are the same."""
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
         robot.publish(UPDATES[0], UPDATES[1])
         until(lambda: len(viewer.steps) == 12, "its transitions")
     with Robot(TREE, robot.port) as robot:
-        until(lambda: len(viewer.of(TreeSeen)) == 2, "the tree again")
+        until(lambda: len(viewer.of(TreeEvent)) == 2, "the tree again")
         robot.publish(UPDATES[0])
         until(lambda: len(viewer.steps) == 17, "its transitions again")
-    first, second = viewer.of(TreeSeen)
+    first, second = viewer.of(TreeEvent)
     assert first.tree.tree_id != second.tree.tree_id
     assert set(second.statuses.values()) == {0}
-    assert not viewer.of(DataMissed)
+    assert not viewer.of(MissingDataEvent)
 
 
 def test_another_tree_in_the_same_process_is_requested(watch, until):
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
-        until(lambda: viewer.of(TreeSeen), "the first tree")
+        until(lambda: viewer.of(TreeEvent), "the first tree")
         nodes = (WireNode(3, (4,), 0, "next", "Repeat"), WireNode(4, (), 0, "look", "Look"))
         robot.tree = encode_tree(SMALL._replace(nodes=nodes))
-        robot.publish(encode_update([(3, 0), (4, 0)], [WireChange(10**18, 4, 0, 2)]))
+        robot.publish(encode_update([(3, 0), (4, 0)], [WireTransition(10**18, 4, 0, 2)]))
         until(lambda: viewer.steps, "its transition")
-    assert [event.tree.name for event in viewer.of(TreeSeen)] == ["again", "next"]
+    assert [event.tree.name for event in viewer.of(TreeEvent)] == ["again", "next"]
     assert viewer.steps == [(2, 0, 2)]
 
 
@@ -268,7 +275,7 @@ def test_an_idle_robot_stays_connected_and_a_silent_robot_is_lost(watch, until, 
     monkeypatch.setattr("btcore_monitor.watch.groot1_feed.PROBE_AFTER", 0.8)
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
         asked = robot.asked
         until(lambda: robot.asked > asked, "a look whether it is there")
         assert viewer.links[:2] == ["waiting", "connected"]
@@ -279,30 +286,29 @@ def test_an_idle_robot_stays_connected_and_a_silent_robot_is_lost(watch, until, 
         until(lambda: viewer.links[-1] == "connected", "the return")
         robot.publish(update([1, 0], (2, 0, 2)))
         until(lambda: viewer.steps, "a transition")
-    assert len({event.tree.tree_id for event in viewer.of(TreeSeen)}) == 1, "it was never disconnected"
-    assert viewer.of(TreeSeen)[-1].statuses == {1: 1, 2: 0}
+    assert len({event.tree.tree_id for event in viewer.of(TreeEvent)}) == 1, "it was never disconnected"
+    assert viewer.of(TreeEvent)[-1].statuses == {1: 1, 2: 0}
 
 
 def test_an_invalid_update_loses_the_connection_which_is_then_restored(watch, until):
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
         robot.publish(b"no")
         until(lambda: "lost" in viewer.links, "the loss")
-        assert "expected statuses and transitions" in viewer.of(ConnectionChanged)[2].detail
+        assert "expected statuses and transitions" in viewer.of(ConnectionEvent)[2].detail
         until(lambda: viewer.links[-1] == "connected", "the return")
 
 
 def test_an_unusual_publish_port_is_reported_and_can_be_given_in_the_address(watch, until):
     with Robot(encode_tree(SMALL), apart=3) as robot:
         blind = watch(f":{robot.port}")
-        until(lambda: blind.of(TreeSeen), "the tree")
+        until(lambda: blind.of(TreeEvent), "the tree")
         assert (
-            f"nothing is published at tcp://127.0.0.1:{robot.port - 1}"
-            in blind.of(ConnectionChanged)[1].detail
+            f"nothing is published at tcp://127.0.0.1:{robot.port - 1}" in blind.of(ConnectionEvent)[1].detail
         )
         viewer = watch(f":{robot.port}/{robot.port - 3}")
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
         robot.publish(update([0, 0], (2, 0, 2)))
         until(lambda: viewer.steps, "a transition")
         assert not blind.steps
@@ -315,23 +321,23 @@ def test_every_transition_of_a_btcore_robot_arrives_by_groot1(endless, watch, un
     told = changes(endless)
     with serve(endless, groot1=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
         for _ in range(500):
             endless.tick_exactly_once()
         endless.halt()
         total = told.count
         until(lambda: len(viewer.steps) == total, "all transitions")
-    assert [one.number for one in viewer.of(StatusChanged)] == list(range(1, total + 1))
-    assert not viewer.of(DataMissed)
-    assert viewer.of(TreeSeen)[0].tree.nodes[3].name == "step"
-    assert viewer.of(TreeSeen)[0].tree.by_uid.keys() == {node.uid for node in endless.nodes}
+    assert [one.number for one in viewer.of(TransitionEvent)] == list(range(1, total + 1))
+    assert not viewer.of(MissingDataEvent)
+    assert viewer.of(TreeEvent)[0].tree.nodes[3].name == "step"
+    assert viewer.of(TreeEvent)[0].tree.by_uid.keys() == {node.uid for node in endless.nodes}
 
 
 def test_the_tree_by_groot1_has_the_engines_paths(sample, watch, until):
     with serve(sample, groot1=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
-        until(lambda: viewer.of(TreeSeen), "the tree")
-    nodes = viewer.of(TreeSeen)[0].tree.nodes
+        until(lambda: viewer.of(TreeEvent), "the tree")
+    nodes = viewer.of(TreeEvent)[0].tree.nodes
     assert [(node.uid, node.path, node.kind) for node in nodes] == [
         (node.uid, node.path, node.type.name.lower()) for node in sample.nodes
     ]
@@ -342,22 +348,22 @@ def test_the_run_channel_is_preferred_to_groot1(endless, watch, until):
         viewer = watch(publisher.address)
         assert publisher.wait_for_clients(1, 60)
         endless.tick_exactly_once()
-        until(lambda: viewer.of(Ticked), "a tick, which Groot 1 doesn't know")
-    assert viewer.of(TreeSeen)[0].numbered
-    assert "run channel" in viewer.of(ConnectionChanged)[1].detail
+        until(lambda: viewer.of(TickEvent), "a tick, which Groot 1 doesn't know")
+    assert viewer.of(TreeEvent)[0].numbered
+    assert "run channel" in viewer.of(ConnectionEvent)[1].detail
 
 
 def test_a_robot_may_restart_with_the_other_protocol(endless, watch, until):
     with serve(endless, groot1=0, run_channel=False) as publisher:
         port = publisher.port
         viewer = watch(publisher.address)
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
     with serve(endless, groot2=port, run_channel=False):
-        until(lambda: len(viewer.of(TreeSeen)) == 2, "the tree by Groot 2")
-        assert viewer.of(ConnectionChanged)[-1].detail.endswith("by Groot 2's protocol")
+        until(lambda: len(viewer.of(TreeEvent)) == 2, "the tree by Groot 2")
+        assert viewer.of(ConnectionEvent)[-1].detail.endswith("by Groot 2's protocol")
     with serve(endless, groot1=port - 1, run_channel=False):
-        until(lambda: len(viewer.of(TreeSeen)) == 3, "the tree by Groot 1")
-        assert viewer.of(ConnectionChanged)[-1].detail.endswith("by Groot 1's protocol")
+        until(lambda: len(viewer.of(TreeEvent)) == 3, "the tree by Groot 1")
+        assert viewer.of(ConnectionEvent)[-1].detail.endswith("by Groot 1's protocol")
 
 
 def test_a_groot2_client_detects_a_robot_of_version_3_without_harm(until):
@@ -374,7 +380,7 @@ def test_watching_requests_the_tree_only_twice(watch, until):
     """The tree is requested twice at the beginning, and not again as long as the robot publishes."""
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
-        until(lambda: viewer.of(TreeSeen), "the tree")
+        until(lambda: viewer.of(TreeEvent), "the tree")
         began = time.monotonic()
         statuses = [0, 0]
         while time.monotonic() - began < 3.5:

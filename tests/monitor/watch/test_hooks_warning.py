@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from btcore_monitor.events import HooksFound, StatusChanged, TreeSeen
+from btcore_monitor.events import HooksEvent, TransitionEvent, TreeEvent
 from btcore_monitor.wire.hooks import WireHook, encode_dump
 
 RUNNING = 1
@@ -23,14 +23,14 @@ def test_left_over_hooks_are_reported_once_with_the_command_that_removes_them(
     robot = cpp_robot()
     robot.hooks = left_over
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(HooksFound), "the warning")
-    (tree,) = viewer.of(TreeSeen)
-    (found,) = viewer.of(HooksFound)
+    until(lambda: viewer.of(HooksEvent), "the warning")
+    (tree,) = viewer.of(TreeEvent)
+    (found,) = viewer.of(HooksEvent)
     assert f"breakpoint before {tree.tree.by_uid[4].path}. A breakpoint stops the tree" in found.warning
     assert found.warning.endswith(f"btcore hook {robot.address} clear")
     requests = robot.asked["S"]
     until(lambda: robot.asked["S"] > requests + 5, "more requests")
-    assert robot.asked["D"] == len(viewer.of(HooksFound)) == 1
+    assert robot.asked["D"] == len(viewer.of(HooksEvent)) == 1
 
 
 def test_disabled_hooks_are_reported_because_the_next_request_after_a_silence_enables_them(
@@ -41,10 +41,10 @@ def test_disabled_hooks_are_reported_because_the_next_request_after_a_silence_en
         [WireHook(uid, position=1, mode=1, desired_status="FAILURE", enabled=False) for uid in (4, 99)]
     )
     viewer = watch_cpp(robot.address, record=False)
-    until(lambda: viewer.of(HooksFound), "the warning")
-    path = viewer.of(TreeSeen)[0].tree.by_uid[4].path
+    until(lambda: viewer.of(HooksEvent), "the warning")
+    path = viewer.of(TreeEvent)[0].tree.by_uid[4].path
     expected = f"injects after {path} FAILURE (disabled), injects after node 99 FAILURE (disabled)"
-    assert expected in viewer.of(HooksFound)[0].warning
+    assert expected in viewer.of(HooksEvent)[0].warning
 
 
 @pytest.mark.parametrize("refusal", ["", "Request not recognized"])
@@ -55,18 +55,18 @@ def test_a_robot_without_hooks_or_without_control_gets_no_warning(cpp_robot, wat
     viewer = watch_cpp(robot.address)
     until(lambda: robot.asked["D"], "the request for hooks")
     robot.change((4, RUNNING))
-    until(lambda: viewer.of(StatusChanged), "the next transition")
-    assert not viewer.of(HooksFound)
+    until(lambda: viewer.of(TransitionEvent), "the next transition")
+    assert not viewer.of(HooksEvent)
 
 
 def test_an_invalid_list_of_hooks_is_reported_and_the_robot_is_followed(cpp_robot, watch_cpp, until):
     robot = cpp_robot()
     robot.hooks = json.dumps([{"uid": 4}]).encode()
     viewer = watch_cpp(robot.address)
-    until(lambda: viewer.of(HooksFound), "the warning")
-    assert "list of hooks is invalid" in viewer.of(HooksFound)[0].warning
+    until(lambda: viewer.of(HooksEvent), "the warning")
+    assert "list of hooks is invalid" in viewer.of(HooksEvent)[0].warning
     robot.change((4, RUNNING))
-    until(lambda: viewer.of(StatusChanged), "the next transition")
+    until(lambda: viewer.of(TransitionEvent), "the next transition")
 
 
 def test_record_and_monitor_print_one_warning_about_left_over_hooks(cpp_robot, command, until, left_over):

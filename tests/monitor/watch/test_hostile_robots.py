@@ -25,7 +25,7 @@ from btcore_monitor.commands.hook import hook
 from btcore_monitor.commands.monitor import monitor
 from btcore_monitor.commands.notices import notice
 from btcore_monitor.commands.record import record
-from btcore_monitor.events import Event, TreeSeen
+from btcore_monitor.events import Event, TreeEvent
 from btcore_monitor.log_writer import LogWriter
 from btcore_monitor.watch.feed import Feed
 from btcore_monitor.wire import groot2
@@ -500,7 +500,7 @@ class Outcome:
 
     @property
     def has_tree(self) -> bool:
-        return any(isinstance(event, TreeSeen) for event in self.events)
+        return any(isinstance(event, TreeEvent) for event in self.events)
 
 
 def watched(robots: Mapping[str, Robot], folder: Path) -> dict[str, Outcome]:

@@ -10,15 +10,15 @@ import pytest
 from rerun.chunk import RrdReader
 
 from btcore_monitor.events import (
-    BlackboardSeen,
-    DataMissed,
+    BlackboardEvent,
     DataSource,
+    LostTransitionsEvent,
+    MissingDataEvent,
     ObservedNode,
     ObservedTree,
-    StatusChanged,
-    Ticked,
-    TransitionsLost,
-    TreeSeen,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
 )
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIME
@@ -58,8 +58,8 @@ def documents(path: Path, entity: str) -> list[str]:
 
 
 @pytest.fixture
-def seen() -> TreeSeen:
-    return TreeSeen(TREE, 0, 0, {1: IDLE, 2: IDLE}, numbered=False, source=WIRE)
+def seen() -> TreeEvent:
+    return TreeEvent(TREE, 0, 0, {1: IDLE, 2: IDLE}, numbered=False, source=WIRE)
 
 
 def shown(events, path: Path) -> Path:
@@ -71,7 +71,7 @@ def shown(events, path: Path) -> Path:
 
 
 def test_each_panel_shows_which_data_is_not_sent(seen, tmp_path):
-    path = shown([seen, BlackboardSeen(MS, MS, {"": {"x": 1}})], tmp_path / "x.rrd")
+    path = shown([seen, BlackboardEvent(MS, MS, {"": {"x": 1}})], tmp_path / "x.rrd")
     assert documents(path, "/blackboard")[0] == "*polled*"
     assert documents(path, "/blackboard")[1].startswith("*polled*\n\n| key | value |")
     lines = documents(path, "/log")
@@ -80,13 +80,13 @@ def test_each_panel_shows_which_data_is_not_sent(seen, tmp_path):
 
 
 def test_panels_of_a_robot_that_sends_all_data_have_no_such_notes(seen, tmp_path):
-    told = TreeSeen(TREE, 0, 0, {1: IDLE, 2: IDLE})
-    path = shown([told, Ticked(1, MS, MS, 1, RUNNING)], tmp_path / "x.rrd")
+    told = TreeEvent(TREE, 0, 0, {1: IDLE, 2: IDLE})
+    path = shown([told, TickEvent(1, MS, MS, 1, RUNNING)], tmp_path / "x.rrd")
     assert "| by |" not in documents(path, "/now")[0]
 
 
 def test_the_running_panel_works_without_ticks(seen, tmp_path):
-    changes = [StatusChanged(n, 5 * MS, 5 * MS, 0, n, IDLE, RUNNING) for n in (1, 2)]
+    changes = [TransitionEvent(n, 5 * MS, 5 * MS, 0, n, IDLE, RUNNING) for n in (1, 2)]
     now = documents(shown([seen, *changes], tmp_path / "x.rrd"), "/now")[-1]
     assert "| runs | **Go** |" in now
     assert "| root | RUNNING |" in now
@@ -95,7 +95,7 @@ def test_the_running_panel_works_without_ticks(seen, tmp_path):
 
 def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
     screen = RobotView(RecordingSinks(save=tmp_path / "x.rrd"))
-    for event in (seen, StatusChanged(1, 5 * MS, 5 * MS, 0, 2, IDLE, RUNNING)):
+    for event in (seen, TransitionEvent(1, 5 * MS, 5 * MS, 0, 2, IDLE, RUNNING)):
         screen.show(event)
     screen.flush()
     assert screen._display is not None
@@ -106,11 +106,11 @@ def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
 def test_missing_data_is_counted_and_shown(seen, tmp_path):
     events = [
         seen,
-        DataMissed(10 * MS, 10 * MS, 4 * MS, "transitions", "the buffer ran over"),
+        MissingDataEvent(10 * MS, 10 * MS, 4 * MS, "transitions", "the buffer ran over"),
         seen,
-        TransitionsLost(3, 7),
-        DataMissed(11 * MS, 11 * MS, 11 * MS, "blackboard", "Main isn't shown: it refuses"),
-        StatusChanged(8, 20 * MS, 20 * MS, 0, 2, IDLE, RUNNING),
+        LostTransitionsEvent(3, 7),
+        MissingDataEvent(11 * MS, 11 * MS, 11 * MS, "blackboard", "Main isn't shown: it refuses"),
+        TransitionEvent(8, 20 * MS, 20 * MS, 0, 2, IDLE, RUNNING),
     ]
     path = shown(events, tmp_path / "x.rrd")
     lines = documents(path, "/log")
@@ -123,7 +123,7 @@ def test_missing_data_is_counted_and_shown(seen, tmp_path):
 
 def test_another_data_source_of_the_same_tree_starts_another_recording(seen, tmp_path):
     screen = RobotView(RecordingSinks(save=tmp_path / "x.rrd"))
-    for event in (seen, TreeSeen(TREE, 10**12, 0, {1: IDLE, 2: IDLE})):
+    for event in (seen, TreeEvent(TREE, 10**12, 0, {1: IDLE, 2: IDLE})):
         screen.show(event)
     screen.close()
     assert [file.name for file in screen.files] == ["x.rrd", "x.2.rrd"]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import zmq
 
-from btcore_monitor.events import Event, StatusChanged, TreeSeen
+from btcore_monitor.events import Event, TransitionEvent, TreeEvent
 from btcore_monitor.log_writer import LogWriter
 from btcore_monitor.watch import groot1_feed
 from btcore_monitor.watch.address import Address, parse_address
@@ -135,7 +135,7 @@ def test_a_feed_of_damaged_groot_2_replies_recovers(robot, capture, log, until, 
                 log.show(event)
             if answers > CASES:
                 seen.extend(events)
-            return answers > CASES and any(isinstance(event, TreeSeen) for event in seen) and feed.following
+            return answers > CASES and any(isinstance(event, TreeEvent) for event in seen) and feed.following
 
         until(step, "the tree after the last damaged reply")
     assert len(reported) > CASES * share / 20
@@ -177,7 +177,7 @@ def test_a_feed_of_damaged_groot_1_messages_recovers(robot, log, until, monkeypa
             log.show(event)
         if not share:
             seen.extend(events)
-        return any(isinstance(event, StatusChanged) for event in seen)
+        return any(isinstance(event, TransitionEvent) for event in seen)
 
     try:
         until(step, "transitions after the last damaged message")

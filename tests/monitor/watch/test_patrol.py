@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import btcore
-from btcore_monitor.events import ConnectionChanged, SceneMoving, SceneStatic
+from btcore_monitor.events import ConnectionEvent, MovingSceneEvent, StaticSceneEvent
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.feed import Feed
 
@@ -48,17 +48,17 @@ def watched() -> tuple[list[Any], dict[str, Any]]:
 
 
 def moving(events: list[Any], key: str) -> list[Any]:
-    found = [getattr(event.data, key) for event in events if isinstance(event, SceneMoving)]
+    found = [getattr(event.data, key) for event in events if isinstance(event, MovingSceneEvent)]
     return [one for one in found if one]
 
 
 def test_a_viewer_gets_all_data_of_a_run_that_is_the_same_without_a_viewer():
     events, reported = watched()
     assert [
-        event.detail for event in events if isinstance(event, ConnectionChanged) and event.state == "lost"
+        event.detail for event in events if isinstance(event, ConnectionEvent) and event.state == "lost"
     ] == []
 
-    (static,) = [event.data for event in events if isinstance(event, SceneStatic)]
+    (static,) = [event.data for event in events if isinstance(event, StaticSceneEvent)]
     assert [grid.name for grid in static.grids] == ["map"]
     assert {"wall_west", "base_link"} <= {
         name for part in (*static.parts, *static.meshes) for name in part.name.split("/")

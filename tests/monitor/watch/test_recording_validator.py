@@ -140,4 +140,4 @@ def test_the_robots_clock_is_ours_until_its_time_is_known():
     clock.set(then - 3600 * 10**9, then)
     assert 0 <= clock.wall() - (then - 3600 * 10**9) < 60 * 10**9
     clock.begin(clock.wall())
-    assert 0 <= clock.t(clock.wall()) < 60 * 10**9
+    assert 0 <= clock.stamp(clock.wall()) < 60 * 10**9

@@ -42,7 +42,7 @@ class Robot:
     def send(self, topic: bytes, first: int, count: int = 1) -> None:
         last = min(first + count - 1, MESSAGES)
         messages = [
-            wire.encode(wire.RaisedMessage(TREE_ID, seq, seq, seq, "path", PADDING))
+            wire.encode(wire.ExceptionMessage(TREE_ID, seq, seq, seq, "path", PADDING))
             for seq in range(first, last + 1)
         ]
         piece = wire.PieceMessage(TREE_ID, first, last, MESSAGES, messages)
@@ -64,7 +64,9 @@ def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(rob
     received: list[int] = []
 
     def read() -> None:
-        received.extend(message.seq for message in client.read() if isinstance(message, wire.RaisedMessage))
+        received.extend(
+            message.seq for message in client.read() if isinstance(message, wire.ExceptionMessage)
+        )
         assert client._waiting_bytes <= WAITING_BYTES_AT_MOST
         assert sum(len(data) for piece in client._waiting_pieces.values() for data in piece.messages) <= (
             WAITING_BYTES_AT_MOST

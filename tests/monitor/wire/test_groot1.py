@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from btcore_monitor.events import KINDS
 from btcore_monitor.wire import groot1
 from btcore_monitor.wire.errors import ProtocolError
-from btcore_monitor.wire.groot1 import Update, WireChange, decode_update, encode_update
+from btcore_monitor.wire.groot1 import Update, WireTransition, decode_update, encode_update
 from btcore_monitor.wire.groot1_tree import (
     WireModel,
     WireNode,
@@ -68,7 +68,7 @@ def test_the_captured_updates_equal_the_listing():
         ]
         for change in update.changes:
             seconds, micros, *rest = literal_eval(changes.pop(0))
-            assert change == WireChange((seconds * 1_000_000 + micros) * 1_000, *rest)
+            assert change == WireTransition((seconds * 1_000_000 + micros) * 1_000, *rest)
     assert not changes
 
 
@@ -228,7 +228,7 @@ models = st.builds(
 )
 trees = st.builds(WireTree, st.lists(nodes, max_size=8).map(tuple), st.lists(models, max_size=5).map(tuple))
 changes = st.builds(
-    WireChange,
+    WireTransition,
     st.integers(0, 0xFFFFFFFF * 1_000_000).map(lambda micros: micros * 1_000),
     uids,
     st.integers(0, 3),

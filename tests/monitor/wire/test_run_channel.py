@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from btcore_monitor.serve.history import LANE_ROOM, History
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.run_channel import (
-    AliveMessage,
     BlackboardMessage,
     EndMessage,
-    MovingMessage,
+    ExceptionMessage,
+    HeartbeatMessage,
+    MovingSceneMessage,
     PieceMessage,
-    RaisedMessage,
-    StaticMessage,
-    TicksMessage,
+    StaticSceneMessage,
+    TickMessage,
     TreeMessage,
     UnknownMessage,
     decode,
@@ -27,23 +27,23 @@ from btcore_monitor.wire.run_channel import (
 from btcore_scene import Box, MovingScene, Scan, StaticScene
 
 ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
-TICKS = TicksMessage(
+TICKS = TickMessage(
     ID, 3, 1_000, 2_000, 7, 300, 1, True, 41, [[900, 1900, 7, 1, 0, 1], [950, 1950, 7, 2, 1, 2]]
 )
 MESSAGES = [
     TreeMessage(ID, 5, 6, b"<root/>", 1, 9, {1: 0, 2: 4}),
-    StaticMessage(
+    StaticSceneMessage(
         ID,
         StaticScene(parts=(Box(name="wall", size=(1.0, 2.0, 3.0), position=(0.0, 1.0, 1.5)),), frame="map"),
     ),
     TICKS,
-    MovingMessage(
+    MovingSceneMessage(
         ID, 4, 1_000, 2_000, MovingScene(stamp=1_000, scan=Scan(stamp=1, ranges=b"\x00\x00\x80\x3f"))
     ),
     BlackboardMessage(ID, 5, 1, 2, {"": {"x": 42, "goal": None}}),
-    RaisedMessage(ID, 6, 1, 2, "Patrol/Move", "node 'Patrol/Move' raised"),
+    ExceptionMessage(ID, 6, 1, 2, "Patrol/Move", "node 'Patrol/Move' raised"),
     EndMessage(ID, 7, 1, 2, 3, 0),
-    AliveMessage(ID, 7),
+    HeartbeatMessage(ID, 7),
     PieceMessage(ID, 3, 3, 7, [encode(TICKS)]),
 ]
 
@@ -66,8 +66,8 @@ def test_a_newer_version_is_refused_with_a_suggestion():
 
 
 def test_unknown_fields_and_kinds_of_messages_are_ignored():
-    whole = msgpack.unpackb(encode(AliveMessage(ID, 7)))
-    assert decode(msgpack.packb(whole | {"mood": "fine"})) == AliveMessage(ID, 7)
+    whole = msgpack.unpackb(encode(HeartbeatMessage(ID, 7)))
+    assert decode(msgpack.packb(whole | {"mood": "fine"})) == HeartbeatMessage(ID, 7)
     assert decode(msgpack.packb({"v": 1, "kind": "smell", "tree_id": ID, "seq": 8})) == UnknownMessage(ID, 8)
 
 
@@ -114,9 +114,9 @@ def test_any_value_in_any_field_raises_nothing_but_a_protocol_error(message, dat
         decode(msgpack.packb(whole | {field: data.draw(VALUES)}))
 
 
-def ticks(seq: int, size: int) -> TicksMessage:
+def ticks(seq: int, size: int) -> TickMessage:
     rows = [[10**15 + seq, 10**18 + seq, seq, 1, 1 - row % 2, row % 2] for row in range(size)]
-    return TicksMessage(ID, seq, 10**15 + seq, 10**18 + seq, seq, 0, 1, True, 1, rows)
+    return TickMessage(ID, seq, 10**15 + seq, 10**18 + seq, seq, 0, 1, True, 1, rows)
 
 
 def test_a_history_keeps_a_million_transitions_and_the_statuses_before_them():
@@ -136,7 +136,7 @@ def test_big_scenes_do_not_displace_transitions():
     history = History({}, 0, 0)
     scene_bytes = LANE_ROOM["moving"] // 40 * 4
     for seq in range(1, 41):
-        moving = MovingMessage(ID, seq, 0, 0, MovingScene(scan=Scan(ranges=b"\x00" * scene_bytes)))
+        moving = MovingSceneMessage(ID, seq, 0, 0, MovingScene(scan=Scan(ranges=b"\x00" * scene_bytes)))
         history.add("ticks" if seq % 2 else "moving", encode(ticks(seq, 1) if seq % 2 else moving))
     kept = history_numbers(history)
     assert [seq for seq in kept if seq % 2] == list(range(1, 41, 2))

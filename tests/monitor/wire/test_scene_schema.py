@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from btcore_monitor.serve.queueing_observer import merge_scenes, weight
 from btcore_monitor.serve.run_channel_server import to_jpeg
 from btcore_monitor.wire.errors import ProtocolError
-from btcore_monitor.wire.run_channel import MovingMessage, StaticMessage, decode, encode
+from btcore_monitor.wire.run_channel import MovingSceneMessage, StaticSceneMessage, decode, encode
 from btcore_scene import (
     UPRIGHT,
     Area,
@@ -92,13 +92,13 @@ STATIC = StaticScene(
 GRID, PICTURE, SURFACE = asdict(COSTS), asdict(CAMERA), asdict(MESH)
 
 
-def moving(**changed: object) -> MovingMessage:
-    return MovingMessage(ID, 1, 2, 3, replace(MOVING, **changed))
+def moving(**changed: object) -> MovingSceneMessage:
+    return MovingSceneMessage(ID, 1, 2, 3, replace(MOVING, **changed))
 
 
 def test_a_scene_is_unchanged_after_decoding_and_its_cells_are_compressed():
     assert decode(encode(moving())) == moving()
-    assert decode(encode(StaticMessage(ID, STATIC))) == StaticMessage(ID, STATIC)
+    assert decode(encode(StaticSceneMessage(ID, STATIC))) == StaticSceneMessage(ID, STATIC)
     sent = msgpack.unpackb(encode(moving()))["data"]["grids"][0]
     assert sent["coding"] == "zlib"
     assert len(sent["cells"]) < 50
@@ -110,7 +110,7 @@ def test_a_grid_of_a_single_cell_is_unchanged_after_decoding():
 
 
 def test_a_scene_is_encoded_as_a_plain_map_without_unset_fields():
-    data = msgpack.unpackb(encode(StaticMessage(ID, replace(STATIC, grids=(), meshes=()))))["data"]
+    data = msgpack.unpackb(encode(StaticSceneMessage(ID, replace(STATIC, grids=(), meshes=()))))["data"]
     assert data == {
         "frame": "map",
         "parts": [
@@ -180,7 +180,7 @@ def test_unknown_fields_are_passed_on():
     ],
 )  # fmt: skip
 def test_invalid_data_is_reported(key, entries, said):
-    static = StaticMessage(ID, STATIC)
+    static = StaticSceneMessage(ID, STATIC)
     whole = msgpack.unpackb(encode(static if key in ("parts", "meshes") else moving()))
     whole["data"][key] = entries
     with pytest.raises(ProtocolError, match=said):
@@ -207,7 +207,7 @@ VALUES = st.recursive(
 @given(data=st.data())
 @settings(max_examples=3 * settings().max_examples)
 def test_any_value_in_a_scene_raises_nothing_but_a_protocol_error(data):
-    whole = msgpack.unpackb(encode(data.draw(st.sampled_from([moving(), StaticMessage(ID, STATIC)]))))
+    whole = msgpack.unpackb(encode(data.draw(st.sampled_from([moving(), StaticSceneMessage(ID, STATIC)]))))
     scene = whole["data"]
     key = data.draw(st.sampled_from(sorted(scene)))
     entry = scene[key][0] if isinstance(scene[key], list) else scene[key]
@@ -225,7 +225,7 @@ def test_pictures_are_sent_as_jpeg_and_look_the_same():
     rgb[:, 32:] = (10, 60, 220)
     picture = replace(CAMERA, size=(64, 48), data=rgb.tobytes())
     scene = MovingScene(pictures=[to_jpeg(picture)], battery=3.0)
-    sent = decode(encode(MovingMessage(ID, 1, 2, 3, scene))).data
+    sent = decode(encode(MovingSceneMessage(ID, 1, 2, 3, scene))).data
     assert sent.battery == 3.0
     assert sent.pictures[0].format == "jpeg"
     assert len(sent.pictures[0].data) < rgb.size / 5

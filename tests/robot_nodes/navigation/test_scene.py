@@ -36,7 +36,7 @@ class House:
         scenes = []
         for _ in range(round(seconds * 10)):
             self.world.wait_until(self.world.now() + SECOND // 10, threading.Event())
-            scenes.append(self.navigation.scene_moving())
+            scenes.append(self.navigation.moving_scene())
         return scenes
 
 
@@ -56,7 +56,7 @@ def poses(entry: Poses) -> np.ndarray:
 
 
 def test_the_static_scene_has_the_map_and_the_keep_out_areas(house):
-    static = house.navigation.scene_static()
+    static = house.navigation.static_scene()
     (grid,) = static.grids
     known = house.navigation.map
     assert (grid.name, grid.kind, grid.size) == ("map", "occupancy", (known.width, known.height))
@@ -67,7 +67,7 @@ def test_the_static_scene_has_the_map_and_the_keep_out_areas(house):
 
 
 def test_path_and_goal_are_sent_once_and_removed_when_the_goal_has_ended(house):
-    house.navigation.scene_static()
+    house.navigation.static_scene()
     assert [len(poses(one)) for one in of(house.run(0.2), "poses", "path")] == [0]
     handle = house.navigation.go_to(Pose2D(1.07, -12.38, 0.5))
     scenes = house.run(2.0)
@@ -100,7 +100,7 @@ def test_a_path_that_is_followed_without_a_navigator_is_sent(house):
 
 
 def test_costmaps_are_sent_when_they_changed_at_limited_rates_and_poses_and_particles_are_sent(house):
-    house.navigation.scene_static()
+    house.navigation.static_scene()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
     scenes = house.run(6.0)
     large, small = of(scenes, "grids", "global_costmap"), of(scenes, "grids", "local_costmap")
@@ -130,18 +130,18 @@ def test_costmaps_are_sent_when_they_changed_at_limited_rates_and_poses_and_part
 
 
 def test_a_new_viewer_gets_all_data_again(house):
-    house.navigation.scene_static()
+    house.navigation.static_scene()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
     house.run(2.0)
-    assert not house.navigation.scene_moving().grids
-    house.navigation.scene_static()
-    again = house.navigation.scene_moving()
+    assert not house.navigation.moving_scene().grids
+    house.navigation.static_scene()
+    again = house.navigation.moving_scene()
     assert {one.name for one in again.grids} == {"global_costmap", "local_costmap"}
     assert {one.name for one in again.poses} == {"path", "goal", "particles", "estimate", "odometry"}
 
 
 def test_a_kidnapped_robot_is_shown_as_lost_and_turns_to_find_its_pose(house):
-    house.navigation.scene_static()
+    house.navigation.static_scene()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
     house.run(10.0)
     house.body.teleport(Pose2D(3.275, -0.375, 1.0))

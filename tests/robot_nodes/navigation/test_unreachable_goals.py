@@ -123,7 +123,7 @@ def test_a_blocked_goal_ends_with_the_place_of_the_obstacle(two_rooms, tree, cra
     assert outcome.cause.startswith(f"{code.name}: ")
     assert re.search(cause, outcome.cause)
     assert rooms.body.distance < 8.0
-    assert rooms.navigation.scene_moving().notes["failed goals"].endswith(outcome.cause)
+    assert rooms.navigation.moving_scene().notes["failed goals"].endswith(outcome.cause)
 
 
 @pytest.mark.parametrize(

@@ -151,13 +151,13 @@ def test_boxes_are_detected_only_while_the_locator_is_active(body: SimulatedRobo
     locator.activate()
     wait(body, 0.6)
     assert locator.boxes
-    told = locator.scene_moving().boxes
+    told = locator.moving_scene().boxes
     assert [(one.position, one.size) for one in told] == [(box.centre, box.size) for box in locator.boxes]
     assert {one.frame for one in told} == {"odom"}
     locator.deactivate()
     wait(body, 0.6)
     assert locator.boxes == ()
-    assert locator.scene_moving() == MovingScene(boxes=[])
+    assert locator.moving_scene() == MovingScene(boxes=[])
 
 
 def test_with_the_navigation_boxes_are_in_the_map_frame(body: SimulatedRobot):

@@ -85,11 +85,11 @@ def test_scene_of_a_robot_without_a_model(
 ) -> None:
     robot = RosRobot(session, describe(tmp_path, DESCRIPTION + PARTS))
     assert isinstance(robot, SceneSource)
-    static = robot.scene_static()
+    static = robot.static_scene()
     assert [(part.kind, part.frame) for part in static.parts] == [("cylinder", "base_footprint")]
     assert static.laser is not None
     assert static.laser.frame == robot.laser.frame
-    first, second = robot.scene_moving(), robot.scene_moving()
+    first, second = robot.moving_scene(), robot.moving_scene()
     assert first.scan is not None
     assert [frame[:2] for frame in first.frames if frame.parent in ("odom", "map")] == [
         ("base_footprint", "odom"),

@@ -100,7 +100,7 @@ def test_no_picture_is_rendered_without_a_subscriber(session: RosSession) -> Non
     topics = RobotTopics(session, robot)
     image = "/head_front_camera/rgb/image_raw"
     world.wait_until(SECOND, threading.Event())
-    assert robot.scene_moving().pictures == ()
+    assert robot.moving_scene().pictures == ()
     assert topics.published()[image] == 0
 
     pictures: list[Image] = []
@@ -108,7 +108,7 @@ def test_no_picture_is_rendered_without_a_subscriber(session: RosSession) -> Non
     assert session.wait_for(lambda: session.node.count_subscribers(image), LIMIT)
     world.wait_until(2 * SECOND, threading.Event())
     assert session.wait_for(lambda: pictures, LIMIT)
-    assert len(robot.scene_moving().pictures) == 1
+    assert len(robot.moving_scene().pictures) == 1
     assert topics.published()[image] == 10
     world.close()
 
