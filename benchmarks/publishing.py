@@ -136,10 +136,10 @@ def free_port() -> int:
 
 def published(tree: Tree, port: int, count: int) -> Publisher:
     """Publish *tree* at *port*, wait until *count* clients are connected, and return the publisher."""
-    publisher = serve(tree, groot2=port, grace=0.0)
+    publisher = serve(tree, groot2_port=port, grace=0.0)
     if not publisher.wait_for_clients(count, CLIENTS_TIMEOUT):
         publisher.close()
-        clients = f"{publisher.clients} of {count} clients"
+        clients = f"{publisher.client_count} of {count} clients"
         raise SystemExit(f"only {clients} connected within {CLIENTS_TIMEOUT:g} s")
     return publisher
 

@@ -15,10 +15,10 @@ tree = loads(
     nodes=Registry.standard(),
     clock=SimClock(),
 )
-with serve(tree, groot2=0) as publisher:
+with serve(tree, groot2_port=0) as publisher:
     feed = Feed(publisher.address)
     tree.tick_while_running(period=0.1)
-    publisher.finish()
+    publisher.end_stream()
     changes = 0
     for event in feed.events(until_end=True):
         if isinstance(event, TreeEvent):

@@ -50,13 +50,13 @@ from btcore_monitor.wire.hooks import (
 
 __all__ = ["BreakpointClient", "BreakpointError", "HookReached", "RequestedHook", "find_nodes"]
 
-DEFAULT_TIMEOUT: Final = 5.0
+DEFAULT_TIMEOUT_S: Final = 5.0
 """Default maximum time in s to connect to the robot, or until it reaches a breakpoint."""
 
-KEEP_ALIVE_EVERY: Final = 1.0
+KEEP_ALIVE_INTERVAL_S: Final = 1.0
 """Seconds between requests that keep the robot's hooks enabled."""
 
-_NOTICE_AT_MOST: Final = 1_000
+_MAX_NOTIFICATION_BYTES: Final = 1_000
 """Maximum bytes of a notification, because the other program may not be a robot."""
 
 Socket = zmq.Socket[bytes]
@@ -131,7 +131,7 @@ class BreakpointClient(Closeable):
     Args:
         address: The robot's address, as in `parse_address`.
         timeout: Maximum time in s (wall clock) to connect to the robot. Later requests wait for a reply for
-            at most DEFAULT_TIMEOUT.
+            at most DEFAULT_TIMEOUT_S.
         keys: The keys of the client, if the robot requires keys.
 
     Raises:
@@ -144,7 +144,7 @@ class BreakpointClient(Closeable):
         >>> from btcore_monitor.serve import serve
         >>> b = btcore.Builder()
         >>> tree = b.build(b.AlwaysSuccess(name="door"))
-        >>> with serve(tree, groot2=0, allow_control=True) as publisher:
+        >>> with serve(tree, groot2_port=0, allow_control=True) as publisher:
         ...     with BreakpointClient(publisher.address) as robot:
         ...         _ = robot.inject("door", "FAILURE")
         ...         status = tree.tick_once()
@@ -153,7 +153,7 @@ class BreakpointClient(Closeable):
     """
 
     def __init__(
-        self, address: str = "", timeout: float = DEFAULT_TIMEOUT, keys: ClientKeys | None = None
+        self, address: str = "", timeout: float = DEFAULT_TIMEOUT_S, keys: ClientKeys | None = None
     ) -> None:
         try:
             self.address = parse_address(address)
@@ -166,17 +166,17 @@ class BreakpointClient(Closeable):
         self._tree: ObservedTree | None = None
         self._closed = threading.Event()
         self._context: zmq.Context[Socket] = zmq.Context()
-        self._notices = self._context.socket(zmq.SUB)
-        self._notices.setsockopt(zmq.LINGER, 0)
-        self._notices.setsockopt(zmq.MAXMSGSIZE, _NOTICE_AT_MOST)
-        self._notices.setsockopt(zmq.SUBSCRIBE, b"")
+        self._notifications = self._context.socket(zmq.SUB)
+        self._notifications.setsockopt(zmq.LINGER, 0)
+        self._notifications.setsockopt(zmq.MAXMSGSIZE, _MAX_NOTIFICATION_BYTES)
+        self._notifications.setsockopt(zmq.SUBSCRIBE, b"")
         if keys is not None:
-            keys.secure(self._notices)
+            keys.secure(self._notifications)
         self._thread = threading.Thread(target=self._keep_alive, name="btcore-breakpoints", daemon=True)
         try:
             # The first request raises an error if there is no robot, before the thread starts.
             _ = self.tree
-            self._client.timeout = DEFAULT_TIMEOUT
+            self._client.timeout = DEFAULT_TIMEOUT_S
             self._subscribe(timeout)
         except BaseException:
             self._free()
@@ -366,7 +366,7 @@ class BreakpointClient(Closeable):
 
     # --- waiting
 
-    def wait(self, timeout: float = DEFAULT_TIMEOUT) -> HookReached:
+    def wait(self, timeout: float = DEFAULT_TIMEOUT_S) -> HookReached:
         """Wait for the next hook that fires, and return it.
 
         Hooks that have fired since the last call are returned first, without waiting.
@@ -382,16 +382,16 @@ class BreakpointClient(Closeable):
     def poll(self, timeout: float = 0.0) -> HookReached | None:
         """Return the next hook as `wait` does, or None if no hook fires within *timeout* s."""
         deadline = time.monotonic() + timeout
-        while self._notices.poll(max(0, round(1000 * (deadline - time.monotonic()))), zmq.POLLIN):
+        while self._notifications.poll(max(0, round(1000 * (deadline - time.monotonic()))), zmq.POLLIN):
             with contextlib.suppress(ProtocolError):
-                uid = groot2.decode_breakpoint_reached(self._notices.recv_multipart())
+                uid = groot2.decode_breakpoint_reached(self._notifications.recv_multipart())
                 return HookReached(uid, self.path_of(uid))
             # The robot may send invalid notifications without end.
             if time.monotonic() >= deadline:
                 break
         return None
 
-    def step(self, ticks: int = 1, timeout: float = DEFAULT_TIMEOUT) -> HookReached:
+    def step(self, ticks: int = 1, timeout: float = DEFAULT_TIMEOUT_S) -> HookReached:
         """Execute *ticks* ticks of the root, then stop before the next tick.
 
         If there is no breakpoint before the root's tick yet, first set it and wait until the tree reaches it.
@@ -501,7 +501,7 @@ class BreakpointClient(Closeable):
             raise BreakpointError(f"{self.address} sent an invalid reply: {error}") from None
 
     def _keep_alive(self) -> None:
-        while not self._closed.wait(KEEP_ALIVE_EVERY):
+        while not self._closed.wait(KEEP_ALIVE_INTERVAL_S):
             with contextlib.suppress(BreakpointError, ProtocolError):
                 self._ask(Request.STATUS)
 
@@ -511,9 +511,9 @@ class BreakpointClient(Closeable):
         A PUB socket drops messages while no subscriber is connected: without waiting, a notification of the
         first hook could be lost.
         """
-        watching = self._notices.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED)
+        watching = self._notifications.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED)
         try:
-            self._notices.connect(self.address.at(1))
+            self._notifications.connect(self.address.at(1))
             if not watching.poll(max(1, round(1000 * timeout))):
                 raise BreakpointError(
                     f"{self.address} answers, but port {self.address.port + 1} for notifications does "
@@ -521,7 +521,7 @@ class BreakpointClient(Closeable):
                 )
             recv_monitor_message(watching)
         finally:
-            self._notices.disable_monitor()
+            self._notifications.disable_monitor()
             watching.close(linger=0)
 
     def close(self) -> None:

@@ -18,7 +18,7 @@ from btcore_monitor.errors import MonitorError
 
 _KEY: Final = re.compile(r"[0-9A-Fa-f]{64}")
 _SECRET_WORD: Final = "secret"
-_FILE_AT_MOST: Final = 1 << 20
+_MAX_FILE: Final = 1 << 20
 
 _Socket = zmq.Socket[bytes]
 
@@ -190,14 +190,14 @@ def _read_lines(path: Path, secret: bool = False) -> list[str]:
                     f"{path} is not used, because other users can access it (mode {mode:04o}): "
                     f"chmod 600 {path}"
                 )
-            data = os.read(descriptor, _FILE_AT_MOST + 1)
+            data = os.read(descriptor, _MAX_FILE + 1)
         finally:
             os.close(descriptor)
     except FileNotFoundError:
         raise KeyFileError(f"there is no file {path}: btcore keys FILE creates a key") from None
     except OSError as error:
         raise KeyFileError(f"{path} cannot be read: {error.strerror or error}") from None
-    if len(data) > _FILE_AT_MOST:
+    if len(data) > _MAX_FILE:
         raise KeyFileError(f"{path} is too large for a key file")
     lines = (line.strip() for line in data.decode("utf-8", "replace").splitlines())
     return [line for line in lines if line and not line.startswith("#")]

@@ -18,22 +18,22 @@ from btcore_monitor.process_end import stop_on_signals
 if TYPE_CHECKING:
     from btcore_monitor.serve import Publisher
 
-START_TIMEOUT: Final = 30.0
+START_TIMEOUT_S: Final = 30.0
 """Time (s, wall clock) for a monitor process to start before the first tick."""
 
-WRITE_TIMEOUT: Final = 60.0
+WRITE_TIMEOUT_S: Final = 60.0
 """Time (s, wall clock) for a recording process to finish its file after the last tick."""
 
-PICTURE_TIMEOUT: Final = 900.0
+PICTURE_TIMEOUT_S: Final = 900.0
 """Further time (s, wall clock) for a process that also draws a picture, which is slow on a busy machine."""
 
-VIEWER_GRACE: Final = 10.0
+VIEWER_GRACE_S: Final = 10.0
 """Time (s, wall clock) for the viewer to receive the remaining data after the last tick."""
 
-_ANNOUNCE_AFTER: Final = 2.0
+_ANNOUNCE_AFTER_S: Final = 2.0
 """Time (s, wall clock) of waiting after which a message is printed that explains the wait."""
 
-_CHECK_EVERY: Final = 0.2
+_CHECK_INTERVAL_S: Final = 0.2
 
 
 class MonitorProcess:
@@ -79,9 +79,9 @@ class MonitorProcess:
         if self.stays:
             self._keep_open(interrupted)
             return ""
-        limit = WRITE_TIMEOUT if self.saves else VIEWER_GRACE
+        limit = WRITE_TIMEOUT_S if self.saves else VIEWER_GRACE_S
         if self.draws:
-            limit += PICTURE_TIMEOUT
+            limit += PICTURE_TIMEOUT_S
         try:
             code = self._wait(limit)
         except subprocess.TimeoutExpired:
@@ -104,7 +104,7 @@ class MonitorProcess:
         if not self.saves:
             return self.process.wait(limit)
         try:
-            return self.process.wait(_ANNOUNCE_AFTER)
+            return self.process.wait(_ANNOUNCE_AFTER_S)
         except subprocess.TimeoutExpired:
             waiting = "the picture is drawn" if self.draws else "all data is received"
             print_message(f"{self.label}: waiting until {waiting}")
@@ -115,11 +115,11 @@ class MonitorProcess:
         with stop_on_signals(stop):
             if not interrupted and self.process.poll() is None:
                 print_message(f"the run is over; {self.label} stays open until Ctrl-C")
-                while self.process.poll() is None and not stop.wait(_CHECK_EVERY):
+                while self.process.poll() is None and not stop.wait(_CHECK_INTERVAL_S):
                     pass
             self.process.terminate()
             try:
-                self.process.wait(VIEWER_GRACE)
+                self.process.wait(VIEWER_GRACE_S)
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()
@@ -128,7 +128,7 @@ class MonitorProcess:
 def wait_until_listening(publisher: "Publisher", monitors: Sequence[MonitorProcess]) -> None:
     """Wait until all monitors have connected, so that they receive the run from its beginning.
 
-    If a monitor has not connected after START_TIMEOUT, print a message and return.
+    If a monitor has not connected after START_TIMEOUT_S, print a message and return.
 
     Args:
         publisher: The publisher to which the monitors connect.
@@ -137,7 +137,7 @@ def wait_until_listening(publisher: "Publisher", monitors: Sequence[MonitorProce
     Raises:
         click.ClickException: A process ends before all have connected.
     """
-    deadline = time.monotonic() + START_TIMEOUT
+    deadline = time.monotonic() + START_TIMEOUT_S
     while not publisher.wait_for_clients(len(monitors), 0.1):
         for monitor in monitors:
             code = monitor.process.poll()
@@ -147,7 +147,7 @@ def wait_until_listening(publisher: "Publisher", monitors: Sequence[MonitorProce
                 )
         if time.monotonic() > deadline:
             print_message(
-                f"the monitor is not listening after {START_TIMEOUT:g} s; the run begins without it"
+                f"the monitor is not listening after {START_TIMEOUT_S:g} s; the run begins without it"
             )
             return
 

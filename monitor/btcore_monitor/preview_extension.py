@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from btcore_monitor.events import Event, ObservedNode, ObservedTree
     from btcore_monitor.keys import ClientKeys
 
-_CONNECT_WITHIN: Final = 2.0
+_CONNECT_TIMEOUT_S: Final = 2.0
 """Maximum time (s) to connect for breakpoints. Meanwhile the statuses are not updated."""
 _MAX_ENTRIES: Final = 1_000
 _MAX_VALUE: Final = 200
@@ -196,7 +196,7 @@ class RobotConnection:
         problem, present = "", before
         try:
             if self._robot is None:
-                self._robot = BreakpointClient(str(self._feed.address), _CONNECT_WITHIN, self._keys)
+                self._robot = BreakpointClient(str(self._feed.address), _CONNECT_TIMEOUT_S, self._keys)
             for uid in before.difference(uids):
                 self._robot.clear_node(uid)
             self._robot.break_before(uid for uid in uids if uid not in before)

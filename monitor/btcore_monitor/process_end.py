@@ -15,7 +15,7 @@ from btcore_monitor.errors import RecordingError
 INCOMPLETE_OUTPUT: Final = 4
 """The exit code, as of `btcore run`, if a recording is incomplete."""
 
-END_WITHIN: Final = 30.0
+END_TIMEOUT_S: Final = 30.0
 """Seconds after a time limit within which a command completes its data; after that its process ends."""
 
 
@@ -90,9 +90,9 @@ def time_limit(duration: float | None) -> Iterator[None]:
         return
     error = RecordingError(
         f"the time limit of {duration:g} s is over, and the recording could not be completed within another "
-        f"{END_WITHIN:g} s: the tree may be too big to be drawn"
+        f"{END_TIMEOUT_S:g} s: the tree may be too big to be drawn"
     )
-    watchdog = threading.Timer(duration + END_WITHIN, abandon, [error])
+    watchdog = threading.Timer(duration + END_TIMEOUT_S, abandon, [error])
     watchdog.daemon = True
     watchdog.start()
     try:

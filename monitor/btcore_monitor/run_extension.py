@@ -23,13 +23,13 @@ from btcore_monitor.monitor_process import MonitorProcess, print_message, wait_u
 from btcore_monitor.output_files import check_is_recording, check_writable
 from btcore_monitor.process_end import exit_on_sigterm
 from btcore_monitor.viewer_options import DESTINATIONS
-from btcore_monitor.wire.groot1 import BESIDE_GROOT2, PUBLISH_PORT
+from btcore_monitor.wire.groot1 import PORT_BESIDE_GROOT2, PUBLISH_PORT
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
 if TYPE_CHECKING:
     from btcore_monitor.serve import Publisher
 
-_GROOT1_OFFSET: Final = BESIDE_GROOT2 - DEFAULT_PORT
+_GROOT1_OFFSET: Final = PORT_BESIDE_GROOT2 - DEFAULT_PORT
 """Offset of Groot 1's ports from Groot 2's ports if both are served: 1667 and 2666."""
 
 
@@ -159,7 +159,7 @@ class MonitorExtension(RunExtension):
     def replace_tree(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> None:
         """Publish *tree* instead of the previous tree; clients stay connected."""
         if self._publisher is not None:
-            self._publisher.replace(tree, resources)
+            self._publisher.replace_tree(tree, resources)
 
     def on_interrupt(self) -> None:
         """Don't wait for viewers at the end."""
@@ -179,9 +179,9 @@ class MonitorExtension(RunExtension):
         files = _list_output_files(settings)
         # Imported here, because most runs publish nothing, and the import takes a tenth of a second.
         from btcore_monitor.serve import PortInUseError, ServeError, serve
-        from btcore_monitor.serve.publisher import INTERRUPTED_GRACE
+        from btcore_monitor.serve.publisher import INTERRUPTED_GRACE_S
 
-        port, groot1 = _choose_ports(settings)
+        groot2_port, groot1_port = _choose_ports(settings)
         with ExitStack() as stack:
             # The loop of ticks handles signals only later.
             delayed_exit = stack.enter_context(exit_on_sigterm())
@@ -189,8 +189,8 @@ class MonitorExtension(RunExtension):
             try:
                 publisher = serve(
                     tree,
-                    groot2=port,
-                    groot1=groot1,
+                    groot2_port=groot2_port,
+                    groot1_port=groot1_port,
                     bind=settings["bind"],
                     resources=resources,
                     allow_control=settings["allow_control"],
@@ -213,7 +213,7 @@ class MonitorExtension(RunExtension):
             # Groot cannot use keys, so it connects to the ports for watching without keys.
             updates = publisher.groot1_port if keys is None else publisher.watch_groot1_port
             if updates is not None:
-                reason = f", since Groot 2 has {publisher.port}" if port is not None else ""
+                reason = f", since Groot 2 has {publisher.port}" if groot2_port is not None else ""
                 print_message(
                     f"Groot 1 finds it at publisher port {updates} and server port {updates + 1}{reason}"
                 )
@@ -243,10 +243,10 @@ class MonitorExtension(RunExtension):
             finally:
                 self._publisher = None
                 # Before waiting: a monitor process ends when it has received the end of the stream.
-                publisher.finish()
+                publisher.end_stream()
                 failures += filter(None, [monitor.finish(self._interrupted) for monitor in monitors])
                 if self._interrupted:
-                    publisher.close(INTERRUPTED_GRACE)
+                    publisher.close(INTERRUPTED_GRACE_S)
             if failures:
                 raise OutputError("; ".join(failures))
 
@@ -310,13 +310,13 @@ def _choose_ports(settings: Mapping[str, Any]) -> tuple[int | None, int | None]:
         return (DEFAULT_PORT if publish else 0) if first is None else first, None
     if "groot2" not in publish:
         return None, PUBLISH_PORT if first is None else first
-    from btcore_monitor.serve.tcp_ports import GROOT1_PORTS
+    from btcore_monitor.serve.tcp_ports import GROOT1_PORT_COUNT
 
-    port = DEFAULT_PORT if first is None else first
-    groot1 = port + _GROOT1_OFFSET if port else 0
-    if groot1 + GROOT1_PORTS > 1 << 16:
+    groot2_port = DEFAULT_PORT if first is None else first
+    groot1_port = groot2_port + _GROOT1_OFFSET if groot2_port else 0
+    if groot1_port + GROOT1_PORT_COUNT > 1 << 16:
         raise click.UsageError(
-            f"--port {port} leaves no port for Groot 1, which is {_GROOT1_OFFSET} further: choose one up to "
-            f"{(1 << 16) - GROOT1_PORTS - _GROOT1_OFFSET}"
+            f"--port {groot2_port} leaves no port for Groot 1, which is {_GROOT1_OFFSET} further: choose one "
+            f"up to {(1 << 16) - GROOT1_PORT_COUNT - _GROOT1_OFFSET}"
         )
-    return port, groot1
+    return groot2_port, groot1_port

@@ -21,7 +21,7 @@ from btcore_robot.robot import NS_PER_S, GoalOutcome, Pose2D
 from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME
 from btcore_scene import Area, Frame, Grid, MovingScene, Poses, StaticScene
 
-PARTICLES_AT_MOST = 250
+MAX_PARTICLES = 250
 """The maximum number of particles that are sent; of more particles, every n-th is sent."""
 
 GLOBAL_EVERY, LOCAL_EVERY, MAP_EVERY = 2_000_000_000, 250_000_000, 2_000_000_000
@@ -60,7 +60,7 @@ class NavigationScene:
         localiser = self._servers.localiser
         poses = self._path_messages()
         if isinstance(localiser, Localiser) and self._is_new("particles", localiser.particles):
-            step = max(1, math.ceil(len(localiser.particles) / PARTICLES_AT_MOST))
+            step = max(1, math.ceil(len(localiser.particles) / MAX_PARTICLES))
             poses.append(pose_rows("particles", "cloud", localiser.particles[::step]))
         poses += self._pose_messages()
         placed = self._odom_in_map()

@@ -9,9 +9,9 @@ from btcore_sim.errors import SimError
 
 Floats = NDArray[np.float64]
 
-TRIANGLES_AT_MOST = 20_000
+MAX_TRIANGLES = 20_000
 """Greatest number of triangles in a file; more would slow the viewer down."""
-_BYTES_AT_MOST = 20_000_000
+_MAX_BYTES = 20_000_000
 _HEADER = (
     84  # bytes before the triangles of a binary STL file: 80 of any content, and the number of triangles
 )
@@ -36,16 +36,16 @@ def read_triangles(path: Path) -> Floats:
     if reader is None:
         raise SimError(f"{path}: meshes of this format are not drawn: use STL or OBJ")
     try:
-        if path.stat().st_size > _BYTES_AT_MOST:
-            raise SimError(f"{path}: the mesh has more than {_BYTES_AT_MOST // 1_000_000} MB")
+        if path.stat().st_size > _MAX_BYTES:
+            raise SimError(f"{path}: the mesh has more than {_MAX_BYTES // 1_000_000} MB")
         triangles = reader(path.read_bytes())
     except OSError as error:
         raise SimError(f"{path}: cannot read the mesh: {error.strerror}") from None
     except (ValueError, IndexError):
         raise SimError(f"{path}: not a valid {path.suffix[1:].upper()} file") from None
-    if len(triangles) > TRIANGLES_AT_MOST:
+    if len(triangles) > MAX_TRIANGLES:
         raise SimError(
-            f"{path}: the mesh has {len(triangles)} triangles, but only {TRIANGLES_AT_MOST} are drawn: "
+            f"{path}: the mesh has {len(triangles)} triangles, but only {MAX_TRIANGLES} are drawn: "
             "reduce it with a mesh editor"
         )
     if not len(triangles) or not np.isfinite(triangles).all():

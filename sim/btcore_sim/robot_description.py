@@ -18,7 +18,7 @@ from btcore_sim.shells import Shell, read_shell
 TIAGO = Path(__file__).parent / "tiago.json"
 """The description of the Tiago robot, which is the default."""
 
-LATENCY_AT_MOST = 1.0
+MAX_LATENCY = 1.0
 """The greatest latency of a sensor (s). With older readings robots stand still."""
 
 Point = tuple[float, float, float]
@@ -377,8 +377,8 @@ def _outliers(record: JsonRecord) -> tuple[float, float, float]:
 
 def _latency(record: JsonRecord, key: str = "latency") -> float:
     latency = record.number(key, 0.0)
-    if not 0.0 <= latency <= LATENCY_AT_MOST:
-        raise record.error(f"'{key}' is {latency:g} s, but it has to be from 0 to {LATENCY_AT_MOST:g} s")
+    if not 0.0 <= latency <= MAX_LATENCY:
+        raise record.error(f"'{key}' is {latency:g} s, but it has to be from 0 to {MAX_LATENCY:g} s")
     return latency
 
 

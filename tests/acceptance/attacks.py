@@ -35,9 +35,9 @@ PICTURE = 200_000  # bytes of a camera's picture; the robot has 30 pictures a se
 LATENESS = 5.0  # ms, permitted in addition to 1.5 times the lateness of the robot that is not attacked
 JUDGED_FROM = 3  # pairs; the ticks of fewer are printed only, because other work on the computer delays them
 BUSY = 3  # programs that never wait, on a starved machine
-END_WITHIN = 60.0  # s, for the client to receive the end of a run
+END_TIMEOUT_S = 60.0  # s, for the client to receive the end of a run
 LOST = 0.01  # of the ticks, permitted in addition to the lost ticks of the robot that is not attacked
-GREETING = b"\xff" + b"\0" * 8 + b"\x7f\x03\x01" + b"NULL".ljust(20, b"\0") + b"\0" * 32
+GREETING_TIMEOUT_S = b"\xff" + b"\0" * 8 + b"\x7f\x03\x01" + b"NULL".ljust(20, b"\0") + b"\0" * 32
 READY = b"\x04\x19\x05READY\x0bSocket-Type\0\0\0\x03"
 TREE = """
 <root BTCPP_format="4"><BehaviorTree ID="Main"><KeepRunningUntilFailure><Sequence>
@@ -146,7 +146,7 @@ def attack_for_ever(name: str, port: int, kind: str) -> None:
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 5) as connection:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             if attack is not no_handshake:
-                connection.sendall(GREETING)
+                connection.sendall(GREETING_TIMEOUT_S)
                 received = 0
                 while received < 64:
                     data = connection.recv(64)
@@ -196,7 +196,7 @@ def run_robot(seconds: float) -> None:
 
     tree, changes = btcore.loads(TREE), Changes()
     tree.subscribe(changes)
-    with serve(tree, groot2=0, groot1=0, allow_control=True, resources=[Camera()]) as publisher:
+    with serve(tree, groot2_port=0, groot1_port=0, allow_control=True, resources=[Camera()]) as publisher:
         first, updates = publisher.port, publisher.groot1_port
         assert updates is not None
         print(json.dumps([first, first + 1, first + 2, updates, updates + 1]), flush=True)
@@ -312,7 +312,7 @@ class Robot:
                             return
                 # What the robot sent before its end may still wait in this process.
                 if self._ended.is_set():
-                    give_up_at = min(give_up_at, time.monotonic() + END_WITHIN)
+                    give_up_at = min(give_up_at, time.monotonic() + END_TIMEOUT_S)
 
     def _request(self) -> None:
         from btcore_monitor.watch.address import parse_address
@@ -456,7 +456,7 @@ def main() -> int:
         return print_violations(run_starved(names, options.starved, options.seconds, options.priority))
     from btcore_monitor.watch import feed
 
-    feed.SILENT_AFTER = REPLY_WITHIN  # a busy machine is silent for seconds, too
+    feed.SILENT_AFTER_S = REPLY_WITHIN  # a busy machine is silent for seconds, too
     print(
         f"{'attack':24}{'growth':>21} {'lost ticks':>13} {'late (95 %)':>22} {'missing':>8} {'no reply':>8}"
     )

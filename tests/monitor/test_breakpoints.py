@@ -50,7 +50,7 @@ class Robot:
         self.tree = btcore.loads(PATROL, resources=[SimClock()])
         # Between two commands, a slow machine may need longer than the default permits.
         self.publisher = serve(
-            self.tree, groot2=port, run_channel=False, allow_control=True, max_heartbeat_delay=LIMIT
+            self.tree, groot2_port=port, run_channel=False, allow_control=True, max_heartbeat_delay=LIMIT
         )
         self.address = self.publisher.address
         self._stop = threading.Event()
@@ -190,7 +190,9 @@ def test_a_step_ends_at_another_breakpoint_on_the_way(robot):
 
 def test_a_robot_waits_at_a_breakpoint_as_long_as_a_client_is_connected(until):
     tree = btcore.loads(PATROL, resources=[SimClock()])
-    with serve(tree, groot2=0, run_channel=False, allow_control=True, max_heartbeat_delay=4.0) as publisher:
+    with serve(
+        tree, groot2_port=0, run_channel=False, allow_control=True, max_heartbeat_delay=4.0
+    ) as publisher:
         tick = threading.Thread(target=tree.tick_exactly_once)
         with BreakpointClient(publisher.address) as breaks:
             breaks.break_at("left")
@@ -219,7 +221,7 @@ def test_a_restarted_robot_gets_its_breakpoints_again(robot, until):
 
 def test_a_client_waits_for_a_robot_that_starts_later():
     made: list[Robot] = []
-    with serve(btcore.loads(PATROL), groot2=0, run_channel=False) as publisher:
+    with serve(btcore.loads(PATROL), groot2_port=0, run_channel=False) as publisher:
         port = publisher.port
     late = threading.Timer(0.3, lambda: made.append(Robot(port)))
     late.start()
@@ -241,7 +243,7 @@ def test_an_unreachable_robot_and_an_invalid_address_raise():
 def test_the_error_of_a_robot_without_control_names_the_missing_option():
     tree = btcore.loads(PATROL)
     with (
-        serve(tree, groot2=0, run_channel=False) as publisher,
+        serve(tree, groot2_port=0, run_channel=False) as publisher,
         BreakpointClient(publisher.address) as breaks,
         pytest.raises(BreakpointError, match="start it with --allow-control"),
     ):

@@ -32,7 +32,7 @@ def tree() -> btcore.Tree:
 @pytest.fixture
 def connection(tree: btcore.Tree) -> Iterator[RobotConnection]:
     with (
-        serve(tree, groot2=0, allow_control=True) as publisher,
+        serve(tree, groot2_port=0, allow_control=True) as publisher,
         closing(RobotPreview().connect(publisher.address, SETTINGS)) as connection,
     ):
         assert isinstance(connection, RobotConnection)
@@ -66,7 +66,7 @@ def test_nodes_statuses_results_and_entries_arrive(tree: btcore.Tree, connection
 
 
 def test_results_before_the_connection_arrive_from_a_robot_without_run_channel(tree: btcore.Tree) -> None:
-    with serve(tree, groot2=0, run_channel=False) as publisher:
+    with serve(tree, groot2_port=0, run_channel=False) as publisher:
         tree.tick_once()
         with closing(RobotConnection(publisher.address)) as connection:
             state = until(connection, lambda state: state.results)
@@ -91,7 +91,7 @@ def test_breakpoint_stops_at_one_of_two_nodes_with_the_same_name(
 
 
 def test_robot_without_control_is_reported(tree: btcore.Tree) -> None:
-    with serve(tree, groot2=0) as publisher, closing(RobotConnection(publisher.address)) as connection:
+    with serve(tree, groot2_port=0) as publisher, closing(RobotConnection(publisher.address)) as connection:
         until(connection, lambda state: state.nodes)
         connection.set_breakpoints([3])
         state = connection.poll(0.01)
@@ -101,7 +101,7 @@ def test_robot_without_control_is_reported(tree: btcore.Tree) -> None:
 
 def test_robot_with_groot1_is_watched_but_has_no_breakpoints(tree: btcore.Tree) -> None:
     with (
-        serve(tree, groot1=0, run_channel=False) as publisher,
+        serve(tree, groot2_port=None, groot1_port=0, run_channel=False) as publisher,
         closing(RobotConnection(publisher.address)) as connection,
     ):
         until(connection, lambda state: state.nodes)
@@ -118,7 +118,7 @@ def test_robot_with_keys_is_watched_and_controlled_by_its_clients_only(
     create_keys(tmp_path / "desk")
     create_keys(tmp_path / "stranger")
     allowed = RobotKeys(tmp_path / "robot", [str(tmp_path / "desk.pub")])
-    with serve(tree, groot2=0, allow_control=True, keys=allowed) as publisher:
+    with serve(tree, groot2_port=0, allow_control=True, keys=allowed) as publisher:
 
         def connect(name: str) -> RobotConnection:
             return RobotConnection(

@@ -55,7 +55,7 @@ def report(done: "subprocess.CompletedProcess[str]") -> dict[str, Any]:
 
 @pytest.fixture
 def free_port(sample) -> int:
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         return publisher.port
 
 
@@ -329,7 +329,7 @@ def test_a_usage_error_is_reported_once_before_the_run_starts(
     name: str, sample, tree_file, free_port, no_threads_left: Callable[..., None]
 ):
     options, said = usage_errors(free_port, tree_file)[name]
-    with serve(sample, groot2=free_port):
+    with serve(sample, groot2_port=free_port):
         arguments = ["run", tree_file, "--fast", "--duration", "1", *options]
         done = CliRunner().invoke(main, arguments, prog_name="btcore")
     assert done.exit_code == 2

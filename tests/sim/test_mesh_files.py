@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from btcore_sim.errors import SimError
-from btcore_sim.mesh_files import TRIANGLES_AT_MOST, read_triangles
+from btcore_sim.mesh_files import MAX_TRIANGLES, read_triangles
 from btcore_sim.robot_description import load_description
 
 CORNERS = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 3.0))
@@ -65,7 +65,7 @@ def test_the_triangles_of_each_format_are_read(tmp_path: Path, name: str, data: 
         ("mesh.obj", b"", "no triangles"),
         (
             "mesh.obj",
-            b"v 0 0 0\n" + b"f 1 1 1\n" * (TRIANGLES_AT_MOST + 1),
+            b"v 0 0 0\n" + b"f 1 1 1\n" * (MAX_TRIANGLES + 1),
             "20001 triangles, but only",
         ),
     ],

@@ -80,7 +80,7 @@ def run(robot: Robot) -> Status:
     """Tick the tree of *robot*, published for the monitor, until it ends."""
     tree = make_tree(robot)
     tree.subscribe(Printer())
-    with serve(tree, groot2=None):
+    with serve(tree, groot2_port=0):
         return tree.tick_while_running()
 
 

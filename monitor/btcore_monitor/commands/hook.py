@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient, HookReached
     from btcore_monitor.keys import ClientKeys
 
-_CHECK_EVERY: Final = 0.1
+_CHECK_INTERVAL_S: Final = 0.1
 """Time (s) between two checks whether to stop."""
 
 _OPTIONS: Final = ("--wait", "--key-file", "--robot-key")
@@ -275,7 +275,7 @@ def _print_reached(
     deadline = None if duration is None else time.monotonic() + duration
     with stop_on_signals(stop):
         while not stop.is_set() and (deadline is None or time.monotonic() < deadline):
-            reached = robot.poll(_CHECK_EVERY)
+            reached = robot.poll(_CHECK_INTERVAL_S)
             if reached is not None:
                 print_line(f"reached {reached.path}")
             elif until_removed and not any(

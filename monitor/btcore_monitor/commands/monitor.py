@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from btcore_monitor.watch.feed import Feed
 
 DEFAULT_ADDRESS: Final = "tcp://127.0.0.1:1667"
-_RECORDING: Final = b"RRF"
+_RRF_MAGIC: Final = b"RRF"
 """The first bytes of rerun's files."""
-_WAIT: Final = 0.2
+_CHECK_INTERVAL_S: Final = 0.2
 """Time (s) between two checks whether all robots' threads have ended."""
-_CHECK_FILE_EVERY: Final = 1.0
+_CHECK_FILE_INTERVAL_S: Final = 1.0
 """Time (s) between two checks whether the file of the recording can still be written."""
-_CHECK_VIEWER_EVERY: Final = 2.0
+_CHECK_VIEWER_INTERVAL_S: Final = 2.0
 """Time (s) between two checks whether the viewer is still open."""
 
 
@@ -183,16 +183,16 @@ def _watch(
             thread.start()
         deadline = None if duration is None else time.monotonic() + duration
         next_file_check = time.monotonic()
-        opened, next_check = sinks.window, time.monotonic() + _CHECK_VIEWER_EVERY
-        while any(thread.is_alive() for thread in threads) and not stop.wait(_WAIT):
+        opened, next_check = sinks.window, time.monotonic() + _CHECK_VIEWER_INTERVAL_S
+        while any(thread.is_alive() for thread in threads) and not stop.wait(_CHECK_INTERVAL_S):
             now = time.monotonic()
             if now >= next_file_check:
-                next_file_check = now + _CHECK_FILE_EVERY
+                next_file_check = now + _CHECK_FILE_INTERVAL_S
                 sinks.check_files()
             if deadline is not None and now >= deadline:
                 break
             if opened is not None and now >= next_check:
-                next_check = now + _CHECK_VIEWER_EVERY
+                next_check = now + _CHECK_VIEWER_INTERVAL_S
                 if not opened.is_open:
                     failure, opened = opened.failure(), None
                     # Printed at once, because closing the recording takes some seconds without a viewer.
@@ -245,7 +245,7 @@ def _show_recordings(recordings: list[Path], viewer: ViewerOptions, duration: fl
             raise click.UsageError(f"there is no recording {recording}")
         with recording.open("rb") as file:
             # Checked here, because the viewer would show the error only in its window.
-            if not file.read(4).startswith(_RECORDING):
+            if not file.read(4).startswith(_RRF_MAGIC):
                 raise click.UsageError(f"{recording} is not a rerun recording")
     if viewer.screenshot is not None:
         check_folder("--screenshot", viewer.screenshot)

@@ -8,7 +8,11 @@ def notice(event: Event) -> str:
     if isinstance(event, LostTransitionsEvent):
         return f"the transitions {event.first} to {event.last} are lost"
     if isinstance(event, MissingDataEvent):
-        between = f" from {event.since / 1e9:.3f} s to {event.stamp / 1e9:.3f} s" if event.since < event.stamp else ""
+        between = (
+            f" from {event.since / 1e9:.3f} s to {event.stamp / 1e9:.3f} s"
+            if event.since < event.stamp
+            else ""
+        )
         return f"{event.topic} missing{between}: {event.reason}"
     if isinstance(event, HooksEvent):
         return event.warning

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _RERUN: Final = ".rrd"
 _BAG: Final = ".mcap"
-_WAIT: Final = 0.2
+_CHECK_INTERVAL_S: Final = 0.2
 """Time (s) between two checks of an idle feed."""
 _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and the scene need -o FILE.rrd"
 
@@ -173,7 +173,9 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
     deadline = None if duration is None else time.monotonic() + duration
     with stop_on_signals(stop):
         while not stop.is_set():
-            left = _WAIT if deadline is None else min(_WAIT, deadline - time.monotonic())
+            left = (
+                _CHECK_INTERVAL_S if deadline is None else min(_CHECK_INTERVAL_S, deadline - time.monotonic())
+            )
             if left <= 0:
                 return
             ended = False

@@ -16,12 +16,12 @@ BLACKBOARD: Final = "blackboard"
 HISTORY: Final = "blackboard_history"
 
 _VALUE_ROOM: Final = 60
-_ENTRIES_AT_MOST: Final = 500
-_IDLE_AT_MOST: Final = 40
+_MAX_ENTRIES: Final = 500
+_MAX_IDLE: Final = 40
 """Greatest number of entries of subtrees that do not run."""
-_TIMES_AT_MOST: Final = 10_000
+_MAX_TIMES: Final = 10_000
 """Greatest number of entries whose last change is known, of a robot that adds entries without end."""
-_LINES_AT_MOST: Final = 40
+_MAX_LINES: Final = 40
 """Greatest number of lines that an update adds to the history."""
 
 Boards = Mapping[str, Mapping[str, Any]]
@@ -70,11 +70,11 @@ class BlackboardTable:
             if changes:
                 self._last = {(path, key) for path, key, *_ in changes}
                 self._changed |= dict.fromkeys(self._last, stamp)
-                if len(self._changed) > _TIMES_AT_MOST:
+                if len(self._changed) > _MAX_TIMES:
                     self._changed = dict.fromkeys(self._last, stamp)
-            lines = [_format_change(*change) for change in changes[:_LINES_AT_MOST]]
-            if len(changes) > _LINES_AT_MOST:
-                lines.append(f"… and {len(changes) - _LINES_AT_MOST} more")
+            lines = [_format_change(*change) for change in changes[:_MAX_LINES]]
+            if len(changes) > _MAX_LINES:
+                lines.append(f"… and {len(changes) - _MAX_LINES} more")
             for line in lines:
                 self._history.add(stamp, wall, (line, LEVELS[2], self._colour))
         self._update(stamp, wall)
@@ -106,7 +106,7 @@ class BlackboardTable:
         count = 0
         for at, path in enumerate(idle):
             count += len(boards[path])
-            if count > _IDLE_AT_MOST:
+            if count > _MAX_IDLE:
                 lines += ["", f"*and {len(idle) - at} blackboards of subtrees that do not run*"]
                 break
             lines += self._format_table(path, boards[path])
@@ -118,14 +118,14 @@ class BlackboardTable:
         yield ""
         yield f"| **{escape_markdown(path)}** | | |" if path else "| key | value | changed |"
         yield "|:--|:--|--:|"
-        for key, value in islice(board.items(), _ENTRIES_AT_MOST):
+        for key, value in islice(board.items(), _MAX_ENTRIES):
             changed = self._changed.get((path, key))
             bold = "**" if (path, key) in self._last else ""
             text = "–" if value is None else f"`{escape_markdown(short(value))}`"
             time = "" if changed is None else f"{bold}{self._rows.seconds(changed):.1f} s{bold}"
             yield f"| {bold}{escape_markdown(short(key))}{bold} | {text} | {time} |"
-        if len(board) > _ENTRIES_AT_MOST:
-            yield f"| and {len(board) - _ENTRIES_AT_MOST} more entries | | |"
+        if len(board) > _MAX_ENTRIES:
+            yield f"| and {len(board) - _MAX_ENTRIES} more entries | | |"
 
 
 def _list_changes(before: Boards, boards: Boards) -> Iterator[tuple[str, str, Any, Any]]:

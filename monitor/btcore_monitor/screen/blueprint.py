@@ -26,7 +26,7 @@ The titles of all views beside a scene fit into this window.
 _LANE: Final = 31.0
 _LANES_FRAME: Final = 60.0
 """Height (pixels) of a lane with its name, and height of the title and the time axis of the lanes' view."""
-_LANES_AT_MOST: Final = 0.57
+_MAX_LANES: Final = 0.57
 _SCROLLED: Final = 0.34
 """Shares of the window's height: the maximum for lanes, and the share of lanes that need more and scroll."""
 _LEFT: Final = 0.5
@@ -34,9 +34,9 @@ _TREE_OF_WIDE: Final = 0.58
 _PAST: Final = 24.0
 _AHEAD: Final = 1.5
 """Time (s) that lanes and curves show before and after the time cursor of a long run."""
-LIVE: Final = 25_000_000_000
+LIVE_SPAN_NS: Final = 25_000_000_000
 """Time (ns) from the beginning of a run that lanes and curves show while the run is shorter."""
-WHOLE_AT_MOST: Final = 60_000_000_000
+MAX_WHOLE_SPAN_NS: Final = 60_000_000_000
 """Longest run (ns) that lanes and curves show as a whole."""
 _LEAST: Final = 2_000_000_000
 _TRAIL_SECONDS: Final = 120.0
@@ -89,10 +89,10 @@ class Pane:
 def lanes_share(lanes: int) -> float:
     """Return the share of the window's height for a number of lanes below the tree.
 
-    Lanes that need more than _LANES_AT_MOST get _SCROLLED.
+    Lanes that need more than _MAX_LANES get _SCROLLED.
     """
     needed = (lanes * _LANE * 1.31 + _LANES_FRAME) / _SMALL_HEIGHT
-    return max(0.16, needed) if needed <= _LANES_AT_MOST else _SCROLLED
+    return max(0.16, needed) if needed <= _MAX_LANES else _SCROLLED
 
 
 def tree_room(lanes: int, scene: bool) -> tuple[float, float]:
@@ -183,7 +183,7 @@ def _create_axis(pane: Pane) -> rrb.TimeAxis:
     """
     begin, end = pane.span
     boundary = rr.TimeRangeBoundary
-    if end - begin > WHOLE_AT_MOST:
+    if end - begin > MAX_WHOLE_SPAN_NS:
         window = rr.TimeRange(
             start=boundary.cursor_relative(seconds=-_PAST), end=boundary.cursor_relative(seconds=_AHEAD)
         )

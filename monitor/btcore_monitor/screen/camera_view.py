@@ -20,7 +20,7 @@ _FOCAL_AT_LEAST: Final = 1e-3
 _OLD: Final = 1_000_000_000
 """Age (ns of the tree's clock) above which a picture is drawn faint, with the time when it was taken."""
 _FAINT: Final = 0.3
-_PICTURE_EVERY: Final = 150_000_000
+_PICTURE_INTERVAL_NS: Final = 150_000_000
 """Smallest time (ns of the tree's clock) between two recorded pictures: of pictures at 10 Hz, 5 Hz remain."""
 _TEXT_COLOUR: Final = 0xF5F7FAFF
 
@@ -62,7 +62,7 @@ class CameraView:
                     entity, _create_jpeg_columns if key[1] == "jpeg" else _create_image_columns
                 )
                 self._ages[key] = _Age(self._rows, picture)
-            if not 0 <= stamp - self._recorded.get(key, stamp - _PICTURE_EVERY) < _PICTURE_EVERY:
+            if not 0 <= stamp - self._recorded.get(key, stamp - _PICTURE_INTERVAL_NS) < _PICTURE_INTERVAL_NS:
                 self._recorded[key] = stamp
                 self._series[key].add(stamp, wall, picture)
             self._ages[key].renew(stamp, wall)

@@ -13,7 +13,7 @@ from btcore_monitor.screen.font import elide, width_of
 
 BADGE_ROOM: Final = 2 * style.BADGE_RADIUS + 14.0
 TEXT_GAP: Final = 20.0
-VALUES_AT_MOST: Final = 28
+MAX_VALUES: Final = 28
 """Maximum length (characters) of port values that are added to a name, so that equal names differ."""
 
 
@@ -74,7 +74,7 @@ def _distinct(group: Sequence[ObservedNode]) -> Mapping[int, str]:
         return {group[0].uid: group[0].name}
     values = {node.uid: " ".join(node.ports.values()) for node in group}
     named = {
-        uid: f"{group[0].name} {text}".rstrip() if len(text) <= VALUES_AT_MOST else group[0].name
+        uid: f"{group[0].name} {text}".rstrip() if len(text) <= MAX_VALUES else group[0].name
         for uid, text in values.items()
     }
     if len(set(named.values())) == len(group):

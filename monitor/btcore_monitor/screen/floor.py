@@ -21,7 +21,7 @@ _OPACITY: Final = 0.99
 """Slightly below 1, because the viewer ignores the alpha of colours in an opaque image."""
 _HATCH: Final = 0.25
 """Distance (m) between the strokes of an area's hatching."""
-_STROKES_AT_MOST: Final = 200
+_MAX_STROKES: Final = 200
 
 Rgba = NDArray[np.uint8]
 
@@ -131,7 +131,7 @@ def _hatch(xmin: float, ymin: float, xmax: float, ymax: float) -> list[list[tupl
     z = 0.03
     strokes = [[(xmin, ymin, z), (xmax, ymin, z), (xmax, ymax, z), (xmin, ymax, z), (xmin, ymin, z)]]
     edges = (xmax - xmin) + (ymax - ymin)
-    for along in np.arange(_HATCH, edges, max(_HATCH, edges / _STROKES_AT_MOST)):
+    for along in np.arange(_HATCH, edges, max(_HATCH, edges / _MAX_STROKES)):
         start = xmin + min(along, xmax - xmin), ymin + max(0.0, along - (xmax - xmin)), z
         end = xmin + max(0.0, along - (ymax - ymin)), ymin + min(along, ymax - ymin), z
         strokes.append([start, end])

@@ -20,15 +20,15 @@ from btcore_monitor.screen.row_buffer import RowBuffer, Series
 from btcore_monitor.screen.tick_states import TickStates
 from btcore_monitor.screen.tree import FOLDED, LEGEND, LINES, PILLS, TreeView
 
-FOLDED_AT_MOST: Final = 90
+MAX_FOLDED_NODES: Final = 90
 """Greatest number of nodes of a folded tree; more nodes would not be readable in a window."""
-DRAWINGS_AT_MOST: Final = 32
+MAX_DRAWINGS: Final = 32
 """Greatest number of drawings of a tree. Later, the drawing is used that shows most of what runs."""
 _OUTSIDE: Final = -1e5
 """Coordinate of the drawings that are not active, outside of the view."""
 
 
-def fold(tree: ObservedTree, running: Collection[int] = (), most: int = FOLDED_AT_MOST) -> ObservedTree:
+def fold(tree: ObservedTree, running: Collection[int] = (), most: int = MAX_FOLDED_NODES) -> ObservedTree:
     """Return *tree* without the nodes that are folded into their parents.
 
     The children of running nodes are always in the result, and without running nodes the whole main tree.
@@ -156,7 +156,7 @@ class FoldedTreeView:
         known = self._drawings.get(key)
         if known is not None:
             return known
-        if len(self._drawings) >= DRAWINGS_AT_MOST:
+        if len(self._drawings) >= MAX_DRAWINGS:
             return max(self._drawings.values(), key=lambda each: int((running & each.visible).sum()))
         number = len(self._drawings)
         view = TreeView(

@@ -17,7 +17,7 @@ from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tick_states import SHOWN_NAMES, TickStates
 from btcore_monitor.screen.tree import leaves
 
-LANES_AT_MOST: Final = 48
+MAX_LANES: Final = 48
 """Greatest number of lanes. A lane is about 40 pixels high, so that more lanes would not be readable."""
 SUBTREES_DEEP: Final = 4
 LEAVES_AT_ONCE: Final = 4
@@ -29,12 +29,12 @@ def chosen(tree: ObservedTree, found: Collection[int]) -> list[ObservedNode]:
     """Return the nodes that get their own lane.
 
     These are the nodes whose uids are in *found*, the result of a search. Without *found* they are all
-    leaves, or no nodes if there are more than LANES_AT_MOST leaves.
+    leaves, or no nodes if there are more than MAX_LANES leaves.
     """
     if found:
-        return [node for node in tree.nodes if node.uid in found][:LANES_AT_MOST]
+        return [node for node in tree.nodes if node.uid in found][:MAX_LANES]
     all_leaves = leaves(tree.nodes)
-    return all_leaves if len(all_leaves) <= LANES_AT_MOST else []
+    return all_leaves if len(all_leaves) <= MAX_LANES else []
 
 
 def lane_entities(names: Sequence[str]) -> list[str]:
@@ -52,7 +52,7 @@ class Lanes:
         self._palette = palette
         self._rows = rows
         nodes = chosen(tree, found)
-        depths = _group_by_depth(tree) if len(leaves(tree.nodes)) > LANES_AT_MOST else {}
+        depths = _group_by_depth(tree) if len(leaves(tree.nodes)) > MAX_LANES else {}
         slots = [f"leaf {slot}" if slot > 1 else "leaf" for slot in range(1, LEAVES_AT_ONCE + 1)]
         over = [*depths, *slots] if depths else []
         self.entities = lane_entities([*over, *distinct_names(nodes)])

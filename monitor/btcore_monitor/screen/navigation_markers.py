@@ -9,7 +9,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from btcore_monitor.screen.row_buffer import RowBuffer, Series, entity_part, rounded
-from btcore_monitor.wire.scene_schema import NUMBER_AT_MOST
+from btcore_monitor.wire.scene_schema import MAX_NUMBER
 from btcore_scene import UPRIGHT, Arrow, BoundingBox, MovingScene, Poses
 
 ARROWS: Final = "arrows"
@@ -129,7 +129,7 @@ class NavigationMarkers:
             self._rows.log(entity, lines, static=True)
         self._place(entity, poses.frame or root)
         rows = np.frombuffer(poses.rows, dtype="<f4").reshape(-1, 3)
-        rows = rows[(np.abs(rows) <= NUMBER_AT_MOST).all(axis=1)]  # without NaN and infinities, too
+        rows = rows[(np.abs(rows) <= MAX_NUMBER).all(axis=1)]  # without NaN and infinities, too
         self._series[entity].add(stamp, wall, style.strips(rows, self.footprint))
 
     def _show_arrows(self, stamp: int, wall: int, arrows: Mapping[str, Arrow], root: str) -> None:

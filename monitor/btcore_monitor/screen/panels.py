@@ -54,12 +54,12 @@ _LEVEL_OF_STATUS: Final[Mapping[int, str]] = {
 """Level of a transition, by its new status. Missing data has the level WARN, an exception of a node ERROR."""
 
 _NAME_WIDTH: Final = 28
-_NAMES_AT_MOST: Final = 4
+_MAX_NAMES: Final = 4
 _CELL: Final = 28
 """Characters that always fit into a cell of a table; the viewer does not wrap cells."""
-EVERY_NS: Final = 1_000_000_000
+UPDATE_INTERVAL_NS: Final = 1_000_000_000
 """Shortest time (ns of the tree's clock) between two updates of the statistics."""
-ROWS_AT_MOST: Final = 60
+MAX_TABLE_ROWS: Final = 60
 _PATH_ROOM: Final = 56
 """Characters of a displayed path; big trees show paths to distinguish their leaves."""
 _INDENT: Final = "\xa0" * 4
@@ -108,7 +108,9 @@ class TransitionLog:
 
     def add_gap(self, event: LostTransitionsEvent, stamp: int, wall: int) -> None:
         """Log a gap in the transitions at tree time *stamp* and wall time *wall* (ns)."""
-        self._warn(stamp, wall, f"transitions #{event.first} to #{event.last} are missing: they never arrived")
+        self._warn(
+            stamp, wall, f"transitions #{event.first} to #{event.last} are missing: they never arrived"
+        )
 
     def add_missing_data(self, event: MissingDataEvent) -> None:
         """Log missing data of unknown amount."""
@@ -232,16 +234,16 @@ class NowPanel:
 
     def _format_leaves(self, chosen: NDArray[np.bool_]) -> str:
         indices = np.flatnonzero(chosen & self._leaf).tolist()
-        text = ", ".join(f"**{escape_markdown(self._names[index])}**" for index in indices[:_NAMES_AT_MOST])
-        return text if len(indices) <= _NAMES_AT_MOST else f"{text} and {len(indices) - _NAMES_AT_MOST} more"
+        text = ", ".join(f"**{escape_markdown(self._names[index])}**" for index in indices[:_MAX_NAMES])
+        return text if len(indices) <= _MAX_NAMES else f"{text} and {len(indices) - _MAX_NAMES} more"
 
 
 class StatisticsTable:
     """The observed results and running times of every node of a tree.
 
     Only the time during which the monitor is connected counts. The running time of a node that is RUNNING
-    when the monitor connects starts at that moment. For a tree of more than ROWS_AT_MOST nodes, the table has
-    only the ROWS_AT_MOST leaves with the longest running times, and of equal times with the most results.
+    when the monitor connects starts at that moment. For a tree of more than MAX_TABLE_ROWS nodes, the table
+    has only the leaves with the longest running times, and of equal times with the most results.
     """
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
@@ -282,7 +284,7 @@ class StatisticsTable:
             counts[event.status - SUCCESS] += 1
 
     def update(self, stamp: int, wall: int) -> None:
-        """Update the table at *stamp* (ns), unless the last update was less than EVERY_NS ago."""
+        """Update the table at *stamp* (ns), unless the last update was less than UPDATE_INTERVAL_NS ago."""
         if self._next_update is None or stamp >= self._next_update:
             self.show(stamp, wall)
 
@@ -291,7 +293,7 @@ class StatisticsTable:
         if self._changed or (self._since and stamp != self._last_update_stamp):
             self._changed = False
             self._last_update_stamp = stamp
-            self._next_update = stamp + EVERY_NS
+            self._next_update = stamp + UPDATE_INTERVAL_NS
             self._series.add(stamp, wall, self.markdown(stamp))
 
     def markdown(self, stamp: int) -> str:
@@ -301,11 +303,11 @@ class StatisticsTable:
             for uid, ns in self._running_ns.items()
         }
         nodes = list(self._nodes)
-        indented = len(nodes) <= ROWS_AT_MOST
+        indented = len(nodes) <= MAX_TABLE_ROWS
         if not indented:
             work = {node.uid: (running[node.uid], sum(self._results[node.uid])) for node in leaves(nodes)}
             ticked = [node for node in nodes if any(work.get(node.uid, ()))]
-            nodes = sorted(ticked, key=lambda node: work[node.uid], reverse=True)[:ROWS_AT_MOST]
+            nodes = sorted(ticked, key=lambda node: work[node.uid], reverse=True)[:MAX_TABLE_ROWS]
         lines = ["| node | results | success | running | a run |", "|:--|--:|--:|--:|--:|"]
         for node in nodes:
             succeeded, failed, skipped = self._results[node.uid]

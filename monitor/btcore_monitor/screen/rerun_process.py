@@ -26,10 +26,10 @@ from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_monitor.errors import MonitorError
 
 LOOPBACK: Final = "127.0.0.1"
-_START_WITHIN: Final = 300.0
+_START_TIMEOUT_S: Final = 300.0
 """Timeout (s) for the start, which is slow on a busy machine. A viewer that ends is noticed at once."""
-_DRAW_WITHIN: Final = 5.0
-_END_WITHIN: Final = 2.0
+_DRAW_TIMEOUT_S: Final = 5.0
+_END_TIMEOUT_S: Final = 2.0
 _CLOSED: Final = (0, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP if hasattr(signal, "SIGHUP") else 0)
 """Exit codes of a viewer that a user has closed."""
 _PANIC: Final = re.compile(r"panicked at '(.*?)'$", re.MULTILINE)
@@ -78,16 +78,16 @@ class RerunProcess:
         """Wait until the viewer accepts connections at *port* (default: its port for recordings).
 
         Raises:
-            ScreenError: The viewer ends, or does not listen within `_START_WITHIN`.
+            ScreenError: The viewer ends, or does not listen within `_START_TIMEOUT_S`.
         """
-        deadline = time.monotonic() + _START_WITHIN
+        deadline = time.monotonic() + _START_TIMEOUT_S
         while time.monotonic() < deadline:
             if self._process.poll() is not None:
                 raise ScreenError(f"the viewer (rerun) ended while starting: {self.failure()}")
             if is_listening(port or self.port):
                 return
             time.sleep(0.05)
-        raise ScreenError(f"the viewer (rerun) did not answer within {_START_WITHIN:.0f} s")
+        raise ScreenError(f"the viewer (rerun) did not answer within {_START_TIMEOUT_S:.0f} s")
 
     def wait_until_drawing(self) -> None:
         """Wait until the viewer answers from its window, or for some seconds: a hidden window may not answer.
@@ -106,7 +106,7 @@ class RerunProcess:
                 answered.set()
 
         threading.Thread(target=request, daemon=True).start()
-        deadline = time.monotonic() + _DRAW_WITHIN
+        deadline = time.monotonic() + _DRAW_TIMEOUT_S
         while not answered.wait(0.1) and time.monotonic() < deadline:
             if self._process.poll() is not None:
                 raise ScreenError(f"the viewer (rerun) ended while starting: {self.failure()}")
@@ -114,7 +114,7 @@ class RerunProcess:
     def failure(self) -> str | None:
         """Return the reason why the viewer ended; None if it is running or was closed by a user."""
         try:
-            code = self._process.wait(_END_WITHIN)
+            code = self._process.wait(_END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             return None
         if code in _CLOSED:

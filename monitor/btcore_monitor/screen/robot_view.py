@@ -22,7 +22,7 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.screen.blackboard_table import BLACKBOARD, BlackboardTable
-from btcore_monitor.screen.blueprint import LIVE, WHOLE_AT_MOST, Pane, tree_room
+from btcore_monitor.screen.blueprint import LIVE_SPAN_NS, MAX_WHOLE_SPAN_NS, Pane, tree_room
 from btcore_monitor.screen.folding import FoldedTreeView
 from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.lanes import Lanes
@@ -38,20 +38,20 @@ from btcore_monitor.screen.scene import SPEED, SceneView
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT, Palette
 from btcore_monitor.screen.tick_states import TickStates
-from btcore_monitor.screen.tree import BIG, TreeView, matching
+from btcore_monitor.screen.tree import FOLD_ABOVE_NODES, TreeView, matching
 from btcore_monitor.screen.viewer_windows import ROOM, RobotWindow, SingleRobotWindow
 
-_ENDLESS: Final = 1 << 62
-SEND_EVERY: Final = 0.2
+_ENDLESS_NS: Final = 1 << 62
+SEND_INTERVAL_S: Final = 0.2
 """Wall time (s) between two transmissions of buffered rows to a viewer while events arrive."""
-WRITE_EVERY: Final = 10.0
+WRITE_INTERVAL_S: Final = 10.0
 """Wall time (s) between two transmissions to a file alone.
 
 Each transmission adds about 4 kB for each entity to the file, whatever the number of rows.
 """
-WRITE_TRANSITIONS_EVERY: Final = 0.7
+WRITE_TRANSITIONS_INTERVAL_S: Final = 0.7
 """Wall time (s) between two transmissions of transitions to a file alone: a killed recorder loses no more."""
-_EVENTS_AT_MOST: Final = 2000
+_MAX_BUFFERED_EVENTS: Final = 2000
 """Number of events after which the rows are sent at the latest."""
 
 
@@ -106,7 +106,7 @@ class RobotView:
             if self._display is not None:
                 self._display.show(event)
         self._events += 1
-        self._send_if_due(SEND_EVERY)
+        self._send_if_due(SEND_INTERVAL_S)
 
     def pause(self) -> None:
         """Process a moment without events: a viewer receives the buffered rows now, a file later."""
@@ -118,10 +118,10 @@ class RobotView:
     def _send_if_due(self, live_interval: float) -> None:
         """Send the rows whose time has come; *live_interval* (s) is the time between two for a viewer."""
         now = time.monotonic()
-        interval = live_interval if self._window.is_live else WRITE_EVERY
-        if now - self._sent >= interval or self._events >= _EVENTS_AT_MOST:
+        interval = live_interval if self._window.is_live else WRITE_INTERVAL_S
+        if now - self._sent >= interval or self._events >= _MAX_BUFFERED_EVENTS:
             self.flush()
-        elif now - self._transitions_sent >= WRITE_TRANSITIONS_EVERY and not self._window.is_live:
+        elif now - self._transitions_sent >= WRITE_TRANSITIONS_INTERVAL_S and not self._window.is_live:
             self._transitions_sent = now
             if self._display is not None:
                 self._display.log.send()
@@ -200,7 +200,7 @@ class _TreeDisplay:
         room = ROOM if self.place else tree_room(len(self.lanes.entities), scene)
         self.tree = TreeView(self.rows, tree, palette, room, found)
         self.trees: list[TreeView | FoldedTreeView] = [self.tree]
-        if len(tree.nodes) > BIG:
+        if len(tree.nodes) > FOLD_ABOVE_NODES:
             self.trees.insert(0, FoldedTreeView(self.rows, tree, palette, room, found))
         self.log = TransitionLog(self.rows, tree, palette)
         self.blackboard = BlackboardTable(self.rows, tree, palette)
@@ -211,7 +211,7 @@ class _TreeDisplay:
         self._stamp, self._wall = event.stamp, event.wall
         self._last_tick_stamp = event.stamp - 1
         self._begin = self._now
-        self._end = self._begin + LIVE
+        self._end = self._begin + LIVE_SPAN_NS
         self._show_source(event.source, event.stamp, event.wall)
         for pattern, uids in matches.items():
             if not uids:
@@ -285,7 +285,7 @@ class _TreeDisplay:
 
     def close(self) -> None:
         self._show_remaining()
-        if self._now - self._begin <= WHOLE_AT_MOST:
+        if self._now - self._begin <= MAX_WHOLE_SPAN_NS:
             self._end = self._now
             self._show_blueprint()
         self.statistics.show(self._stamp, self._wall)
@@ -322,7 +322,7 @@ class _TreeDisplay:
         self._stamp, self._wall = stamp, wall
         if self._now > self._end:
             # The axes follow the cursor from now on.
-            self._end = _ENDLESS
+            self._end = _ENDLESS_NS
             self._show_blueprint()
 
     def _show_transition(self, event: TransitionEvent) -> None:

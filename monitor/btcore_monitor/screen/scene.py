@@ -41,7 +41,7 @@ _COLOUR_LEGEND: Final = """
 """
 _FAN_STEP: Final = 4
 """Number of drawn rays for each corner of the fan, the filled area that the laser sees to be free."""
-_POINTS_AT_MOST: Final = 400
+_MAX_POINTS: Final = 400
 """Greatest number of drawn rays of a scan; of more rays, every second (third …) is drawn."""
 _SCAN_STEP: Final = 1 / 64
 """Distance (m) to which coordinates of a scan are rounded: a quarter of the noise of Tiago's laser."""
@@ -254,7 +254,7 @@ class SceneView:
 
     def _set_directions(self, laser: Laser, count: int) -> None:
         self._rays = count
-        self._ray_step = max(1, -(-count // _POINTS_AT_MOST))  # rounded up
+        self._ray_step = max(1, -(-count // _MAX_POINTS))  # rounded up
         angles = laser.angle_min + laser.angle_increment * np.arange(0, count, self._ray_step)
         self._directions = np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=1).astype(np.float32)
         corners = np.arange(1, len(self._directions[::_FAN_STEP]), dtype=np.uint32)

@@ -24,13 +24,13 @@ T = TypeVar("T")
 FULL_HD: Final = (1920, 1080)
 # The viewer answers a request when it has drawn a frame. On a busy machine it needs many times as long for a
 # frame, but not more frames. So the limits count answers, and a time limit applies only to a single answer.
-_ANSWER_WITHIN: Final = 300.0
+_ANSWER_TIMEOUT_S: Final = 300.0
 """Timeout (s) for an answer of the viewer, after which the viewer is killed."""
 _LOAD_ANSWERS: Final = 3000
 """Greatest number of answers while a recording loads."""
 _DATA_ANSWERS: Final = 80
 """Greatest number of answers without data after a recording has loaded."""
-_PICTURES_AT_MOST: Final = 200
+_MAX_PICTURES: Final = 200
 """Greatest number of pictures until one is stable; the last picture is used otherwise."""
 _TOP_BAR: Final = 37
 """Height (pixels) of the window's bar above the views, which is not part of a picture."""
@@ -51,8 +51,8 @@ def screenshot(
     Args:
         recording: The recording (`.rrd`).
         picture: The PNG file to write.
-        at: Tree time (s), or None for the last tick: after it, a run halts its tree. In a recording of several
-            robots, the time since its beginning.
+        at: Tree time (s), or None for the last tick: after it, a run halts its tree. In a recording of
+            several robots, the time since its beginning.
         size: Width and height (pixels).
         view: The name of a view, or its beginning, to show instead of the whole window.
 
@@ -114,7 +114,7 @@ def _set_time(viewer: "_HeadlessViewer", at: float | None, recording: Path) -> N
 
 
 class _HeadlessViewer:
-    """A viewer without a window. It is killed if it does not answer for `_ANSWER_WITHIN`.
+    """A viewer without a window. It is killed if it does not answer for `_ANSWER_TIMEOUT_S`.
 
     rerun ends a request after 15 s with TimeoutError. On a busy machine, a frame may take longer. Therefore
     requests are repeated until the viewer answers or is killed; only requests that can be repeated are used.
@@ -171,7 +171,7 @@ class _HeadlessViewer:
             return answer
 
     def _start_watchdog(self) -> threading.Timer:
-        watchdog = threading.Timer(_ANSWER_WITHIN, self._kill)
+        watchdog = threading.Timer(_ANSWER_TIMEOUT_S, self._kill)
         watchdog.daemon = True
         watchdog.start()
         return watchdog
@@ -193,7 +193,7 @@ def _open_viewer(size: tuple[int, int]) -> Iterator[_HeadlessViewer]:
         yield viewer
     except ConnectionError as error:
         if viewer is not None and viewer.silent:
-            reason = f"it did not answer for {_ANSWER_WITHIN:.0f} s, and was killed"
+            reason = f"it did not answer for {_ANSWER_TIMEOUT_S:.0f} s, and was killed"
         else:
             reason = process.failure() or "it does not answer"
         raise ScreenError(f"the viewer (rerun) failed while it drew the picture: {reason}") from error
@@ -220,7 +220,7 @@ def _wait_for_views(viewer: _HeadlessViewer) -> "list[View]":
 def _settled(viewer: _HeadlessViewer, view_id: str | None) -> bytes:
     """Return the picture once it is stable; layout, fonts and late data take a few frames."""
     last, equal, since = b"", 0, time.monotonic()
-    for _ in range(_PICTURES_AT_MOST):
+    for _ in range(_MAX_PICTURES):
         # The viewer does not report that it has finished drawing, so pictures are compared.
         shot = viewer.picture(view_id)
         now = time.monotonic()

@@ -30,11 +30,11 @@ from btcore_monitor.screen.rerun_process import (
 if sys.platform != "win32":
     import resource
 
-FLUSH_WITHIN: Final = 20.0
+FLUSH_TIMEOUT_S: Final = 20.0
 """Wall time (s) for sinks to receive the remaining data at the end."""
-FLUSH_FILE_WITHIN: Final = 1.0
+FLUSH_FILE_TIMEOUT_S: Final = 1.0
 """Wall time (s) for the file to receive the remaining data if the viewer was closed."""
-FLUSH_STEP: Final = 1.0
+FLUSH_STEP_S: Final = 1.0
 """Wall time (s) between two checks whether the disk is full."""
 _LEAST_SPACE: Final = 1 << 14
 
@@ -119,7 +119,7 @@ class RecordingSinks:
         """
         file = next((file for other, file in self._written if other is recording), None)
         is_received = self.window is None or self.window.is_open
-        deadline = time.monotonic() + (FLUSH_WITHIN if is_received else FLUSH_FILE_WITHIN)
+        deadline = time.monotonic() + (FLUSH_TIMEOUT_S if is_received else FLUSH_FILE_TIMEOUT_S)
         while not _flush(recording, deadline):
             is_late = time.monotonic() >= deadline
             if file is not None and (
@@ -134,9 +134,9 @@ class RecordingSinks:
 
 
 def _flush(recording: rr.RecordingStream, deadline: float) -> bool:
-    """Return whether all destinations received the data of *recording*; wait at most FLUSH_STEP."""
+    """Return whether all destinations received the data of *recording*; wait at most FLUSH_STEP_S."""
     try:
-        recording.flush(timeout_sec=max(min(FLUSH_STEP, deadline - time.monotonic()), 0.1))
+        recording.flush(timeout_sec=max(min(FLUSH_STEP_S, deadline - time.monotonic()), 0.1))
     except RuntimeError:
         return False
     return True
@@ -239,7 +239,7 @@ def serve_web(web_port: int = 9090, grpc_port: int = 9876, memory_limit: str = "
         with hold_port(grpc_port) as held:
             sink = rr.GrpcServerSink(LOOPBACK, port_of(held), server_memory_limit=memory_limit)
             relay.set_sinks(sink)
-            relay.flush(timeout_sec=FLUSH_WITHIN)  # raises RuntimeError if the relay cannot listen
+            relay.flush(timeout_sec=FLUSH_TIMEOUT_S)  # raises RuntimeError if the relay cannot listen
     except (RuntimeError, OSError) as error:
         raise ScreenError(f"cannot serve the web viewer on port {web_port}: {error}") from error
     page = f"http://{LOOPBACK}:{web_port}/?hide_welcome_screen&url={quote(sink.uri, safe='')}"

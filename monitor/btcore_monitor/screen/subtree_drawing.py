@@ -17,7 +17,7 @@ from btcore_monitor.screen.style import EDGE_STROKE, PATH_STROKE, PILL_HEIGHT, R
 
 PARTS: Final = ("frames", "edges", "path", "raised", "found", "rims", "pills", "badges", "ink")
 """Names of the parts from the lowest layer to the highest; only pills react to the mouse."""
-BRANCHES_AT_MOST: Final = 8
+MAX_BRANCHES: Final = 8
 """Greatest number of subtrees with their own entity. Each changed subtree adds three chunks to each send."""
 
 Indices = NDArray[np.intp]
@@ -57,7 +57,9 @@ class SubtreeDrawing:
         self._last_path: list[int] | None = None
         self._last_rings: list[int] = []
 
-    def colour(self, stamp: int, wall: int, pills: Colours, rims: Colours, running: NDArray[np.bool_]) -> None:
+    def colour(
+        self, stamp: int, wall: int, pills: Colours, rims: Colours, running: NDArray[np.bool_]
+    ) -> None:
         """Add rows for changed colours.
 
         Args:
@@ -145,7 +147,7 @@ def strips(values: list[list[Strip]]) -> Iterable[Any]:
     return columns.partition([len(row) for row in values])
 
 
-def split_by_subtree(tree: ObservedTree, most: int = BRANCHES_AT_MOST) -> dict[str, list[int]]:
+def split_by_subtree(tree: ObservedTree, most: int = MAX_BRANCHES) -> dict[str, list[int]]:
     """Split a tree into subtrees with their own entities.
 
     Args:

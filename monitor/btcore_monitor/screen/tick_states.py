@@ -17,8 +17,8 @@ RESET_OFFSET: Final = 3
 """Added to a result (SUCCESS 2, FAILURE 3, SKIPPED 4) of a node that was reset in the same tick."""
 SHOWN_NAMES: Final = (*STATUS_NAMES, *STATUS_NAMES[2:])
 
-QUIET: Final = 1_000_000
-LONG: Final = 20_000_000
+MAX_PAUSE_IN_TICK_NS: Final = 1_000_000
+MAX_TICK_NS: Final = 20_000_000
 """Grouping of changes without tick numbers (ns): a tick has pauses of up to 1 ms and lasts up to 20 ms."""
 
 States = NDArray[np.uint8]
@@ -77,7 +77,9 @@ class TickStates:
         # Robots with Groot's protocols send no numbers of ticks (0). Then a pause or a long time ends a tick.
         if self._tick is None or event.tick != self._tick:
             return self._tick is not None
-        return event.tick == 0 and (event.stamp - self.stamp >= QUIET or event.stamp - self._began >= LONG)
+        return event.tick == 0 and (
+            event.stamp - self.stamp >= MAX_PAUSE_IN_TICK_NS or event.stamp - self._began >= MAX_TICK_NS
+        )
 
     def change(self, event: TransitionEvent) -> None:
         """Apply a transition."""

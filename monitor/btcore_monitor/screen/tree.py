@@ -16,7 +16,7 @@ from btcore_monitor.screen.legend import HEIGHT as LEGEND_HEIGHT
 from btcore_monitor.screen.legend import legend
 from btcore_monitor.screen.row_buffer import RowBuffer
 from btcore_monitor.screen.subtree_drawing import (
-    BRANCHES_AT_MOST,
+    MAX_BRANCHES,
     PARTS,
     Strip,
     SubtreeDrawing,
@@ -32,7 +32,7 @@ FOLDED: Final = "folded"
 LINES: Final = "lines"
 PILLS: Final = "pills"
 LEGEND: Final = "legend"
-BIG: Final = 200
+FOLD_ABOVE_NODES: Final = 200
 """Number of nodes above which a tree also has a folded drawing."""
 _LEGIBLE: Final = 0.62
 """Scale (pixels per unit) at which a tree needs no wrapping."""
@@ -90,7 +90,7 @@ class TreeView:
         self._pills = [_pill(place, style.PILL_HEIGHT / 2) for place in self.layout.places]
         edges = [np.array(line, dtype=np.float32) for line in self.layout.edges]
         self._entities, inside = node_entities(tree, self.origin)
-        branches = split_by_subtree(tree, most=1 if self._is_folded else BRANCHES_AT_MOST)
+        branches = split_by_subtree(tree, most=1 if self._is_folded else MAX_BRANCHES)
         self.subtrees = [
             SubtreeDrawing(
                 rows,
@@ -200,7 +200,7 @@ class TreeView:
         In trees that are not big the entity has the pill's shape, below the pill, so that the viewer marks a
         selected node.
         """
-        shaped = len(self.tree.nodes) <= BIG
+        shaped = len(self.tree.nodes) <= FOLD_ABOVE_NODES
         for node, pill, entity in zip(self.tree.nodes, self._pills, self._entities, strict=True):
             # A single component, because each component takes a kilobyte of the file.
             components = [hover_values({"node": f"{node.id}  {node.path}  {ports(node)}".rstrip()})]
@@ -260,7 +260,7 @@ def _arrange_readable(
     tree: ObservedTree, whole: ObservedTree, room: tuple[float, float]
 ) -> tuple[Mapping[int, Caption], Layout]:
     """Return captions and layout, with notes if these are readable without zooming in."""
-    if len(tree.nodes) <= BIG:
+    if len(tree.nodes) <= FOLD_ABOVE_NODES:
         noted = captions(tree, whole, noted=True)
         layout = arrange(tree, noted, room)
         # _pixel is the reciprocal of the scale.

@@ -3,13 +3,12 @@
 import ipaddress
 import logging
 from collections.abc import Sequence
-from types import EllipsisType
 from typing import Final
 
 from btcore.tree.tree import Tree
 from btcore_monitor.keys import RobotKeys
-from btcore_monitor.serve.hook_controller import MAX_HEARTBEAT_DELAY
-from btcore_monitor.serve.publisher import GRACE, Publisher
+from btcore_monitor.serve.hook_controller import MAX_HEARTBEAT_DELAY_S
+from btcore_monitor.serve.publisher import GRACE_S, Publisher
 from btcore_monitor.serve.tcp_ports import PortInUseError, ServeError
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
@@ -22,15 +21,15 @@ _log = logging.getLogger("monitor")
 
 def serve(
     tree: Tree,
-    groot2: int | EllipsisType | None = ...,
+    groot2_port: int | None = DEFAULT_PORT,
     bind: str = "127.0.0.1",
     run_channel: bool = True,
     resources: Sequence[object] = (),
-    grace: float = GRACE,
+    grace: float = GRACE_S,
     *,
-    groot1: int | None = None,
+    groot1_port: int | None = None,
     allow_control: bool = False,
-    max_heartbeat_delay: float = MAX_HEARTBEAT_DELAY,
+    max_heartbeat_delay: float = MAX_HEARTBEAT_DELAY_S,
     keys: RobotKeys | None = None,
     watch_port: int | None = None,
     insecure: bool = False,
@@ -45,18 +44,17 @@ def serve(
 
     Args:
         tree: The tree to publish.
-        groot2: The port for Groot 2's requests (1667 by default). The next two ports are used for
-            notifications and for the run channel, which btcore's monitor prefers. None or 0 chooses free
-            ports; see `Publisher.port` and `Publisher.address`. With *groot1*, Groot 2 is served only if
-            this is a port number.
+        groot2_port: The port for Groot 2's requests. The next two ports are used for notifications and for
+            the run channel, which btcore's monitor prefers. 0 chooses free ports; see `Publisher.port` and
+            `Publisher.address`. None: Groot 2 is not served.
         bind: The interface (`*`: all interfaces).
         run_channel: Whether to publish the run channel.
         resources: Objects of the robot. Those with `static_scene` and `moving_scene` are shown in 3D.
         grace: Maximum time in s (wall clock) that closing waits for clients that have not received the end of
             the run yet. After an exception or Ctrl-C it waits for 2 s at most.
-        groot1: The port for Groot 1's updates: usually 1666, or 2666 if Groot 2 is served too. 0 chooses a
-            free port; see `Publisher.groot1_port`. The next port answers requests. Without Groot 2, the run
-            channel is two ports above these requests.
+        groot1_port: The port for Groot 1's updates: usually 1666, or 2666 if Groot 2 is served too. 0 chooses
+            a free port; see `Publisher.groot1_port`. The next port answers requests. Without Groot 2, the run
+            channel is two ports above these requests. None: Groot 1 is not served.
         allow_control: Whether clients may set breakpoints and inject statuses by Groot 2's requests.
         max_heartbeat_delay: Time in s (wall clock) after which hooks are disabled and a tick that waits at a
             breakpoint continues, if the clients that set or released breakpoints send no request.
@@ -76,7 +74,7 @@ def serve(
         >>> from btcore_monitor.serve import serve
         >>> b = btcore.Builder()
         >>> tree = b.build(b.Sleep(msec=20))
-        >>> with serve(tree, groot2=0) as publisher:
+        >>> with serve(tree, groot2_port=0) as publisher:
         ...     tree.tick_while_running()
         <Status.SUCCESS: 2>
         >>> publisher.address.startswith("tcp://127.0.0.1:")
@@ -86,11 +84,8 @@ def serve(
         raise ServeError("a port for watching without keys has no effect, because there are no keys")
     if keys is None and not is_loopback(bind):
         _check_exposure(bind, allow_control, insecure)
-    if groot1 is None:
-        groot2_port: int | None = DEFAULT_PORT if groot2 is ... else groot2 or 0
-    else:
-        groot2_port = None if groot2 is ... else groot2
-    control = max_heartbeat_delay if allow_control else None
+    if groot2_port is None and groot1_port is None:
+        raise ServeError("there is nothing to serve: groot2_port and groot1_port are None")
     return Publisher(
         tree=tree,
         groot2_port=groot2_port,
@@ -98,8 +93,8 @@ def serve(
         run_channel=run_channel,
         resources=resources,
         grace=grace,
-        groot1_port=groot1,
-        control=control,
+        groot1_port=groot1_port,
+        max_heartbeat_delay=max_heartbeat_delay if allow_control else None,
         keys=keys,
         watch_port=watch_port,
     )

@@ -27,7 +27,7 @@ Socket = zmq.Socket[bytes]
 _PREFIX: Final = "btcore-gateway-"
 """The beginning of the name of the folder with the sockets."""
 
-_PATH_AT_MOST: Final = 75
+_MAX_PATH: Final = 75
 """Maximum length of the path of the folder for temporary files: a Unix socket's path has up to 103 bytes."""
 
 _HANDSHAKE_MS: Final = 5_000
@@ -38,18 +38,18 @@ _HAS_UNIX_SOCKETS: Final = sys.platform != "win32"
 _ATTEMPTS: Final = 10
 """Maximum attempts to create a folder that no other process removes."""
 
-_CLOSING: Final = 2 * gateway_process.FLUSHING
+_CLOSE_TIMEOUT_S: Final = 2 * gateway_process.FLUSH_TIMEOUT_S
 """Maximum seconds (wall clock) for the process to end."""
 
 _log = logging.getLogger("monitor")
 
 
 class Gateway:
-    """Connects TCP ports to sockets of ZeroMQ. Call `add` for each port, then `start`."""
+    """Connects TCP ports to sockets of ZeroMQ. Call `add_port` for each port, then `start`."""
 
     def __init__(self) -> None:
         parent = Path(tempfile.gettempdir())
-        if _HAS_UNIX_SOCKETS and len(str(parent)) > _PATH_AT_MOST:
+        if _HAS_UNIX_SOCKETS and len(str(parent)) > _MAX_PATH:
             parent = Path("/tmp")
         _remove_abandoned(parent)
         self._folder, self._lock = _create_locked(parent)
@@ -57,9 +57,9 @@ class Gateway:
         self._ports: list[tuple[int, str, bool, bool, int]] = []
         self._process: subprocess.Popen[bytes] | None = None
         self._thread: threading.Thread | None = None
-        self._control: socket.socket | None = None
+        self._control_socket: socket.socket | None = None
 
-    def add(self, listener: socket.socket, target: Socket) -> None:
+    def add_port(self, listener: socket.socket, target: Socket) -> None:
         """Forward the connections of *listener* to *target*.
 
         Args:
@@ -83,7 +83,7 @@ class Gateway:
         """Accept connections from now on."""
         # A program that contains Python can't be started as an interpreter.
         is_python = not getattr(sys, "frozen", False) and "python" in Path(sys.executable or "").name
-        reads, self._control = socket.socketpair()
+        reads, self._control_socket = socket.socketpair()
         if not is_python or not _HAS_UNIX_SOCKETS:
             self._run_in_thread(reads)
             return
@@ -102,7 +102,7 @@ class Gateway:
         else:
             reads.close()
 
-    def continue_if_ended(self) -> None:
+    def restart_if_ended(self) -> None:
         """Continue in a thread if the process ended, for instance because the system killed it."""
         process = self._process
         if process is not None and process.poll() is not None:
@@ -111,26 +111,26 @@ class Gateway:
                 "the process for the monitor's connections ended with code %d; a thread continues",
                 process.returncode,
             )
-            self._close_control()
-            reads, self._control = socket.socketpair()
+            self._close_control_socket()
+            reads, self._control_socket = socket.socketpair()
             self._run_in_thread(reads)
 
-    def _run_in_thread(self, control: socket.socket) -> None:
+    def _run_in_thread(self, control_socket: socket.socket) -> None:
         ports = [
             gateway_process.Port(listener.dup(), *port[1:])
             for listener, port in zip(self._listeners, self._ports, strict=True)
         ]
         self._thread = threading.Thread(
-            target=_run_and_close, args=(ports, control), name="btcore-gateway", daemon=True
+            target=_run_and_close, args=(ports, control_socket), name="btcore-gateway", daemon=True
         )
         self._thread.start()
 
     def close(self) -> None:
         """Close all connections and ports. Bytes that the sockets have sent are forwarded first."""
-        self._close_control()
+        self._close_control_socket()
         if self._process is not None:
             try:
-                self._process.wait(_CLOSING)
+                self._process.wait(_CLOSE_TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
@@ -143,13 +143,13 @@ class Gateway:
             os.close(self._lock)
             self._lock = None
 
-    def _close_control(self) -> None:
-        if self._control is not None:
+    def _close_control_socket(self) -> None:
+        if self._control_socket is not None:
             # A byte, because a fork of this process may hold the connection open.
             with contextlib.suppress(OSError):
-                self._control.send(b".")
-            self._control.close()
-            self._control = None
+                self._control_socket.send(b".")
+            self._control_socket.close()
+            self._control_socket = None
 
 
 def _create_locked(parent: Path) -> tuple[Path, int | None]:
@@ -202,6 +202,6 @@ def _try_lock(folder: Path) -> int | None:
     return None
 
 
-def _run_and_close(ports: list[gateway_process.Port], control: socket.socket) -> None:
-    with control:
-        gateway_process.Forwarder(ports, control.fileno()).run()
+def _run_and_close(ports: list[gateway_process.Port], control_socket: socket.socket) -> None:
+    with control_socket:
+        gateway_process.Forwarder(ports, control_socket.fileno()).run()

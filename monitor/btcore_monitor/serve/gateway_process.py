@@ -20,53 +20,53 @@ import sys
 import time
 from collections import deque
 
-CONNECTIONS = 32
+MAX_CONNECTIONS = 32
 """Maximum connections per port. Further clients wait until a connection ends."""
 
-CONNECTIONS_A_SECOND = 50
-"""Maximum new connections per second and port, after the first CONNECTIONS."""
+MAX_CONNECTIONS_PER_SECOND = 50
+"""Maximum new connections per second and port, after the first MAX_CONNECTIONS."""
 
-FRAMES_A_MESSAGE = 16
+MAX_FRAMES_PER_MESSAGE = 16
 """Maximum frames of a message: an envelope with an empty delimiter frame, and a request of two frames."""
 
-TOPICS = 32
+MAX_TOPICS = 32
 """Maximum simultaneous subscriptions of a connection."""
 
-TOPIC_SIZE = 200
+MAX_TOPIC_BYTES = 200
 """Maximum bytes of a topic."""
 
-ENCRYPTED_TOPICS_SIZE = 32 << 10
+MAX_ENCRYPTED_TOPICS_BYTES = 32 << 10
 """Maximum bytes that a subscriber may send if the connection is encrypted, so that topics can't be counted.
 The client then connects again and continues."""
 
-COMMAND_SIZE = 1024
+MAX_COMMAND_BYTES = 1024
 """Maximum bytes of a command, for instance of the handshake."""
 
-FRAMES_AHEAD = 8
+MAX_FRAMES_AHEAD = 8
 """Frames that a client may send before it receives any bytes, where the publisher replies. Further frames
 wait, so the replies to a client that does not read can't fill the memory. A request has 2 or 3 frames."""
 
-FRAMES_AHEAD_WITHOUT_REPLY = 2 * TOPICS
+MAX_FRAMES_AHEAD_WITHOUT_REPLY = 2 * MAX_TOPICS
 """The same, where subscriptions get no reply."""
 
-HELD_AT_MOST = 40 << 20
+MAX_HELD_BYTES = 40 << 20
 """Maximum bytes that wait in this process for slow clients, in all. If there are more, the client with the
 most waiting bytes is disconnected. A message of the run channel has at most 32 MB."""
 
-PIECES_AT_ONCE = 4
+MAX_PIECES_AT_ONCE = 4
 """Maximum requests of the run channel at a port that wait for a reply, at most 1 per connection: a topic of
 few bytes requests a reply of 1 MB or more. Further requests wait."""
 
-PIECE_TIMEOUT = 1.0
+PIECE_TIMEOUT_S = 1.0
 """Seconds after which a request of the run channel no longer counts: not every request has a reply."""
 
-PATIENCE = 10.0
+CLIENT_TIMEOUT_S = 10.0
 """Seconds after which a client that does not read, or that waits for no reply, is disconnected."""
 
-GREETING = 5.0
+GREETING_TIMEOUT_S = 5.0
 """Maximum seconds until the first bytes of a connection. libzmq limits the rest of the handshake."""
 
-FLUSHING = 5.0
+FLUSH_TIMEOUT_S = 5.0
 """Maximum seconds for bytes that wait at the end. Clients that read need so long on a busy machine only."""
 
 KEEPALIVE = (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3))
@@ -78,7 +78,7 @@ _PRIORITY = 5  # "nice" steps below the robot's process
 _MORE, _LONG, _COMMAND = 1, 2, 4  # bits of a frame's first byte
 _SIGNATURE_SIZE, _GREETING_SIZE_2, _GREETING_SIZE_3 = 10, 12, 64
 _WITHOUT_ENCRYPTION = b"NULL".ljust(20, b"\0")
-_REQUEST = b"again/"  # topics of the run channel that request a reply, see wire/run_channel.py
+_REQUEST_TOPIC = b"again/"  # requests of the run channel: REQUEST_TOPIC of wire/run_channel.py
 _SUBSCRIBE, _CANCEL = b"SUBSCRIBE", b"CANCEL"
 _COMMANDS = (b"READY", b"ERROR", b"PING", b"PONG")
 
@@ -179,19 +179,19 @@ class ClientStream:
 
     def _check_limit(self, flags: int, size: int) -> None:
         if self._takes_topics:
-            most = COMMAND_SIZE if self._encrypted or flags & _COMMAND else TOPIC_SIZE + 1
+            most = MAX_COMMAND_BYTES if self._encrypted or flags & _COMMAND else MAX_TOPIC_BYTES + 1
             if self._has_identity:
                 most = 255
             if self._encrypted:
                 self._total += size
-                if self._total > ENCRYPTED_TOPICS_SIZE:
+                if self._total > MAX_ENCRYPTED_TOPICS_BYTES:
                     raise ConnectionAbortedError("too many subscriptions")
         elif flags & _COMMAND:
-            most = COMMAND_SIZE
+            most = MAX_COMMAND_BYTES
         else:
             self._message_frames += 1
             self._message_size += size
-            if self._message_frames > FRAMES_A_MESSAGE:
+            if self._message_frames > MAX_FRAMES_PER_MESSAGE:
                 raise ConnectionAbortedError("too many frames")
             size, most = self._message_size, self._size
             if not flags & _MORE:
@@ -226,9 +226,9 @@ class ClientStream:
             self.topics.discard(topic)
             return
         self.topics.add(topic)
-        if len(topic) > TOPIC_SIZE or len(self.topics) > TOPICS:
+        if len(topic) > MAX_TOPIC_BYTES or len(self.topics) > MAX_TOPICS:
             raise ConnectionAbortedError("too many subscriptions")
-        if topic.startswith(_REQUEST):
+        if topic.startswith(_REQUEST_TOPIC):
             self.request = topic
 
 
@@ -242,24 +242,24 @@ class Port:
         self.path = path
         self.takes_topics = takes_topics
         self.size = size
-        self.frames_ahead = FRAMES_AHEAD if replies else FRAMES_AHEAD_WITHOUT_REPLY
+        self.frames_ahead = MAX_FRAMES_AHEAD if replies else MAX_FRAMES_AHEAD_WITHOUT_REPLY
         # A request of the maximum size and its envelope, or the maximum topics.
-        self.bytes_ahead = max(size, 2 * TOPICS * TOPIC_SIZE) + _READ
+        self.bytes_ahead = max(size, 2 * MAX_TOPICS * MAX_TOPIC_BYTES) + _READ
         self.connections = 0
         self.listens = False
         self.requesting: dict[Connection, float] = {}
         """Connections that wait for a reply to a request of the run channel, and since when."""
         self.waiting: deque[Connection] = deque()
         """Connections with a further request."""
-        self._permits = float(CONNECTIONS)
+        self._permits = float(MAX_CONNECTIONS)
         self._permits_at = time.monotonic()
 
     def may_accept(self, now: float) -> bool:
         """Return whether a new connection is within the limits at *now*."""
-        self._permits += (now - self._permits_at) * CONNECTIONS_A_SECOND
-        self._permits = min(self._permits, CONNECTIONS)
+        self._permits += (now - self._permits_at) * MAX_CONNECTIONS_PER_SECOND
+        self._permits = min(self._permits, MAX_CONNECTIONS)
         self._permits_at = now
-        return self._permits >= 1 and self.connections < CONNECTIONS
+        return self._permits >= 1 and self.connections < MAX_CONNECTIONS
 
     def accept(self) -> socket.socket | None:
         """Accept a connection, if there is any."""
@@ -328,8 +328,8 @@ class Connection:
     def is_overdue(self, now: float) -> bool:
         """Return whether the client has not made progress for too long."""
         if self.server is None:
-            return now - self._opened > GREETING
-        return self._waits_since is not None and now - self._waits_since > PATIENCE
+            return now - self._opened > GREETING_TIMEOUT_S
+        return self._waits_since is not None and now - self._waits_since > CLIENT_TIMEOUT_S
 
     def close(self) -> None:
         """Close both connections."""
@@ -384,7 +384,7 @@ class Connection:
     def _find_reply(self, data: bytes) -> None:
         # The reply begins with the topic. When less is received than there is room for, no more bytes wait.
         if self._request:
-            self._received = self._received[-TOPIC_SIZE:] + data
+            self._received = self._received[-MAX_TOPIC_BYTES:] + data
             if self._request not in self._received:
                 return
             self._request = self._received = b""
@@ -512,8 +512,8 @@ class Forwarder:
 
     def _limit_timeout(self, seconds: float) -> float:
         # A port that does not listen may get a permit soon.
-        waits = any(not port.listens and port.connections < CONNECTIONS for port in self._ports)
-        return max(0.0, min(seconds, 1 / CONNECTIONS_A_SECOND) if waits else seconds)
+        waits = any(not port.listens and port.connections < MAX_CONNECTIONS for port in self._ports)
+        return max(0.0, min(seconds, 1 / MAX_CONNECTIONS_PER_SECOND) if waits else seconds)
 
     def _listen(self, port: Port, listens: bool) -> None:
         if listens is not port.listens:
@@ -531,7 +531,7 @@ class Forwarder:
     def _serve(self, connection: Connection, ready: object, events: int, now: float) -> None:
         assert isinstance(ready, socket.socket)
         connection.serve(ready, events, now)
-        if self.held > HELD_AT_MOST:
+        if self.held > MAX_HELD_BYTES:
             most = max(self._connections, key=lambda each: each.held)
             most.close()
             self._connections.discard(most)
@@ -539,7 +539,7 @@ class Forwarder:
             self._connections.discard(connection)
 
     def _send_requests(self, port: Port, now: float) -> None:
-        while port.waiting and len(port.requesting) < PIECES_AT_ONCE:
+        while port.waiting and len(port.requesting) < MAX_PIECES_AT_ONCE:
             connection = port.waiting.popleft()
             if not connection.closed:
                 connection.send_request(now)
@@ -547,7 +547,7 @@ class Forwarder:
     def _sweep(self, now: float) -> None:
         for port in self._ports:
             for connection, since in list(port.requesting.items()):
-                if now - since > PIECE_TIMEOUT:
+                if now - since > PIECE_TIMEOUT_S:
                     connection.end_request(now)
         for connection in {each for each in self._connections if each.closed or each.is_overdue(now)}:
             connection.close()
@@ -561,7 +561,7 @@ class Forwarder:
         for connection in {each for each in self._connections if each.server is None}:
             connection.close()
             self._connections.discard(connection)
-        deadline = time.monotonic() + FLUSHING
+        deadline = time.monotonic() + FLUSH_TIMEOUT_S
         while self._connections and (now := time.monotonic()) < deadline:
             for key, events in self._selector.select(deadline - now):
                 if not key.data.closed:
@@ -577,7 +577,7 @@ def _connect(path: str) -> socket.socket:
     """Return a connection to *path*, a path of a Unix socket or `tcp://address:port`."""
     if sys.platform == "win32" or path.startswith("tcp://"):
         host, _, port = path.removeprefix("tcp://").rpartition(":")
-        server = socket.create_connection((host, int(port)), GREETING)
+        server = socket.create_connection((host, int(port)), GREETING_TIMEOUT_S)
         server.setblocking(False)
         return server
     server = socket.socket(socket.AF_UNIX)

@@ -28,9 +28,9 @@ from btcore_monitor.wire.groot1_tree import (
 )
 
 _UNTYPED: Final = "void"
-_REQUEST_AT_MOST: Final = 4 << 10
+_MAX_REQUEST_BYTES: Final = 4 << 10
 """Maximum bytes of a request, whose content is ignored, or of a subscription."""
-_UPDATES_AT_MOST: Final = 250
+_MAX_UPDATES: Final = 250
 """Maximum queued updates of a slow client, about ten seconds; the client misses further updates."""
 
 _DIRECTIONS: Final = {Direction.IN: INPUT, Direction.OUT: OUTPUT, Direction.INOUT: INOUT}
@@ -72,9 +72,9 @@ class Groot1Server:
             item: The transition, with its wall-clock time.
             now: The time in s of any monotonic clock.
         """
-        self._add_transition(item.change.uid, int(item.change.status), item.wall, now)
+        self._add_transition(item.transition.uid, int(item.transition.status), item.wall, now)
 
-    def correct(self, statuses: dict[int, int], wall: int, now: float) -> None:
+    def correct_statuses(self, statuses: dict[int, int], wall: int, now: float) -> None:
         """Correct nodes with lost transitions by adding transitions to their current statuses.
 
         Args:
@@ -167,9 +167,9 @@ class Groot1Sockets:
 
     def __init__(self, context: "zmq.Context[Socket]") -> None:
         self.updates = context.socket(zmq.PUB)
-        self.requests = RequestSocket(context, _REQUEST_AT_MOST)
-        self.updates.setsockopt(zmq.SNDHWM, _UPDATES_AT_MOST)
-        self.updates.setsockopt(zmq.MAXMSGSIZE, _REQUEST_AT_MOST)
+        self.requests = RequestSocket(context, _MAX_REQUEST_BYTES)
+        self.updates.setsockopt(zmq.SNDHWM, _MAX_UPDATES)
+        self.updates.setsockopt(zmq.MAXMSGSIZE, _MAX_REQUEST_BYTES)
         self.updates.setsockopt(zmq.LINGER, 0)
 
     def publish(self, server: Groot1Server, now: float, at_once: bool = False) -> None:
@@ -186,7 +186,7 @@ class Groot1Sockets:
 
     def answer(self, server: Groot1Server) -> None:
         """Receive a request, if there is any, and send the reply of *server*."""
-        if self.requests.take() is not None:
+        if self.requests.receive() is not None:
             self.requests.answer([server.answer()])
 
     def close(self, linger: int = 0) -> None:

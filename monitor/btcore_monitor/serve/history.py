@@ -1,6 +1,6 @@
 """The encoded messages of the stream so far, for clients that connect late or missed messages.
 
-Lanes separate the kinds of messages, so that large scenes do not displace transitions. Each lane has a
+Buffers separate the kinds of messages, so that large scenes do not displace transitions. Each buffer has a
 maximum size in bytes, and always keeps its newest message.
 """
 
@@ -9,13 +9,13 @@ from typing import Final
 
 from btcore_monitor.wire.run_channel import PieceMessage, TickMessage, decode
 
-LANE_ROOM: Final = {"ticks": 32 << 20, "moving": 24 << 20, "blackboard": 8 << 20}
-"""Maximum bytes per lane. Measured: a transition takes about 30 bytes, so about a million are kept."""
+MAX_BUFFER_BYTES: Final = {"ticks": 32 << 20, "moving": 24 << 20, "blackboard": 8 << 20}
+"""Maximum bytes per buffer. Measured: a transition takes about 30 bytes, so about a million are kept."""
 
-PIECE_AT_MOST: Final = 1 << 20
+MAX_PIECE_BYTES: Final = 1 << 20
 """Bytes after which a piece ends."""
 
-_NUMBERS_AT_MOST: Final = 20_000
+_MAX_PIECE_NUMBERS: Final = 20_000
 """Maximum message numbers in a piece, including messages that are no longer kept."""
 
 
@@ -32,33 +32,33 @@ class History:
         self.statuses = statuses
         self.stamp = stamp
         self.wall = wall
-        self.oldest = 1
-        self.latest = 0
-        self._data: dict[int, bytes] = {}
-        self._lanes: dict[str, deque[int]] = {lane: deque() for lane in LANE_ROOM}
-        self._used = dict.fromkeys(LANE_ROOM, 0)
+        self.oldest_seq = 1
+        self.latest_seq = 0
+        self._messages: dict[int, bytes] = {}
+        self._buffers: dict[str, deque[int]] = {buffer: deque() for buffer in MAX_BUFFER_BYTES}
+        self._buffer_bytes = dict.fromkeys(MAX_BUFFER_BYTES, 0)
 
     def add(self, kind: str, data: bytes) -> None:
-        """Add the encoded message number `latest + 1`. Old messages of a full lane are removed.
+        """Add the encoded message number `latest_seq + 1`. Old messages of a full buffer are removed.
 
         Args:
-            kind: The message's kind, which selects the lane.
+            kind: The message's kind, which selects the buffer.
             data: The encoded message.
         """
-        self.latest += 1
-        lane = kind if kind in self._lanes else "ticks"
-        numbers = self._lanes[lane]
-        self._data[self.latest] = data
-        numbers.append(self.latest)
-        self._used[lane] += len(data)
-        # The newest message stays, even if it alone needs more room than its lane has.
-        while self._used[lane] > LANE_ROOM[lane] and len(numbers) > 1:
-            number = numbers.popleft()
-            removed = self._data.pop(number)
-            self._used[lane] -= len(removed)
-            if lane == "ticks":
+        self.latest_seq += 1
+        buffer = kind if kind in self._buffers else "ticks"
+        seqs = self._buffers[buffer]
+        self._messages[self.latest_seq] = data
+        seqs.append(self.latest_seq)
+        self._buffer_bytes[buffer] += len(data)
+        # The newest message stays, even if it alone needs more room than its buffer has.
+        while self._buffer_bytes[buffer] > MAX_BUFFER_BYTES[buffer] and len(seqs) > 1:
+            seq = seqs.popleft()
+            removed = self._messages.pop(seq)
+            self._buffer_bytes[buffer] -= len(removed)
+            if buffer == "ticks":
                 self._apply(removed)
-                self.oldest = numbers[0]
+                self.oldest_seq = seqs[0]
 
     def _apply(self, data: bytes) -> None:
         """Apply the transitions of a removed message to the statuses before the oldest message."""
@@ -69,20 +69,20 @@ class History:
                 # row: stamp, wall, tick, uid, previous, status
                 self.statuses[row[3]] = row[5]
 
-    def piece(self, tree_id: str, first: int) -> PieceMessage:
-        """Return the kept messages from number *first* on, up to about PIECE_AT_MOST bytes.
+    def create_piece(self, tree_id: str, first: int) -> PieceMessage:
+        """Return the kept messages from number *first* on, up to about MAX_PIECE_BYTES bytes.
 
         Args:
             tree_id: The tree's ID, for the message.
             first: The first message number.
         """
-        number = first = max(first, 1)
+        seq = first = max(first, 1)
         messages: list[bytes] = []
         size = 0
-        while number <= self.latest and size < PIECE_AT_MOST and number - first < _NUMBERS_AT_MOST:
-            data = self._data.get(number)
+        while seq <= self.latest_seq and size < MAX_PIECE_BYTES and seq - first < _MAX_PIECE_NUMBERS:
+            data = self._messages.get(seq)
             if data is not None:
                 messages.append(data)
                 size += len(data)
-            number += 1
-        return PieceMessage(tree_id, first, number - 1, self.latest, messages)
+            seq += 1
+        return PieceMessage(tree_id, first, seq - 1, self.latest_seq, messages)

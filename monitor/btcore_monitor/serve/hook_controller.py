@@ -28,10 +28,10 @@ from btcore_monitor.wire.hooks import (
     encode_dump,
 )
 
-MAX_HEARTBEAT_DELAY: Final = 5.0
+MAX_HEARTBEAT_DELAY_S: Final = 5.0
 """Seconds (wall clock) after which the hooks of silent clients are disabled: BehaviorTree.CPP's default."""
 
-_NOTICES_AT_MOST: Final = 1000
+_MAX_NOTIFICATIONS: Final = 1000
 """Maximum notifications that wait for the publisher; the oldest are dropped."""
 
 
@@ -48,17 +48,17 @@ class HookController:
             after which hooks are disabled.
     """
 
-    def __init__(self, tree: Tree, max_heartbeat_delay: float = MAX_HEARTBEAT_DELAY) -> None:
+    def __init__(self, tree: Tree, max_heartbeat_delay: float = MAX_HEARTBEAT_DELAY_S) -> None:
         self._hooks = tree.hooks
         self._delay = max_heartbeat_delay
         # The last requests of the clients that inserted a hook or released a breakpoint.
         self._controlling: dict[bytes, float] = {}
         # A separate generator: leaves may seed the global generator to get the same numbers in every run.
         self._random = random.Random()
-        self._fired: deque[int] = deque(maxlen=_NOTICES_AT_MOST)
+        self._fired_uids: deque[int] = deque(maxlen=_MAX_NOTIFICATIONS)
         self._lock = threading.Lock()
         self._closed = False
-        self._unsubscribe = self._hooks.subscribe(lambda hook: self._fired.append(hook.uid))
+        self._unsubscribe = self._hooks.subscribe(lambda hook: self._fired_uids.append(hook.uid))
 
     def close(self) -> None:
         """Remove all hooks and reject later requests. Any thread may call this method."""
@@ -73,7 +73,7 @@ class HookController:
         if client in self._controlling:
             self._controlling[client] = time.monotonic()
 
-    def notices(self) -> list[list[bytes]]:
+    def take_notifications(self) -> list[list[bytes]]:
         """Return the frames of new notifications.
 
         Disable the hooks if no client that controls the tree has sent a request within *max_heartbeat_delay*.
@@ -83,10 +83,12 @@ class HookController:
             self._controlling = {client: at for client, at in self._controlling.items() if at > oldest}
             if not self._controlling:
                 self._hooks.enable_all(False)
-        notices = []
-        while self._fired:
-            notices.append(encode_breakpoint_reached(self._fired.popleft(), self._random.getrandbits(32)))
-        return notices
+        notifications = []
+        while self._fired_uids:
+            notifications.append(
+                encode_breakpoint_reached(self._fired_uids.popleft(), self._random.getrandbits(32))
+            )
+        return notifications
 
     def answer(self, client: bytes, kind: Request, body: bytes) -> bytes | None:
         """Execute a request about hooks and return the second frame of its reply.

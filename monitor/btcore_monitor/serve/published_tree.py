@@ -24,17 +24,17 @@ from btcore_monitor.wire.msgpack_values import Boards, encode_boards
 from btcore_monitor.wire.run_channel import ANNOUNCEMENT
 from btcore_scene import SceneSource, StaticScene
 
-_SECONDS_A_TURN: Final = 0.02
+_MAX_DRAIN_S: Final = 0.02
 """Maximum time (wall clock) for queued items before the publisher serves its sockets again."""
 
-_FRESH_NS: Final = 1_000_000_000
+_MAX_BOARDS_AGE_NS: Final = 1_000_000_000
 """Maximum age (ns, wall clock) of the blackboards of the last tick; older blackboards are read again."""
 
 
 class PublishedTree:
     """The observer and the servers of one tree, which gets a new ID on the wire.
 
-    The tick thread calls the constructor, `subscribe` and `finish`.
+    The tick thread calls the constructor, `subscribe`, `unsubscribe` and `end_stream`.
 
     Args:
         tree: The tree to serve.
@@ -42,8 +42,8 @@ class PublishedTree:
         run_channel: Whether the run channel is served.
         previous_uid: The last uid of the previous tree in Groot 1's protocol (0: no previous tree), or None
             if Groot 1 is not served.
-        control: The maximum heartbeat delay of hooks in s, or None without hooks.
-        has_groot2: Whether Groot 2 is served, too. Then the run channel is next to Groot 2's ports.
+        max_heartbeat_delay: The maximum heartbeat delay of hooks in s, or None without hooks.
+        serves_groot2: Whether Groot 2 is served, too. Then the run channel is next to Groot 2's ports.
     """
 
     def __init__(
@@ -52,56 +52,58 @@ class PublishedTree:
         resources: Sequence[object],
         run_channel: bool,
         previous_uid: int | None = None,
-        control: float | None = None,
+        max_heartbeat_delay: float | None = None,
         *,
-        has_groot2: bool = True,
+        serves_groot2: bool = True,
     ) -> None:
         self.tree = tree
-        identity = uuid.uuid4()
-        self.tree_id = identity.hex
-        self._sources = (
+        tree_uuid = uuid.uuid4()
+        self.tree_id = tree_uuid.hex
+        self._scene_sources = (
             [source for source in resources if isinstance(source, SceneSource)] if run_channel else []
         )
-        self._tracker = BlackboardTracker(tree)
+        self._blackboard_tracker = BlackboardTracker(tree)
         self._boards: Boards | None = None
-        self._observer = QueueingObserver(self._tracker, self._sources)
+        self._observer = QueueingObserver(self._blackboard_tracker, self._scene_sources)
         ending = ANNOUNCEMENT if run_channel else b""
         xml = tree_to_xml(tree).encode()
         statuses = statuses_of(tree)
-        hooks = None if control is None else HookController(tree, control)
-        self.groot2_server = Groot2Server(tree, xml + ending, self._answer_boards, identity, hooks)
+        hook_controller = None if max_heartbeat_delay is None else HookController(tree, max_heartbeat_delay)
+        self.groot2_server = Groot2Server(
+            tree, xml + ending, self._create_boards_reply, tree_uuid, hook_controller
+        )
         self.groot1_server = (
             None
             if previous_uid is None
-            else Groot1Server(tree, previous_uid, ending=b"" if has_groot2 else ending)
+            else Groot1Server(tree, previous_uid, ending=b"" if serves_groot2 else ending)
         )
         self.run_channel_server: RunChannelServer | None = None
         if run_channel:
-            parts = [source.static_scene() for source in self._sources]
+            parts = [source.static_scene() for source in self._scene_sources]
             static = merge_scenes(StaticScene, parts) if parts else None
             self.run_channel_server = RunChannelServer(self.tree_id, xml, static, statuses, tree.clock.now())
-        self._unsubscribe: Callable[[], None] | None = None
+        self._unsubscribe_observer: Callable[[], None] | None = None
 
     def subscribe(self) -> None:
         """Observe the tree from now on."""
-        self._unsubscribe = self.tree.subscribe(self._observer)
-        if self._sources:
+        self._unsubscribe_observer = self.tree.subscribe(self._observer)
+        if self._scene_sources:
             self._observer.queue_scene(self.tree.clock.now(), time.time_ns())
 
-    def leave(self) -> None:
+    def unsubscribe(self) -> None:
         """Stop observing and controlling the tree."""
         self.remove_hooks()
-        if self._unsubscribe is not None:
-            self._unsubscribe()
+        if self._unsubscribe_observer is not None:
+            self._unsubscribe_observer()
 
     def remove_hooks(self) -> None:
         """Remove all hooks and reject later requests about hooks. Any thread may call this method."""
-        if self.groot2_server.control is not None:
-            self.groot2_server.control.close()
+        if self.groot2_server.hook_controller is not None:
+            self.groot2_server.hook_controller.close()
 
-    def finish(self) -> None:
+    def end_stream(self) -> None:
         """Stop observing the tree, and queue the end of the stream for clients."""
-        self.leave()
+        self.unsubscribe()
         self._observer.queue.append(EndItem(self.tree.clock.now(), time.time_ns(), self.tree.status))
 
     # The following methods run on the publisher's thread.
@@ -109,8 +111,8 @@ class PublishedTree:
     def drain(self) -> bool:
         """Process queued items for a limited time. Return whether there are more."""
         queue = self._observer.queue
-        dropped = self.groot2_server.dropped
-        deadline = time.monotonic() + _SECONDS_A_TURN
+        dropped_before = self.groot2_server.dropped_transitions
+        deadline = time.monotonic() + _MAX_DRAIN_S
         # At most the items that are queued now: the tree may append items faster than this loop takes them.
         for _ in range(len(queue)):
             item = queue.popleft()
@@ -119,25 +121,25 @@ class PublishedTree:
                 if self.groot1_server is not None:
                     self.groot1_server.add_transition(item, time.monotonic())
             elif isinstance(item, BlackboardItem):
-                self._observer.big_taken += 1
+                self._observer.weight_taken += 1
                 self._boards = item.boards
             elif isinstance(item, MovingSceneItem):
-                self._observer.big_taken += item.weight
+                self._observer.weight_taken += item.weight
             if self.run_channel_server is not None:
-                self.run_channel_server.put(item)
+                self.run_channel_server.add_item(item)
             if time.monotonic() > deadline:
                 break
         if self.run_channel_server is not None:
             self.run_channel_server.flush()
-        if self.groot2_server.dropped != dropped:
+        if self.groot2_server.dropped_transitions != dropped_before:
             statuses = statuses_of(self.tree)
-            self.groot2_server.correct(statuses)
+            self.groot2_server.correct_statuses(statuses)
             if self.groot1_server is not None:
-                self.groot1_server.correct(statuses, time.time_ns(), time.monotonic())
+                self.groot1_server.correct_statuses(statuses, time.time_ns(), time.monotonic())
         return bool(queue)
 
-    def _answer_boards(self, names: list[str]) -> bytes:
+    def _create_boards_reply(self, names: list[str]) -> bytes:
         boards = self._boards
-        if boards is None or time.monotonic_ns() - self._observer.ended_at > _FRESH_NS:
-            boards = self._tracker.read_now()
-        return encode_boards(self._tracker.for_groot(names, boards))
+        if boards is None or time.monotonic_ns() - self._observer.boards_checked_at > _MAX_BOARDS_AGE_NS:
+            boards = self._blackboard_tracker.read_now()
+        return encode_boards(self._blackboard_tracker.for_groot(names, boards))

@@ -24,31 +24,31 @@ from btcore_monitor.serve.published_tree import PublishedTree
 from btcore_monitor.serve.request_socket import RequestSocket
 from btcore_monitor.serve.run_channel_server import RunChannelServer
 from btcore_monitor.serve.tcp_ports import (
-    GROOT1_ALONE,
-    GROOT1_PORTS,
-    PORTS,
+    GROOT1_ALONE_PORT_COUNT,
+    GROOT1_PORT_COUNT,
+    GROOT2_PORT_COUNT,
     ServeError,
     Socket,
-    bind_in_a_row,
+    bind_consecutive,
 )
 from btcore_monitor.wire import run_channel as wire
-from btcore_monitor.wire.groot1 import BESIDE_GROOT2
+from btcore_monitor.wire.groot1 import PORT_BESIDE_GROOT2
 
 _POLL_MS: Final = 10
-_REQUEST_AT_MOST: Final = 1 << 20
-_SUBSCRIPTION_AT_MOST: Final = 1 << 10
-_LIVE_AT_MOST: Final = 2_000
+_MAX_REQUEST_BYTES: Final = 1 << 20
+_MAX_SUBSCRIPTION_BYTES: Final = 1 << 10
+_MAX_UNSENT_MESSAGES: Final = 2_000
 """Maximum queued messages of a slow client; the client requests further messages again later."""
 
-GRACE: Final = 30.0
+GRACE_S: Final = 30.0
 """Default maximum time (s, wall clock) that closing waits for clients that have not received the end.
 
 A client that reads gets the end at once. On a busy machine it may need many seconds."""
 
-INTERRUPTED_GRACE: Final = 2.0
+INTERRUPTED_GRACE_S: Final = 2.0
 """The same (s) after an exception or Ctrl-C."""
 
-_ANNOUNCE_AFTER: Final = 2.0
+_ANNOUNCE_AFTER_S: Final = 2.0
 """Time (s, wall clock) of waiting after which a warning explains the wait."""
 
 _log = logging.getLogger("monitor")
@@ -65,8 +65,8 @@ class Publisher(Closeable):
         resources: Objects of the robot; those with `static_scene` and `moving_scene` are shown in 3D.
         grace: Maximum time (s, wall clock) that closing waits for clients that have not received the end.
         groot1_port: The port for Groot 1's updates; 0 = a free port, None = no support for Groot 1.
-        control: The time (s) without requests after which hooks are disabled; None = clients cannot set
-            hooks.
+        max_heartbeat_delay: The time (s) without requests after which hooks are disabled; None = clients
+            cannot set hooks.
         keys: The keys for encrypted connections; None = not encrypted.
         watch_port: The first of further ports for clients without keys, see `serve`.
     """
@@ -80,42 +80,42 @@ class Publisher(Closeable):
         resources: Sequence[object],
         grace: float,
         groot1_port: int | None = None,
-        control: float | None = None,
+        max_heartbeat_delay: float | None = None,
         keys: RobotKeys | None = None,
         watch_port: int | None = None,
     ) -> None:
-        if groot2_port and groot1_port and -GROOT1_PORTS < groot1_port - groot2_port < PORTS:
+        if groot2_port and groot1_port and -GROOT1_PORT_COUNT < groot1_port - groot2_port < GROOT2_PORT_COUNT:
             raise ServeError(
-                f"Groot 2 needs the ports {groot2_port} to {groot2_port + PORTS - 1} and Groot 1 needs "
-                f"{groot1_port} and {groot1_port + 1}, which overlap: choose another port, such as "
-                f"{BESIDE_GROOT2} for Groot 1"
+                f"Groot 2 needs the ports {groot2_port} to {groot2_port + GROOT2_PORT_COUNT - 1} and Groot 1 "
+                f"needs {groot1_port} and {groot1_port + 1}, which overlap: choose another port, such as "
+                f"{PORT_BESIDE_GROOT2} for Groot 1"
             )
         self._grace = grace
-        self._has_run_channel = run_channel
-        self._control = control
-        self._has_groot2 = groot2_port is not None
-        # The tree that ticks, and the tree that the publisher's thread serves, which follows shortly after.
-        self._latest = self._published = PublishedTree(
+        self._serves_run_channel = run_channel
+        self._max_heartbeat_delay = max_heartbeat_delay
+        self._serves_groot2 = groot2_port is not None
+        # The publisher's thread serves the previous tree until it has drained the queue of that tree.
+        self._ticking_tree = self._served_tree = PublishedTree(
             tree,
             resources,
             run_channel,
             previous_uid=None if groot1_port is None else 0,
-            control=control,
-            has_groot2=self._has_groot2,
+            max_heartbeat_delay=max_heartbeat_delay,
+            serves_groot2=self._serves_groot2,
         )
-        self._replacements: deque[PublishedTree] = deque()
+        self._replacement_trees: deque[PublishedTree] = deque()
         self._context: zmq.Context[Socket] = zmq.Context()
-        self._requests = RequestSocket(self._context, _REQUEST_AT_MOST)
-        self._notices = self._context.socket(zmq.PUB)
+        self._request_socket = RequestSocket(self._context, _MAX_REQUEST_BYTES)
+        self._notifications_socket = self._context.socket(zmq.PUB)
         # Requests of clients without keys, if other clients have keys.
-        self._watch_requests = RequestSocket(self._context, _REQUEST_AT_MOST)
+        self._watch_request_socket = RequestSocket(self._context, _MAX_REQUEST_BYTES)
         # An XPUB socket receives the subscriptions, which are the clients' requests.
-        self._stream = self._context.socket(zmq.XPUB)
-        for socket in (self._notices, self._stream):
-            socket.setsockopt(zmq.MAXMSGSIZE, _SUBSCRIPTION_AT_MOST)
-        self._stream.setsockopt(zmq.SNDHWM, _LIVE_AT_MOST)
+        self._run_channel_socket = self._context.socket(zmq.XPUB)
+        for socket in (self._notifications_socket, self._run_channel_socket):
+            socket.setsockopt(zmq.MAXMSGSIZE, _MAX_SUBSCRIPTION_BYTES)
+        self._run_channel_socket.setsockopt(zmq.SNDHWM, _MAX_UNSENT_MESSAGES)
         # Without LINGER 0, closing would wait for clients that do not read.
-        for socket in (self._notices, self._stream):
+        for socket in (self._notifications_socket, self._run_channel_socket):
             socket.setsockopt(zmq.LINGER, 0)
         self._groot1_sockets = None if groot1_port is None else Groot1Sockets(self._context)
         host = "127.0.0.1" if bind in ("*", "0.0.0.0") else bind
@@ -141,7 +141,7 @@ class Publisher(Closeable):
                     self.watch_address = f"tcp://{host}:{requests_port}"
                 for socket in self._list_sockets():
                     keys.secure(socket)
-            self.port, self.groot1_port = self._bind(self._requests, groot2_port, groot1_port, bind)
+            self.port, self.groot1_port = self._bind(self._request_socket, groot2_port, groot1_port, bind)
             self._gateway.start()
         except BaseException:
             self._context.destroy(linger=0)
@@ -149,11 +149,11 @@ class Publisher(Closeable):
             raise
         self.address = f"tcp://{host}:{self.port}"
         """The address of the tree for a client on this machine."""
-        self._change = threading.Condition()
-        self._clients = 0
+        self._clients_changed = threading.Condition()
+        self._client_count = 0
         self._finished = False
-        self._stop = threading.Event()
-        self._latest.subscribe()
+        self._stopping = threading.Event()
+        self._ticking_tree.subscribe()
         self._thread = threading.Thread(target=self._run, name="btcore-publisher", daemon=True)
         self._thread.start()
 
@@ -161,9 +161,9 @@ class Publisher(Closeable):
         """Return the sockets to which clients with keys connect, if there are keys."""
         groot1_sockets = self._groot1_sockets
         return [
-            self._requests.socket,
-            self._notices,
-            self._stream,
+            self._request_socket.socket,
+            self._notifications_socket,
+            self._run_channel_socket,
             *([] if groot1_sockets is None else [groot1_sockets.updates, groot1_sockets.requests.socket]),
         ]
 
@@ -187,19 +187,19 @@ class Publisher(Closeable):
         Returns:
             The port of requests (Groot 2's, or else Groot 1's), and the port of Groot 1's updates.
         """
-        stream = [self._stream] if self._has_run_channel else []
+        stream = [self._run_channel_socket] if self._serves_run_channel else []
         requests_port, updates_port = 0, None
         row: list[Socket | None]
         if groot2_port is not None:
-            row = [groot2_requests.socket, self._notices, *stream]
-            requests_port = bind_in_a_row(self._gateway, row, host, groot2_port, option=option)
+            row = [groot2_requests.socket, self._notifications_socket, *stream]
+            requests_port = bind_consecutive(self._gateway, row, host, groot2_port, option=option)
         if self._groot1_sockets is not None and groot1_port is not None:
             row = [self._groot1_sockets.updates, self._groot1_sockets.requests.socket]
-            count = GROOT1_PORTS
+            count = GROOT1_PORT_COUNT
             if groot2_port is None:
                 row += [None, *stream]
-                count = GROOT1_ALONE
-            updates_port = bind_in_a_row(self._gateway, row, host, groot1_port, count, option)
+                count = GROOT1_ALONE_PORT_COUNT
+            updates_port = bind_consecutive(self._gateway, row, host, groot1_port, count, option)
             requests_port = requests_port or updates_port + 1
         return requests_port, updates_port
 
@@ -224,22 +224,24 @@ class Publisher(Closeable):
                 watch_groot1_port = (
                     first and groot2_port and groot1_port and first + groot1_port - groot2_port
                 )
-        return self._bind(self._watch_requests, watch_groot2_port, watch_groot1_port, host, "--watch-port")
+        return self._bind(
+            self._watch_request_socket, watch_groot2_port, watch_groot1_port, host, "--watch-port"
+        )
 
     @property
     def tree_id(self) -> str:
         """The ID of the current tree. Every served tree has a new ID, so clients notice a replaced tree."""
-        return self._latest.tree_id
+        return self._ticking_tree.tree_id
 
     @property
-    def clients(self) -> int:
+    def client_count(self) -> int:
         """The number of connected clients of the run channel. Groot 2's clients are not visible."""
-        return self._clients
+        return self._client_count
 
     @property
-    def dropped(self) -> int:
+    def dropped_transitions(self) -> int:
         """The number of transitions that were lost because the publisher was too slow."""
-        return self._published.groot2_server.dropped
+        return self._served_tree.groot2_server.dropped_transitions
 
     def wait_for_clients(self, count: int, timeout: float) -> bool:
         """Wait until at least *count* clients are connected. Return whether that happened in time.
@@ -248,12 +250,12 @@ class Publisher(Closeable):
             count: The number of clients; 0 waits until no client is connected.
             timeout: Maximum time in s (wall clock).
         """
-        with self._change:
-            return self._change.wait_for(
-                lambda: self._clients >= count if count else self._clients == 0, timeout
+        with self._clients_changed:
+            return self._clients_changed.wait_for(
+                lambda: self._client_count >= count if count else self._client_count == 0, timeout
             )
 
-    def replace(self, tree: Tree, resources: Sequence[object] = ()) -> None:
+    def replace_tree(self, tree: Tree, resources: Sequence[object] = ()) -> None:
         """Serve *tree* instead of the previous tree. Only the tick thread may call this method.
 
         Ports and connections stay. Clients first get the queued messages of the previous tree, then the new
@@ -265,28 +267,28 @@ class Publisher(Closeable):
         """
         if self._finished:
             return
-        # Groot 1 notices the new tree by its uids, so they continue after those of the previous tree.
-        groot1_server = self._latest.groot1_server
-        fresh = PublishedTree(
+        # Groot 1 notices the new tree by its uids, so they continue after the previous tree.
+        groot1_server = self._ticking_tree.groot1_server
+        new_tree = PublishedTree(
             tree,
             resources,
-            self._has_run_channel,
+            self._serves_run_channel,
             previous_uid=None if groot1_server is None else groot1_server.end,
-            control=self._control,
-            has_groot2=self._has_groot2,
+            max_heartbeat_delay=self._max_heartbeat_delay,
+            serves_groot2=self._serves_groot2,
         )
         # In this order: when the publisher's thread finds the new tree, the old tree's queue is complete.
-        self._latest.leave()
-        fresh.subscribe()
-        self._latest = fresh
-        self._replacements.append(fresh)
+        self._ticking_tree.unsubscribe()
+        new_tree.subscribe()
+        self._ticking_tree = new_tree
+        self._replacement_trees.append(new_tree)
 
-    def finish(self) -> None:
+    def end_stream(self) -> None:
         """End the stream, but continue to reply to requests, for example while a recording is written."""
         if self._finished:
             return
         self._finished = True
-        self._latest.finish()
+        self._ticking_tree.end_stream()
 
     def close(self, grace: float | None = None) -> None:
         """Send all queued messages and the end of the stream, then stop.
@@ -294,27 +296,27 @@ class Publisher(Closeable):
         *grace* is the maximum time in s (wall clock) for clients that have not received the end of the run
         yet (default: as given to `serve`).
         """
-        if self._stop.is_set():
+        if self._stopping.is_set():
             return
-        self.finish()
+        self.end_stream()
         try:
-            if self._has_run_channel and self._thread.is_alive():
+            if self._serves_run_channel and self._thread.is_alive():
                 self._wait_for_readers(self._grace if grace is None else grace)
         finally:
-            self._stop.set()
+            self._stopping.set()
             self._thread.join()
 
     def __exit__(self, *error: object) -> None:
-        self.close(min(self._grace, INTERRUPTED_GRACE) if any(error) else None)
+        self.close(min(self._grace, INTERRUPTED_GRACE_S) if any(error) else None)
 
     def _wait_for_readers(self, grace: float) -> None:
         """Wait until all clients have received the end, or disconnected, for at most *grace* s."""
-        if grace > _ANNOUNCE_AFTER and not self.wait_for_clients(0, _ANNOUNCE_AFTER):
-            grace -= _ANNOUNCE_AFTER
+        if grace > _ANNOUNCE_AFTER_S and not self.wait_for_clients(0, _ANNOUNCE_AFTER_S):
+            grace -= _ANNOUNCE_AFTER_S
             _log.warning(
                 "waiting up to %g s until %d clients have received the end of the run; Ctrl-C ends the wait",
                 grace,
-                self._clients,
+                self._client_count,
             )
         self.wait_for_clients(0, grace)
 
@@ -322,36 +324,36 @@ class Publisher(Closeable):
 
     def _run(self) -> None:
         poller = zmq.Poller()
-        for requests in (self._requests, self._watch_requests):
+        for requests in (self._request_socket, self._watch_request_socket):
             poller.register(requests.socket, zmq.POLLIN)
         if self._authenticator is not None:
             poller.register(self._authenticator.socket, zmq.POLLIN)
-        if self._has_run_channel:
-            poller.register(self._stream, zmq.POLLIN)
+        if self._serves_run_channel:
+            poller.register(self._run_channel_socket, zmq.POLLIN)
         if self._groot1_sockets is not None:
             poller.register(self._groot1_sockets.requests.socket, zmq.POLLIN)
         next_heartbeat = 0.0
         try:
-            while not self._stop.is_set():
-                busy = self._drain()
-                self._send_notices()
-                ready = dict(poller.poll(0 if busy else _POLL_MS))
+            while not self._stopping.is_set():
+                has_more = self._drain()
+                self._send_notifications()
+                ready = dict(poller.poll(0 if has_more else _POLL_MS))
                 if self._authenticator is not None and self._authenticator.socket in ready:
                     self._authenticator.answer()
-                if self._requests.socket in ready:
-                    self._answer(self._requests)
-                if self._watch_requests.socket in ready:
-                    self._answer(self._watch_requests, may_control=False)
+                if self._request_socket.socket in ready:
+                    self._answer(self._request_socket)
+                if self._watch_request_socket.socket in ready:
+                    self._answer(self._watch_request_socket, may_control=False)
                 self._serve_groot1(ready)
-                run_channel = self._published.run_channel_server
-                if run_channel is not None and self._stream in ready:
+                run_channel = self._served_tree.run_channel_server
+                if run_channel is not None and self._run_channel_socket in ready:
                     self._read_subscriptions(run_channel)
                 now = time.monotonic()
                 if now >= next_heartbeat:
-                    next_heartbeat = now + wire.ALIVE_EVERY
-                    self._gateway.continue_if_ended()
+                    next_heartbeat = now + wire.HEARTBEAT_INTERVAL_S
+                    self._gateway.restart_if_ended()
                     if run_channel is not None:
-                        self._send(*run_channel.alive())
+                        self._send(*run_channel.create_heartbeat())
             while self._drain():
                 pass
             self._serve_groot1({}, at_once=True)
@@ -359,69 +361,69 @@ class Publisher(Closeable):
             _log.exception("the publisher stops; the tree goes on")
         finally:
             # No client can release a breakpoint any more.
-            self._published.remove_hooks()
-            self._latest.remove_hooks()
+            self._served_tree.remove_hooks()
+            self._ticking_tree.remove_hooks()
             # 200 ms for the last message to clients that read; closing does not wait for other clients.
-            self._stream.close(linger=200)
-            self._requests.socket.close(linger=200)
-            self._watch_requests.socket.close(linger=200)
-            self._notices.close(linger=0)
+            self._run_channel_socket.close(linger=200)
+            self._request_socket.socket.close(linger=200)
+            self._watch_request_socket.socket.close(linger=200)
+            self._notifications_socket.close(linger=0)
             if self._groot1_sockets is not None:
                 self._groot1_sockets.close(linger=200)
             if self._authenticator is not None:
                 self._authenticator.socket.close(linger=0)
             self._context.term()
             self._gateway.close()
-            with self._change:
-                self._clients = 0
-                self._change.notify_all()
+            with self._clients_changed:
+                self._client_count = 0
+                self._clients_changed.notify_all()
 
     def _drain(self) -> bool:
         """Process queued items and send them. Return whether there are more."""
         # Before draining: if a new tree is here already, the old tree's queue gets no more items.
-        replaced = bool(self._replacements)
-        more = self._published.drain()
-        run_channel = self._published.run_channel_server
+        is_replaced = bool(self._replacement_trees)
+        has_more = self._served_tree.drain()
+        run_channel = self._served_tree.run_channel_server
         if run_channel is not None:
-            for topic, data in run_channel.pending_frames():
+            for topic, data in run_channel.take_pending_frames():
                 self._send(topic, data)
-        if replaced and not more:
-            self._switch_to(self._replacements.popleft())
+        if is_replaced and not has_more:
+            self._switch_to(self._replacement_trees.popleft())
             return True
-        return more
+        return has_more
 
-    def _switch_to(self, fresh: PublishedTree) -> None:
-        """Switch to the tree *fresh*, and send it to all clients."""
+    def _switch_to(self, new_tree: PublishedTree) -> None:
+        """Serve *new_tree* from now on, and send it to all clients."""
         self._serve_groot1({}, at_once=True)
-        before, self._published = self._published, fresh
-        if before.run_channel_server is not None and fresh.run_channel_server is not None:
-            fresh.run_channel_server.clients = before.run_channel_server.clients
-            for topic, data in fresh.run_channel_server.introduction():
+        before, self._served_tree = self._served_tree, new_tree
+        if before.run_channel_server is not None and new_tree.run_channel_server is not None:
+            new_tree.run_channel_server.client_tokens = before.run_channel_server.client_tokens
+            for topic, data in new_tree.run_channel_server.create_tree_frames():
                 self._send(topic, data)
 
     def _send(self, topic: bytes, data: bytes) -> None:
-        self._stream.send_multipart([topic, data], zmq.DONTWAIT)
+        self._run_channel_socket.send_multipart([topic, data], zmq.DONTWAIT)
 
     def _answer(self, requests: RequestSocket, may_control: bool = True) -> None:
         self._drain()  # so that the reply is up to date, unless the tree floods the queue
-        frames = requests.take()
+        frames = requests.receive()
         if frames is not None:
             client = requests.client if may_control else None
-            requests.answer(self._published.groot2_server.answer(frames, client))
+            requests.answer(self._served_tree.groot2_server.answer(frames, client))
 
-    def _send_notices(self) -> None:
-        control = self._published.groot2_server.control
-        if control is not None:
-            for frames in control.notices():
-                self._notices.send_multipart(frames, zmq.DONTWAIT)
+    def _send_notifications(self) -> None:
+        hook_controller = self._served_tree.groot2_server.hook_controller
+        if hook_controller is not None:
+            for frames in hook_controller.take_notifications():
+                self._notifications_socket.send_multipart(frames, zmq.DONTWAIT)
 
     def _serve_groot1(self, ready: Mapping[Socket, int], at_once: bool = False) -> None:
-        sockets, server = self._groot1_sockets, self._published.groot1_server
+        sockets, server = self._groot1_sockets, self._served_tree.groot1_server
         if sockets is None or server is None:
             return
         if sockets.requests.socket in ready:
             self._drain()
-            server = self._published.groot1_server or server
+            server = self._served_tree.groot1_server or server
             sockets.answer(server)
         sockets.publish(server, time.monotonic(), at_once)
 
@@ -429,9 +431,11 @@ class Publisher(Closeable):
         # All subscriptions that wait; zmq.Again ends the loop.
         with contextlib.suppress(zmq.Again):
             while True:
-                for topic, data in run_channel.subscription(self._stream.recv(zmq.DONTWAIT)):
+                for topic, data in run_channel.process_subscription(
+                    self._run_channel_socket.recv(zmq.DONTWAIT)
+                ):
                     self._send(topic, data)
-        if len(run_channel.clients) != self._clients:
-            with self._change:
-                self._clients = len(run_channel.clients)
-                self._change.notify_all()
+        if len(run_channel.client_tokens) != self._client_count:
+            with self._clients_changed:
+                self._client_count = len(run_channel.client_tokens)
+                self._clients_changed.notify_all()

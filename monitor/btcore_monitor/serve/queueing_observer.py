@@ -20,23 +20,23 @@ from btcore_monitor.serve.blackboards import BlackboardTracker
 from btcore_monitor.wire.msgpack_values import Boards
 from btcore_scene import MovingScene, SceneSource, StaticScene
 
-QUEUE_AT_MOST: Final = 200_000
+MAX_QUEUE_ITEMS: Final = 200_000
 """Maximum items that wait for the publisher."""
 
-_BIG_AT_MOST: Final = 500
+_MAX_QUEUED_WEIGHT: Final = 500
 """Maximum total weight of waiting scenes and blackboards, which are large; more are skipped."""
 
-_BLOB: Final = 1 << 16
+_BYTES_PER_WEIGHT: Final = 1 << 16
 """Number of bytes of grids and pictures that adds 1 to the weight of a scene."""
 
-SCENE_EVERY_NS: Final = 30_000_000
+SCENE_INTERVAL_NS: Final = 30_000_000
 """Minimum time (ns, tree clock) between two scenes."""
 
 
-_LISTS: Final = {
+_SEQUENCE_FIELDS: Final = {
     field.name
-    for kind in (StaticScene, MovingScene)
-    for field in fields(kind)
+    for scene_class in (StaticScene, MovingScene)
+    for field in fields(scene_class)
     if "Sequence" in str(field.type)
 }
 """Fields of a scene that are sequences of messages."""
@@ -44,25 +44,25 @@ _LISTS: Final = {
 S = TypeVar("S", StaticScene, MovingScene)
 
 
-def merge_scenes(kind: type[S], scenes: Sequence[S]) -> S:
-    """Merge *scenes* into a scene of class *kind*.
+def merge_scenes(scene_class: type[S], scenes: Sequence[S]) -> S:
+    """Merge *scenes* into a scene of *scene_class*.
 
     Sequences and maps are joined. For every other field, the first value that is not None is kept.
     """
     merged: dict[str, Any] = {}
-    for name in (field.name for field in fields(kind)):
+    for name in (field.name for field in fields(scene_class)):
         values = [value for scene in scenes if (value := getattr(scene, name)) is not None]
-        if name in _LISTS and values:
+        if name in _SEQUENCE_FIELDS and values:
             merged[name] = tuple(chain.from_iterable(values))
         elif values:
             merged[name] = dict(ChainMap(*values)) if isinstance(values[0], Mapping) else values[0]
-    return kind(**merged)
+    return scene_class(**merged)
 
 
-def weight(scene: MovingScene) -> int:
-    """Return the weight of *scene*: 1, and 1 more for each _BLOB bytes of grids and pictures."""
-    blobs = [grid.cells for grid in scene.grids] + [picture.data for picture in scene.pictures]
-    return 1 + sum(map(len, blobs)) // _BLOB
+def compute_weight(scene: MovingScene) -> int:
+    """Return the weight of *scene*: 1, and plus the bytes of grids and pictures / _BYTES_PER_WEIGHT."""
+    buffers = [grid.cells for grid in scene.grids] + [picture.data for picture in scene.pictures]
+    return 1 + sum(map(len, buffers)) // _BYTES_PER_WEIGHT
 
 
 class TransitionItem(NamedTuple):
@@ -125,19 +125,21 @@ QueueItem = TransitionItem | TickItem | BlackboardItem | MovingSceneItem | Excep
 class QueueingObserver(Observer):
     """Observes one tree and queues its events for the publisher."""
 
-    def __init__(self, boards: BlackboardTracker | None, scenes: Sequence[SceneSource]) -> None:
-        self.queue: deque[QueueItem] = deque(maxlen=QUEUE_AT_MOST)
-        self.big_taken = 0
+    def __init__(
+        self, blackboard_tracker: BlackboardTracker | None, scene_sources: Sequence[SceneSource]
+    ) -> None:
+        self.queue: deque[QueueItem] = deque(maxlen=MAX_QUEUE_ITEMS)
+        self.weight_taken = 0
         """The total weight of the scenes and blackboards that the publisher's thread took.
 
-        Only that thread writes it, and only the tick thread writes `_big_put`, so that no lock is needed.
+        Only that thread writes it, and only the tick thread writes `_weight_queued`, so no lock is needed.
         """
-        self._big_put = 0
-        self.ended_at = 0
+        self._weight_queued = 0
+        self.boards_checked_at = 0
         """The monotonic time (ns) of the last tick whose changes of blackboards were queued."""
-        self._boards = boards
-        self._scenes = scenes
-        self._next_scene: int | None = None
+        self._blackboard_tracker = blackboard_tracker
+        self._scene_sources = scene_sources
+        self._next_scene_stamp: int | None = None
 
     def transition(self, change: Transition) -> None:
         """Queue *change* at once, with the wall time."""
@@ -149,15 +151,15 @@ class QueueingObserver(Observer):
         queue = self.queue
         queue.append(TickItem(tick, stamp, wall, duration_ns, status))
         # Transitions are small and must not be lost, so only scenes and blackboards are skipped.
-        if self._big_put - self.big_taken > _BIG_AT_MOST:
+        if self._weight_queued - self.weight_taken > _MAX_QUEUED_WEIGHT:
             return
-        if self._boards is not None:
-            boards = self._boards.snapshot_if_changed()
+        if self._blackboard_tracker is not None:
+            boards = self._blackboard_tracker.snapshot_if_changed()
             if boards is not None:
                 queue.append(BlackboardItem(stamp, wall, boards))
-                self._big_put += 1
-        self.ended_at = time.monotonic_ns()
-        if self._scenes:
+                self._weight_queued += 1
+        self.boards_checked_at = time.monotonic_ns()
+        if self._scene_sources:
             self.queue_scene(stamp, wall)
 
     def queue_scene(self, stamp: int, wall: int) -> None:
@@ -167,14 +169,14 @@ class QueueingObserver(Observer):
             stamp: The time in ns of the tree's clock.
             wall: The wall clock, ns since the epoch.
         """
-        if self._next_scene is not None and stamp < self._next_scene:
+        if self._next_scene_stamp is not None and stamp < self._next_scene_stamp:
             return
         # 10 % early is accepted, so that jitter of the ticks does not skip every other scene.
-        self._next_scene = stamp + SCENE_EVERY_NS - SCENE_EVERY_NS // 10
-        data = merge_scenes(MovingScene, [source.moving_scene() for source in self._scenes])
-        taken = MovingSceneItem(stamp, wall, data, weight(data))
-        self.queue.append(taken)
-        self._big_put += taken.weight
+        self._next_scene_stamp = stamp + SCENE_INTERVAL_NS - SCENE_INTERVAL_NS // 10
+        data = merge_scenes(MovingScene, [source.moving_scene() for source in self._scene_sources])
+        item = MovingSceneItem(stamp, wall, data, compute_weight(data))
+        self.queue.append(item)
+        self._weight_queued += item.weight
 
     def raised(self, error: NodeExecutionError, stamp: int) -> None:
         """Queue the error message."""

@@ -13,7 +13,7 @@ import zmq
 
 from btcore_monitor.serve.tcp_ports import Socket
 
-WAITING_AT_MOST: Final = 64
+MAX_WAITING_FRAMES: Final = 64
 """Maximum queued requests and replies per client.
 
 Further requests wait on the client's side. Further replies to a client that does not read are dropped.
@@ -32,11 +32,11 @@ class RequestSocket:
         self.socket: Socket = context.socket(zmq.ROUTER)
         self.socket.setsockopt(zmq.MAXMSGSIZE, max_size)
         self.socket.setsockopt(zmq.LINGER, 0)
-        self.socket.setsockopt(zmq.RCVHWM, WAITING_AT_MOST)
-        self.socket.setsockopt(zmq.SNDHWM, WAITING_AT_MOST)
+        self.socket.setsockopt(zmq.RCVHWM, MAX_WAITING_FRAMES)
+        self.socket.setsockopt(zmq.SNDHWM, MAX_WAITING_FRAMES)
         self._envelope: list[bytes] = []
 
-    def take(self) -> list[bytes] | None:
+    def receive(self) -> list[bytes] | None:
         """Return the frames of the next request, or None if there is none or it is invalid."""
         try:
             frames = self.socket.recv_multipart(zmq.DONTWAIT)
@@ -52,9 +52,9 @@ class RequestSocket:
 
     @property
     def client(self) -> bytes:
-        """The connection of the last request that `take` returned."""
+        """The connection of the last request that `receive` returned."""
         return self._envelope[0]
 
     def answer(self, frames: Sequence[bytes]) -> None:
-        """Send *frames* as the reply to the last request that `take` returned."""
+        """Send *frames* as the reply to the last request that `receive` returned."""
         self.socket.send_multipart([*self._envelope, *frames], zmq.DONTWAIT)

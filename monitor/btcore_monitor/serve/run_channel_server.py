@@ -20,8 +20,11 @@ from btcore_monitor.serve.queueing_observer import (
     TransitionItem,
 )
 from btcore_monitor.wire.run_channel import (
-    ALIVE,
-    STREAM,
+    HEARTBEAT_TOPIC,
+    PRESENCE_TOPIC,
+    REQUEST_TOPIC,
+    STREAM_TOPIC,
+    TREE_REQUEST,
     BlackboardMessage,
     EndMessage,
     ExceptionMessage,
@@ -36,9 +39,9 @@ from btcore_monitor.wire.run_channel import (
 )
 from btcore_scene import MovingScene, Picture, StaticScene
 
-_ROWS_AT_MOST: Final = 5_000
+_MAX_TRANSITIONS: Final = 5_000
 _JPEG_QUALITY: Final = 80
-_WARNINGS_AT_MOST: Final = 20
+_MAX_WARNINGS: Final = 20
 
 _log = logging.getLogger("monitor")
 
@@ -55,89 +58,106 @@ class RunChannelServer:
         self, tree_id: str, xml: bytes, static: StaticScene | None, statuses: dict[int, int], stamp: int
     ) -> None:
         self.tree_id = tree_id
-        self.dropped = 0
+        self.dropped_transitions = 0
         """Transitions that were lost because the queue to this thread was full."""
-        self.clients: set[bytes] = set()
+        self.client_tokens: set[bytes] = set()
         """Tokens of the connected clients."""
         self._xml = xml
         self.history = History(statuses, stamp, time.time_ns())
-        self._sent = 0
+        self._sent_seq = 0
         self._warned: set[str] = set()
         # Encoded now, on the tick thread: the robot may change its objects later.
-        self._static = None if static is None else self._encode(StaticSceneMessage(tree_id, static))
-        self._expected: int | None = None
-        self._first = 0
-        self._rows: list[list[int]] = []
+        self._static_scene_frame = (
+            None if static is None else self._try_encode(StaticSceneMessage(tree_id, static))
+        )
+        self._next_number: int | None = None
+        self._first_number = 0
+        self._transitions: list[list[int]] = []
 
-    def put(self, item: QueueItem) -> None:
+    def add_item(self, item: QueueItem) -> None:
         """Add *item* to the stream."""
         if isinstance(item, TransitionItem):
-            self._put_transition(item)
+            self._add_transition(item)
             return
         if isinstance(item, TickItem):
-            self._flush(item.tick, item.stamp, item.wall, item.duration, int(item.status), True)
+            self._add_tick_message(item.tick, item.stamp, item.wall, item.duration_ns, int(item.status), True)
             return
         self.flush()
-        seq = self.history.latest + 1
+        seq = self.history.latest_seq + 1
         if isinstance(item, BlackboardItem):
             boards = {path: portable_board(board) for path, board in item.boards.items()}
-            self._add(BlackboardMessage(self.tree_id, seq, item.stamp, item.wall, boards))
+            self._add_message(BlackboardMessage(self.tree_id, seq, item.stamp, item.wall, boards))
         elif isinstance(item, MovingSceneItem):
-            self._add(
+            self._add_message(
                 MovingSceneMessage(
                     self.tree_id, seq, item.stamp, item.wall, self._convert_pictures(item.data)
                 )
             )
         elif isinstance(item, ExceptionItem):
-            self._add(ExceptionMessage(self.tree_id, seq, item.stamp, item.wall, item.path, item.message))
+            self._add_message(
+                ExceptionMessage(self.tree_id, seq, item.stamp, item.wall, item.path, item.message)
+            )
         elif isinstance(item, EndItem):
             status = int(item.status)
-            self._add(EndMessage(self.tree_id, seq, item.stamp, item.wall, status, self.dropped))
+            self._add_message(
+                EndMessage(self.tree_id, seq, item.stamp, item.wall, status, self.dropped_transitions)
+            )
 
     def flush(self) -> None:
         """Add a message with the transitions of an unfinished tick, so that clients show them early."""
-        if self._rows:
-            stamp, wall, tick = self._rows[-1][:3]
-            self._flush(tick, stamp, wall, 0, int(Status.IDLE), False)
+        if self._transitions:
+            stamp, wall, tick = self._transitions[-1][:3]
+            self._add_tick_message(tick, stamp, wall, 0, int(Status.IDLE), False)
 
-    def pending_frames(self) -> Iterator[Frames]:
+    def take_pending_frames(self) -> Iterator[Frames]:
         """Yield the messages since the last call, in few large pieces.
 
         After each call of ZeroMQ this thread waits for the interpreter's lock: up to 5 ms (Python's switch
         interval) while the tick thread computes. So few large messages are faster than many small messages.
         """
-        while self._sent < self.history.latest:
-            piece = self.history.piece(self.tree_id, self._sent + 1)
-            self._sent = piece.last
-            yield STREAM, encode(piece)
+        while self._sent_seq < self.history.latest_seq:
+            piece = self.history.create_piece(self.tree_id, self._sent_seq + 1)
+            self._sent_seq = piece.last
+            yield STREAM_TOPIC, encode(piece)
 
-    def _put_transition(self, item: TransitionItem) -> None:
-        change = item.change
+    def _add_transition(self, item: TransitionItem) -> None:
+        transition = item.transition
         # A message's transitions have consecutive numbers, so a gap starts a new message.
-        if self._expected is not None and change.number != self._expected:
+        if self._next_number is not None and transition.number != self._next_number:
             self.flush()
-            self.dropped += change.number - self._expected
-        if len(self._rows) >= _ROWS_AT_MOST:
+            self.dropped_transitions += transition.number - self._next_number
+        if len(self._transitions) >= _MAX_TRANSITIONS:
             self.flush()
-        if not self._rows:
-            self._first = change.number
-        self._expected = change.number + 1
-        self._rows.append(
-            [change.stamp, item.wall, change.tick, change.uid, int(change.previous), int(change.status)]
+        if not self._transitions:
+            self._first_number = transition.number
+        self._next_number = transition.number + 1
+        self._transitions.append(
+            [
+                transition.stamp,
+                item.wall,
+                transition.tick,
+                transition.uid,
+                int(transition.previous),
+                int(transition.status),
+            ]
         )
 
-    def _flush(self, tick: int, stamp: int, wall: int, duration: int, status: int, ended: bool) -> None:
-        rows, self._rows = self._rows, []
-        first = self._first if rows else (self._expected or 0)
-        seq = self.history.latest + 1
-        self._add(TickMessage(self.tree_id, seq, stamp, wall, tick, duration, status, ended, first, rows))
+    def _add_tick_message(
+        self, tick: int, stamp: int, wall: int, duration_ns: int, status: int, is_end: bool
+    ) -> None:
+        transitions, self._transitions = self._transitions, []
+        first = self._first_number if transitions else (self._next_number or 0)
+        seq = self.history.latest_seq + 1
+        self._add_message(
+            TickMessage(self.tree_id, seq, stamp, wall, tick, duration_ns, status, is_end, first, transitions)
+        )
 
-    def _add(self, message: StreamMessage) -> None:
-        data = self._encode(message)
+    def _add_message(self, message: StreamMessage) -> None:
+        data = self._try_encode(message)
         if data is not None:
             self.history.add(message.kind, data)
 
-    def _encode(self, message: Message) -> bytes | None:
+    def _try_encode(self, message: Message) -> bytes | None:
         try:
             return encode(message)
         except (TypeError, ValueError, LookupError, OverflowError, RecursionError) as error:
@@ -159,41 +179,47 @@ class RunChannelServer:
         return replace(scene, pictures=pictures)
 
     def _warn_once(self, what: str, error: Exception) -> None:
-        if what not in self._warned and len(self._warned) < _WARNINGS_AT_MOST:
+        if what not in self._warned and len(self._warned) < _MAX_WARNINGS:
             self._warned.add(what)
             _log.warning("%s can't be sent and is left out: %r", what, error)
 
-    def alive(self) -> Frames:
+    def create_heartbeat(self) -> Frames:
         """Return the frames of a heartbeat."""
-        return ALIVE, encode(HeartbeatMessage(self.tree_id, self.history.latest))
+        return HEARTBEAT_TOPIC, encode(HeartbeatMessage(self.tree_id, self.history.latest_seq))
 
-    def subscription(self, frame: bytes) -> Iterator[Frames]:
+    def process_subscription(self, frame: bytes) -> Iterator[Frames]:
         """Yield the replies to a subscription, the *frame* that an XPUB socket received."""
         # Byte 0 is 1 for a new subscription and 0 for its end. ZeroMQ also reports the end when a client
-        # disconnects, so "here" topics count the connected clients.
+        # disconnects, so the presence topics count the connected clients.
         subscribes, topic = frame[:1] == b"\x01", frame[1:]
         parts = topic.split(b"/")
-        if parts[0] == b"here" and len(parts) == 2:
-            (self.clients.add if subscribes else self.clients.discard)(parts[1])
-        elif parts[0] == b"again" and subscribes and len(parts) >= 2:
-            yield from self._send_again(parts[1], topic)
+        if parts[0] == PRESENCE_TOPIC and len(parts) == 2:
+            (self.client_tokens.add if subscribes else self.client_tokens.discard)(parts[1])
+        elif parts[0] == REQUEST_TOPIC and subscribes and len(parts) >= 2:
+            yield from self._create_reply(parts[1], topic)
 
-    def introduction(self) -> Iterator[Frames]:
+    def create_tree_frames(self) -> Iterator[Frames]:
         """Yield the messages about this tree for clients of the previous tree."""
-        return self._send_again(b"tree", STREAM)
+        return self._create_reply(TREE_REQUEST, STREAM_TOPIC)
 
-    def _send_again(self, request: bytes, topic: bytes) -> Iterator[Frames]:
-        if request == b"tree":
-            past = self.history
+    def _create_reply(self, request: bytes, topic: bytes) -> Iterator[Frames]:
+        if request == TREE_REQUEST:
+            history = self.history
             tree = TreeMessage(
-                self.tree_id, past.stamp, past.wall, self._xml, past.oldest, past.latest, past.statuses
+                self.tree_id,
+                history.stamp,
+                history.wall,
+                self._xml,
+                history.oldest_seq,
+                history.latest_seq,
+                history.statuses,
             )
             yield topic, encode(tree)
-        if request in (b"tree", b"static"):
-            if self._static is not None:
-                yield topic, self._static
+        if request in (TREE_REQUEST, b"static"):
+            if self._static_scene_frame is not None:
+                yield topic, self._static_scene_frame
         elif request.isdigit() and len(request) < 19:  # fits into 64 bits
-            yield topic, encode(self.history.piece(self.tree_id, int(request)))
+            yield topic, encode(self.history.create_piece(self.tree_id, int(request)))
 
 
 def to_jpeg(picture: Picture) -> Picture:

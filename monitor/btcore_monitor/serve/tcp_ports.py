@@ -14,13 +14,13 @@ import zmq
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.serve.gateway import Gateway
 
-PORTS: Final = 3
+GROOT2_PORT_COUNT: Final = 3
 """Number of ports for Groot 2: requests (port), notifications (port + 1), the run channel (port + 2)."""
 
-GROOT1_PORTS: Final = 2
+GROOT1_PORT_COUNT: Final = 2
 """Number of ports for Groot 1: updates (port), requests (port + 1)."""
 
-GROOT1_ALONE: Final = 4
+GROOT1_ALONE_PORT_COUNT: Final = 4
 """Number of ports for Groot 1 without Groot 2: updates (port), requests (port + 1), none at port + 2, and the
 run channel (port + 3), which is always two ports above the requests."""
 
@@ -50,7 +50,7 @@ class PortInUseError(ServeError):
         port: The port in use.
     """
 
-    def __init__(self, port: int, first: int, count: int = PORTS, option: str = "--port") -> None:
+    def __init__(self, port: int, first: int, count: int = GROOT2_PORT_COUNT, option: str = "--port") -> None:
         self.port = port
         message = f"port {port} is in use"
         if port != first:
@@ -61,12 +61,12 @@ class PortInUseError(ServeError):
 Socket = zmq.Socket[bytes]
 
 
-def bind_in_a_row(
+def bind_consecutive(
     gateway: Gateway,
     sockets: Sequence[Socket | None],
     host: str,
     port: int,
-    count: int = PORTS,
+    count: int = GROOT2_PORT_COUNT,
     option: str = "--port",
 ) -> int:
     """Bind *sockets* to consecutive ports of *host*, behind *gateway*.
@@ -95,7 +95,7 @@ def bind_in_a_row(
     else:
         port, listeners = _listen_at_free_ports(wanted, host, address, count, option)
     for listener, target in zip(listeners, filter(None, sockets), strict=True):
-        gateway.add(listener, target)
+        gateway.add_port(listener, target)
     return port
 
 

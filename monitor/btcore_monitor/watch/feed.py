@@ -54,22 +54,22 @@ ANNOUNCED_RUN_CHANNEL_WAIT_S: Final = 20.0
 On a busy machine the first message takes seconds. It takes longer only if the run channel is not reachable,
 for example because of a firewall."""
 
-SILENT_AFTER: Final = 3.0
+SILENT_AFTER_S: Final = 3.0
 """Seconds (wall clock) without a heartbeat after which a btcore robot counts as lost."""
 
-ABANDONED_AFTER: Final = 60.0
+ABANDONED_AFTER_S: Final = 60.0
 """Seconds (wall clock) that `events(until_end=True)` waits for a robot that is away."""
 
-MAX_REPLY_TIMEOUT: Final = 8.0
+MAX_REPLY_TIMEOUT_S: Final = 8.0
 """Maximum seconds (wall clock) for a reply over a slow network."""
 
-REPORT_EVERY: Final = 5.0
+REPORT_INTERVAL_S: Final = 5.0
 """Shortest time (s, wall clock) between two reports of invalid messages."""
 
-_STEP: Final = 0.2
-_PAUSE_AFTER_ERROR: Final = 0.5
-_DETAIL_AT_MOST: Final = 500
-_LOOK_EVERY: Final = 0.05
+_POLL_INTERVAL_S: Final = 0.2
+_PAUSE_AFTER_ERROR_S: Final = 0.5
+_MAX_DETAIL_CHARS: Final = 500
+_GROOT1_POLL_INTERVAL_S: Final = 0.05
 
 
 class Feed(Closeable):
@@ -94,7 +94,7 @@ class Feed(Closeable):
         >>> from btcore_monitor.serve import serve
         >>> from btcore_monitor.watch.feed import Feed
         >>> b = btcore.Builder()
-        >>> with serve(b.build(b.AlwaysSuccess(name="door")), groot2=0) as publisher:
+        >>> with serve(b.build(b.AlwaysSuccess(name="door")), groot2_port=0) as publisher:
         ...     with Feed(publisher.address) as feed:
         ...         event = next(event for event in feed if isinstance(event, TreeEvent))
         >>> event.tree.name
@@ -112,7 +112,7 @@ class Feed(Closeable):
         self.address = parse_address(address)
         self._keys = keys
         self._run_stream = RunChannelClient(self.address, keys)
-        self._groot2_client = Groot2Client(self.address, patience=MAX_REPLY_TIMEOUT, keys=keys)
+        self._groot2_client = Groot2Client(self.address, patience=MAX_REPLY_TIMEOUT_S, keys=keys)
         self._groot2_feed = Groot2Feed(self._groot2_client, blackboard_rate, record)
         self._groot1_feed: Groot1Feed | None = None
         self._groot1_events: list[Event] = []
@@ -126,7 +126,7 @@ class Feed(Closeable):
         self._number: int | None = None
         self._latest = (0, 0)
         self._reported_errors = 0
-        self._reported_at = -REPORT_EVERY
+        self._reported_at = -REPORT_INTERVAL_S
 
     def poll(self, timeout: float) -> list[Event]:
         """Return the events since the last call. If there are none, wait up to *timeout* s (wall clock)."""
@@ -139,12 +139,12 @@ class Feed(Closeable):
             is_behind = self._groot2_feed.is_behind and not self._by_run_channel
             if (events and not is_behind) or left <= 0 or self._stopped.is_set():
                 return events
-            self._wait(min(left, _STEP))
+            self._wait(min(left, _POLL_INTERVAL_S))
 
     def events(self, until_end: bool = False) -> Iterator[Event]:
         """Yield events until `stop`.
 
-        With *until_end*, also stop when the robot reports the end of its run, or is away for ABANDONED_AFTER.
+        With *until_end*, also stop when the robot reports the end of its run, or ABANDONED_AFTER_S is over.
         """
         return chain.from_iterable(self.batches(until_end))
 
@@ -152,14 +152,14 @@ class Feed(Closeable):
         """Yield the events in lists, and an empty list whenever no event arrives for 0.2 s."""
         away_since: float | None = time.monotonic()
         while not self._stopped.is_set():
-            events = self.poll(_STEP)
+            events = self.poll(_POLL_INTERVAL_S)
             yield events
             for event in events:
                 if isinstance(event, ConnectionEvent):
                     if until_end and event.state == "ended":
                         return
                     away_since = None if event.state == "connected" else time.monotonic()
-            if until_end and away_since is not None and time.monotonic() - away_since > ABANDONED_AFTER:
+            if until_end and away_since is not None and time.monotonic() - away_since > ABANDONED_AFTER_S:
                 return
 
     def __iter__(self) -> Iterator[Event]:
@@ -186,7 +186,7 @@ class Feed(Closeable):
         now = time.monotonic()
         self._report_errors(now, events)
         # The run channel comes first, because only it has all data. Groot's protocols are used without it.
-        if now - self._run_stream.last_message < SILENT_AFTER and self._run_stream.tree_id:
+        if now - self._run_stream.last_message < SILENT_AFTER_S and self._run_stream.tree_id:
             self._by_run_channel = True
             self._close_groot1()
             if self._state == "lost":
@@ -199,7 +199,7 @@ class Feed(Closeable):
             self._run_channel_announced = False
             if self._state == "connected":
                 self._report_connection(
-                    events, "lost", f"no sign of life from {self.address} for {SILENT_AFTER:g} s"
+                    events, "lost", f"no sign of life from {self.address} for {SILENT_AFTER_S:g} s"
                 )
         elif self._awaits_run_channel(now):
             pass
@@ -215,13 +215,13 @@ class Feed(Closeable):
             events.append(ConnectionEvent(state, _shorten(detail)))
 
     def _report_errors(self, now: float, events: list[Event]) -> None:
-        """Report messages of the run channel that are invalid, at most once in REPORT_EVERY."""
+        """Report messages of the run channel that are invalid, at most once in REPORT_INTERVAL_S."""
         if self._run_stream.errors == self._reported_errors:
             return
         if not self._run_stream.tree_id:
             self._reported_errors = self._run_stream.errors
             self._report_connection(events, "lost", self._run_stream.error)
-        elif now - self._reported_at >= REPORT_EVERY:
+        elif now - self._reported_at >= REPORT_INTERVAL_S:
             count = self._run_stream.errors - self._reported_errors
             self._reported_errors, self._reported_at = self._run_stream.errors, now
             reason = f"{count} invalid, the last because: {_shorten(self._run_stream.error)}"
@@ -300,13 +300,13 @@ class Feed(Closeable):
         except Groot1DetectedError as detected:
             self._groot2_feed.forget()
             self._note_groot_reply(detected.reply, now)
-            self._groot1_feed = Groot1Feed(self.address, MAX_REPLY_TIMEOUT, self._keys)
+            self._groot1_feed = Groot1Feed(self.address, MAX_REPLY_TIMEOUT_S, self._keys)
             if self._state == "connected":
                 self._report_connection(events, "lost", str(detected))
             return
         except (NoReplyError, ProtocolError) as error:
             is_invalid = isinstance(error, ProtocolError)
-            self._groot2_feed.forget(_PAUSE_AFTER_ERROR if is_invalid else 0.0)
+            self._groot2_feed.forget(_PAUSE_AFTER_ERROR_S if is_invalid else 0.0)
             self._answered_at = 0.0
             # A robot that has not answered yet may be starting.
             if self._state == "connected" or is_invalid:
@@ -351,7 +351,7 @@ class Feed(Closeable):
         elif self._groot1_feed is not None:
             for socket in self._groot1_feed.sockets:
                 poller.register(socket, zmq.POLLIN)
-            seconds = min(seconds, _LOOK_EVERY)
+            seconds = min(seconds, _GROOT1_POLL_INTERVAL_S)
         elif not self._by_run_channel:
             if self._groot2_client.busy:
                 poller.register(self._groot2_client.socket, zmq.POLLIN)
@@ -361,4 +361,4 @@ class Feed(Closeable):
 
 
 def _shorten(text: str) -> str:
-    return text if len(text) <= _DETAIL_AT_MOST else text[: _DETAIL_AT_MOST - 1] + "…"
+    return text if len(text) <= _MAX_DETAIL_CHARS else text[: _MAX_DETAIL_CHARS - 1] + "…"

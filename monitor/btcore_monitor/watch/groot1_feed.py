@@ -22,7 +22,7 @@ from btcore_monitor.wire.errors import ProtocolError, describe_bytes
 from btcore_monitor.wire.groot1 import QUESTION, Update, WireTransition, decode_update
 from btcore_monitor.wire.groot1_tree import Groot1ObservedTree, WireTree, find_tree, read_groot1
 
-PROBE_AFTER: Final = 3.0
+PROBE_AFTER_S: Final = 3.0
 """Seconds (wall clock) without an update after which a request checks whether the robot is there."""
 
 FIRST_UPDATE: Final = 0.15
@@ -42,10 +42,10 @@ GROOT1: Final = DataSource(
 )
 """The data source of this feed, with the topics that Groot 1's protocol does not send."""
 
-_ASK_AGAIN_AFTER: Final = 0.2
-_WAITING_AT_MOST: Final = 250
-_UPDATES_A_TURN: Final = 10
-_UPDATE_AT_MOST: Final = 1 << 20
+_RETRY_AFTER_S: Final = 0.2
+_MAX_WAITING: Final = 250
+_MAX_UPDATES_PER_STEP: Final = 10
+_MAX_UPDATE: Final = 1 << 20
 """Maximum bytes of an update: the statuses of 65,535 nodes and 70,000 transitions."""
 _RECONNECT_MS: Final = 100
 _FUTURE_NS: Final = 5_000_000_000
@@ -76,7 +76,7 @@ class Groot1Feed:
         # ZeroMQ doubles the time between attempts to connect, up to the maximum.
         for option, value in (
             (zmq.LINGER, 0),
-            (zmq.MAXMSGSIZE, _UPDATE_AT_MOST),
+            (zmq.MAXMSGSIZE, _MAX_UPDATE),
             (zmq.RECONNECT_IVL, _RECONNECT_MS),
             (zmq.RECONNECT_IVL_MAX, 10 * _RECONNECT_MS),
         ):
@@ -96,7 +96,7 @@ class Groot1Feed:
         self._show_at = 0.0
         self._must_request = True
         self._restarted = False
-        self._waiting: deque[Update] = deque(maxlen=_WAITING_AT_MOST)
+        self._waiting: deque[Update] = deque(maxlen=_MAX_WAITING)
         self._shown = False
         self._is_certain = False
         self._statuses: dict[int, int] = {}
@@ -164,7 +164,7 @@ class Groot1Feed:
             self._connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
 
     def _read_updates(self) -> None:
-        for _ in range(_UPDATES_A_TURN):
+        for _ in range(_MAX_UPDATES_PER_STEP):
             try:
                 frame = self._updates.recv(zmq.DONTWAIT)
             except zmq.Again:
@@ -177,7 +177,7 @@ class Groot1Feed:
             frames = self._client.finish()
         except NoReplyError:
             self._must_request = True
-            if self._shown and time.monotonic() - self.alive_at < PROBE_AFTER:
+            if self._shown and time.monotonic() - self.alive_at < PROBE_AFTER_S:
                 return  # the robot is there, since it publishes
             self._is_certain = False
             self._silent_since = time.monotonic()
@@ -185,11 +185,11 @@ class Groot1Feed:
         now = time.monotonic()
         if frames is not None:
             self._process_reply(frames, now)
-        silent = now - max(self.alive_at, self._requested_at) >= PROBE_AFTER
+        silent = now - max(self.alive_at, self._requested_at) >= PROBE_AFTER_S
         if (
             not self._client.busy
             and (silent or self._must_request)
-            and now - self._requested_at >= _ASK_AGAIN_AFTER
+            and now - self._requested_at >= _RETRY_AFTER_S
         ):
             self._requested_at = now
             self._client.begin(QUESTION)
@@ -215,7 +215,7 @@ class Groot1Feed:
 
     def _drop_unknown(self) -> None:
         """Remove waiting updates with unknown nodes: they belong to a previous tree."""
-        self._waiting = deque(filter(self._is_known, self._waiting), maxlen=_WAITING_AT_MOST)
+        self._waiting = deque(filter(self._is_known, self._waiting), maxlen=_MAX_WAITING)
 
     # Events
 
@@ -253,12 +253,16 @@ class Groot1Feed:
         assert self._observed is not None
         self._shown = True
         self._reported_up_to = stamp
-        return TreeEvent(self._observed.tree, stamp, wall, dict(self._statuses), numbered=False, source=GROOT1)
+        return TreeEvent(
+            self._observed.tree, stamp, wall, dict(self._statuses), numbered=False, source=GROOT1
+        )
 
     def _is_known(self, update: Update) -> bool:
         assert self._observed is not None
         uids = self._observed.uids
-        return update.statuses.keys() <= uids.keys() and all(transition.uid in uids for transition in update.transitions)
+        return update.statuses.keys() <= uids.keys() and all(
+            transition.uid in uids for transition in update.transitions
+        )
 
     def _map_to_own_uids(self, update: Update) -> dict[int, int]:
         assert self._observed is not None

@@ -14,7 +14,7 @@ import zmq
 
 from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import Address
-from btcore_monitor.watch.request_client import TIMEOUT, RequestClient
+from btcore_monitor.watch.request_client import TIMEOUT_S, RequestClient
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
 from btcore_monitor.wire.groot1_tree import find_tree
@@ -41,7 +41,7 @@ class Groot2Client(RequestClient):
     def __init__(
         self,
         address: Address,
-        timeout: float = TIMEOUT,
+        timeout: float = TIMEOUT_S,
         patience: float = 0.0,
         keys: ClientKeys | None = None,
     ) -> None:

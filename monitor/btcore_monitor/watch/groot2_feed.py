@@ -37,7 +37,7 @@ from btcore_monitor.watch.recording_validator import CheckedBatch, RecordingVali
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
 from btcore_monitor.wire.fulltree import read_fulltree
 from btcore_monitor.wire.groot2 import (
-    RECORDED_AT_MOST,
+    MAX_RECORDED,
     TRANSITION_SIZE,
     RecordedTransition,
     Reply,
@@ -49,27 +49,27 @@ from btcore_monitor.wire.groot2 import (
 )
 from btcore_monitor.wire.hooks import decode_hooks
 
-STATUS_EVERY: Final = 0.05
+STATUS_INTERVAL_S: Final = 0.05
 """Seconds (wall clock) between two requests for statuses."""
 
-GAPS_AT_MOST: Final = 3
+MAX_GAPS: Final = 3
 """Gaps because of another client, after which the feed leaves the recording to that client for some time."""
 
-RETRY_AFTER: Final = 10.0
+RETRY_AFTER_S: Final = 10.0
 """Seconds (wall clock) after which the feed requests recorded transitions again. Each retry doubles them."""
-_RETRY_AT_MOST: Final = 320.0
+_MAX_RETRY_AFTER_S: Final = 320.0
 
-_FORGIVEN_AFTER: Final = 200
+_FORGIVEN_AFTER_BATCHES: Final = 200
 """Batches without a gap after which earlier gaps no longer count."""
 
-_WANTED: Final = 250
+_MAX_WANTED_TRANSITIONS: Final = 250
 """Transitions in a batch above which requests become more frequent, because the robot keeps only 1,000."""
-_SLOWER_AFTER: Final = 5.0
+_SLOWER_AFTER_S: Final = 5.0
 """Seconds without a big batch after which requests become less frequent. Ticks may be seconds apart."""
-_SHORTEST_INTERVAL: Final = 0.002
-_PAUSE: Final = 0.1
+_MIN_INTERVAL_S: Final = 0.002
+_PAUSE_S: Final = 0.1
 """Seconds without a request after the tree was replaced."""
-_UNSURE_BY: Final = 1_000_000_000
+_MAX_CLOCK_ERROR_NS: Final = 1_000_000_000
 """Maximum error (ns) of the estimate of the robot's clock, in addition to the duration of a request."""
 
 NOT_SENT: Final = "not sent by Groot 2"
@@ -90,7 +90,7 @@ class Groot2Feed:
         self._wants_record = self._record = record
         self._no_record = ""
         self._retry_at = float("inf")
-        self._retry_after = RETRY_AFTER
+        self._retry_after = RETRY_AFTER_S
         self._tree_id = ""
         self._hooks_listed_for = ""
         self._must_list_hooks = False
@@ -105,19 +105,19 @@ class Groot2Feed:
         self._sent_at = self._requested_at = 0
         self._recording_from = 0
         self._drained_at = 0
-        self._unsure_by = _UNSURE_BY
+        self._unsure_by = _MAX_CLOCK_ERROR_NS
         self._seen_up_to = 0
         self._is_first = True
         self._was_sampled = False
         self._reply_lost = False
         self._gaps = self._complete = 0
         self._number = 0
-        self._every = STATUS_EVERY
+        self._every = STATUS_INTERVAL_S
         self._busy_at = 0.0
         self._last_size = 0
         self._next_status = 0.0
 
-    def forget(self, pause: float = _PAUSE) -> None:
+    def forget(self, pause: float = _PAUSE_S) -> None:
         """Forget the tree and request it again. The recording of an unchanged tree continues.
 
         Args:
@@ -139,7 +139,7 @@ class Groot2Feed:
     @property
     def is_behind(self) -> bool:
         """Whether the robot's buffer may overflow unless `step` is called again immediately."""
-        return self._validator is not None and self._last_size > _WANTED
+        return self._validator is not None and self._last_size > _MAX_WANTED_TRANSITIONS
 
     @property
     def next_at(self) -> float:
@@ -226,7 +226,10 @@ class Groot2Feed:
             return
         if reply.kind == Request.STATUS:
             self._begin(Request.GET_TRANSITIONS)
-        elif reply.kind == Request.GET_TRANSITIONS and len(reply.body) > _WANTED * TRANSITION_SIZE:
+        elif (
+            reply.kind == Request.GET_TRANSITIONS
+            and len(reply.body) > _MAX_WANTED_TRANSITIONS * TRANSITION_SIZE
+        ):
             # Probably in the middle of a tick.
             self._begin(Request.STATUS)
 
@@ -276,8 +279,8 @@ class Groot2Feed:
         self._is_first = True
         self._was_sampled = self._reply_lost = False
         self._gaps = self._complete = self._number = self._seen_up_to = 0
-        self._every = STATUS_EVERY
-        self._retry_at, self._retry_after = float("inf"), RETRY_AFTER
+        self._every = STATUS_INTERVAL_S
+        self._retry_at, self._retry_after = float("inf"), RETRY_AFTER_S
         self._clock.begin(self._clock.wall())
 
     def _observe(self, observed: dict[int, StatusRecord], events: list[Event]) -> None:
@@ -297,7 +300,7 @@ class Groot2Feed:
         answered_at = self._clock.wall()
         # The robot took its time between request and reply; the middle halves the maximum error.
         self._clock.set(wall, (self._requested_at + answered_at) // 2)
-        self._unsure_by = _UNSURE_BY + answered_at - self._requested_at
+        self._unsure_by = _MAX_CLOCK_ERROR_NS + answered_at - self._requested_at
         if self._is_first:
             self._clock.begin(wall)
         self._recording_from = self._drained_at = wall
@@ -333,7 +336,8 @@ class Groot2Feed:
             return DataSource("Groot 2, recorded", lacks)
         reason = f" ({self._no_record})" if self._no_record else ""
         lacks["transitions"] = (
-            f"statuses are requested {1 / STATUS_EVERY:g} times a second{reason}: short changes are not seen"
+            f"statuses are requested {1 / STATUS_INTERVAL_S:g} times a second{reason}: "
+            "short changes are not seen"
         )
         return DataSource("Groot 2, sampled", lacks)
 
@@ -410,21 +414,21 @@ class Groot2Feed:
             self._report(at, transition.uid, previous, transition.status, events)
         if checked.is_complete:
             self._complete += bool(checked.steps)
-            if self._complete >= _FORGIVEN_AFTER:
+            if self._complete >= _FORGIVEN_AFTER_BATCHES:
                 self._gaps = self._complete = 0
-                self._retry_after = RETRY_AFTER
+                self._retry_after = RETRY_AFTER_S
 
     def _choose_interval(self, size: int) -> None:
         """Choose the time to the next request after a batch of *size* transitions."""
         now = time.monotonic()
         self._last_size = size
-        if size > _WANTED:
+        if size > _MAX_WANTED_TRANSITIONS:
             self._busy_at = now
             # A full buffer may have had any number of transitions.
-            self._every *= _WANTED / size if size < RECORDED_AT_MOST else 0
-            self._every = max(_SHORTEST_INTERVAL, self._every)
-        elif now - self._busy_at > _SLOWER_AFTER:
-            self._every = min(STATUS_EVERY, 2 * self._every)
+            self._every *= _MAX_WANTED_TRANSITIONS / size if size < MAX_RECORDED else 0
+            self._every = max(_MIN_INTERVAL_S, self._every)
+        elif now - self._busy_at > _SLOWER_AFTER_S:
+            self._every = min(STATUS_INTERVAL_S, 2 * self._every)
 
     def _report_missing(self, checked: CheckedBatch, wall: int, events: list[Event]) -> bool:
         """Report that transitions are missing. Return false if the feed leaves the recording."""
@@ -433,14 +437,14 @@ class Groot2Feed:
             reason = "a reply of the robot with its recorded transitions did not arrive"
         elif checked.is_overflow:
             reason = (
-                f"more than {RECORDED_AT_MOST} statuses changed between two requests, and the robot keeps "
+                f"more than {MAX_RECORDED} statuses changed between two requests, and the robot keeps "
                 "only the last ones"
             )
         else:
             self._gaps += 1
             self._complete = 0
             reason = "another client reads this robot's recording too"
-            if self._gaps >= GAPS_AT_MOST:
+            if self._gaps >= MAX_GAPS:
                 self._leave_recording(self._validator.statuses, reason, events)
                 return False
         self._report_gap(reason, wall, events)
@@ -454,9 +458,9 @@ class Groot2Feed:
             f"{reason}: statuses are sampled for {self._retry_after:g} s", self._requested_at, events
         )
         self._retry_at = time.monotonic() + self._retry_after
-        self._retry_after = min(_RETRY_AT_MOST, 2 * self._retry_after)
+        self._retry_after = min(_MAX_RETRY_AFTER_S, 2 * self._retry_after)
         # The next gap because of another client ends the retry.
-        self._gaps = GAPS_AT_MOST - 1
+        self._gaps = MAX_GAPS - 1
         self._complete = 0
         self._record = False
         self._validator = None
@@ -477,7 +481,8 @@ class Groot2Feed:
             stamp = self._clock.stamp(wall)
             names = self._boards.refused()
             events.extend(
-                MissingDataEvent(stamp, wall, stamp, "blackboard", f"{name} isn't shown: {reason}") for name in names
+                MissingDataEvent(stamp, wall, stamp, "blackboard", f"{name} isn't shown: {reason}")
+                for name in names
             )
         elif request in (Request.TOGGLE_RECORDING, Request.GET_TRANSITIONS) and self._records is not None:
             self._record = False

@@ -17,10 +17,10 @@ _EVENTS: Final = (
     | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
     | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
 )
-_PROBE_AFTER: Final = 3
+_PROBE_AFTER_FAILURES: Final = 3
 """Successive connections that the other program closes during the handshake before its mechanism is read."""
 
-_PROBE_TIMEOUT: Final = 1.0
+_PROBE_TIMEOUT_S: Final = 1.0
 """Maximum seconds (wall clock) to connect, and then to read the mechanism."""
 
 _GREETING: Final = b"\xff\0\0\0\0\0\0\0\x01\x7f\x03"
@@ -81,7 +81,7 @@ class Handshakes:
             # If one side uses keys and the other does not, or if the client has the key of another robot, the
             # robot closes the connection without a reason. So does a tunnel to a robot that is not running.
             self._closed += 1
-            if self._closed >= _PROBE_AFTER or event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
+            if self._closed >= _PROBE_AFTER_FAILURES or event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
                 self._closed = 0
                 return self._compare(_read_mechanism(self._address))
         return ""
@@ -101,11 +101,11 @@ def _read_mechanism(address: Address) -> str:
     greeting = b""
     try:
         place = (address.host.strip("[]"), address.port)
-        with socket.create_connection(place, _PROBE_TIMEOUT) as connection:
+        with socket.create_connection(place, _PROBE_TIMEOUT_S) as connection:
             # libzmq sends its mechanism in reply to the version, and closes the connection only after it has
             # received another mechanism.
             connection.sendall(_GREETING)
-            deadline = time.monotonic() + _PROBE_TIMEOUT
+            deadline = time.monotonic() + _PROBE_TIMEOUT_S
             while len(greeting) < _MECHANISM.stop:
                 connection.settimeout(max(0.001, deadline - time.monotonic()))
                 data = connection.recv(_MECHANISM.stop - len(greeting))

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from btcore_monitor.events import IDLE
-from btcore_monitor.wire.groot2 import RECORDED_AT_MOST, RecordedTransition, StatusRecord
+from btcore_monitor.wire.groot2 import MAX_RECORDED, RecordedTransition, StatusRecord
 
 Step = tuple[RecordedTransition, int]
 """A transition, and the previous status of its node."""
@@ -69,7 +69,7 @@ class RecordingValidator:
             observed: The statuses that the robot sent after the previous batch and before this batch.
             batch: The recorded transitions, the oldest first.
         """
-        is_overflow = len(batch) >= RECORDED_AT_MOST
+        is_overflow = len(batch) >= MAX_RECORDED
         walk = self._walk(observed, batch, self._uncertain)
         is_complete = walk.agrees and not is_overflow
         if not is_complete:

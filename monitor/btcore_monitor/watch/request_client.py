@@ -16,10 +16,10 @@ from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import Address
 from btcore_monitor.watch.handshakes import Handshakes
 
-TIMEOUT: Final = 1.0
+TIMEOUT_S: Final = 1.0
 """Default maximum seconds for a reply."""
 
-_REPLY_AT_MOST: Final = 32 << 20
+_MAX_REPLY: Final = 32 << 20
 """Maximum bytes of a frame in a reply, because the other program may not be a robot."""
 
 Socket = zmq.Socket[bytes]
@@ -44,7 +44,7 @@ class RequestClient(Closeable):
     def __init__(
         self,
         address: Address,
-        timeout: float = TIMEOUT,
+        timeout: float = TIMEOUT_S,
         patience: float = 0.0,
         keys: ClientKeys | None = None,
     ) -> None:
@@ -70,7 +70,7 @@ class RequestClient(Closeable):
         if self._socket is None:
             self._socket = self._context.socket(zmq.REQ)
             self._socket.setsockopt(zmq.LINGER, 0)
-            self._socket.setsockopt(zmq.MAXMSGSIZE, _REPLY_AT_MOST)
+            self._socket.setsockopt(zmq.MAXMSGSIZE, _MAX_REPLY)
             if self.keys is not None:
                 self.keys.secure(self._socket)
             self._handshakes.watch(self._socket)

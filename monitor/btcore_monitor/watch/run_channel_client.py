@@ -29,20 +29,20 @@ from btcore_monitor.wire.run_channel import (
     UnknownMessage,
 )
 
-WAITING_BYTES_AT_MOST: Final = 4 << 20
+MAX_WAITING_BYTES: Final = 4 << 20
 """Maximum bytes of pieces that arrived too early."""
 
-_MESSAGE_AT_MOST: Final = 32 << 20
+_MAX_MESSAGE_BYTES: Final = 32 << 20
 """Maximum bytes of a message, because the other program may not be a robot."""
 
-_TREE_REQUESTS_AT_MOST: Final = 8
-_REQUESTS_AT_MOST: Final = 8
+_MAX_TREE_REQUESTS: Final = 8
+_MAX_REQUESTS: Final = 8
 """Maximum requests for missing messages at a time. Their replies may be late: on a busy machine, or because
 other clients of the robot send requests, too."""
 
-_ASK_AGAIN_AFTER: Final = 2.0
-_FRAMES_A_TURN: Final = 500
-_BYTES_A_TURN: Final = 2 << 20
+_RETRY_AFTER_S: Final = 2.0
+_MAX_FRAMES_PER_READ: Final = 500
+_MAX_BYTES_PER_READ: Final = 2 << 20
 _RECONNECT_MS: Final = 100
 
 Socket = zmq.Socket[bytes]
@@ -77,8 +77,8 @@ class RunChannelClient:
         self.socket = self._context.socket(zmq.SUB)
         for option, value in (
             (zmq.LINGER, 0),
-            (zmq.RCVHWM, _FRAMES_A_TURN),
-            (zmq.MAXMSGSIZE, _MESSAGE_AT_MOST),
+            (zmq.RCVHWM, _MAX_FRAMES_PER_READ),
+            (zmq.MAXMSGSIZE, _MAX_MESSAGE_BYTES),
             (zmq.RECONNECT_IVL, _RECONNECT_MS),
             (zmq.RECONNECT_IVL_MAX, 10 * _RECONNECT_MS),
             *((getattr(zmq, name), value) for name, value in wire.KEEPALIVE.items()),
@@ -86,8 +86,8 @@ class RunChannelClient:
             self.socket.setsockopt(option, value)
         if keys is not None:
             keys.secure(self.socket)
-        self.socket.subscribe(wire.STREAM)
-        self.socket.subscribe(wire.ALIVE)
+        self.socket.subscribe(wire.STREAM_TOPIC)
+        self.socket.subscribe(wire.HEARTBEAT_TOPIC)
         self._request_tree()
         self._register()
         self.socket.connect(address.at(wire.PORT_OFFSET))
@@ -96,9 +96,9 @@ class RunChannelClient:
         """Return the new messages without waiting, in the robot's order, each message exactly once."""
         received: list[Message] = []
         size = 0
-        for _ in range(_FRAMES_A_TURN):
+        for _ in range(_MAX_FRAMES_PER_READ):
             # The caller processes these messages before the others are decoded.
-            if size > _BYTES_A_TURN:
+            if size > _MAX_BYTES_PER_READ:
                 break
             try:
                 frames = self.socket.recv_multipart(zmq.DONTWAIT)
@@ -130,16 +130,16 @@ class RunChannelClient:
     def _register(self) -> None:
         if not self._presence_topic:
             # The robot counts these subscriptions as its clients, and waits for them when it closes.
-            self._presence_topic = b"here/" + _create_token()
+            self._presence_topic = b"%s/%s" % (wire.PRESENCE_TOPIC, _create_token())
             self.socket.subscribe(self._presence_topic)
 
     def _request_tree(self) -> None:
         """Request the tree."""
         # The subscription stays: after a reconnection ZeroMQ subscribes again, and the reply shows whether
         # the robot has another tree.
-        if len(self._tree_topics) >= _TREE_REQUESTS_AT_MOST:
+        if len(self._tree_topics) >= _MAX_TREE_REQUESTS:
             self.socket.unsubscribe(self._tree_topics.pop(0))
-        self._tree_topics.append(b"again/tree/" + _create_token())
+        self._tree_topics.append(_create_request_topic(wire.TREE_REQUEST))
         self._tree_requested_at = time.monotonic()
         # A client sends a request by subscribing. The token makes the topic unique, so no other client
         # receives the reply.
@@ -157,7 +157,7 @@ class RunChannelClient:
         if message.tree_id != self.tree_id:
             # The TreeMessage of this tree has not arrived yet, or was lost.
             waited = time.monotonic() - self._tree_requested_at
-            if isinstance(message, HeartbeatMessage) and self.tree_id and waited >= _ASK_AGAIN_AFTER:
+            if isinstance(message, HeartbeatMessage) and self.tree_id and waited >= _RETRY_AFTER_S:
                 self._request_tree()
             return
         if isinstance(message, StaticSceneMessage):
@@ -190,7 +190,7 @@ class RunChannelClient:
 
     def _store(self, piece: PieceMessage) -> None:
         size = _count_bytes(piece)
-        if piece.first not in self._waiting_pieces and self._waiting_bytes + size <= WAITING_BYTES_AT_MOST:
+        if piece.first not in self._waiting_pieces and self._waiting_bytes + size <= MAX_WAITING_BYTES:
             self._waiting_pieces[piece.first] = piece
             self._waiting_bytes += size
 
@@ -223,12 +223,12 @@ class RunChannelClient:
         if not self.tree_id or self._next > self._latest:
             return
         now = time.monotonic()
-        if self._request_topics and now - self._requested_at < _ASK_AGAIN_AFTER:
+        if self._request_topics and now - self._requested_at < _RETRY_AFTER_S:
             return
         # Earlier requests stay, because a reply without a subscription would be discarded.
-        if len(self._request_topics) >= _REQUESTS_AT_MOST:
+        if len(self._request_topics) >= _MAX_REQUESTS:
             self.socket.unsubscribe(self._request_topics.pop(0))
-        self._request_topics.append(b"again/%d/%s" % (self._next, _create_token()))
+        self._request_topics.append(_create_request_topic(b"%d" % self._next))
         self._requested_at = now
         self.socket.subscribe(self._request_topics[-1])
 
@@ -241,6 +241,10 @@ class RunChannelClient:
 def _count_bytes(piece: PieceMessage) -> int:
     """Return the approximate memory of *piece* in bytes; its objects take memory, too."""
     return 500 + sum(100 + len(data) for data in piece.messages)
+
+
+def _create_request_topic(request: bytes) -> bytes:
+    return b"%s/%s/%s" % (wire.REQUEST_TOPIC, request, _create_token())
 
 
 def _create_token() -> bytes:

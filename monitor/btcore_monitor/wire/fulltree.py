@@ -26,10 +26,10 @@ FAMILIES: Final[dict[str, Kind]] = {
 tags, too."""
 
 _INVALID_IN_XML: Final = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
-_NODES_AT_MOST: Final = 65_535
+_MAX_NODES: Final = 65_535
 """Maximum nodes of a tree: a uid of Groot 2's protocol has 16 bits."""
-_NAME_AT_MOST: Final = 1_000
-_PATH_AT_MOST: Final = 4_000
+_MAX_NAME: Final = 1_000
+_MAX_PATH: Final = 4_000
 """Maximum characters of a node's name and of its path. The paths of all nodes are kept."""
 
 _TAGS: Final = {kind: tag for tag, kind in FAMILIES.items()}
@@ -173,8 +173,8 @@ class _Reader:
         waiting = [(element, 0, main) for element in _find_roots(self._trees[main])]
         while waiting:
             element, parent, subtree = waiting.pop()
-            if len(nodes) >= _NODES_AT_MOST:
-                raise ProtocolError(f"expected a full tree of at most {_NODES_AT_MOST} nodes, and got more")
+            if len(nodes) >= _MAX_NODES:
+                raise ProtocolError(f"expected a full tree of at most {_MAX_NODES} nodes, and got more")
             node = self._read_node(element, parent, subtree)
             nodes.append(node)
             children[parent].append(node.uid)
@@ -209,10 +209,8 @@ class _Reader:
     def _read_node(self, element: etree._Element, parent: int, subtree: str) -> ObservedNode:
         tag = str(element.tag)
         for name in (tag, element.get("name", ""), element.get("ID", "")):
-            if len(name) > _NAME_AT_MOST:
-                raise ProtocolError(
-                    f"expected names of at most {_NAME_AT_MOST} characters, and got {len(name)}"
-                )
+            if len(name) > _MAX_NAME:
+                raise ProtocolError(f"expected names of at most {_MAX_NAME} characters, and got {len(name)}")
         text = element.get("_uid", "")
         # A limited length, because int() takes quadratic time for thousands of digits.
         if not (text.isascii() and text.isdigit()) or len(text) > 10:
@@ -226,10 +224,8 @@ class _Reader:
             path = element.get("_fullpath")
             if path is None:
                 raise ProtocolError(f"expected _fullpath on the <SubTree> with _uid {uid}")
-            if len(path) > _PATH_AT_MOST:
-                raise ProtocolError(
-                    f"expected paths of at most {_PATH_AT_MOST} characters, and got {len(path)}"
-                )
+            if len(path) > _MAX_PATH:
+                raise ProtocolError(f"expected paths of at most {_MAX_PATH} characters, and got {len(path)}")
             # The element of a subtree has no name attribute. BehaviorTree.CPP appends "::uid" to the path of
             # a subtree that has no name of its own.
             name = path.removeprefix(subtree + "/" if subtree else "")
@@ -241,8 +237,8 @@ class _Reader:
         path = name if name != node_id else f"{name}::{uid}"
         if subtree:
             path = f"{subtree}/{path}"
-        if len(path) > _PATH_AT_MOST:
-            raise ProtocolError(f"expected paths of at most {_PATH_AT_MOST} characters, and got {len(path)}")
+        if len(path) > _MAX_PATH:
+            raise ProtocolError(f"expected paths of at most {_MAX_PATH} characters, and got {len(path)}")
         kind = self._kinds.get(node_id, "action")
         if tag in FAMILIES and node_id not in self._kinds:
             kind = self._kinds[node_id] = FAMILIES[tag]

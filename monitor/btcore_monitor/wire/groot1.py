@@ -15,7 +15,7 @@ from btcore_monitor.wire.errors import ProtocolError, describe_bytes
 PUBLISH_PORT: Final = 1666
 """The port of updates. The next port answers requests."""
 
-BESIDE_GROOT2: Final = 2666
+PORT_BESIDE_GROOT2: Final = 2666
 """The port of updates of a robot that also publishes for Groot 2, which needs the ports 1667 and 1668."""
 
 RATE: Final = 25
@@ -73,7 +73,9 @@ def encode_update(statuses: Iterable[tuple[int, int]], transitions: Iterable[Wir
 def _encode_transition(transition: WireTransition) -> bytes:
     seconds, micros = divmod(transition.wall // _NS_PER_US, _US_PER_S)
     # Unsigned, the 32 bits of the seconds last until 2106.
-    return _TRANSITION.pack(seconds & 0xFFFFFFFF, micros, transition.uid, transition.previous, transition.status)
+    return _TRANSITION.pack(
+        seconds & 0xFFFFFFFF, micros, transition.uid, transition.previous, transition.status
+    )
 
 
 def decode_update(frame: bytes) -> Update:

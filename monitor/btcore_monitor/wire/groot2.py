@@ -19,7 +19,7 @@ DEFAULT_PORT: Final = 1667
 PROTOCOL: Final = 2
 """The number that both sides write into byte 0 (`kProtocolID`). Servers do not check it."""
 
-RECORDED_AT_MOST: Final = 1000
+MAX_RECORDED: Final = 1000
 """Maximum transitions that a publisher keeps for GET_TRANSITIONS; the oldest are dropped.
 
 The limit is in BehaviorTree.CPP's `src/loggers/groot2_publisher.cpp`.
@@ -35,13 +35,13 @@ _TRANSITION: Final = struct.Struct("<IHHB")
 TRANSITION_SIZE: Final = _TRANSITION.size
 """Bytes of a recorded transition."""
 
-_STATUSES_AT_MOST: Final = _STATUS.size << 16
+_MAX_STATUSES: Final = _STATUS.size << 16
 """Maximum bytes of a STATUS buffer: a uid has 16 bits."""
 
-_RECORDING_AT_MOST: Final = 1 << 17
+_MAX_RECORDING: Final = 1 << 17
 """Maximum bytes of recorded transitions: more than 10 times the number that a publisher keeps."""
 
-_START_AT_MOST: Final = (1 << 62) // 1000
+_MAX_START: Final = (1 << 62) // 1000
 """Maximum start of a recording in µs, in the year 2116: times in ns must fit into 64 bits."""
 
 ERROR: Final = b"error"
@@ -206,7 +206,7 @@ def decode_statuses(body: bytes) -> dict[int, StatusRecord]:
     Raises:
         ProtocolError: *body* is not a STATUS buffer.
     """
-    if len(body) % _STATUS.size or len(body) > _STATUSES_AT_MOST:
+    if len(body) % _STATUS.size or len(body) > _MAX_STATUSES:
         raise ProtocolError(f"expected statuses of {_STATUS.size} bytes each, and got {describe_bytes(body)}")
     statuses = {}
     for uid, code in _STATUS.iter_unpack(body):
@@ -244,7 +244,7 @@ def decode_transitions(body: bytes) -> list[RecordedTransition]:
     Raises:
         ProtocolError: *body* does not hold recorded transitions.
     """
-    if len(body) % _TRANSITION.size or len(body) > _RECORDING_AT_MOST:
+    if len(body) % _TRANSITION.size or len(body) > _MAX_RECORDING:
         raise ProtocolError(
             f"expected transitions of {_TRANSITION.size} bytes each, and got {describe_bytes(body)}"
         )
@@ -262,7 +262,7 @@ def decode_recording_start(body: bytes) -> int:
     Raises:
         ProtocolError: *body* is not a decimal number, or too large.
     """
-    if not body.isdigit() or len(body) > 20 or int(body) > _START_AT_MOST:
+    if not body.isdigit() or len(body) > 20 or int(body) > _MAX_START:
         raise ProtocolError(
             f"expected the recording's start in µs as decimal digits, and got {describe_bytes(body)}"
         )

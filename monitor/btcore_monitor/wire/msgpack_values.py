@@ -20,13 +20,13 @@ from btcore_monitor.wire.errors import ProtocolError, describe_value
 Boards = Mapping[str, Mapping[str, Any]]
 """The values of blackboards: by the blackboard's name or path, then by key."""
 
-DEPTH_AT_MOST: Final = 16
+MAX_DEPTH: Final = 16
 """Maximum nesting; deeper values become nil. A limit is necessary, because a list may contain itself."""
 
-_RECEIVED_DEPTH_AT_MOST: Final = 64
+_MAX_RECEIVED_DEPTH: Final = 64
 """Maximum nesting of received values. C++ robots may send deeper values than btcore."""
 
-_BOARDS_AT_MOST: Final = 8 << 20
+_MAX_BOARDS: Final = 8 << 20
 """Maximum bytes of received blackboards: small values take many times as much memory when decoded."""
 
 _FLOAT32_MAX: Final = struct.unpack("<f", b"\xff\xff\x7f\x7f")[0]
@@ -36,7 +36,7 @@ _AS_IT_IS: Final = frozenset({float, str, type(None)})
 _NIL: Final = b"\xc0"
 
 
-def to_portable(value: object, depth: int = DEPTH_AT_MOST) -> Any:
+def to_portable(value: object, depth: int = MAX_DEPTH) -> Any:
     """Convert *value* to a portable value: None, int, float, str, or lists and dicts of these.
 
     The keys of dicts are str. The result shares no mutable object with *value*.
@@ -99,8 +99,8 @@ def decode_boards(body: bytes) -> dict[str, dict[str, Any]]:
     Raises:
         ProtocolError: *body* is not MessagePack, or not a map of maps.
     """
-    if len(body) > _BOARDS_AT_MOST:
-        raise ProtocolError(f"expected blackboards of at most {_BOARDS_AT_MOST} bytes, and got {len(body)}")
+    if len(body) > _MAX_BOARDS:
+        raise ProtocolError(f"expected blackboards of at most {_MAX_BOARDS} bytes, and got {len(body)}")
     return check_boards(unpack_msgpack(body))
 
 
@@ -150,7 +150,7 @@ def unpack_msgpack(body: bytes) -> Any:
 def check_depth(value: object) -> None:
     """Raise ProtocolError if *value* is nested so deeply that recursive functions might fail."""
     level = [value] if isinstance(value, dict | list) else []
-    for _ in range(_RECEIVED_DEPTH_AT_MOST):
+    for _ in range(_MAX_RECEIVED_DEPTH):
         if not level:
             return
         level = [
@@ -159,7 +159,7 @@ def check_depth(value: object) -> None:
             for item in (container.values() if isinstance(container, dict) else container)
             if isinstance(item, dict | list)
         ]
-    raise ProtocolError(f"expected values with at most {_RECEIVED_DEPTH_AT_MOST} levels, and got more")
+    raise ProtocolError(f"expected values with at most {_MAX_RECEIVED_DEPTH} levels, and got more")
 
 
 def _text_keys(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:

@@ -38,7 +38,7 @@ VERSION: Final = 1
 PORT_OFFSET: Final = 2
 """The channel's port is the port of requests plus this number."""
 
-ALIVE_EVERY: Final = 0.5
+HEARTBEAT_INTERVAL_S: Final = 0.5
 """Seconds (wall clock) between two heartbeats."""
 
 KEEPALIVE: Final = {
@@ -53,11 +53,14 @@ robot's side has the same values (serve/gateway_process.py).
 ZeroMQ's own heartbeat (`ZMQ_HEARTBEAT_IVL`) would be faster, but it disconnects a client that reads slowly.
 """
 
-STREAM: Final = b"stream"
+STREAM_TOPIC: Final = b"stream"
 """The topic of the stream's messages."""
 
-ALIVE: Final = b"alive"
+HEARTBEAT_TOPIC: Final = b"alive"
 """The topic of heartbeats."""
+
+REQUEST_TOPIC, PRESENCE_TOPIC, TREE_REQUEST = b"again", b"here", b"tree"
+"""Parts of the topics that clients subscribe to; serve/gateway_process.py repeats the first."""
 
 ANNOUNCEMENT: Final = b"<!-- scene channel -->"
 """The end of the tree that a robot with a run channel sends by the protocols of Groot 2 and Groot 1.
@@ -199,7 +202,7 @@ class UnknownMessage(Message):
     seq: int
 
 
-_KINDS: Final[dict[str, type[Any]]] = {
+_MESSAGE_CLASSES: Final[dict[str, type[Any]]] = {
     message.kind: message
     for message in (
         TreeMessage,
@@ -215,7 +218,7 @@ _KINDS: Final[dict[str, type[Any]]] = {
 }
 _FIELDS: Final[Mapping[str, Sequence[tuple[str, Any]]]] = {
     kind: [(field.name, get_origin(field.type) or field.type) for field in fields(message)]
-    for kind, message in _KINDS.items()
+    for kind, message in _MESSAGE_CLASSES.items()
 }
 """Names and classes of the fields, by the kind of message. Of a list or dict, only the class is checked."""
 _STATUSES: Final = range(5)
@@ -264,7 +267,7 @@ def decode(data: bytes) -> Message:
     if not isinstance(kind, str):
         raise ProtocolError(f"expected the kind of a message, and got {describe_value(kind)}")
     # A message of a newer publisher still counts in the numbers of the stream.
-    if kind not in _KINDS:
+    if kind not in _MESSAGE_CLASSES:
         seq = values.get("seq")
         return UnknownMessage(_read_field(str, values, "tree_id", kind), seq if _is_int(seq) else 0)
     if kind == TreeMessage.kind:
@@ -274,7 +277,7 @@ def decode(data: bytes) -> Message:
     elif kind in scene_schema.SCENES:
         check_depth(values)
         values["data"] = scene_schema.unpack_scene(_read_field(dict, values, "data", kind), kind)
-    message: Message = _KINDS[kind](
+    message: Message = _MESSAGE_CLASSES[kind](
         *(_read_field(type_, values, name, kind) for name, type_ in _FIELDS[kind])
     )
     if isinstance(message, TickMessage):

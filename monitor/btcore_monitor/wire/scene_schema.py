@@ -17,13 +17,13 @@ from typing import Annotated, Any, Final, Literal, get_args, get_origin, get_typ
 from btcore_monitor.wire.errors import ProtocolError, describe_value
 from btcore_scene import Grid, Mesh, MovingScene, Picture, StaticScene
 
-CELLS_AT_MOST: Final = 1 << 25
+MAX_CELLS: Final = 1 << 25
 """Maximum accepted cells and pixels of a message: a few compressed bytes could fill the memory."""
-NUMBER_AT_MOST: Final = 1e9
+MAX_NUMBER: Final = 1e9
 """Maximum absolute value of a number, such as a coordinate in m. Numbers in an array may be larger."""
-_STAMP_AT_MOST: Final = 1 << 62
-_ENTRIES_AT_MOST: Final = 100_000
-_TEXT_AT_MOST: Final = 100_000
+_MAX_STAMP: Final = 1 << 62
+_MAX_ENTRIES: Final = 100_000
+_MAX_TEXT: Final = 100_000
 _LEVEL: Final = 1
 """Compression level. It reduces costmaps to 1/20 of their size; higher levels take several times as long."""
 
@@ -60,8 +60,8 @@ def unpack_scene(data: Mapping[str, Any], kind: str) -> Scene:
     scene: Scene = _reader(SCENES[kind])(data, f"a '{kind}' message")
     sizes = [entry.size for key in _BLOBS for entry in getattr(scene, key, ())]
     # Negative sizes are rejected below.
-    if sum(abs(width * height) for width, height in sizes) > CELLS_AT_MOST:
-        raise ProtocolError(f"expected at most {CELLS_AT_MOST} cells and pixels in a '{kind}' message")
+    if sum(abs(width * height) for width, height in sizes) > MAX_CELLS:
+        raise ProtocolError(f"expected at most {MAX_CELLS} cells and pixels in a '{kind}' message")
     known = {field.name for field in fields(scene)}
     for mesh in getattr(scene, "meshes", ()):
         _check_mesh(mesh)
@@ -110,10 +110,8 @@ def _inflate(entry: Grid | Picture, sent: Mapping[str, Any], key: str, blob: str
         return entry
     width, height = entry.size
     length = width * height * (3 if isinstance(entry, Picture) else 1)
-    if width < 1 or height < 1 or length > CELLS_AT_MOST:
-        raise ProtocolError(
-            f"expected at most {CELLS_AT_MOST} bytes in '{key}', and got {width} times {height}"
-        )
+    if width < 1 or height < 1 or length > MAX_CELLS:
+        raise ProtocolError(f"expected at most {MAX_CELLS} bytes in '{key}', and got {width} times {height}")
     data: Any = _decompress(sent, blob, length) if "coding" in sent else sent[blob]
     if len(data) != length:
         raise ProtocolError(f"expected {length} bytes of '{blob}' for {entry.name!r}, and got {len(data)}")
@@ -167,10 +165,10 @@ def _plain_value(kind: Any, expected: str) -> Reader:
             raise _create_error(where, expected, value)
         if isinstance(value, int | float):
             # The comparison is false for NaN.
-            if not abs(value) <= (_STAMP_AT_MOST if kind is int else NUMBER_AT_MOST):
+            if not abs(value) <= (_MAX_STAMP if kind is int else MAX_NUMBER):
                 raise _create_error(where, f"{expected} of a usual size", value)
-        elif isinstance(value, str) and len(value) > _TEXT_AT_MOST:
-            raise _create_error(where, f"{expected} of at most {_TEXT_AT_MOST} characters", value)
+        elif isinstance(value, str) and len(value) > _MAX_TEXT:
+            raise _create_error(where, f"{expected} of at most {_MAX_TEXT} characters", value)
         return value
 
     return read
@@ -199,10 +197,8 @@ def _list(reader: Reader, count: int | None = None) -> Reader:
     def read(value: object, where: str) -> object:
         if not isinstance(value, list | tuple) or (count is not None and len(value) != count):
             raise _create_error(where, "a list" if count is None else f"{count} values", value)
-        if len(value) > _ENTRIES_AT_MOST:
-            raise ProtocolError(
-                f"expected at most {_ENTRIES_AT_MOST} values in {where}, and got {len(value)}"
-            )
+        if len(value) > _MAX_ENTRIES:
+            raise ProtocolError(f"expected at most {_MAX_ENTRIES} values in {where}, and got {len(value)}")
         return tuple(reader(item, where) for item in value)
 
     return read

@@ -30,7 +30,7 @@ def test_a_line_stays_a_single_line_without_control_characters(capsys):
 def test_names_in_a_robot_are_escaped_by_hook(no_threads_left, arguments):
     tree = loads(TREE, clock=SimClock())
     with (
-        serve(tree, groot2=0, allow_control=True) as publisher,
+        serve(tree, groot2_port=0, allow_control=True) as publisher,
         BreakpointClient(publisher.address) as robot,
     ):
         robot.break_at("*")

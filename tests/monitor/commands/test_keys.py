@@ -65,7 +65,7 @@ def test_missing_and_wrong_keys_are_usage_errors(folder, command, options, messa
 @pytest.mark.parametrize("command", ["monitor", "record", "hook"])
 def test_an_unknown_key_ends_the_command_with_an_error(folder, endless, no_threads_left, command):
     allowed = RobotKeys("robot", ["desk.pub"])
-    with serve(endless, groot2=0, keys=allowed, allow_control=True) as publisher:
+    with serve(endless, groot2_port=0, keys=allowed, allow_control=True) as publisher:
         keys = ["--key-file", "stranger", "--robot-key", "robot.pub"]
         arguments = {
             "monitor": ["monitor", publisher.address, "--no-view", "--save", "run.rrd", *keys],
@@ -81,7 +81,7 @@ def test_an_unknown_key_ends_the_command_with_an_error(folder, endless, no_threa
 @pytest.mark.parametrize("first", [True, False])
 def test_the_options_of_hook_precede_or_follow_the_address(folder, endless, no_threads_left, first):
     allowed = RobotKeys("robot", ["desk.pub"])
-    with serve(endless, groot2=0, keys=allowed, allow_control=True) as publisher:
+    with serve(endless, groot2_port=0, keys=allowed, allow_control=True) as publisher:
         keys = ["--key-file=desk", "--robot-key", "robot.pub"]
         place = [*keys, publisher.address] if first else [publisher.address, *keys]
         done = CliRunner().invoke(main, ["hook", *place, "list"])
@@ -96,7 +96,7 @@ def test_several_robots_have_their_own_keys(folder, endless, sample, no_threads_
         (sample, "Main", "robot2", keys[1]),
     ):
         with (
-            serve(tree, groot2=0, keys=RobotKeys(robot, ["desk.pub"])) as publisher,
+            serve(tree, groot2_port=0, keys=RobotKeys(robot, ["desk.pub"])) as publisher,
             Feed(publisher.address, keys=own) as feed,
         ):
             assert next(event.tree.name for event in feed if isinstance(event, TreeEvent)) == name

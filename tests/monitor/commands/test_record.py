@@ -42,14 +42,14 @@ def record(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def test_every_numbered_transition_is_in_every_file(endless, record, tmp_path: Path) -> None:
     pytest.importorskip("rerun")
-    with serve(endless, groot2=0) as publisher, BtLog(endless, tmp_path / "own.btlog"):
+    with serve(endless, groot2_port=0) as publisher, BtLog(endless, tmp_path / "own.btlog"):
         outputs = [part for name in ("run.btlog", "run.db3", "run.rrd") for part in ("-o", name)]
         recorder = record(publisher.address, *outputs, "--until-end")
         assert publisher.wait_for_clients(1, 60)
         for _ in range(300):
             endless.tick_exactly_once()
         endless.halt()
-        publisher.finish()
+        publisher.end_stream()
         assert recorder.end() == 0, recorder.stderr_text
     own = read_btlog(tmp_path / "own.btlog")
     assert len(own.transitions) > 2_000
@@ -65,13 +65,13 @@ def test_every_numbered_transition_is_in_every_file(endless, record, tmp_path: P
 
 def test_a_recorded_bag_of_ros_contains_every_transition(endless, record, tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
-    with serve(endless, groot2=0) as publisher, BtLog(endless, tmp_path / "own.btlog"):
+    with serve(endless, groot2_port=0) as publisher, BtLog(endless, tmp_path / "own.btlog"):
         recorder = record(publisher.address, "--bag", "run.mcap", "--until-end")
         assert publisher.wait_for_clients(1, 60)
         for _ in range(50):
             endless.tick_exactly_once()
         endless.halt()
-        publisher.finish()
+        publisher.end_stream()
         assert recorder.end() == 0, recorder.stderr_text
     own, recording = read_btlog(tmp_path / "own.btlog"), read_log(tmp_path / "run.mcap")
     assert len(own.transitions) > 300
@@ -89,7 +89,7 @@ def _numbers(path: Path) -> Iterator[int]:
 
 
 def test_ctrl_c_leaves_complete_files(endless, record, tmp_path: Path, until) -> None:
-    with serve(endless, groot2=0, grace=0) as publisher:
+    with serve(endless, groot2_port=0, grace=0) as publisher:
         recorder = record(publisher.address, "-o", "run.btlog", "-o", "run.db3")
         assert publisher.wait_for_clients(1, 60)
         endless.tick_exactly_once()
@@ -109,7 +109,7 @@ def test_a_robot_with_only_groot_2_is_recorded_and_missing_data_is_reported(
     sample, record, tmp_path: Path, until
 ) -> None:
     path = tmp_path / "run.btlog"
-    with serve(sample, groot2=0, run_channel=False) as publisher:
+    with serve(sample, groot2_port=0, run_channel=False) as publisher:
         recorder = record(publisher.address, "-o", "run.btlog", "--duration", "60")
         until(lambda: "recording 'Main'" in recorder.stderr_text, "the tree")
         sample.tick_exactly_once()
@@ -127,7 +127,7 @@ def test_a_robot_with_only_groot_1_is_recorded_in_every_file(endless, record, tm
     pytest.importorskip("rerun")
     names = ("run.btlog", "run.db3", "run.rrd")
     with (
-        serve(endless, groot1=0, run_channel=False) as publisher,
+        serve(endless, groot2_port=None, groot1_port=0, run_channel=False) as publisher,
         BtLog(endless, tmp_path / "own.btlog"),
     ):
         assert publisher.groot1_port is not None
@@ -157,7 +157,7 @@ def test_a_robot_with_only_groot_1_is_recorded_in_every_file(endless, record, tm
 
 def test_no_record_leaves_the_robots_buffer_to_another_client(sample, record, tmp_path: Path, until) -> None:
     with (
-        serve(sample, groot2=0, run_channel=False) as publisher,
+        serve(sample, groot2_port=0, run_channel=False) as publisher,
         Groot2Client(parse_address(publisher.address), timeout=60) as owner,
     ):
         owner.request(Request.TOGGLE_RECORDING, b"start")
@@ -176,12 +176,12 @@ def test_no_record_leaves_the_robots_buffer_to_another_client(sample, record, tm
 
 def test_display_options_apply_to_a_recording_for_the_viewer(endless, record, tmp_path: Path) -> None:
     pytest.importorskip("rerun")
-    with serve(endless, groot2=0) as publisher:
+    with serve(endless, groot2_port=0) as publisher:
         look = ["--find", "nothing*", "--palette", "colour-blind", "--log-level", "info"]
         recorder = record(publisher.address, "-o", "run.rrd", "--until-end", *look)
         assert publisher.wait_for_clients(1, 60)
         endless.tick_exactly_once()
-        publisher.finish()
+        publisher.end_stream()
         assert recorder.end() == 0, recorder.stderr_text
     assert any("no node's name or path matches 'nothing*'" in line for line in _lines(tmp_path / "run.rrd"))
 

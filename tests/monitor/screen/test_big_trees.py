@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from btcore_monitor.events import ExceptionEvent, ObservedNode, ObservedTree, TransitionEvent, TreeEvent
-from btcore_monitor.screen.folding import FOLDED_AT_MOST, fold
+from btcore_monitor.screen.folding import MAX_FOLDED_NODES, fold
 from btcore_monitor.screen.style import GROOT
 from btcore_monitor.screen.subtree_drawing import node_entities, split_by_subtree
 from btcore_monitor.screen.tree import matching
@@ -63,7 +63,7 @@ def drawn(recording, origin, part, component, t):
 def test_folding_keeps_the_main_tree_and_no_more_nodes_than_are_readable(big_tree):
     tree = big_tree(400)
     small = fold(tree)
-    assert len(small.nodes) <= FOLDED_AT_MOST
+    assert len(small.nodes) <= MAX_FOLDED_NODES
     kept = {node.uid for node in small.nodes}
     assert {node.uid for node in tree.nodes if node.subtree == ""} <= kept
     assert all(set(node.children) <= kept for node in small.nodes)
@@ -84,7 +84,7 @@ def test_running_nodes_are_unfolded_with_their_siblings_and_the_others_as_long_a
     steps = tree.by_uid[last.parent]
     small = fold(tree, {last.uid, *(node.uid for node in tree.ancestors(last.uid))})
     kept = {node.uid for node in small.nodes}
-    assert len(small.nodes) <= FOLDED_AT_MOST
+    assert len(small.nodes) <= MAX_FOLDED_NODES
     assert {last.uid, steps.uid, *steps.children} <= kept
     assert {node.uid for node in tree.nodes if node.subtree == ""} <= kept
 
@@ -102,7 +102,7 @@ def test_a_big_tree_without_subtrees_is_folded_except_for_its_running_part():
     tree = ObservedTree("f" * 32, "Flat", tuple(nodes), {"": "Flat"})
     running = nodes[-1].uid
     small = fold(tree, {1, control[-1].uid, running})
-    assert len(small.nodes) <= FOLDED_AT_MOST
+    assert len(small.nodes) <= MAX_FOLDED_NODES
     assert {running, *(node.uid for node in control)} <= {node.uid for node in small.nodes}
 
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from btcore_monitor.events import ObservedNode, ObservedTree, TransitionEvent, TreeEvent
-from btcore_monitor.screen.panels import EVERY_NS, ROWS_AT_MOST
+from btcore_monitor.screen.panels import MAX_TABLE_ROWS, UPDATE_INTERVAL_NS
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = range(5)
 SECOND = 10**9
@@ -76,13 +76,13 @@ def test_the_table_shows_the_statistics_at_the_selected_time(run, tmp_path, reco
 def test_a_table_is_written_once_a_second_at_any_tick_rate(run, tmp_path, recorded):
     recording = recorded(run(130), tmp_path / "run.rrd")
     times = [t for t, _ in recording.of("/statistics", "TextDocument:text")]
-    assert times[:-1] == [seconds * EVERY_NS for seconds in range(14)]
+    assert times[:-1] == [seconds * UPDATE_INTERVAL_NS for seconds in range(14)]
     assert times[-1] == 13 * SECOND  # and one at the end
 
 
 def test_a_big_tree_lists_the_leaves_that_ran_longest_first(big_tree, tmp_path, recorded):
     tree = big_tree(300)
-    busy = [node for node in tree.nodes if not node.children][: ROWS_AT_MOST + 5]
+    busy = [node for node in tree.nodes if not node.children][: MAX_TABLE_ROWS + 5]
     events: list[object] = [TreeEvent(tree, 0, 0, {})]
     for number, node in enumerate(busy, start=1):
         t = number * SECOND
@@ -92,4 +92,4 @@ def test_a_big_tree_lists_the_leaves_that_ran_longest_first(big_tree, tmp_path, 
         )
     document = recorded(events, tmp_path / "run.rrd").of("/statistics", "TextDocument:text")[-1][1][0]
     assert list(table(document))[:3] == [node.path for node in reversed(busy[-3:])]
-    assert f"the {ROWS_AT_MOST} leaves that ran longest, of 300 nodes" in document
+    assert f"the {MAX_TABLE_ROWS} leaves that ran longest, of 300 nodes" in document

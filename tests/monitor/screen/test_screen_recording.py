@@ -44,8 +44,8 @@ def test_no_numbered_transition_of_a_thousand_ticks_is_missing(thousand):
 
 
 def test_a_file_without_a_viewer_is_written_in_large_pieces(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(robot_view, "WRITE_TRANSITIONS_EVERY", 1000.0)  # s; a slow machine takes long
-    monkeypatch.setattr(robot_view, "WRITE_EVERY", 1000.0)
+    monkeypatch.setattr(robot_view, "WRITE_TRANSITIONS_INTERVAL_S", 1000.0)  # s; a slow machine takes long
+    monkeypatch.setattr(robot_view, "WRITE_INTERVAL_S", 1000.0)
     file = tmp_path / "run.rrd"
     view = RobotView(RecordingSinks(save=file))
     for event in run(100):

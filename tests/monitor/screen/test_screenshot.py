@@ -201,7 +201,7 @@ def test_requests_that_rerun_ends_too_early_are_repeated(vulkan, recording, tmp_
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="a process can't be stopped here")
 def test_a_viewer_that_does_not_answer_is_killed(vulkan, recording, monkeypatch):
-    monkeypatch.setattr(screenshot_module, "_ANSWER_WITHIN", 2.0)
+    monkeypatch.setattr(screenshot_module, "_ANSWER_TIMEOUT_S", 2.0)
 
     def draw() -> None:
         with screenshot_module._open_viewer(SMALL) as viewer:

@@ -10,8 +10,8 @@ from btcore_monitor.screen.lanes import distinct_names
 from btcore_monitor.screen.panels import brief
 from btcore_monitor.screen.row_buffer import RowBuffer
 from btcore_monitor.screen.style import GROOT, NAME_ROOM, NOTE_ROOM
-from btcore_monitor.screen.subtree_drawing import BRANCHES_AT_MOST, PARTS, node_entities, split_by_subtree
-from btcore_monitor.screen.tree import BIG, TreeView
+from btcore_monitor.screen.subtree_drawing import MAX_BRANCHES, PARTS, node_entities, split_by_subtree
+from btcore_monitor.screen.tree import FOLD_ABOVE_NODES, TreeView
 
 ROOM = (1000.0, 500.0)
 
@@ -82,7 +82,7 @@ def test_every_node_is_in_a_branch_and_the_number_of_branches_is_limited(big_tre
     assert split_by_subtree(NESTED) == {"": [0, 1, 4], "Drive": [2, 3]}
     big = big_tree(1000)
     parts = split_by_subtree(big)
-    assert len(parts) == BRANCHES_AT_MOST
+    assert len(parts) == MAX_BRANCHES
     assert sorted(at for one in parts.values() for at in one) == list(range(1000))
     assert split_by_subtree(big, most=1) == {"": list(range(1000))}
 
@@ -132,9 +132,9 @@ def test_the_entity_of_a_node_describes_it_and_has_the_place_of_its_pill(recorde
 
 
 def test_nodes_of_a_big_tree_have_entities_that_draw_nothing(big_tree, recorded, tmp_path):
-    recording = recorded([TreeEvent(big_tree(BIG + 10), 0, 0, {})], tmp_path / "run.rrd")
+    recording = recorded([TreeEvent(big_tree(FOLD_ABOVE_NODES + 10), 0, 0, {})], tmp_path / "run.rrd")
     named = [entity for entity, component in recording.rows if component == "node"]
-    assert len(named) == BIG + 10
+    assert len(named) == FOLD_ABOVE_NODES + 10
     assert not [entity for entity in named if recording.of(entity, "LineStrips2D:strips")]
 
 

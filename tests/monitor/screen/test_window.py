@@ -116,7 +116,9 @@ def test_panels_without_data_are_not_in_the_window(run, recorded, blueprints, tm
 
 def test_times_count_from_the_first_data_of_a_robot_whose_clock_began_earlier(run, recorded, tmp_path):
     later = 16_862 * SECOND
-    events = [replace(event, stamp=event.stamp + later) if hasattr(event, "stamp") else event for event in run(70)]
+    events = [
+        replace(event, stamp=event.stamp + later) if hasattr(event, "stamp") else event for event in run(70)
+    ]
     events.insert(-1, ExceptionEvent(later + 7 * SECOND + SECOND // 2, 0, "Forward", "no laser"))
     recording = recorded(events, tmp_path / "run.rrd")
     assert recording.of("/log", "TextLog:text")[0][0] == SECOND // 10

@@ -8,14 +8,14 @@ import zmq
 
 from btcore_monitor.serve import Publisher, serve
 
-GREETING = b"\xff" + b"\0" * 8 + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + b"\0" * 32
+GREETING_TIMEOUT_S = b"\xff" + b"\0" * 8 + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + b"\0" * 32
 JUNK = {
     "nothing": b"",
     "http": b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n",
     "zeros": b"\0" * 5000,
     "noise": random.Random(7).randbytes(20_000),
-    "a greeting and noise": GREETING + random.Random(8).randbytes(2000),
-    "a frame with a huge length": GREETING + b"\x02" + (1 << 62).to_bytes(8, "big"),
+    "a greeting and noise": GREETING_TIMEOUT_S + random.Random(8).randbytes(2000),
+    "a frame with a huge length": GREETING_TIMEOUT_S + b"\x02" + (1 << 62).to_bytes(8, "big"),
 }
 
 
@@ -27,7 +27,7 @@ def ports(publisher: Publisher) -> list[int]:
 
 @pytest.mark.parametrize("name", JUNK)
 def test_both_protocols_work_after_junk_at_any_port(name, endless, no_threads_left):
-    with serve(endless, groot2=0, groot1=0) as publisher, zmq.Context() as context:
+    with serve(endless, groot2_port=0, groot1_port=0) as publisher, zmq.Context() as context:
         for port in ports(publisher):
             with socket.create_connection(("127.0.0.1", port), timeout=60) as junk:
                 junk.sendall(JUNK[name])
@@ -43,7 +43,7 @@ def test_both_protocols_work_after_junk_at_any_port(name, endless, no_threads_le
 
 def test_a_request_without_the_empty_delimiter_frame_is_dropped(endless, no_threads_left):
     """A REP socket drops a request without the empty frame, and the next request is answered."""
-    with serve(endless, groot2=0, groot1=0) as publisher, zmq.Context() as context:
+    with serve(endless, groot2_port=0, groot1_port=0) as publisher, zmq.Context() as context:
         assert publisher.groot1_port is not None
         for port, question in ((publisher.port, b"\x02S1234"), (publisher.groot1_port + 1, b"any")):
             with context.socket(zmq.DEALER) as dealer:

@@ -143,7 +143,7 @@ def receive(connection: socket.socket, size: int) -> bytes:
 
 def test_a_client_of_zmtp_2_gets_a_reply(endless, no_threads_left):
     """As libzmq 3.2 sends: the signature, and the rest only after the server's signature."""
-    with serve(endless, groot2=0) as publisher:
+    with serve(endless, groot2_port=0) as publisher:
         address = ("127.0.0.1", publisher.port)
         with socket.create_connection(address, timeout=60) as client:
             client.sendall(SIGNATURE)
@@ -155,7 +155,7 @@ def test_a_client_of_zmtp_2_gets_a_reply(endless, no_threads_left):
 
 
 def test_a_client_of_zmtp_3_0_receives_what_it_subscribes_to(endless, no_threads_left):
-    with serve(endless, groot2=0) as publisher:
+    with serve(endless, groot2_port=0) as publisher:
         client = socket.create_connection(("127.0.0.1", publisher.port + 2), timeout=60)
         with client:
             client.sendall(V30)
@@ -168,7 +168,7 @@ def test_a_client_of_zmtp_3_0_receives_what_it_subscribes_to(endless, no_threads
 
 def test_requests_and_subscriptions_of_the_maximum_size_are_forwarded(endless, no_threads_left, until):
     with (
-        serve(endless, groot2=0, allow_control=True) as publisher,
+        serve(endless, groot2_port=0, allow_control=True) as publisher,
         zmq.Context() as context,
         context.socket(zmq.REQ) as client,
         socket.create_connection(("127.0.0.1", publisher.port + 1), timeout=60) as topics,
@@ -238,7 +238,7 @@ def test_unread_bytes_wait_in_the_gateway_until_there_are_too_many(stream):
             assert receive(slow, len(picture)) == picture
         with subscriber(port, b"\0") as other:
             assert robot.recv() == b"\1\0"
-            for _ in range(gateway_process.HELD_AT_MOST // len(picture) + 20):
+            for _ in range(gateway_process.MAX_HELD_BYTES // len(picture) + 20):
                 robot.send(picture[9:])
                 # The client reads slowly.
                 with contextlib.suppress(ConnectionError):
@@ -249,11 +249,11 @@ def test_unread_bytes_wait_in_the_gateway_until_there_are_too_many(stream):
 
 @pytest.mark.usefixtures("in_a_thread")
 def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(stream, monkeypatch):
-    monkeypatch.setattr(gateway_process, "PATIENCE", 60.0)
-    monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT", 60.0)
+    monkeypatch.setattr(gateway_process, "CLIENT_TIMEOUT_S", 60.0)
+    monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT_S", 60.0)
     robot, port, _ = stream()
     with contextlib.ExitStack() as clients:
-        names = [b"%d" % number for number in range(gateway_process.PIECES_AT_ONCE)]
+        names = [b"%d" % number for number in range(gateway_process.MAX_PIECES_AT_ONCE)]
         for name in names:
             clients.enter_context(subscriber(port, b"again/1/" + name, b"again/2/" + name))
             assert robot.recv() == b"\1again/1/" + name
@@ -270,8 +270,8 @@ def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(stream, monke
 
 @pytest.mark.usefixtures("in_a_thread")
 def test_a_request_without_a_reply_delays_the_next_request_for_a_limited_time(stream, monkeypatch):
-    monkeypatch.setattr(gateway_process, "PATIENCE", 60.0)
-    monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT", 0.0)
+    monkeypatch.setattr(gateway_process, "CLIENT_TIMEOUT_S", 60.0)
+    monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT_S", 0.0)
     monkeypatch.setattr(gateway_process, "_SWEEP", 0.05)
     robot, port, _ = stream()
     with subscriber(port, b"again/invalid", b"again/1/token", b"stream"):
@@ -318,11 +318,11 @@ def test_encrypted_clients_are_forwarded_and_limited():
 
 
 def test_a_connection_more_than_permitted_waits_until_another_ends(endless, no_threads_left):
-    with serve(endless, groot2=0) as publisher:
+    with serve(endless, groot2_port=0) as publisher:
         address = ("127.0.0.1", publisher.port)
         held = []
         try:
-            for _ in range(gateway_process.CONNECTIONS):
+            for _ in range(gateway_process.MAX_CONNECTIONS):
                 held.append(socket.create_connection(address, timeout=60))
                 held[-1].sendall(greeting(1))
                 receive(held[-1], 64)
@@ -347,13 +347,13 @@ def test_a_connection_more_than_permitted_waits_until_another_ends(endless, no_t
 def in_a_thread(monkeypatch) -> None:
     """The gateway in a thread, as in a frozen program, with short times."""
     monkeypatch.setattr(sys, "frozen", True, raising=False)
-    monkeypatch.setattr(gateway_process, "PATIENCE", 0.5)
-    monkeypatch.setattr(gateway_process, "GREETING", 0.5)
+    monkeypatch.setattr(gateway_process, "CLIENT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(gateway_process, "GREETING_TIMEOUT_S", 0.5)
 
 
 @pytest.mark.usefixtures("in_a_thread")
 def test_a_client_that_sends_nothing_is_disconnected(endless, no_threads_left):
-    with serve(endless, groot2=0) as publisher:
+    with serve(endless, groot2_port=0) as publisher:
         silent = socket.create_connection(("127.0.0.1", publisher.port), timeout=60)
         with silent:
             assert silent.recv(1) == b""
@@ -363,7 +363,7 @@ def test_a_client_that_sends_nothing_is_disconnected(endless, no_threads_left):
 def test_a_client_that_does_not_read_is_disconnected_and_others_are_served(endless, no_threads_left):
     requests = 100 * (frame(b"", 1) + frame(b"\x02T1234"))
     with (
-        serve(endless, groot2=0) as publisher,
+        serve(endless, groot2_port=0) as publisher,
         zmq.Context() as context,
         socket.socket() as deaf,
         context.socket(zmq.REQ) as client,
@@ -385,7 +385,11 @@ def test_a_client_that_does_not_read_is_disconnected_and_others_are_served(endle
 
 
 def test_a_thread_continues_if_the_process_of_the_gateway_is_killed(endless, no_threads_left, caplog):
-    with serve(endless, groot2=0) as publisher, zmq.Context() as context, context.socket(zmq.REQ) as client:
+    with (
+        serve(endless, groot2_port=0) as publisher,
+        zmq.Context() as context,
+        context.socket(zmq.REQ) as client,
+    ):
         process = publisher._gateway._process
         process.kill()
         process.wait()
@@ -398,7 +402,11 @@ def test_a_thread_continues_if_the_process_of_the_gateway_is_killed(endless, no_
 
 def test_without_unix_sockets_a_thread_forwards_by_tcp(endless, no_threads_left, monkeypatch):
     monkeypatch.setattr(gateway, "_HAS_UNIX_SOCKETS", False)
-    with serve(endless, groot2=0) as publisher, zmq.Context() as context, context.socket(zmq.REQ) as client:
+    with (
+        serve(endless, groot2_port=0) as publisher,
+        zmq.Context() as context,
+        context.socket(zmq.REQ) as client,
+    ):
         client.linger = 0
         client.connect(publisher.address)
         client.send(b"\x02S1234")
@@ -417,7 +425,7 @@ import time
 import btcore
 from btcore_monitor.serve import serve
 tree = btcore.loads('<root BTCPP_format="4"><BehaviorTree ID="T"><AlwaysSuccess/></BehaviorTree></root>')
-publisher = serve(tree, groot2=0)
+publisher = serve(tree, groot2_port=0)
 print(publisher.port, publisher._gateway._folder, flush=True)
 sys.stdin.read()
 """
@@ -453,21 +461,21 @@ def test_the_next_run_removes_the_folder_of_a_killed_robot_and_gateway(endless, 
         assert robot.stdout is not None
         _, gateway_pid = robot.stdout.readline().split()
         (killed,) = tmp_path.iterdir()
-        with serve(endless, groot2=0):
+        with serve(endless, groot2_port=0):
             assert killed.exists(), "the folder of a robot that is running"
         os.kill(int(gateway_pid), signal.SIGSTOP)
         robot.kill()
         os.kill(int(gateway_pid), signal.SIGKILL)
         robot.wait()
     assert list(killed.iterdir())
-    with serve(endless, groot2=0):
+    with serve(endless, groot2_port=0):
         assert not killed.exists()
     assert not list(tmp_path.iterdir())
 
 
 def test_a_closed_publisher_sends_its_last_messages_first(endless, no_threads_left):
     with zmq.Context() as context, context.socket(zmq.SUB) as client:
-        publisher = serve(endless, groot2=0)
+        publisher = serve(endless, groot2_port=0)
         client.linger = 0
         client.subscribe(b"stream")
         client.subscribe(b"here/me")

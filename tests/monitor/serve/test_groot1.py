@@ -198,7 +198,7 @@ def nested() -> btcore.Tree:
 @pytest.fixture(params=["sample", "sample3", "nested"])
 def flat(request, window) -> dict[str, Any]:
     """The tree in the publisher's reply, for each of several trees."""
-    with serve(request.getfixturevalue(request.param), groot1=0) as publisher:
+    with serve(request.getfixturevalue(request.param), groot2_port=None, groot1_port=0) as publisher:
         return window(publisher).tree()
 
 
@@ -258,7 +258,7 @@ def test_every_port_that_is_sent_is_declared_by_its_model(flat):
 
 
 def test_nodes_unknown_to_groot1_have_their_ports_and_types(nested, window):
-    with serve(nested, groot1=0) as publisher:
+    with serve(nested, groot2_port=None, groot1_port=0) as publisher:
         flat = window(publisher).tree()
     models = {model["registration_name"]: model for model in flat["node_models"]}
     assert models["Look"]["type"] == 2
@@ -282,7 +282,7 @@ def test_nodes_unknown_to_groot1_have_their_ports_and_types(nested, window):
 
 
 def test_a_skipped_node_is_idle_and_no_status_beyond_failure_is_sent(nested, window):
-    with serve(nested, groot1=0) as publisher:
+    with serve(nested, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         nested.tick_exactly_once()
         message = groot.next()
@@ -296,7 +296,7 @@ def test_a_skipped_node_is_idle_and_no_status_beyond_failure_is_sent(nested, win
 
 
 def test_every_uid_of_a_message_is_in_the_tree_and_all_nodes_have_a_status(endless, window):
-    with serve(endless, groot1=0) as publisher:
+    with serve(endless, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         uids = [node["uid"] for node in groot.tree()["nodes"]]
         for _ in range(3):
@@ -307,12 +307,12 @@ def test_every_uid_of_a_message_is_in_the_tree_and_all_nodes_have_a_status(endle
 
 
 def test_a_replaced_tree_has_new_uids_so_that_groot1_requests_it(endless, sample, window):
-    with serve(endless, groot1=0) as publisher:
+    with serve(endless, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         before = groot.tree()
         endless.tick_exactly_once()
         endless.halt()
-        publisher.replace(sample)
+        publisher.replace_tree(sample)
         sample.tick_exactly_once()
         known = {node["uid"] for node in before["nodes"]}
         messages = [groot.next()]
@@ -330,7 +330,7 @@ def test_a_replaced_tree_has_new_uids_so_that_groot1_requests_it(endless, sample
 
 def test_the_tree_equals_the_originals(sample3, window):
     original = tree_in((CAPTURES / "v3_behaviortree.flatbuffer.bin").read_bytes())
-    with serve(sample3, groot1=0) as publisher:
+    with serve(sample3, groot2_port=None, groot1_port=0) as publisher:
         ours = window(publisher).tree()
     for node in original["nodes"]:
         assert node["status"] is None, "the original leaves a 0 out"
@@ -373,7 +373,7 @@ def test_updates_equal_the_originals_bytes(sample3):
 
 
 def test_any_request_is_answered_with_the_tree(sample, window):
-    with serve(sample, groot1=0) as publisher:
+    with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         tree = groot.ask()
         for frames in [(b"\0",), (b"x" * 1000,), (b"", b"two"), (b"\x02T\x01\x02\x03\x04",)]:
@@ -381,7 +381,7 @@ def test_any_request_is_answered_with_the_tree(sample, window):
 
 
 def test_random_requests_are_answered_with_the_tree(sample, window):
-    with serve(sample, groot1=0) as publisher:
+    with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         tree = groot.ask()
         assert publisher.groot1_port is not None
@@ -403,7 +403,7 @@ def test_random_requests_are_answered_with_the_tree(sample, window):
 
 
 def test_the_tree_has_the_current_statuses_of_its_nodes(sample, window):
-    with serve(sample, groot1=0) as publisher:
+    with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         assert {node["status"] for node in groot.tree()["nodes"]} == {0}
         sample.tick_exactly_once()
@@ -413,7 +413,7 @@ def test_the_tree_has_the_current_statuses_of_its_nodes(sample, window):
 
 
 def test_transitions_have_the_time_of_day(endless, window):
-    with serve(endless, groot1=0) as publisher:
+    with serve(endless, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         before = time.time_ns() // 1000
         endless.tick_exactly_once()
@@ -423,7 +423,7 @@ def test_transitions_have_the_time_of_day(endless, window):
 
 
 def test_an_update_has_the_statuses_at_the_end_of_the_previous_update(endless, window):
-    with serve(endless, groot1=0) as publisher:
+    with serve(endless, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         known = {node.uid: 0 for node in endless.nodes}
         for _ in range(20):
@@ -470,7 +470,7 @@ def test_a_fast_tree_does_not_exceed_the_update_rate(endless):
 
 
 def test_the_last_transitions_are_sent_before_the_end(sample, window):
-    with serve(sample, groot1=0) as publisher:
+    with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         sample.tick_exactly_once()
     assert groot.next().steps == [(1, 0, 1), (2, 0, 2), (3, 0, 1), (4, 0, 3), (5, 0, 1)]
@@ -497,7 +497,7 @@ def test_uids_start_again_at_1_when_they_would_exceed_16_bits(endless):
 
 
 def test_groot1_alone_has_the_run_channel_two_ports_above_its_requests(sample):
-    with serve(sample, groot1=0) as publisher:
+    with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         assert publisher.groot1_port is not None
         assert publisher.port == publisher.groot1_port + 1
         assert publisher.address == f"tcp://127.0.0.1:{publisher.port}"
@@ -508,7 +508,7 @@ def test_groot1_alone_has_the_run_channel_two_ports_above_its_requests(sample):
 
 
 def test_both_protocols_are_served_at_once(sample, window):
-    with serve(sample, groot2=0, groot1=0) as publisher:
+    with serve(sample, groot2_port=0, groot1_port=0) as publisher:
         groot = window(publisher)
         assert groot.tree()["nodes"][0]["instance_name"] == "root_seq"
         with groot.context.socket(zmq.REQ) as socket:
@@ -520,24 +520,24 @@ def test_both_protocols_are_served_at_once(sample, window):
 
 @pytest.mark.parametrize("offset", [0, 1, 3])
 def test_a_port_in_use_is_reported_and_the_other_ports_are_released(sample, offset):
-    with serve(sample, groot1=0) as publisher:
+    with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         first = publisher.groot1_port
     with zmq.Context() as context, context.socket(zmq.REP) as other:
         other.bind(f"tcp://127.0.0.1:{first + offset}")
         with pytest.raises(PortInUseError, match=f"port {first + offset} is in use"):
-            serve(sample, groot1=first)
-    with serve(sample, groot1=first) as publisher:
+            serve(sample, groot2_port=None, groot1_port=first)
+    with serve(sample, groot2_port=None, groot1_port=first) as publisher:
         assert publisher.groot1_port == first
 
 
 def test_a_groot1_port_in_use_releases_groot2s_ports(sample):
-    with serve(sample, groot2=0, groot1=0) as both:
+    with serve(sample, groot2_port=0, groot1_port=0) as both:
         groot2, groot1 = both.port, both.groot1_port
     with zmq.Context() as context, context.socket(zmq.REP) as other:
         other.bind(f"tcp://127.0.0.1:{groot1}")
         with pytest.raises(PortInUseError, match=f"port {groot1} is in use"):
-            serve(sample, groot2=groot2, groot1=groot1)
-    with serve(sample, groot2=groot2) as publisher:
+            serve(sample, groot2_port=groot2, groot1_port=groot1)
+    with serve(sample, groot2_port=groot2) as publisher:
         assert publisher.port == groot2
         assert publisher.groot1_port is None
 
@@ -545,9 +545,9 @@ def test_a_groot1_port_in_use_releases_groot2s_ports(sample):
 @pytest.mark.parametrize("groot1", [1666, 1667, 1668, 1669])
 def test_overlapping_ports_are_refused_before_anything_is_opened(sample, groot1):
     with pytest.raises(ServeError, match=r"needs the ports 1667 to 1669 and Groot 1 needs .* such as 2666"):
-        serve(sample, groot2=1667, groot1=groot1)
+        serve(sample, groot2_port=1667, groot1_port=groot1)
 
 
 def test_a_port_without_free_ports_above_it_is_out_of_range(sample):
     with pytest.raises(ServeError, match="choose one from 1 to 65532"):
-        serve(sample, groot1=65533)
+        serve(sample, groot2_port=None, groot1_port=65533)

@@ -84,7 +84,7 @@ class Windows:
 
 
 def test_statuses_equal_the_originals_bytes_before_during_and_after_a_run(sample, window):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         assert groot.ask("S") == captured("v4_status_before_first_tick")
         sample.tick_exactly_once()
@@ -95,7 +95,7 @@ def test_statuses_equal_the_originals_bytes_before_during_and_after_a_run(sample
 
 
 def test_blackboards_equal_the_originals_bytes(sample, window):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         assert groot.ask("B", b"Main;Sub::6") == captured("v4_blackboard_before_first_tick")
         sample.tick_exactly_once()
@@ -107,7 +107,7 @@ def test_blackboards_equal_the_originals_bytes(sample, window):
 
 def test_recorded_transitions_equal_the_originals_and_are_read_once(sample, window):
     original = captured("v4_get_transitions")
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         assert groot.transitions() == []
         before = time.time_ns() // 1000
@@ -128,7 +128,7 @@ def test_recorded_transitions_equal_the_originals_and_are_read_once(sample, wind
 
 
 def test_stop_keeps_the_recording_and_start_clears_it(sample, window):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         groot.ask("r", b"start")
         sample.tick_exactly_once()
@@ -143,7 +143,7 @@ def test_stop_keeps_the_recording_and_start_clears_it(sample, window):
 
 
 def test_a_recording_keeps_the_last_thousand_transitions(endless, window):
-    with serve(endless, groot2=0) as publisher:
+    with serve(endless, groot2_port=0) as publisher:
         groot = window(publisher)
         groot.ask("r", b"start")
         for _ in range(400):
@@ -152,7 +152,7 @@ def test_a_recording_keeps_the_last_thousand_transitions(endless, window):
 
 
 def test_a_halted_node_has_10_plus_its_last_status_but_is_recorded_as_idle(sample, window):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         sample.tick_exactly_once()
         groot.ask("r", b"start")
@@ -164,7 +164,7 @@ def test_a_halted_node_has_10_plus_its_last_status_but_is_recorded_as_idle(sampl
 
 
 def test_the_full_tree_equals_the_captured_tree(sample, window):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         xml = window(publisher).ask("T")
     ours = read_fulltree(xml, publisher.tree_id)
     original = read_fulltree((CAPTURES / "v4_fulltree.xml").read_bytes(), publisher.tree_id)
@@ -172,10 +172,10 @@ def test_the_full_tree_equals_the_captured_tree(sample, window):
 
 
 def test_the_tree_id_is_a_new_random_uuid_for_each_publisher(sample, window):
-    with serve(sample, groot2=0) as first:
+    with serve(sample, groot2_port=0) as first:
         identity = uuid.UUID(first.tree_id)
         assert (identity.version, identity.variant) == (4, uuid.RFC_4122)
-    with serve(sample, groot2=0) as second:
+    with serve(sample, groot2_port=0) as second:
         window(second).ask("S")
         assert second.tree_id != first.tree_id
 
@@ -200,26 +200,26 @@ def test_the_tree_id_is_a_new_random_uuid_for_each_publisher(sample, window):
     ],
 )
 def test_an_invalid_request_gets_an_error_of_two_frames(sample, window, frames, sentence):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         assert window(publisher).send(*frames) == [b"error", sentence.encode()]
 
 
 def test_the_protocol_byte_is_not_checked_and_extra_frames_are_ignored(sample, window):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         reply = window(publisher).send(b"\x07S\x01\x00\x00\x00", b"extra")
         assert reply[0][:6] == b"\x02S\x01\x00\x00\x00"
         assert reply[1] == captured("v4_status_before_first_tick")
 
 
 def test_a_request_without_a_known_blackboard_is_answered_with_nil(sample, window):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         assert groot.ask("B", b"") == b"\xc0"
         assert groot.ask("B", b"nope;;\xff") == b"\xc0"
 
 
 def test_the_publisher_survives_random_requests(sample, window):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         letters = st.sampled_from(list(b"TSBIRNUDAXrtZ\x00"))
         header = st.builds(
@@ -271,7 +271,7 @@ def writing() -> Iterator[btcore.Tree]:
 
 
 def test_blackboards_are_consistent_while_the_tree_writes_them(writing, window):
-    with serve(writing, groot2=0) as publisher:
+    with serve(writing, groot2_port=0) as publisher:
         groot = window(publisher)
         for _ in range(30):
             board = (msgpack.unpackb(groot.ask("B", b"M")) or {}).get("M") or {"row": []}
@@ -286,24 +286,24 @@ def test_the_tracker_can_read_blackboards_while_the_tree_ticks(writing):
 
 
 def test_values_written_from_outside_are_shown_without_a_tick(sample, window):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         sample.blackboard["x"] = 7
         assert msgpack.unpackb(groot.ask("B", b"Main"))["Main"]["x"] == 7
 
 
 def test_the_port_is_free_again_after_closing(sample, window):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         port = publisher.port
         window(publisher).ask("S")
-    with serve(sample, groot2=port) as publisher:
+    with serve(sample, groot2_port=port) as publisher:
         assert publisher.port == port
         assert len(window(publisher).statuses()) == 10
 
 
 def test_without_run_channel_its_port_stays_free(sample):
     with (
-        serve(sample, groot2=0, run_channel=False) as first,
+        serve(sample, groot2_port=0, run_channel=False) as first,
         zmq.Context() as context,
         context.socket(zmq.REP) as other,
     ):
@@ -311,7 +311,7 @@ def test_without_run_channel_its_port_stays_free(sample):
 
 
 def test_two_trees_are_published_by_one_process(sample, endless, window):
-    with serve(sample, groot2=0) as first, serve(endless, groot2=0) as second:
+    with serve(sample, groot2_port=0) as first, serve(endless, groot2_port=0) as second:
         assert len(window(first).statuses()) == 10
         assert len(window(second).statuses()) == 7
 
@@ -328,7 +328,7 @@ def test_the_publisher_works_after_a_node_raised(window):
         '<root BTCPP_format="4"><BehaviorTree ID="M"><Inverter><Explode/></Inverter></BehaviorTree></root>',
         nodes=registry,
     )
-    with serve(tree, groot2=0) as publisher:
+    with serve(tree, groot2_port=0) as publisher:
         with pytest.raises(btcore.NodeExecutionError):
             tree.tick_exactly_once()
         assert len(window(publisher).statuses()) == 2

@@ -113,7 +113,7 @@ def control() -> Iterator[Opening]:
     opened: list[Window] = []
 
     def open_window(tree: btcore.Tree, **options: float) -> Window:
-        publisher = serve(tree, groot2=0, run_channel=False, allow_control=True, **options)
+        publisher = serve(tree, groot2_port=0, run_channel=False, allow_control=True, **options)
         opened.append(Window(publisher))
         return opened[-1]
 
@@ -272,7 +272,7 @@ def test_a_hook_for_an_unknown_node_is_accepted_and_ignored(sample, control):
 
 
 def test_hooks_are_disabled_unless_control_is_allowed(sample):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         window = Window(publisher)
         try:
             assert window.refused("I", BREAKPOINT) == "hooks are disabled"
@@ -419,7 +419,7 @@ def test_a_finished_publisher_removes_its_hooks(sample, control):
     window.ask("I", BREAKPOINT)
     tick = Ticking(sample)
     window.reached()
-    window.publisher.finish()
+    window.publisher.end_stream()
     tick.end()
     assert sample.hooks.all() == []
     assert window.refused("I", BREAKPOINT) == "hooks are disabled"
@@ -429,7 +429,7 @@ def test_a_finished_publisher_removes_its_hooks(sample, control):
 def test_replacing_the_tree_removes_its_hooks(sample, endless, control, until):
     window = control(sample)
     window.ask("I", BREAKPOINT)
-    window.publisher.replace(endless)
+    window.publisher.replace_tree(endless)
     assert sample.hooks.all() == []
     until(lambda: window.send(b"\x02D0000")[0][6:].hex() == window.publisher.tree_id, "the new tree")
     assert window.dump() == []

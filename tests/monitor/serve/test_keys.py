@@ -81,7 +81,7 @@ def watch(tree, address: str, keys: ClientKeys | None) -> tuple[str, str, int]:
 
 
 def test_a_known_client_watches_and_controls(endless, robot_keys, desk):
-    with serve(endless, groot2=0, keys=robot_keys, allow_control=True) as publisher:
+    with serve(endless, groot2_port=0, keys=robot_keys, allow_control=True) as publisher:
         how, name, _ = watch(endless, publisher.address, desk)
         assert (how, name) == (f"{publisher.address}, by btcore's run channel", "Endless")
         with BreakpointClient(publisher.address, keys=desk) as robot:
@@ -93,17 +93,17 @@ def test_a_known_client_watches_and_controls(endless, robot_keys, desk):
             tick.join(60)
 
 
-@pytest.mark.parametrize("ports", [{"groot2": 0}, {"groot1": 0}])
+@pytest.mark.parametrize("ports", [{"groot2_port": 0}, {"groot2_port": None, "groot1_port": 0}])
 def test_a_known_client_watches_by_the_protocols_of_groot(endless, robot_keys, desk, ports):
     with serve(endless, **ports, run_channel=False, keys=robot_keys) as publisher:
         how, name, _ = watch(endless, publisher.address, desk)
     assert f"by Groot {2 if 'groot2' in ports else 1}'s protocol" in how
-    assert name == ("Endless" if "groot2" in ports else "KeepRunningUntilFailure")
+    assert name == ("Endless" if "groot1_port" not in ports else "KeepRunningUntilFailure")
 
 
 @pytest.mark.parametrize("kind", REFUSALS)
 def test_a_wrong_key_is_reported_to_the_client(endless, folder, robot_keys, kind):
-    with serve(endless, groot2=0, keys=robot_keys, allow_control=True) as publisher:
+    with serve(endless, groot2_port=0, keys=robot_keys, allow_control=True) as publisher:
         keys = wrong_keys(folder, kind)
         with pytest.raises(BreakpointError, match=REFUSALS[kind]):
             BreakpointClient(publisher.address, timeout=100, keys=keys)
@@ -112,12 +112,12 @@ def test_a_wrong_key_is_reported_to_the_client(endless, folder, robot_keys, kind
             pytest.raises(ConnectionRefusedByRobotError, match=REFUSALS[kind]),
         ):
             list(feed)
-        assert publisher.clients == 0
+        assert publisher.client_count == 0
 
 
 def test_a_client_with_keys_is_told_that_a_robot_has_none(endless, desk):
     with (
-        serve(endless, groot2=0, allow_control=True) as publisher,
+        serve(endless, groot2_port=0, allow_control=True) as publisher,
         pytest.raises(
             BreakpointError, match="this port of the robot does not use keys: omit --key-file and --robot-key"
         ),
@@ -167,7 +167,7 @@ def connected(address: str, kind: int, keys: ClientKeys | None) -> Iterator[tupl
 @pytest.mark.parametrize("kind", REFUSALS)
 def test_every_port_refuses_a_wrong_key(endless, folder, robot_keys, desk, kind):
     keys = wrong_keys(folder, kind)
-    with serve(endless, groot2=0, groot1=0, keys=robot_keys) as publisher:
+    with serve(endless, groot2_port=0, groot1_port=0, keys=robot_keys) as publisher:
         assert publisher.groot1_port is not None
         ports = {
             publisher.port: zmq.REQ,
@@ -246,7 +246,7 @@ def listeners_in_a_row(count: int) -> list[socket.socket]:
 def test_the_bytes_on_the_wire_are_unreadable_with_keys(endless, robot_keys, desk, encrypted):
     keys, client_keys = (robot_keys, desk) if encrypted else (None, None)
     with ExitStack() as stack:
-        publisher = stack.enter_context(serve(endless, groot2=0, keys=keys, allow_control=True))
+        publisher = stack.enter_context(serve(endless, groot2_port=0, keys=keys, allow_control=True))
         listeners = listeners_in_a_row(3)
         relays = [Relay(listener, publisher.port + at) for at, listener in enumerate(listeners)]
         for relay in relays:
@@ -266,7 +266,7 @@ def test_the_bytes_on_the_wire_are_unreadable_with_keys(endless, robot_keys, des
 
 
 def test_clients_without_keys_can_watch_where_it_is_asked_for(endless, robot_keys, desk):
-    with serve(endless, groot2=0, keys=robot_keys, allow_control=True, watch_port=0) as publisher:
+    with serve(endless, groot2_port=0, keys=robot_keys, allow_control=True, watch_port=0) as publisher:
         how, name, _ = watch(endless, publisher.watch_address, None)
         assert (how, name) == (f"{publisher.watch_address}, by btcore's run channel", "Endless")
         with (
@@ -288,7 +288,9 @@ def test_clients_without_keys_can_watch_where_it_is_asked_for(endless, robot_key
             assert len(client.hooks()) == 1
 
 
-@pytest.mark.parametrize("ports", [{"groot1": 0}, {"groot1": 0, "groot2": 0}])
+@pytest.mark.parametrize(
+    "ports", [{"groot2_port": None, "groot1_port": 0}, {"groot2_port": 0, "groot1_port": 0}]
+)
 def test_groot_1_watches_without_keys_where_it_is_asked_for(endless, robot_keys, ports):
     with serve(endless, **ports, keys=robot_keys, watch_port=0) as publisher:
         address = f"tcp://127.0.0.1:{publisher.watch_groot1_port}"
@@ -303,38 +305,41 @@ def test_groot_1_watches_without_keys_where_it_is_asked_for(endless, robot_keys,
 
 def test_a_watch_port_in_use_is_reported(endless, sample, robot_keys):
     with (
-        serve(sample, groot2=0) as other,
+        serve(sample, groot2_port=0) as other,
         pytest.raises(
             ServeError, match=f"port {other.port} is in use: choose another port with --watch-port"
         ),
     ):
-        serve(endless, groot2=0, keys=robot_keys, watch_port=other.port)
+        serve(endless, groot2_port=0, keys=robot_keys, watch_port=other.port)
 
 
 def test_a_watch_port_needs_keys(endless):
     with pytest.raises(ServeError, match="no effect, because there are no keys"):
-        serve(endless, groot2=0, watch_port=0)
+        serve(endless, groot2_port=0, watch_port=0)
 
 
 @pytest.mark.parametrize("bind", ["*", "0.0.0.0"])
 def test_publishing_to_the_network_without_keys_warns_once(endless, robot_keys, caplog, bind):
     caplog.set_level(logging.WARNING, "monitor")
-    with serve(endless, groot2=0, bind=bind):
+    with serve(endless, groot2_port=0, bind=bind):
         pass
     [warning] = caplog.messages
     assert f"published at '{bind}' without keys: every program that reaches the port can watch" in warning
     caplog.clear()
-    with serve(endless, groot2=0), serve(endless, groot2=0, bind=bind, keys=robot_keys, allow_control=True):
+    with (
+        serve(endless, groot2_port=0),
+        serve(endless, groot2_port=0, bind=bind, keys=robot_keys, allow_control=True),
+    ):
         pass
     assert caplog.messages == []
 
 
 def test_control_over_the_network_needs_keys_or_insecure(endless, caplog):
     with pytest.raises(ServeError, match=r"control from the network \('\*'\) needs keys: .*--insecure"):
-        serve(endless, groot2=0, bind="*", allow_control=True)
+        serve(endless, groot2_port=0, bind="*", allow_control=True)
     assert caplog.messages == []
     with (
-        serve(endless, groot2=0, bind="*", allow_control=True, insecure=True) as publisher,
+        serve(endless, groot2_port=0, bind="*", allow_control=True, insecure=True) as publisher,
         BreakpointClient(publisher.address) as robot,
     ):
         assert robot.break_at("step") == ["step"]

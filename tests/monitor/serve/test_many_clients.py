@@ -6,12 +6,12 @@ import pytest
 import zmq
 
 from btcore_monitor.serve import serve
-from btcore_monitor.serve.request_socket import WAITING_AT_MOST, RequestSocket
+from btcore_monitor.serve.request_socket import MAX_WAITING_FRAMES, RequestSocket
 
 
 @pytest.fixture
 def served(endless, no_threads_left):
-    with serve(endless, groot2=0) as publisher:
+    with serve(endless, groot2_port=0) as publisher:
         yield publisher
 
 
@@ -87,7 +87,7 @@ def test_clients_that_leave_before_the_reply_do_no_harm(dealer):
 
 
 def test_waiting_replies_to_a_client_that_does_not_read_are_limited():
-    big, asked = b"x" * 1_000_000, 4 * WAITING_AT_MOST
+    big, asked = b"x" * 1_000_000, 4 * MAX_WAITING_FRAMES
     with zmq.Context() as context, context.socket(zmq.DEALER) as deaf:
         questions = RequestSocket(context, 1000)
         with questions.socket:
@@ -104,4 +104,4 @@ def test_waiting_replies_to_a_client_that_does_not_read_are_limited():
             while deaf.poll(500):
                 assert deaf.recv_multipart() == [b"", big]
                 answers += 1
-    assert 0 < answers < 2 * WAITING_AT_MOST
+    assert 0 < answers < 2 * MAX_WAITING_FRAMES

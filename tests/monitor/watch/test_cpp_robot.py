@@ -208,8 +208,8 @@ def test_a_big_tree_that_changes_in_bursts_is_requested_more_often_and_received_
     until(lambda: len(changes(viewer)) == 2 * 900 * ticks, "all transitions")
     assert not viewer.of(MissingDataEvent)
     # Requests stay frequent for a while: by the default, sixty would take an hour now.
-    monkeypatch.setattr(groot2_feed, "_SLOWER_AFTER", 1000.0)
-    monkeypatch.setattr(groot2_feed, "STATUS_EVERY", 60.0)
+    monkeypatch.setattr(groot2_feed, "_SLOWER_AFTER_S", 1000.0)
+    monkeypatch.setattr(groot2_feed, "STATUS_INTERVAL_S", 60.0)
     requests = robot.asked["t"]
     until(lambda: robot.asked["t"] >= requests + 60, "further requests")
 
@@ -257,7 +257,7 @@ def test_a_recording_that_another_client_reads_is_left_to_that_client(cpp_robot,
 
 
 def test_a_recording_is_read_again_after_another_client_has_left(cpp_robot, watch_cpp, until, monkeypatch):
-    monkeypatch.setattr(groot2_feed, "RETRY_AFTER", 0.2)
+    monkeypatch.setattr(groot2_feed, "RETRY_AFTER_S", 0.2)
     robot = cpp_robot()
     viewer = watch_cpp(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
@@ -527,7 +527,7 @@ def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch_cpp, until,
 
 def test_a_btcore_robot_can_be_followed_through_groot_2(endless, watch_cpp, until, changes):
     told = changes(endless)
-    with serve(endless, groot2=0, run_channel=False) as publisher:
+    with serve(endless, groot2_port=0, run_channel=False) as publisher:
         viewer = watch_cpp(publisher.address)
         until(lambda: viewer.of(TreeEvent), "the tree")
         for tick in range(1, 21):

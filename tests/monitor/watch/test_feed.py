@@ -25,7 +25,7 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.serve import Publisher, serve
-from btcore_monitor.serve.gateway_process import CONNECTIONS
+from btcore_monitor.serve.gateway_process import MAX_CONNECTIONS
 from btcore_monitor.watch import feed, run_channel_client
 from btcore_monitor.watch.address import AddressError, parse_address
 from btcore_monitor.watch.feed import Feed
@@ -116,12 +116,12 @@ class Cameras(Scene):
 
 
 def test_a_picture_of_the_wrong_size_is_left_out_with_one_warning(sample, watch, until, caplog):
-    with serve(sample, groot2=0, resources=[Cameras()]) as publisher:
+    with serve(sample, groot2_port=0, resources=[Cameras()]) as publisher:
         watcher = watch(publisher.address)
         assert publisher.wait_for_clients(1, 60)
         while sample.tick_exactly_once() is btcore.Status.RUNNING:
             sample.clock.advance(1.0)
-        publisher.finish()
+        publisher.end_stream()
         until(watcher.ended, "the end of the stream")
     scenes = [one.data for one in watcher.of(MovingSceneEvent)]
     assert len(scenes) > 1
@@ -134,12 +134,12 @@ def test_a_picture_of_the_wrong_size_is_left_out_with_one_warning(sample, watch,
 
 
 def test_a_viewer_that_starts_before_the_robot_sees_everything(sample, watch, until):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         port = publisher.port
     early = watch(f":{port}")
     until(lambda: early.of(ConnectionEvent), "a word about the robot that isn't there")
     assert early.events[0] == ConnectionEvent("waiting", f"waiting for the robot at tcp://127.0.0.1:{port}")
-    with serve(sample, groot2=port, resources=[Scene()]) as publisher:
+    with serve(sample, groot2_port=port, resources=[Scene()]) as publisher:
         assert publisher.wait_for_clients(1, 60)
         for _ in range(3):
             sample.tick_exactly_once()
@@ -182,11 +182,11 @@ def test_a_robot_with_a_run_channel_is_not_sampled_meanwhile(endless, monkeypatc
     """On a busy machine, the run channel may be later than Groot's replies, or silent for seconds."""
     monkeypatch.setattr(feed, "RUN_CHANNEL_WAIT_S", 0.0)
     if not is_late:
-        monkeypatch.setattr(feed, "SILENT_AFTER", 0.0)
+        monkeypatch.setattr(feed, "SILENT_AFTER_S", 0.0)
     events: list[Event] = []
     with ExitStack() as stack:
-        publisher = stack.enter_context(serve(endless, **{protocol: 0}))
-        leave = stack.enter_context(strangers(publisher, CONNECTIONS if is_late else 0))
+        publisher = stack.enter_context(serve(endless, **{"groot2_port": None, f"{protocol}_port": 0}))
+        leave = stack.enter_context(strangers(publisher, MAX_CONNECTIONS if is_late else 0))
         viewer = stack.enter_context(Feed(publisher.address))
         deadline = time.monotonic() + 60
         while not viewer._answered_at and time.monotonic() < deadline:
@@ -195,7 +195,7 @@ def test_a_robot_with_a_run_channel_is_not_sampled_meanwhile(endless, monkeypatc
             endless.tick_exactly_once()
             events += viewer.poll(0.01)
         leave()
-        publisher.finish()
+        publisher.end_stream()
         events += viewer.events(until_end=True)
         publisher.close()
     assert len([event for event in events if isinstance(event, TreeEvent)]) == 1
@@ -207,8 +207,8 @@ def test_a_robot_with_a_run_channel_is_not_sampled_meanwhile(endless, monkeypatc
 def test_a_robot_whose_run_channel_is_not_reachable_is_sampled(endless, monkeypatch):
     monkeypatch.setattr(feed, "ANNOUNCED_RUN_CHANNEL_WAIT_S", 0.0)
     with ExitStack() as stack:
-        publisher = stack.enter_context(serve(endless, groot2=0))
-        leave = stack.enter_context(strangers(publisher, CONNECTIONS))
+        publisher = stack.enter_context(serve(endless, groot2_port=0))
+        leave = stack.enter_context(strangers(publisher, MAX_CONNECTIONS))
         viewer = stack.enter_context(Feed(publisher.address))
         connected = next(
             event for event in viewer if isinstance(event, ConnectionEvent) and event.state == "connected"
@@ -226,7 +226,7 @@ def test_a_robot_whose_run_channel_is_not_reachable_is_sampled(endless, monkeypa
 
 def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, until):
     """With many clients or on a busy machine, a reply takes longer than the pause between two requests."""
-    monkeypatch.setattr(run_channel_client, "_ASK_AGAIN_AFTER", 0.0)
+    monkeypatch.setattr(run_channel_client, "_RETRY_AFTER_S", 0.0)
     context: zmq.Context = zmq.Context()
     with context.socket(zmq.XPUB) as robot:
         address = parse_address(f":{robot.bind_to_random_port('tcp://127.0.0.1') - wire.PORT_OFFSET}")
@@ -257,10 +257,10 @@ def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, unt
 
 
 def test_closing_waits_for_a_client_that_does_not_read_for_some_time(endless, monkeypatch, caplog, until):
-    monkeypatch.setattr("btcore_monitor.serve.publisher._ANNOUNCE_AFTER", 0.01, raising=False)
-    with serve(endless, groot2=0) as publisher, Feed(publisher.address) as viewer:
+    monkeypatch.setattr("btcore_monitor.serve.publisher._ANNOUNCE_AFTER_S", 0.01, raising=False)
+    with serve(endless, groot2_port=0) as publisher, Feed(publisher.address) as viewer:
         events: list[Event] = []
-        until(lambda: events.extend(viewer.poll(0.01)) or publisher.clients, "the client")
+        until(lambda: events.extend(viewer.poll(0.01)) or publisher.client_count, "the client")
         for _ in range(20):
             endless.tick_exactly_once()
         closing = threading.Thread(target=publisher.close)
@@ -275,7 +275,7 @@ def test_closing_waits_for_a_client_that_does_not_read_for_some_time(endless, mo
 
 
 def test_a_viewer_that_connects_during_a_run_gets_the_earlier_events(endless, watch, until):
-    with serve(endless, groot2=0) as publisher:
+    with serve(endless, groot2_port=0) as publisher:
         for _ in range(50):
             endless.tick_exactly_once()
         late = watch(publisher.address)
@@ -287,11 +287,11 @@ def test_a_viewer_that_connects_during_a_run_gets_the_earlier_events(endless, wa
 
 
 def test_a_viewer_that_connects_after_the_last_tick_gets_the_run(sample, watch, until):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         for _ in range(3):
             sample.tick_exactly_once()
         sample.halt()
-        publisher.finish()
+        publisher.end_stream()
         late = watch(publisher.address)
         until(late.ended, "the goodbye")
         assert len(late.of(TickEvent)) == 3
@@ -300,7 +300,7 @@ def test_a_viewer_that_connects_after_the_last_tick_gets_the_run(sample, watch, 
 
 def test_slow_viewers_of_a_fast_tree_miss_no_transition(endless, watch, until, changes):
     told = changes(endless)
-    with serve(endless, groot2=0, grace=60) as publisher:
+    with serve(endless, groot2_port=0, grace=60) as publisher:
         viewers = [watch(publisher.address), watch(publisher.address, pause=0.002)]
         assert publisher.wait_for_clients(2, 10)
         for tick in range(1000):
@@ -315,14 +315,14 @@ def test_slow_viewers_of_a_fast_tree_miss_no_transition(endless, watch, until, c
         assert numbers(viewer) == list(range(1, total + 1))
         assert [one.tick for one in viewer.of(TickEvent)] == list(range(1, 1001))
         assert not viewer.of(LostTransitionsEvent)
-    assert publisher.dropped == 0
+    assert publisher.dropped_transitions == 0
 
 
 def test_a_robot_that_restarts_shows_its_new_tree(sample, endless, watch, until):
-    with serve(sample, groot2=0) as first:
+    with serve(sample, groot2_port=0) as first:
         viewer = watch(first.address)
         until(lambda: viewer.of(TreeEvent), "the first tree")
-    with serve(endless, groot2=first.port) as second:
+    with serve(endless, groot2_port=first.port) as second:
         until(lambda: len(viewer.of(TreeEvent)) == 2, "the second tree")
         endless.tick_exactly_once()
         until(lambda: viewer.of(TickEvent), "a tick of the second tree")
@@ -339,15 +339,15 @@ def test_a_robot_that_restarts_shows_its_new_tree(sample, endless, watch, until)
 
 def test_a_replaced_tree_is_seen_on_the_same_connection(sample, endless, watch, until, changes):
     told_before, told_after = changes(sample), changes(endless)
-    with serve(sample, groot2=0, resources=[Scene()]) as publisher:
+    with serve(sample, groot2_port=0, resources=[Scene()]) as publisher:
         viewer = watch(publisher.address)
         assert publisher.wait_for_clients(1, 60)
         sample.tick_exactly_once()
         sample.halt()
-        publisher.replace(endless, resources=[Scene()])
+        publisher.replace_tree(endless, resources=[Scene()])
         for _ in range(100):
             endless.tick_exactly_once()
-        assert publisher.clients == 1
+        assert publisher.client_count == 1
         second = publisher.tree_id
     until(viewer.ended, "the goodbye")
     seen = viewer.of(TreeEvent)
@@ -370,11 +370,11 @@ def test_a_replaced_tree_is_seen_on_the_same_connection(sample, endless, watch, 
 
 def test_a_groot2_client_sees_the_next_tree_at_once(sample, endless):
     with (
-        serve(sample, groot2=0) as publisher,
+        serve(sample, groot2_port=0) as publisher,
         Groot2Client(parse_address(publisher.address), timeout=60) as client,
     ):
         first = fulltree(client)
-        publisher.replace(endless)
+        publisher.replace_tree(endless)
         endless.tick_exactly_once()
         second = fulltree(client)
         assert (first.name, second.name) == ("Main", "Endless")
@@ -394,7 +394,7 @@ def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until)
 
             def asked() -> bool:
                 # The client repeats its request after some time only, because a reply may be on its way.
-                robot.send_multipart([wire.ALIVE, wire.encode(wire.HeartbeatMessage("second", 0))])
+                robot.send_multipart([wire.HEARTBEAT_TOPIC, wire.encode(wire.HeartbeatMessage("second", 0))])
                 client.read()
                 while robot.poll(0) and not heard[-1].startswith(b"\x01again/tree/"):
                     heard.append(robot.recv())
@@ -425,7 +425,7 @@ def test_the_exception_of_a_node_arrives(watch, until):
     registry.add(explode)
     xml = '<root BTCPP_format="4"><BehaviorTree ID="M"><Explode name="fuse"/></BehaviorTree></root>'
     tree = btcore.loads(xml, nodes=registry, resources=[SimClock()])
-    with serve(tree, groot2=0) as publisher:
+    with serve(tree, groot2_port=0) as publisher:
         viewer = watch(publisher.address)
         assert publisher.wait_for_clients(1, 60)
         with pytest.raises(btcore.NodeExecutionError):
@@ -447,7 +447,7 @@ def test_transitions_of_an_unfinished_tick_are_shown(watch, until):
     xml = "<Sequence><AlwaysSuccess/><Block/></Sequence>"
     xml = f'<root BTCPP_format="4"><BehaviorTree ID="M">{xml}</BehaviorTree></root>'
     tree = btcore.loads(xml, nodes=registry)
-    with serve(tree, groot2=0) as publisher:
+    with serve(tree, groot2_port=0) as publisher:
         viewer = watch(publisher.address)
         ticking = threading.Thread(target=tree.tick_exactly_once)
         ticking.start()
@@ -461,7 +461,7 @@ def test_transitions_of_an_unfinished_tick_are_shown(watch, until):
 
 def test_a_hanging_viewer_does_not_delay_the_end(endless):
     with zmq.Context() as context, context.socket(zmq.SUB) as hanging:
-        with serve(endless, groot2=0, grace=0.1) as publisher:
+        with serve(endless, groot2_port=0, grace=0.1) as publisher:
             hanging.setsockopt(zmq.RCVHWM, 1)
             hanging.subscribe(b"")
             hanging.subscribe(b"here/hanging")
@@ -474,7 +474,7 @@ def test_a_hanging_viewer_does_not_delay_the_end(endless):
 
 
 def test_a_robot_with_groot2_only_is_sampled(sample, watch, until):
-    with serve(sample, groot2=0, run_channel=False) as publisher:
+    with serve(sample, groot2_port=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(BlackboardEvent), "a first look")
         seen = viewer.of(TreeEvent)[0]
@@ -490,7 +490,7 @@ def test_a_robot_with_groot2_only_is_sampled(sample, watch, until):
 
 
 def test_sampling_shows_the_last_result_of_a_node_that_became_idle(sample, watch, until):
-    with serve(sample, groot2=0, run_channel=False) as publisher:
+    with serve(sample, groot2_port=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeEvent), "the tree")
         sample.tick_exactly_once()
@@ -503,7 +503,7 @@ def test_sampling_shows_the_last_result_of_a_node_that_became_idle(sample, watch
 
 
 def test_a_sampled_robot_that_goes_silent_is_lost_and_found_again(sample, watch, until):
-    with serve(sample, groot2=0, run_channel=False) as publisher:
+    with serve(sample, groot2_port=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeEvent), "the tree")
     until(
@@ -513,14 +513,14 @@ def test_a_sampled_robot_that_goes_silent_is_lost_and_found_again(sample, watch,
         ),
         "the loss",
     )
-    with serve(sample, groot2=publisher.port, run_channel=False):
+    with serve(sample, groot2_port=publisher.port, run_channel=False):
         until(lambda: len(viewer.of(TreeEvent)) == 2, "the return")
     assert viewer.of(TreeEvent)[0].tree.tree_id != viewer.of(TreeEvent)[1].tree.tree_id
 
 
 def test_a_groot2_client_gets_replies_to_its_requests(sample):
     with (
-        serve(sample, groot2=0) as publisher,
+        serve(sample, groot2_port=0) as publisher,
         Groot2Client(parse_address(publisher.address), timeout=60) as client,
     ):
         tree = fulltree(client)
@@ -537,13 +537,13 @@ def test_a_groot2_client_gets_replies_to_its_requests(sample):
 
 
 def test_a_client_of_a_silent_robot_raises_and_can_request_again(sample):
-    with serve(sample, groot2=0) as publisher:
+    with serve(sample, groot2_port=0) as publisher:
         port = publisher.port
     with Groot2Client(parse_address(f":{port}"), timeout=0.05) as client:
         with pytest.raises(NoReplyError, match=f"no answer from tcp://127.0.0.1:{port} in 0.05 s"):
             client.request(Request.STATUS)
         client.timeout = 60
-        with serve(sample, groot2=port):
+        with serve(sample, groot2_port=port):
             assert len(statuses(client)) == 10
 
 

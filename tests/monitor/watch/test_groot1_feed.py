@@ -272,7 +272,7 @@ def test_another_tree_in_the_same_process_is_requested(watch, until):
 
 
 def test_an_idle_robot_stays_connected_and_a_silent_robot_is_lost(watch, until, monkeypatch):
-    monkeypatch.setattr("btcore_monitor.watch.groot1_feed.PROBE_AFTER", 0.8)
+    monkeypatch.setattr("btcore_monitor.watch.groot1_feed.PROBE_AFTER_S", 0.8)
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeEvent), "the tree")
@@ -319,7 +319,7 @@ def test_an_unusual_publish_port_is_reported_and_can_be_given_in_the_address(wat
 
 def test_every_transition_of_a_btcore_robot_arrives_by_groot1(endless, watch, until, changes):
     told = changes(endless)
-    with serve(endless, groot1=0, run_channel=False) as publisher:
+    with serve(endless, groot2_port=None, groot1_port=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeEvent), "the tree")
         for _ in range(500):
@@ -334,7 +334,7 @@ def test_every_transition_of_a_btcore_robot_arrives_by_groot1(endless, watch, un
 
 
 def test_the_tree_by_groot1_has_the_engines_paths(sample, watch, until):
-    with serve(sample, groot1=0, run_channel=False) as publisher:
+    with serve(sample, groot2_port=None, groot1_port=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeEvent), "the tree")
     nodes = viewer.of(TreeEvent)[0].tree.nodes
@@ -344,7 +344,7 @@ def test_the_tree_by_groot1_has_the_engines_paths(sample, watch, until):
 
 
 def test_the_run_channel_is_preferred_to_groot1(endless, watch, until):
-    with serve(endless, groot1=0) as publisher:
+    with serve(endless, groot2_port=None, groot1_port=0) as publisher:
         viewer = watch(publisher.address)
         assert publisher.wait_for_clients(1, 60)
         endless.tick_exactly_once()
@@ -354,14 +354,14 @@ def test_the_run_channel_is_preferred_to_groot1(endless, watch, until):
 
 
 def test_a_robot_may_restart_with_the_other_protocol(endless, watch, until):
-    with serve(endless, groot1=0, run_channel=False) as publisher:
+    with serve(endless, groot2_port=None, groot1_port=0, run_channel=False) as publisher:
         port = publisher.port
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeEvent), "the tree")
-    with serve(endless, groot2=port, run_channel=False):
+    with serve(endless, groot2_port=port, run_channel=False):
         until(lambda: len(viewer.of(TreeEvent)) == 2, "the tree by Groot 2")
         assert viewer.of(ConnectionEvent)[-1].detail.endswith("by Groot 2's protocol")
-    with serve(endless, groot1=port - 1, run_channel=False):
+    with serve(endless, groot2_port=None, groot1_port=port - 1, run_channel=False):
         until(lambda: len(viewer.of(TreeEvent)) == 3, "the tree by Groot 1")
         assert viewer.of(ConnectionEvent)[-1].detail.endswith("by Groot 1's protocol")
 

@@ -406,7 +406,7 @@ class Robot(threading.Thread):
             except zmq.ZMQError:  # the port is in use
                 for socket in sockets:
                     socket.close(linger=0)
-        self._requests, self._notices, self._run_channel = sockets
+        self._requests, self._notifications, self._run_channel = sockets
         self.address = f"127.0.0.1:{port}"
 
     def run(self) -> None:
@@ -416,7 +416,7 @@ class Robot(threading.Thread):
                 self._answer()
             if self.notices:
                 for _ in range(50):
-                    self._notices.send_multipart(self.notices)
+                    self._notifications.send_multipart(self.notices)
             while self._run_channel.poll(0):
                 frame = self._run_channel.recv()
                 if self.messages and frame.startswith(b"\x01again/tree/"):
@@ -425,7 +425,7 @@ class Robot(threading.Thread):
                 scene = time.monotonic()
                 self.sent += 1
                 for message in self.messages[1:]:
-                    self._run_channel.send_multipart([wire.STREAM, message])
+                    self._run_channel.send_multipart([wire.STREAM_TOPIC, message])
         self._context.destroy(linger=0)
 
     def _answer(self) -> None:
@@ -624,7 +624,7 @@ def test_a_time_limit_ends_a_command_that_draws_a_huge_tree(attacker, tmp_path: 
     nodes = "".join(f'<A name="node {uid}" _uid="{uid}"/>' for uid in range(2, 60_000))
     robot = attacker({"T": tree_of(f'<Sequence _uid="1">{nodes}</Sequence>')})
     program = (
-        "from btcore_monitor import process_end; process_end.END_WITHIN = 0.1\n"
+        "from btcore_monitor import process_end; process_end.END_TIMEOUT_S = 0.1\n"
         "from btcore_monitor.commands.record import record; record()"
     )
     done = subprocess.run(

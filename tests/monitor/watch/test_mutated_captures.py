@@ -143,7 +143,7 @@ def test_a_feed_of_damaged_groot_2_replies_recovers(robot, capture, log, until, 
 
 
 def test_a_feed_of_damaged_groot_1_messages_recovers(robot, log, until, monkeypatch):
-    monkeypatch.setattr(groot1_feed, "_ASK_AGAIN_AFTER", 0.0)
+    monkeypatch.setattr(groot1_feed, "_RETRY_AFTER_S", 0.0)
     monkeypatch.setattr(groot1_feed, "FIRST_UPDATE", 0.0)
     chance = random.Random(10)
     tree = (CAPTURES / "v3_behaviortree.flatbuffer.bin").read_bytes()

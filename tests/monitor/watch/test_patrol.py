@@ -31,7 +31,7 @@ def report(output: str) -> dict[str, Any]:
 def watched() -> tuple[list[Any], dict[str, Any]]:
     """Return the events of six seconds of a patrol, and the run's report."""
     tree = btcore.loads('<root BTCPP_format="4"><BehaviorTree ID="T"><AlwaysSuccess/></BehaviorTree></root>')
-    with serve(tree, groot2=0) as publisher:
+    with serve(tree, groot2_port=0) as publisher:
         port = publisher.port
     with Feed(f":{port}") as feed:
         # In real time: a fast run may end before the viewer connects.

@@ -6,7 +6,7 @@ import pytest
 import zmq
 
 from btcore_monitor.watch.address import parse_address
-from btcore_monitor.watch.run_channel_client import WAITING_BYTES_AT_MOST, RunChannelClient
+from btcore_monitor.watch.run_channel_client import MAX_WAITING_BYTES, RunChannelClient
 from btcore_monitor.wire import run_channel as wire
 
 TREE_ID = "a" * 32
@@ -67,9 +67,9 @@ def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(rob
         received.extend(
             message.seq for message in client.read() if isinstance(message, wire.ExceptionMessage)
         )
-        assert client._waiting_bytes <= WAITING_BYTES_AT_MOST
+        assert client._waiting_bytes <= MAX_WAITING_BYTES
         assert sum(len(data) for piece in client._waiting_pieces.values() for data in piece.messages) <= (
-            WAITING_BYTES_AT_MOST
+            MAX_WAITING_BYTES
         )
 
     def connected() -> bool:
@@ -81,10 +81,8 @@ def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(rob
         until(connected, "the tree")
         # The client has not received the first messages, and gets 25 MB of later messages.
         for seq in range(10, MESSAGES + 1):
-            robot.send(wire.STREAM, seq)
-        until(
-            lambda: read() or client._waiting_bytes > WAITING_BYTES_AT_MOST - len(PADDING) * 2, "the messages"
-        )
+            robot.send(wire.STREAM_TOPIC, seq)
+        until(lambda: read() or client._waiting_bytes > MAX_WAITING_BYTES - len(PADDING) * 2, "the messages")
         assert not received
 
         def complete() -> bool:

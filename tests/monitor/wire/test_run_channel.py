@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from btcore_monitor.serve.history import LANE_ROOM, History
+from btcore_monitor.serve.history import MAX_BUFFER_BYTES, History
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.run_channel import (
     BlackboardMessage,
@@ -122,19 +122,19 @@ def ticks(seq: int, size: int) -> TickMessage:
 def test_a_history_keeps_a_million_transitions_and_the_statuses_before_them():
     history = History({1: 3, 2: 4}, 5, 6)
     size = 5_001
-    room = LANE_ROOM["ticks"] // len(encode(ticks(1, size)))
+    room = MAX_BUFFER_BYTES["ticks"] // len(encode(ticks(1, size)))
     assert room * size > 1_000_000
     for seq in range(1, room + 11):
         history.add("ticks", encode(ticks(seq, size)))
-    assert history.oldest > 1
-    assert history.latest == room + 10
+    assert history.oldest_seq > 1
+    assert history.latest_seq == room + 10
     assert history.statuses == {1: 0, 2: 4}
-    assert history.stamp == 10**15 + history.oldest - 1
+    assert history.stamp == 10**15 + history.oldest_seq - 1
 
 
 def test_big_scenes_do_not_displace_transitions():
     history = History({}, 0, 0)
-    scene_bytes = LANE_ROOM["moving"] // 40 * 4
+    scene_bytes = MAX_BUFFER_BYTES["moving"] // 40 * 4
     for seq in range(1, 41):
         moving = MovingSceneMessage(ID, seq, 0, 0, MovingScene(scan=Scan(ranges=b"\x00" * scene_bytes)))
         history.add("ticks" if seq % 2 else "moving", encode(ticks(seq, 1) if seq % 2 else moving))
@@ -147,8 +147,8 @@ def test_big_scenes_do_not_displace_transitions():
 def history_numbers(history: History) -> list[int]:
     numbers: list[int] = []
     first = 1
-    while first <= history.latest:
-        piece = history.piece(ID, first)
+    while first <= history.latest_seq:
+        piece = history.create_piece(ID, first)
         assert piece.first == first
         numbers += [decode(data).seq for data in piece.messages]
         first = piece.last + 1

@@ -63,7 +63,7 @@ def published(xml: str, blackboard: Blackboard | None = None, nodes: Registry | 
     """Tick a tree once, and return its publisher."""
     tree = btcore.loads(xml, nodes=nodes, blackboard=blackboard, clock=SimClock())
     assert tree.tick_once() is Status.SUCCESS
-    return serve(tree, groot2=0)
+    return serve(tree, groot2_port=0)
 
 
 def only(nodes: tuple[ObservedNode, ...], kind: str) -> ObservedNode:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from btcore_navigation.controller import FollowPathGoal
-from btcore_navigation.scene import PARTICLES_AT_MOST
+from btcore_navigation.scene import MAX_PARTICLES
 from btcore_navigation.stack import Navigation
 from btcore_robot.robot import Pose2D
 from btcore_scene import MovingScene, Poses
@@ -124,7 +124,7 @@ def test_costmaps_are_sent_when_they_changed_at_limited_rates_and_poses_and_part
     assert odom[:2] == ("odom", "map")
     clouds = of(scenes, "poses", "particles")
     assert 3 < len(clouds) < len(scenes)
-    assert all(10 < len(poses(one)) <= PARTICLES_AT_MOST for one in clouds)
+    assert all(10 < len(poses(one)) <= MAX_PARTICLES for one in clouds)
     middle = np.median(poses(clouds[-1])[:, :2], axis=0)
     assert math.hypot(middle[0] - true.x, middle[1] - true.y) < 1.0
 
