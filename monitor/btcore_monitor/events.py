@@ -11,11 +11,11 @@ from typing import Any, Final, Literal, get_args
 
 from btcore_scene import MovingScene, StaticScene
 
-Kind = Literal["action", "condition", "control", "decorator", "subtree"]
-"""The family of a node."""
+NodeTypeName = Literal["action", "condition", "control", "decorator", "subtree"]
+"""The type of a node."""
 
-KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
-"""All families, in the order of BehaviorTree.CPP's enum NodeType, whose ACTION is 1."""
+NODE_TYPES: Final[tuple[NodeTypeName, ...]] = get_args(NodeTypeName)
+"""All types of nodes, in the order of BehaviorTree.CPP's enum NodeType, whose ACTION is 1."""
 
 ConnectionState = Literal["waiting", "connected", "lost", "ended"]
 """The state of the connection to the robot.
@@ -24,7 +24,7 @@ It is `waiting` for the first contact, `connected`, `lost` (no contact for some 
 has reported the end of its run).
 """
 
-Topic = Literal["transitions", "ticks", "exceptions", "blackboard", "messages"]
+DataKind = Literal["transitions", "ticks", "exceptions", "blackboard", "messages"]
 """Data that a robot may send in addition to its tree.
 
 They are transitions of statuses, ticks of the root with their duration, exceptions of nodes, and blackboards;
@@ -40,12 +40,12 @@ STATUS_NAMES: Final = ("IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED")
 """Names by number; the numbers are those of BehaviorTree.CPP's enum NodeStatus."""
 
 
-def kind_from_children(count: int) -> Kind:
-    """Return the family of a node without a model, inferred from its *count* of children.
+def infer_node_type(count: int) -> NodeTypeName:
+    """Return the type of a node without a model, inferred from its *count* of children.
 
     Examples:
-        >>> from btcore_monitor.events import kind_from_children
-        >>> [kind_from_children(count) for count in range(3)]
+        >>> from btcore_monitor.events import infer_node_type
+        >>> [infer_node_type(count) for count in range(3)]
         ['action', 'decorator', 'control']
     """
     if not count:
@@ -61,7 +61,7 @@ class ObservedNode:
         uid: A number from 1 on, unique in the tree.
         name: The instance name.
         id: The registration ID (`SubTree` for a SubTree node).
-        kind: The family.
+        type: The type.
         path: The full path, as BehaviorTree.CPP 4 forms it.
         parent: The parent's uid (0 for the root).
         children: The children's uids.
@@ -72,7 +72,7 @@ class ObservedNode:
     uid: int
     name: str
     id: str
-    kind: Kind
+    type: NodeTypeName
     path: str
     parent: int = 0
     children: tuple[int, ...] = ()
@@ -132,16 +132,16 @@ class ObservedTree:
 class DataSource:
     """The source of a tree's data.
 
-    *name* is the protocol or the kind of file. *unavailable* maps each topic that the source does not send,
-    or not completely, to the reason. All other topics are complete.
+    *name* is the protocol or the kind of file. *unavailable* maps each kind of data that the source does not
+    send, or not completely, to the reason. All other data is complete.
     """
 
     name: str
-    unavailable: Mapping[Topic, str] = field(default_factory=dict)
+    unavailable: Mapping[DataKind, str] = field(default_factory=dict)
 
 
 RUN_CHANNEL: Final = DataSource("btcore's run channel")
-"""btcore's own protocol (wire/run_channel.py), the only source that sends all topics completely."""
+"""btcore's own protocol (wire/run_channel.py), the only source that sends all data completely."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,14 +288,14 @@ class MissingDataEvent:
         stamp: The end of the gap (ns of the tree's time).
         wall: The wall-clock time (ns since the epoch).
         since: The beginning of the gap (ns of the tree's time).
-        topic: The kind of the missing data.
+        kind: The kind of the missing data.
         reason: A phrase for users.
     """
 
     stamp: int
     wall: int
     since: int
-    topic: Topic
+    kind: DataKind
     reason: str
 
 

@@ -66,7 +66,7 @@ class LogWriter:
             self._write_change(event)
         elif isinstance(event, LostTransitionsEvent):
             self._write_gap(f"the transitions {event.first} to {event.last} are lost")
-        elif isinstance(event, MissingDataEvent) and event.topic == "transitions":
+        elif isinstance(event, MissingDataEvent) and event.kind == "transitions":
             self._incomplete = event.reason
         elif isinstance(event, ConnectionEvent) and event.state == "lost":
             self._lost = f"the robot was away: {event.detail}"

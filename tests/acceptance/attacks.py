@@ -323,9 +323,9 @@ class Robot:
         address = parse_address(f"tcp://127.0.0.1:{self.ports[0]}")
         with Groot2Client(address, timeout=REPLY_WITHIN) as client:
             while not self._ended.wait(0.1):
-                client.begin_request(Request.STATUS)
+                client.send_request(Request.STATUS)
                 with contextlib.suppress(NoReplyError):
-                    while client.finish_request() is None and not self._ended.is_set():
+                    while client.receive_reply() is None and not self._ended.is_set():
                         client.wait(0.1)
                     continue
                 self.outcome.unanswered += not self._ended.is_set()

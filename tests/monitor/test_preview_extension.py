@@ -49,7 +49,7 @@ def until(connection: RobotConnection, holds: Callable[[RobotState], object]) ->
 
 def test_nodes_statuses_results_and_entries_arrive(tree: btcore.Tree, connection: RobotConnection) -> None:
     state = until(connection, lambda state: state.nodes)
-    assert [(node.uid, node.parent, node.id, node.kind == "subtree") for node in state.nodes] == [
+    assert [(node.uid, node.parent, node.id, node.type == "subtree") for node in state.nodes] == [
         (1, 0, "Sequence", False),
         (2, 1, "Script", False),
         (3, 1, "AlwaysSuccess", False),

@@ -13,7 +13,7 @@ def notice(event: Event) -> str:
             if event.since < event.stamp
             else ""
         )
-        return f"{event.topic} missing{between}: {event.reason}"
+        return f"{event.kind} missing{between}: {event.reason}"
     if isinstance(event, HooksEvent):
         return event.warning
     if isinstance(event, ConnectionEvent):

@@ -199,8 +199,8 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
 def _print_source(event: "TreeEvent", statuses_only: bool) -> None:
     """Print the name of the recorded tree, and which data the files will not contain."""
     _print(f"recording '{event.tree.name}', {len(event.tree.nodes)} nodes")
-    for topic, sentence in event.source.unavailable.items():
-        _print(f"{topic}: {sentence}")
+    for kind, sentence in event.source.unavailable.items():
+        _print(f"{kind}: {sentence}")
     if statuses_only:
         _print(_STATUSES_ONLY)
 

@@ -17,7 +17,7 @@ from btcore_monitor.console import print_line
 from btcore_monitor.display_options import DisplayOptions
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.events import (
-    KINDS,
+    NODE_TYPES,
     DataSource,
     Event,
     MissingDataEvent,
@@ -25,7 +25,7 @@ from btcore_monitor.events import (
     ObservedTree,
     TransitionEvent,
     TreeEvent,
-    kind_from_children,
+    infer_node_type,
 )
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.process_end import abandon, wait_for_stop
@@ -102,13 +102,15 @@ def observed_tree(recording: Recording) -> ObservedTree:
     for uid, node in recording.nodes.items():
         parent = parents.get(uid, 0)
         subtree = inside[uid] = inside.get(parent, "")
-        kind = KINDS[node.type - 1] if node.type else kind_from_children(len(node.children))
-        if kind == "subtree":
+        node_type = NODE_TYPES[node.type - 1] if node.type else infer_node_type(len(node.children))
+        if node_type == "subtree":
             trees[node.path] = node.name
             # The nodes below look up their parent's subtree.
             inside[uid] = node.path
         nodes.append(
-            ObservedNode(uid, node.name, node.id, kind, node.path, parent, node.children, node.ports, subtree)
+            ObservedNode(
+                uid, node.name, node.id, node_type, node.path, parent, node.children, node.ports, subtree
+            )
         )
     name = recording.path.name
     return ObservedTree(uuid.uuid4().hex, name, tuple(nodes), {"": name, **trees})

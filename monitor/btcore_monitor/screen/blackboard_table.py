@@ -45,7 +45,7 @@ class BlackboardTable:
         entries = [
             (at, tree.by_uid[node.children[0]].subtree)
             for at, node in enumerate(tree.nodes)
-            if node.kind == "subtree" and node.children
+            if node.type == "subtree" and node.children
         ]
         self._entries = np.array([at for at, _ in entries], dtype=np.intp)
         self._paths = [path for _, path in entries]

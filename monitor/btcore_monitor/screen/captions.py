@@ -92,7 +92,7 @@ def _placed(name: str, place: str) -> str:
 
 
 def _note(node: ObservedNode, whole: ObservedTree) -> str:
-    node_id = whole.subtrees.get(node.path, node.name) if node.kind == "subtree" else node.id
+    node_id = whole.subtrees.get(node.path, node.name) if node.type == "subtree" else node.id
     parts = [node_id] if node_id != node.name else []
     parts += [
         f"{port}={' '.join(text.split())}"

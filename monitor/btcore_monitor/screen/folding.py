@@ -72,7 +72,7 @@ def _list_subtrees(tree: ObservedTree, running: Collection[int]) -> Iterable[tup
         nodes = content.pop(subtree, [])
         found.append((entry, [node.uid for node in nodes]))
         for node in nodes:
-            if node.kind == "subtree" and node.children:
+            if node.type == "subtree" and node.children:
                 waiting.append((node.uid, tree.by_uid[node.children[0]].subtree))
     return sorted(found, key=lambda each: each[0] is not None and each[0] not in running)
 
@@ -83,7 +83,7 @@ def _unfold_controls(tree: ObservedTree, visible: set[int], most: int) -> None:
     while waiting:
         node = waiting.popleft()
         hidden = [child for child in node.children if child not in visible]
-        if hidden and (node.kind == "subtree" or len(visible) + len(hidden) > most):
+        if hidden and (node.type == "subtree" or len(visible) + len(hidden) > most):
             continue
         visible.update(hidden)
         waiting.extend(tree.by_uid[child] for child in node.children)

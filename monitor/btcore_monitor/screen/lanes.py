@@ -130,8 +130,8 @@ def _group_by_depth(tree: ObservedTree) -> dict[str, list[ObservedNode]]:
     depth: dict[int, int] = {0: 0}
     for node in tree.nodes:
         # The number of SubTree nodes from the root to the node; parents precede their children.
-        depth[node.uid] = depth[node.parent] + (node.kind == "subtree")
-        if node.kind == "subtree" and depth[node.uid] <= SUBTREES_DEEP:
+        depth[node.uid] = depth[node.parent] + (node.type == "subtree")
+        if node.type == "subtree" and depth[node.uid] <= SUBTREES_DEEP:
             by_depth.setdefault(depth[node.uid], []).append(node)
     if not by_depth:
         return {"branch": [tree.by_uid[uid] for uid in tree.root.children]}

@@ -115,7 +115,7 @@ class TransitionLog:
     def add_missing_data(self, event: MissingDataEvent) -> None:
         """Log missing data of unknown amount."""
         since = f"since {self._rows.seconds(event.since):.2f}s " if event.since < event.stamp else ""
-        self._warn(event.stamp, event.wall, f"{event.topic} {since}incomplete: {event.reason}")
+        self._warn(event.stamp, event.wall, f"{event.kind} {since}incomplete: {event.reason}")
 
     def add_hooks(self, event: HooksEvent) -> None:
         """Log the warning about hooks of other clients."""
@@ -123,8 +123,8 @@ class TransitionLog:
 
     def show_source(self, source: DataSource, stamp: int, wall: int) -> None:
         """Log which data the robot does not send, at tree time *stamp* and wall time *wall* (ns)."""
-        for topic, reason in source.unavailable.items():
-            self._add(stamp, wall, f"{topic}: {reason}", "INFO", self._palette.faint)
+        for kind, reason in source.unavailable.items():
+            self._add(stamp, wall, f"{kind}: {reason}", "INFO", self._palette.faint)
 
     def add_connection(self, event: ConnectionEvent, stamp: int, wall: int) -> None:
         """Log a change of the connection at tree time *stamp* and wall time *wall* (ns)."""
@@ -189,7 +189,7 @@ class NowPanel:
         """Count missing transitions."""
         if isinstance(event, LostTransitionsEvent):
             self._lost += event.last - event.first + 1
-        elif event.topic == "transitions":
+        elif event.kind == "transitions":
             self._gaps += 1
 
     def keep_notes(self, data: MovingScene) -> None:

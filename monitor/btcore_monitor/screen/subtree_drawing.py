@@ -161,7 +161,7 @@ def split_by_subtree(tree: ObservedTree, most: int = MAX_BRANCHES) -> dict[str, 
     above: dict[str, str] = {}
     for node in tree.nodes:
         inside = [tree.by_uid[child].subtree for child in node.children]
-        if node.kind == "subtree" and inside and inside[0] != node.subtree:
+        if node.type == "subtree" and inside and inside[0] != node.subtree:
             above[inside[0]] = node.subtree
     level: dict[str, int] = {tree.root.subtree: 0}
     for subtree, outer in above.items():
@@ -193,7 +193,7 @@ def node_entities(tree: ObservedTree, origin: str) -> tuple[list[str], dict[str,
             entity += f".{node.uid}"
         taken.add(entity)
         entities.append(entity)
-        if node.kind == "subtree" and node.children:
+        if node.type == "subtree" and node.children:
             subtrees.setdefault(tree.by_uid[node.children[0]].subtree, entity)
     return entities, subtrees
 

@@ -1,4 +1,4 @@
-"""The symbols in the badges of nodes: a small drawing of each kind.
+"""The symbols in the badges of nodes: a small drawing of each ID or type.
 
 Drawings use the notation of font.py, within ±10 units around the origin; y points up.
 """
@@ -70,7 +70,7 @@ _IDS: Final[dict[str, tuple[str, ...]]] = {
 """Registration IDs by drawing."""
 _BY_ID: Final = {node_id: drawing for drawing, ids in _IDS.items() for node_id in ids}
 _BY_PREFIX: Final = (("Switch", _BRANCH), ("Loop", _LOOP))
-_BY_KIND: Final[dict[str, str]] = {
+_BY_TYPE: Final[dict[str, str]] = {
     "action": _PLAY,
     "condition": _DIAMOND,
     "control": _BRANCH,
@@ -79,11 +79,11 @@ _BY_KIND: Final[dict[str, str]] = {
 }
 
 
-def symbol(node_id: str, kind: str) -> list[Stroke]:
-    """Return the strokes for a registration ID; an unknown *node_id* is drawn by its *kind*."""
+def symbol(node_id: str, node_type: str) -> list[Stroke]:
+    """Return the strokes for a registration ID; an unknown *node_id* is drawn by its *node_type*."""
     drawing = _BY_ID.get(node_id)
     if drawing is None:
         drawing = next((shape for prefix, shape in _BY_PREFIX if node_id.startswith(prefix)), None)
     if drawing is None:
-        drawing = _BY_KIND.get(kind, _RING)
+        drawing = _BY_TYPE.get(node_type, _RING)
     return parse(drawing)[1]

@@ -221,7 +221,7 @@ class TreeView:
             caption = self.captions[node.uid]
             centre = place.x + style.PILL_HEIGHT / 2
             left = centre + style.BADGE_RADIUS + 7.0
-            sign = placed(symbol(node.id, node.kind), centre, place.y, style.BADGE_RADIUS * 0.066)
+            sign = placed(symbol(node.id, node.type), centre, place.y, style.BADGE_RADIUS * 0.066)
             raise_by = style.NOTE_LIFT if caption.note else 0.0
             name = strokes_of(
                 caption.name, left, place.y + style.TEXT_HEIGHT * 0.46 - raise_by, style.TEXT_HEIGHT
@@ -247,7 +247,7 @@ def arrange(tree: ObservedTree, written: Mapping[int, Caption], room: tuple[floa
         Box(
             width=written[node.uid].width,
             children=tuple(index[child] for child in node.children),
-            framed=node.kind == "subtree" and bool(node.children),
+            framed=node.type == "subtree" and bool(node.children),
         )
         for node in tree.nodes
     ]
@@ -298,7 +298,7 @@ def _rounded(x0: float, y0: float, x1: float, y1: float, radius: float = 12.0) -
 
 def leaves(nodes: Sequence[ObservedNode]) -> list[ObservedNode]:
     """Return the actions and conditions without children, in tree order."""
-    return [node for node in nodes if not node.children and node.kind in ("action", "condition")]
+    return [node for node in nodes if not node.children and node.type in ("action", "condition")]
 
 
 def matching(tree: ObservedTree, pattern: str) -> list[int]:

@@ -17,35 +17,35 @@ class BlackboardPoller:
 
     def __init__(self, rate: float) -> None:
         self.rate = rate
-        self.due = 0.0
+        self.next_request_at = 0.0
         """When the next request is due (monotonic s)."""
-        self._every = 1 / rate if rate > 0 else float("inf")
+        self._interval = 1 / rate if rate > 0 else float("inf")
         self._main = ""
         self._groups: list[list[str]] = []
         self._remaining: list[list[str]] = []
         self._requested: list[str] = []
         self._received: dict[str, dict[str, Any]] = {}
-        self._shown: Boards | None = None
+        self._last_boards: Boards | None = None
 
     def begin(self, tree: ObservedTree) -> None:
         """Poll the blackboards of *tree* from now on."""
         self._main = tree.name
         self._groups = [[path or tree.name for path in tree.subtrees]]
         self._remaining.clear()
-        self._shown = None
-        self.due = 0.0 if self.rate > 0 else float("inf")
+        self._last_boards = None
+        self.next_request_at = 0.0 if self.rate > 0 else float("inf")
 
-    def next_request(self, now: float) -> bytes:
+    def create_request(self, now: float) -> bytes:
         """Return the body of the next request, which the caller sends at *now* (monotonic s)."""
         if not self._remaining:
             self._remaining = list(self._groups)
             self._received = {}
         self._requested = self._remaining.pop(0)
         # Every blackboard is requested `rate` times per second, whether together or separately.
-        self.due = now + self._every / len(self._groups)
+        self.next_request_at = now + self._interval / len(self._groups)
         return encode_names(self._requested)
 
-    def answer(self, body: bytes) -> Boards | None:
+    def store_reply(self, body: bytes) -> Boards | None:
         """Store a reply to a request.
 
         Args:
@@ -62,12 +62,12 @@ class BlackboardPoller:
         if self._remaining:
             return None
         boards = boards_by_path(self._received, self._main)
-        if boards == self._shown:
+        if boards == self._last_boards:
             return None
-        self._shown = boards
+        self._last_boards = boards
         return boards
 
-    def refused(self) -> list[str]:
+    def adapt_to_rejection(self) -> list[str]:
         """Change the requests after the robot rejected the last request.
 
         Returns:
@@ -76,9 +76,9 @@ class BlackboardPoller:
         self._remaining.clear()
         if len(self._requested) > 1:
             self._groups = [[name] for name in self._requested]
-            self.due = 0.0
+            self.next_request_at = 0.0
             return []
         self._groups = [group for group in self._groups if group != self._requested]
         if not self._groups:
-            self.due = float("inf")
+            self.next_request_at = float("inf")
         return self._requested

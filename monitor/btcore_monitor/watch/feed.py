@@ -111,21 +111,21 @@ class Feed(Closeable):
     ) -> None:
         self.address = parse_address(address)
         self._keys = keys
-        self._run_stream = RunChannelClient(self.address, keys)
-        self._groot2_client = Groot2Client(self.address, patience=MAX_REPLY_TIMEOUT_S, keys=keys)
+        self._run_channel_client = RunChannelClient(self.address, keys)
+        self._groot2_client = Groot2Client(self.address, max_timeout=MAX_REPLY_TIMEOUT_S, keys=keys)
         self._groot2_feed = Groot2Feed(self._groot2_client, blackboard_rate, record)
         self._groot1_feed: Groot1Feed | None = None
         self._groot1_events: list[Event] = []
         self._stopped = threading.Event()
         self._state: ConnectionState | None = None
-        self._by_run_channel = False
-        self._answered_at = 0.0
+        self._uses_run_channel = False
+        self._groot_replied_at = 0.0
         self._run_channel_announced = False
         # Why Groot's protocol is used, if the robot has announced a run channel.
         self._groot_reason = ""
-        self._number: int | None = None
-        self._latest = (0, 0)
-        self._reported_errors = 0
+        self._next_number: int | None = None
+        self._latest_times = (0, 0)
+        self._reported_error_count = 0
         self._reported_at = -REPORT_INTERVAL_S
 
     def poll(self, timeout: float) -> list[Event]:
@@ -133,10 +133,10 @@ class Feed(Closeable):
         deadline = time.monotonic() + timeout
         events: list[Event] = []
         while True:
-            events += self._gather()
+            events += self._collect_events()
             left = deadline - time.monotonic()
             # A robot's buffer would overflow while the caller processes the events.
-            is_behind = self._groot2_feed.is_behind and not self._by_run_channel
+            is_behind = self._groot2_feed.is_behind and not self._uses_run_channel
             if (events and not is_behind) or left <= 0 or self._stopped.is_set():
                 return events
             self._wait(min(left, _POLL_INTERVAL_S))
@@ -172,30 +172,33 @@ class Feed(Closeable):
     def close(self) -> None:
         """Close the sockets. The robot continues."""
         self._stopped.set()
-        self._run_stream.close()
-        self._groot2_feed.leave()
+        self._run_channel_client.close()
+        self._groot2_feed.stop_recording()
         self._groot2_client.close()
         self._close_groot1()
 
-    def _gather(self) -> list[Event]:
+    def _collect_events(self) -> list[Event]:
         events: list[Event] = []
         if self._state is None:
             self._report_connection(events, "waiting", f"waiting for the robot at {self.address}")
-        for message in self._run_stream.read():
+        for message in self._run_channel_client.read():
             self._add_events(message, events)
         now = time.monotonic()
         self._report_errors(now, events)
         # The run channel comes first, because only it has all data. Groot's protocols are used without it.
-        if now - self._run_stream.last_message < SILENT_AFTER_S and self._run_stream.tree_id:
-            self._by_run_channel = True
+        if (
+            now - self._run_channel_client.last_message_at < SILENT_AFTER_S
+            and self._run_channel_client.tree_id
+        ):
+            self._uses_run_channel = True
             self._close_groot1()
             if self._state == "lost":
                 self._report_connection(events, "connected", f"{self.address} is back")
         # The run channel went silent: the robot may come back with another protocol.
-        elif self._by_run_channel:
-            self._by_run_channel = False
-            self._groot2_feed.forget()
-            self._answered_at = 0.0
+        elif self._uses_run_channel:
+            self._uses_run_channel = False
+            self._groot2_feed.reset()
+            self._groot_replied_at = 0.0
             self._run_channel_announced = False
             if self._state == "connected":
                 self._report_connection(
@@ -216,27 +219,27 @@ class Feed(Closeable):
 
     def _report_errors(self, now: float, events: list[Event]) -> None:
         """Report messages of the run channel that are invalid, at most once in REPORT_INTERVAL_S."""
-        if self._run_stream.errors == self._reported_errors:
+        if self._run_channel_client.error_count == self._reported_error_count:
             return
-        if not self._run_stream.tree_id:
-            self._reported_errors = self._run_stream.errors
-            self._report_connection(events, "lost", self._run_stream.error)
+        if not self._run_channel_client.tree_id:
+            self._reported_error_count = self._run_channel_client.error_count
+            self._report_connection(events, "lost", self._run_channel_client.last_error)
         elif now - self._reported_at >= REPORT_INTERVAL_S:
-            count = self._run_stream.errors - self._reported_errors
-            self._reported_errors, self._reported_at = self._run_stream.errors, now
-            reason = f"{count} invalid, the last because: {_shorten(self._run_stream.error)}"
-            events.append(MissingDataEvent(*self._latest, self._latest[0], "messages", reason))
+            count = self._run_channel_client.error_count - self._reported_error_count
+            self._reported_error_count, self._reported_at = self._run_channel_client.error_count, now
+            reason = f"{count} invalid, the last because: {_shorten(self._run_channel_client.last_error)}"
+            events.append(MissingDataEvent(*self._latest_times, self._latest_times[0], "messages", reason))
 
     def _add_events(self, message: wire.Message, events: list[Event]) -> None:
         if isinstance(message, wire.StreamMessage):
-            self._latest = message.stamp, message.wall
+            self._latest_times = message.stamp, message.wall
         if isinstance(message, wire.TreeMessage):
             try:
                 tree = read_fulltree(message.xml, message.tree_id)
             except ProtocolError as error:
                 self._report_connection(events, "lost", str(error))
                 return
-            self._number = None
+            self._next_number = None
             self._report_connection(events, "connected", f"{self.address}, by btcore's run channel")
             statuses = {node.uid: 0 for node in tree.nodes} | message.statuses
             events.append(TreeEvent(tree, message.stamp, message.wall, statuses))
@@ -256,9 +259,9 @@ class Feed(Closeable):
     def _add_ticks(self, message: wire.TickMessage, events: list[Event]) -> None:
         number = message.first
         if message.transitions:
-            if self._number is not None and number > self._number:
-                events.append(LostTransitionsEvent(self._number, number - 1))
-            self._number = number + len(message.transitions)
+            if self._next_number is not None and number > self._next_number:
+                events.append(LostTransitionsEvent(self._next_number, number - 1))
+            self._next_number = number + len(message.transitions)
         for stamp, wall, tick, uid, previous, status in message.transitions:
             events.append(TransitionEvent(number, stamp, wall, tick, uid, previous, status))
             number += 1
@@ -269,7 +272,7 @@ class Feed(Closeable):
 
     def _note_groot_reply(self, reply: bytes, now: float) -> None:
         """Note that the robot replied to a request of Groot with its tree, *reply*."""
-        self._answered_at = now
+        self._groot_replied_at = now
         self._run_channel_announced = reply.endswith(wire.ANNOUNCEMENT)
         self._groot_reason = ""
 
@@ -277,28 +280,28 @@ class Feed(Closeable):
         """Return whether the robot has announced a run channel that may still connect."""
         if not self._run_channel_announced:
             return False
-        if now - self._answered_at < ANNOUNCED_RUN_CHANNEL_WAIT_S:
+        if now - self._groot_replied_at < ANNOUNCED_RUN_CHANNEL_WAIT_S:
             return True
         self._run_channel_announced = False
         port = self.address.at(wire.PORT_OFFSET)
         self._groot_reason = f", because there is no reply from its run channel, {port}"
         # If the run channel connects later, it begins with the tree.
-        self._run_stream.forget()
+        self._run_channel_client.reset()
         return False
 
     def _read_groot2(self, now: float, events: list[Event]) -> None:
         """Send requests of Groot 2, and return events only after the run channel had time to connect."""
-        if not self._answered_at and self._groot2_feed.tree is not None:
+        if not self._groot_replied_at and self._groot2_feed.tree is not None:
             self._note_groot_reply(self._groot2_feed.tree.xml, now)
             if self._run_channel_announced:
                 return
         # At least a round trip: over a slow network the run channel needs longer than RUN_CHANNEL_WAIT_S.
         wait = max(RUN_CHANNEL_WAIT_S, self._groot2_client.round_trip)
-        too_early = not self._answered_at or now - self._answered_at < wait
+        is_too_early = not self._groot_replied_at or now - self._groot_replied_at < wait
         try:
-            sampled = self._groot2_feed.step(tree_only=too_early)
+            sampled = self._groot2_feed.step(tree_only=is_too_early)
         except Groot1DetectedError as detected:
-            self._groot2_feed.forget()
+            self._groot2_feed.reset()
             self._note_groot_reply(detected.reply, now)
             self._groot1_feed = Groot1Feed(self.address, MAX_REPLY_TIMEOUT_S, self._keys)
             if self._state == "connected":
@@ -306,13 +309,13 @@ class Feed(Closeable):
             return
         except (NoReplyError, ProtocolError) as error:
             is_invalid = isinstance(error, ProtocolError)
-            self._groot2_feed.forget(_PAUSE_AFTER_ERROR_S if is_invalid else 0.0)
-            self._answered_at = 0.0
+            self._groot2_feed.reset(_PAUSE_AFTER_ERROR_S if is_invalid else 0.0)
+            self._groot_replied_at = 0.0
             # A robot that has not answered yet may be starting.
             if self._state == "connected" or is_invalid:
                 self._report_connection(events, "lost", str(error))
             return
-        if self._groot2_feed.following:
+        if self._groot2_feed.is_following:
             self._report_connection(
                 events, "connected", f"{self.address}, by Groot 2's protocol{self._groot_reason}"
             )
@@ -329,7 +332,7 @@ class Feed(Closeable):
             self._close_groot1()
             self._report_connection(events, "lost", str(error))
             return
-        if now - self._answered_at < RUN_CHANNEL_WAIT_S:
+        if now - self._groot_replied_at < RUN_CHANNEL_WAIT_S:
             return
         if self._groot1_events or robot.is_back:
             self._report_connection(events, "connected", f"{robot}{self._groot_reason}")
@@ -341,21 +344,21 @@ class Feed(Closeable):
             self._groot1_feed.close()
             self._groot1_feed = None
             self._groot1_events = []
-            self._answered_at = 0.0
+            self._groot_replied_at = 0.0
 
     def _wait(self, seconds: float) -> None:
         poller = zmq.Poller()
-        poller.register(self._run_stream.socket, zmq.POLLIN)
+        poller.register(self._run_channel_client.socket, zmq.POLLIN)
         if self._run_channel_announced:
             pass
         elif self._groot1_feed is not None:
             for socket in self._groot1_feed.sockets:
                 poller.register(socket, zmq.POLLIN)
             seconds = min(seconds, _GROOT1_POLL_INTERVAL_S)
-        elif not self._by_run_channel:
-            if self._groot2_client.busy:
+        elif not self._uses_run_channel:
+            if self._groot2_client.is_reply_pending:
                 poller.register(self._groot2_client.socket, zmq.POLLIN)
-            seconds = min(seconds, self._groot2_feed.next_at - time.monotonic())
+            seconds = min(seconds, self._groot2_feed.next_request_at - time.monotonic())
         # At least 1 ms: poll(0) would make the loop in poll() occupy the processor.
         poller.poll(max(1, round(1000 * seconds)))
 

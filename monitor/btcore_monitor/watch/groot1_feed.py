@@ -64,15 +64,15 @@ class Groot1Feed:
 
     Args:
         address: The robot's address.
-        patience: Maximum time for a reply, in s (wall clock).
+        max_timeout: Maximum time for a reply, in s (wall clock).
         keys: The keys of the client, if the robot requires keys.
     """
 
-    def __init__(self, address: Address, patience: float = 0.0, keys: ClientKeys | None = None) -> None:
+    def __init__(self, address: Address, max_timeout: float = 0.0, keys: ClientKeys | None = None) -> None:
         self.address = address
-        self._client = RequestClient(address, patience=patience, keys=keys)
+        self._client = RequestClient(address, max_timeout=max_timeout, keys=keys)
         self._context: zmq.Context[Socket] = zmq.Context()
-        self._updates = self._context.socket(zmq.SUB)
+        self._update_socket = self._context.socket(zmq.SUB)
         # ZeroMQ doubles the time between attempts to connect, up to the maximum.
         for option, value in (
             (zmq.LINGER, 0),
@@ -80,39 +80,39 @@ class Groot1Feed:
             (zmq.RECONNECT_IVL, _RECONNECT_MS),
             (zmq.RECONNECT_IVL_MAX, 10 * _RECONNECT_MS),
         ):
-            self._updates.setsockopt(option, value)
+            self._update_socket.setsockopt(option, value)
         if keys is not None:
-            keys.secure(self._updates)
+            keys.secure(self._update_socket)
         # Everything: updates have no topic, their first bytes are a size.
-        self._updates.subscribe(b"")
-        self._connection_events = self._updates.get_monitor_socket(
+        self._update_socket.subscribe(b"")
+        self._connection_events = self._update_socket.get_monitor_socket(
             zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED
         )
-        self._updates.connect(address.published())
+        self._update_socket.connect(address.published())
         self._tree: WireTree | None = None
         self._observed: Groot1ObservedTree | None = None
-        self._connected = False
+        self._is_connected = False
         self._requested_at = 0.0
-        self._show_at = 0.0
-        self._must_request = True
-        self._restarted = False
-        self._waiting: deque[Update] = deque(maxlen=_MAX_WAITING)
-        self._shown = False
+        self._report_tree_at = 0.0
+        self._needs_tree = True
+        self._has_restarted = False
+        self._waiting_updates: deque[Update] = deque(maxlen=_MAX_WAITING)
+        self._is_tree_reported = False
         self._is_certain = False
         self._statuses: dict[int, int] = {}
-        self._number = 0
-        self._began = time.monotonic_ns()
+        self._last_number = 0
+        self._start = time.monotonic_ns()
         self._clock_offset = 0
         self._last_wall = 0
         self._reported_up_to = 0
         self._last_stamp = 0
-        self.alive_at = 0.0
+        self.last_message_at = 0.0
         """When the last update or reply arrived (monotonic s); 0: never."""
         self._silent_since = 0.0
 
     def __str__(self) -> str:
         description = f"{self.address}, by Groot 1's protocol"
-        if not self._connected:
+        if not self._is_connected:
             description += (
                 f", and nothing is published at {self.address.published()}: if updates have another port, "
                 f"write {self.address.at()}/PORT"
@@ -122,12 +122,16 @@ class Groot1Feed:
     @property
     def is_back(self) -> bool:
         """Whether a robot whose tree is shown sends messages again after it was away."""
-        return self._shown and self._silent_since < self.alive_at
+        return self._is_tree_reported and self._silent_since < self.last_message_at
 
     @property
     def sockets(self) -> list[Socket]:
         """The current sockets, for a poller."""
-        return [self._updates, self._connection_events, *([self._client.socket] if self._client.busy else [])]
+        return [
+            self._update_socket,
+            self._connection_events,
+            *([self._client.socket] if self._client.is_reply_pending else []),
+        ]
 
     def step(self) -> list[Event]:
         """Read new messages and send the next request, without waiting. Return the new events.
@@ -138,15 +142,15 @@ class Groot1Feed:
         """
         events: list[Event] = []
         self._read_updates()
-        self._advance(events)
+        self._process_updates(events)
         self._read_connection_events()
         self._request()
-        self._advance(events)
+        self._process_updates(events)
         return events
 
     def close(self) -> None:
         """Free the sockets."""
-        self._updates.disable_monitor()
+        self._update_socket.disable_monitor()
         self._client.close()
         self._context.destroy(linger=0)
 
@@ -157,27 +161,27 @@ class Groot1Feed:
             event = parse_monitor_message(self._connection_events.recv_multipart())["event"]
             # Only after a handshake: a socket that is not a ZeroMQ publisher also causes DISCONNECTED events,
             # at every attempt to connect.
-            if event == zmq.EVENT_DISCONNECTED and self._connected:
-                self._restarted = self._must_request = True
+            if event == zmq.EVENT_DISCONNECTED and self._is_connected:
+                self._has_restarted = self._needs_tree = True
                 self._requested_at = 0.0
-                self._waiting.clear()
-            self._connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
+                self._waiting_updates.clear()
+            self._is_connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
 
     def _read_updates(self) -> None:
         for _ in range(_MAX_UPDATES_PER_STEP):
             try:
-                frame = self._updates.recv(zmq.DONTWAIT)
+                frame = self._update_socket.recv(zmq.DONTWAIT)
             except zmq.Again:
                 return
-            self._waiting.append(decode_update(frame))
-            self.alive_at = time.monotonic()
+            self._waiting_updates.append(decode_update(frame))
+            self.last_message_at = time.monotonic()
 
     def _request(self) -> None:
         try:
-            frames = self._client.finish()
+            frames = self._client.receive()
         except NoReplyError:
-            self._must_request = True
-            if self._shown and time.monotonic() - self.alive_at < PROBE_AFTER_S:
+            self._needs_tree = True
+            if self._is_tree_reported and time.monotonic() - self.last_message_at < PROBE_AFTER_S:
                 return  # the robot is there, since it publishes
             self._is_certain = False
             self._silent_since = time.monotonic()
@@ -185,60 +189,60 @@ class Groot1Feed:
         now = time.monotonic()
         if frames is not None:
             self._process_reply(frames, now)
-        silent = now - max(self.alive_at, self._requested_at) >= PROBE_AFTER_S
+        is_silent = now - max(self.last_message_at, self._requested_at) >= PROBE_AFTER_S
         if (
-            not self._client.busy
-            and (silent or self._must_request)
+            not self._client.is_reply_pending
+            and (is_silent or self._needs_tree)
             and now - self._requested_at >= _RETRY_AFTER_S
         ):
             self._requested_at = now
-            self._client.begin(QUESTION)
+            self._client.send(QUESTION)
 
     def _process_reply(self, frames: list[bytes], now: float) -> None:
         tree = find_tree(frames)
         if tree is None:
             what = describe_bytes(frames[0]) if len(frames) == 1 else f"{len(frames)} frames"
             raise ProtocolError(f"expected a tree in Groot 1's protocol from {self.address}, and got {what}")
-        self.alive_at = now
-        self._must_request = False
+        self.last_message_at = now
+        self._needs_tree = False
         # Replies of the same robot differ only in the statuses, so trees are compared without them.
         shape = tree._replace(nodes=tuple(node._replace(status=IDLE) for node in tree.nodes))
-        if shape == self._tree and not self._restarted:
+        if shape == self._tree and not self._has_restarted:
             self._drop_unknown()
             return
         self._observed = read_groot1(tree, uuid.uuid4().hex)
         self._tree = shape
-        self._shown = self._is_certain = self._restarted = False
-        self._show_at = now + FIRST_UPDATE
-        self._number = 0
+        self._is_tree_reported = self._is_certain = self._has_restarted = False
+        self._report_tree_at = now + FIRST_UPDATE
+        self._last_number = 0
         self._drop_unknown()
 
     def _drop_unknown(self) -> None:
         """Remove waiting updates with unknown nodes: they belong to a previous tree."""
-        self._waiting = deque(filter(self._is_known, self._waiting), maxlen=_MAX_WAITING)
+        self._waiting_updates = deque(filter(self._is_known, self._waiting_updates), maxlen=_MAX_WAITING)
 
     # Events
 
-    def _advance(self, events: list[Event]) -> None:
-        if self._observed is None or self._restarted:
+    def _process_updates(self, events: list[Event]) -> None:
+        if self._observed is None or self._has_restarted:
             return
-        if not self._shown and (self._waiting or time.monotonic() >= self._show_at):
-            self._show(events)
-        while self._waiting and self._shown:
-            if not self._is_known(self._waiting[0]):
-                self._must_request = True
+        if not self._is_tree_reported and (self._waiting_updates or time.monotonic() >= self._report_tree_at):
+            self._report_tree(events)
+        while self._waiting_updates and self._is_tree_reported:
+            if not self._is_known(self._waiting_updates[0]):
+                self._needs_tree = True
                 return
-            self._apply(self._waiting.popleft(), events)
+            self._apply(self._waiting_updates.popleft(), events)
 
-    def _show(self, events: list[Event]) -> None:
+    def _report_tree(self, events: list[Event]) -> None:
         """Add an event for the tree, with the statuses of the first update or else of the reply."""
         assert self._observed is not None
         self._statuses = dict(self._observed.statuses)
         wall = time.time_ns()
-        if self._waiting and self._is_known(self._waiting[0]):
+        if self._waiting_updates and self._is_known(self._waiting_updates[0]):
             # The statuses of an update are those before its transitions, so the tree is shown at the time of
             # the first transition.
-            update = self._waiting[0]
+            update = self._waiting_updates[0]
             self._statuses |= self._map_to_own_uids(update)
             self._is_certain = True
             if update.transitions:
@@ -251,7 +255,7 @@ class Groot1Feed:
 
     def _create_tree_event(self, stamp: int, wall: int) -> TreeEvent:
         assert self._observed is not None
-        self._shown = True
+        self._is_tree_reported = True
         self._reported_up_to = stamp
         return TreeEvent(
             self._observed.tree, stamp, wall, dict(self._statuses), numbered=False, source=GROOT1
@@ -303,11 +307,11 @@ class Groot1Feed:
             self._report(uid, transition.status, stamp, transition.wall, events)
 
     def _report(self, uid: int, status: int, stamp: int, wall: int, events: list[Event]) -> None:
-        self._number += 1
+        self._last_number += 1
         previous, self._statuses[uid] = self._statuses[uid], status
         self._reported_up_to = stamp
         # Tick 0: the protocol has no numbers of ticks.
-        events.append(TransitionEvent(self._number, stamp, wall, 0, uid, previous, status))
+        events.append(TransitionEvent(self._last_number, stamp, wall, 0, uid, previous, status))
 
     def _create_gap(self, stamp: int, wall: int) -> MissingDataEvent:
         return MissingDataEvent(
@@ -315,7 +319,7 @@ class Groot1Feed:
         )
 
     def _read_clock(self) -> int:
-        return time.monotonic_ns() - self._began
+        return time.monotonic_ns() - self._start
 
     def _compare_clocks(self, update: Update) -> None:
         """Measure the offset between the robot's wall clock and the time since the feed was created.

@@ -42,11 +42,11 @@ class Groot2Client(RequestClient):
         self,
         address: Address,
         timeout: float = TIMEOUT_S,
-        patience: float = 0.0,
+        max_timeout: float = 0.0,
         keys: ClientKeys | None = None,
     ) -> None:
-        super().__init__(address, timeout, patience, keys)
-        self._pending = Request.FULLTREE
+        super().__init__(address, timeout, max_timeout, keys)
+        self._pending_kind = Request.FULLTREE
         self._random = random.Random()
         self._unique_id = 0
 
@@ -64,22 +64,22 @@ class Groot2Client(RequestClient):
             Groot1DetectedError: The robot replied in Groot 1's protocol.
             ProtocolError: The reply is invalid.
         """
-        self.begin_request(kind, body)
+        self.send_request(kind, body)
         while True:
-            reply = self.finish_request()
+            reply = self.receive_reply()
             if reply is not None:
                 return reply
             self.wait(self.deadline - time.monotonic())
 
     # `request` in two steps, for callers that wait for other sockets at the same time.
 
-    def begin_request(self, kind: Request, body: bytes | None = None) -> None:
+    def send_request(self, kind: Request, body: bytes | None = None) -> None:
         """Send a request. A pending request is abandoned."""
-        self._pending = kind
+        self._pending_kind = kind
         self._unique_id = self._random.getrandbits(32)
-        self.begin(groot2.encode_request(kind, self._unique_id, body))
+        self.send(groot2.encode_request(kind, self._unique_id, body))
 
-    def finish_request(self) -> Reply | None:
+    def receive_reply(self) -> Reply | None:
         """Return the reply, or None while it is pending.
 
         Raises:
@@ -89,10 +89,10 @@ class Groot2Client(RequestClient):
             Groot1DetectedError: The robot replied in Groot 1's protocol.
             ProtocolError: The reply is invalid, or belongs to another request.
         """
-        frames = self.finish()
+        frames = self.receive()
         if frames is None:
             return None
-        request = self._pending
+        request = self._pending_kind
         try:
             reply = groot2.decode_reply(frames)
         except RobotRefusedError as error:
@@ -113,6 +113,6 @@ class Groot2Client(RequestClient):
 
     def send_last_request(self, kind: Request, body: bytes | None = None) -> None:
         """Send a last request before `close`, without waiting for its reply."""
-        self.begin_request(kind, body)
-        self.busy = False
+        self.send_request(kind, body)
+        self.is_reply_pending = False
         self.socket.setsockopt(zmq.LINGER, _LAST_REQUEST_MS)

@@ -130,7 +130,7 @@ class RecordingValidator:
         return _Walk(before, steps, now, incomplete, agrees and is_consistent)
 
 
-class RobotClock:
+class RobotClockEstimate:
     """An estimate of a robot's wall clock (ns since the epoch), and the time of its tree.
 
     Until the robot sends a time, the estimate equals this machine's wall clock. The estimate advances with

@@ -35,7 +35,7 @@ class RequestClient(Closeable):
     Args:
         address: The robot's address.
         timeout: Maximum seconds for a reply.
-        patience: If positive, the timeout doubles after each missing reply, up to this number of seconds, so
+        max_timeout: If positive, the timeout doubles after each missing reply, up to this number of seconds, so
             that replies arrive through a slow network too. After a reply the timeout is four times the
             round trip, and at least *timeout*.
         keys: The keys of the client, if the robot requires keys.
@@ -45,19 +45,19 @@ class RequestClient(Closeable):
         self,
         address: Address,
         timeout: float = TIMEOUT_S,
-        patience: float = 0.0,
+        max_timeout: float = 0.0,
         keys: ClientKeys | None = None,
     ) -> None:
         self.address = address
         self.keys = keys
         self._handshakes = Handshakes(address, keys)
         self.timeout = timeout
-        self.patience = patience
+        self.max_timeout = max_timeout
         self.round_trip = 0.0
         """Seconds that the latest reply took."""
-        self._shortest_timeout = timeout
+        self._min_timeout = timeout
         self._requested_at = 0.0
-        self.busy = False
+        self.is_reply_pending = False
         """Whether a reply is pending."""
         self.deadline = 0.0
         """The end of the timeout of the pending request (monotonic s)."""
@@ -77,27 +77,27 @@ class RequestClient(Closeable):
             self._socket.connect(self.address.at())
         return self._socket
 
-    def begin(self, frames: Sequence[bytes]) -> None:
+    def send(self, frames: Sequence[bytes]) -> None:
         """Send a request. A pending request is abandoned."""
-        if self.busy:
+        if self.is_reply_pending:
             self._drop()
         try:
             self.socket.send_multipart(frames, zmq.DONTWAIT)
         except zmq.Again:
-            # There is no connection and the queue is full: finish() raises after the timeout.
+            # There is no connection and the queue is full: receive() raises after the timeout.
             self._drop()
-        self.busy = True
+        self.is_reply_pending = True
         self._requested_at = time.monotonic()
         self.deadline = self._requested_at + self.timeout
 
-    def finish(self) -> list[bytes] | None:
+    def receive(self) -> list[bytes] | None:
         """Return the frames of the reply, or None while it is pending.
 
         Raises:
             NoReplyError: There is no reply within the timeout.
             ConnectionRefusedByRobotError: The robot refuses the connection because of the keys.
         """
-        if not self.busy:
+        if not self.is_reply_pending:
             return None
         self._handshakes.check()
         try:
@@ -107,13 +107,13 @@ class RequestClient(Closeable):
                 return None
             self._drop()
             timeout = self.timeout
-            if self.patience:
-                self.timeout = min(self.patience, 2 * timeout)
+            if self.max_timeout:
+                self.timeout = min(self.max_timeout, 2 * timeout)
             raise NoReplyError(f"no answer from {self.address} in {timeout:.3g} s") from None
-        self.busy = False
+        self.is_reply_pending = False
         self.round_trip = time.monotonic() - self._requested_at
-        if self.patience:
-            self.timeout = min(self.patience, max(self._shortest_timeout, 4 * self.round_trip))
+        if self.max_timeout:
+            self.timeout = min(self.max_timeout, max(self._min_timeout, 4 * self.round_trip))
         return frames
 
     def wait(self, seconds: float) -> None:
@@ -125,7 +125,7 @@ class RequestClient(Closeable):
         poller.poll(max(0, round(1000 * seconds)) + 1)
 
     def _drop(self) -> None:
-        self.busy = False
+        self.is_reply_pending = False
         if self._socket is not None:
             self._handshakes.leave(self._socket)
             self._socket.close(linger=0)

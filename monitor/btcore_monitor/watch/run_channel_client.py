@@ -29,7 +29,7 @@ from btcore_monitor.wire.run_channel import (
     UnknownMessage,
 )
 
-MAX_WAITING_BYTES: Final = 4 << 20
+MAX_EARLY_BYTES: Final = 4 << 20
 """Maximum bytes of pieces that arrived too early."""
 
 _MAX_MESSAGE_BYTES: Final = 32 << 20
@@ -57,17 +57,17 @@ class RunChannelClient:
     def __init__(self, address: Address, keys: ClientKeys | None = None) -> None:
         self.tree_id = ""
         """The ID of the current tree; empty until a tree is known."""
-        self.last_message = 0.0
+        self.last_message_at = 0.0
         """When the last message arrived (monotonic s); 0: never."""
-        self.error = ""
+        self.last_error = ""
         """Why the last invalid message could not be decoded; empty without one."""
-        self.errors = 0
+        self.error_count = 0
         """The number of messages that could not be decoded."""
-        self._next = 1
-        self._latest = 0
+        self._next_seq = 1
+        self._latest_seq = 0
         # Pieces that arrived too early, by their first number.
-        self._waiting_pieces: dict[int, PieceMessage] = {}
-        self._waiting_bytes = 0
+        self._early_pieces: dict[int, PieceMessage] = {}
+        self._early_bytes = 0
         self._request_topics: list[bytes] = []
         self._requested_at = 0.0
         self._presence_topic = b""
@@ -89,7 +89,7 @@ class RunChannelClient:
         self.socket.subscribe(wire.STREAM_TOPIC)
         self.socket.subscribe(wire.HEARTBEAT_TOPIC)
         self._request_tree()
-        self._register()
+        self._subscribe_presence()
         self.socket.connect(address.at(wire.PORT_OFFSET))
 
     def read(self) -> list[Message]:
@@ -109,25 +109,25 @@ class RunChannelClient:
             size += len(frames[1])
             try:
                 self._process(wire.decode(frames[1]), received)
-                self.last_message = time.monotonic()
+                self.last_message_at = time.monotonic()
             except ProtocolError as error:
-                self.error = str(error)
-                self.errors += 1
+                self.last_error = str(error)
+                self.error_count += 1
         self._request_missing()
         return received
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Forget the tree and request it again. The stream then begins with the oldest message."""
         self.tree_id = ""
-        self._waiting_pieces.clear()
-        self._waiting_bytes = 0
+        self._early_pieces.clear()
+        self._early_bytes = 0
         self._request_tree()
 
     def close(self) -> None:
         """Free the socket."""
         self._context.destroy()
 
-    def _register(self) -> None:
+    def _subscribe_presence(self) -> None:
         if not self._presence_topic:
             # The robot counts these subscriptions as its clients, and waits for them when it closes.
             self._presence_topic = b"%s/%s" % (wire.PRESENCE_TOPIC, _create_token())
@@ -149,9 +149,9 @@ class RunChannelClient:
         if isinstance(message, TreeMessage):
             if message.tree_id != self.tree_id:
                 # The robot no longer replies about the previous tree, so its missing messages are lost.
-                for first in sorted(self._waiting_pieces):
-                    self._read_piece(self._waiting_pieces[first], received)
-                self._begin(message)
+                for first in sorted(self._early_pieces):
+                    self._read_piece(self._early_pieces[first], received)
+                self._begin_tree(message)
                 received.append(message)
             return
         if message.tree_id != self.tree_id:
@@ -163,51 +163,51 @@ class RunChannelClient:
         if isinstance(message, StaticSceneMessage):
             received.append(message)
         elif isinstance(message, HeartbeatMessage):
-            self._latest = max(self._latest, message.latest)
+            self._latest_seq = max(self._latest_seq, message.latest)
         elif isinstance(message, PieceMessage):
-            self._latest = max(self._latest, message.latest)
-            if message.first > self._next:
-                self._store(message)
+            self._latest_seq = max(self._latest_seq, message.latest)
+            if message.first > self._next_seq:
+                self._store_early_piece(message)
                 return
             self._end_requests()
             self._read_piece(message, received)
-            while (first := min(self._waiting_pieces, default=self._next + 1)) <= self._next:
-                piece = self._waiting_pieces.pop(first)
-                self._waiting_bytes -= _count_bytes(piece)
+            while (first := min(self._early_pieces, default=self._next_seq + 1)) <= self._next_seq:
+                piece = self._early_pieces.pop(first)
+                self._early_bytes -= _count_bytes(piece)
                 self._read_piece(piece, received)
 
-    def _begin(self, message: TreeMessage) -> None:
+    def _begin_tree(self, message: TreeMessage) -> None:
         self.tree_id = message.tree_id
-        self._next = message.oldest
-        self._latest = message.latest
-        self._waiting_pieces.clear()
-        self._waiting_bytes = 0
+        self._next_seq = message.oldest
+        self._latest_seq = message.latest
+        self._early_pieces.clear()
+        self._early_bytes = 0
         self._end_requests()
-        self._register()
+        self._subscribe_presence()
         for topic in self._tree_topics[:-1]:
             self.socket.unsubscribe(topic)
         del self._tree_topics[:-1]
 
-    def _store(self, piece: PieceMessage) -> None:
+    def _store_early_piece(self, piece: PieceMessage) -> None:
         size = _count_bytes(piece)
-        if piece.first not in self._waiting_pieces and self._waiting_bytes + size <= MAX_WAITING_BYTES:
-            self._waiting_pieces[piece.first] = piece
-            self._waiting_bytes += size
+        if piece.first not in self._early_pieces and self._early_bytes + size <= MAX_EARLY_BYTES:
+            self._early_pieces[piece.first] = piece
+            self._early_bytes += size
 
     def _read_piece(self, piece: PieceMessage, received: list[Message]) -> None:
-        """Decode the messages of *piece* from the number `_next` on."""
+        """Decode the messages of *piece* from the number `_next_seq` on."""
         for data in piece.messages:
             try:
                 message = wire.decode(data)
             except ProtocolError as error:
-                self.error = str(error)
-                self.errors += 1
+                self.last_error = str(error)
+                self.error_count += 1
                 continue
             if not isinstance(message, StreamMessage | UnknownMessage):
                 continue
-            if not self._next <= message.seq <= piece.last:
+            if not self._next_seq <= message.seq <= piece.last:
                 continue
-            self._next = message.seq + 1
+            self._next_seq = message.seq + 1
             if isinstance(message, UnknownMessage):
                 continue
             received.append(message)
@@ -216,11 +216,11 @@ class RunChannelClient:
                 self.socket.unsubscribe(self._presence_topic)
                 self._presence_topic = b""
         # Messages in the range of the piece that the piece does not contain are lost.
-        self._next = max(self._next, piece.last + 1)
+        self._next_seq = max(self._next_seq, piece.last + 1)
 
     def _request_missing(self) -> None:
         """Request missing messages, unless a reply is pending."""
-        if not self.tree_id or self._next > self._latest:
+        if not self.tree_id or self._next_seq > self._latest_seq:
             return
         now = time.monotonic()
         if self._request_topics and now - self._requested_at < _RETRY_AFTER_S:
@@ -228,7 +228,7 @@ class RunChannelClient:
         # Earlier requests stay, because a reply without a subscription would be discarded.
         if len(self._request_topics) >= _MAX_REQUESTS:
             self.socket.unsubscribe(self._request_topics.pop(0))
-        self._request_topics.append(_create_request_topic(b"%d" % self._next))
+        self._request_topics.append(_create_request_topic(b"%d" % self._next_seq))
         self._requested_at = now
         self.socket.subscribe(self._request_topics[-1])
 

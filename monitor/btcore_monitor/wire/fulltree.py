@@ -12,17 +12,17 @@ from typing import Final
 
 from lxml import etree
 
-from btcore_monitor.events import Kind, ObservedNode, ObservedTree, kind_from_children
+from btcore_monitor.events import NodeTypeName, ObservedNode, ObservedTree, infer_node_type
 from btcore_monitor.wire.errors import ProtocolError, describe_value
 
-FAMILIES: Final[dict[str, Kind]] = {
+NODE_TYPE_OF_TAG: Final[dict[str, NodeTypeName]] = {
     "Action": "action",
     "Condition": "condition",
     "Control": "control",
     "Decorator": "decorator",
     "SubTree": "subtree",
 }
-"""Node families by the tags in a TreeNodesModel. Nodes in the explicit form (`<Action ID="…"/>`) have these
+"""Node types by the tags in a TreeNodesModel. Nodes in the explicit form (`<Action ID="…"/>`) have these
 tags, too."""
 
 _INVALID_IN_XML: Final = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
@@ -32,7 +32,7 @@ _MAX_NAME: Final = 1_000
 _MAX_PATH: Final = 4_000
 """Maximum characters of a node's name and of its path. The paths of all nodes are kept."""
 
-_TAGS: Final = {kind: tag for tag, kind in FAMILIES.items()}
+_TAGS: Final = {node_type: tag for tag, node_type in NODE_TYPE_OF_TAG.items()}
 _NOT_PORTS: Final = frozenset({"name", "ID", "_uid", "_fullpath"})
 
 
@@ -59,13 +59,13 @@ def read_fulltree(xml: bytes, tree_id: str) -> ObservedTree:
         trees[path] = element
     if not trees:
         raise ProtocolError("expected a <BehaviorTree> in the full tree, and got none")
-    kinds = {
-        str(model.get("ID")): FAMILIES[str(model.tag)]
+    node_types = {
+        str(model.get("ID")): NODE_TYPE_OF_TAG[str(model.tag)]
         for models in root.iterchildren("TreeNodesModel")
-        for model in models.iterchildren(*FAMILIES)
+        for model in models.iterchildren(*NODE_TYPE_OF_TAG)
     }
     main = next(iter(trees))
-    nodes = tuple(_Reader(trees, kinds).read(main))
+    nodes = tuple(_Reader(trees, node_types).read(main))
     if not nodes:
         raise ProtocolError("expected nodes in the full tree, and the main tree has none")
     names = {path: str(element.get("ID") or "") for path, element in trees.items()}
@@ -91,20 +91,20 @@ def write_fulltree(tree: ObservedTree) -> bytes:
             place = {"ID": _valid(tree_id), "_fullpath": _valid(node.subtree)}
             trees[node.subtree] = etree.SubElement(root, "BehaviorTree", place)
         parent = above.get(node.parent)
-        if parent is None or tree.by_uid[node.parent].kind == "subtree":
+        if parent is None or tree.by_uid[node.parent].type == "subtree":
             parent = trees[node.subtree]
         tag = "SubTree"
         own = {"ID": _valid(tree.subtrees.get(node.path, node.name)), "_fullpath": _valid(node.path)}
-        if node.kind != "subtree":
+        if node.type != "subtree":
             tag, own = node.id, {"name": _valid(node.name)}
             if not _is_xml_name(tag):
-                tag, own["ID"] = _TAGS[node.kind], _valid(node.id)
+                tag, own["ID"] = _TAGS[node.type], _valid(node.id)
         ports = {name: _valid(text) for name, text in node.ports.items() if _is_xml_name(name)}
         above[node.uid] = etree.SubElement(parent, tag, {**ports, **own, "_uid": str(node.uid)})
-        # Without a model, a reader could not infer the family of a node with one child or none.
-        if node.kind != "subtree" and node.id not in known:
+        # Without a model, a reader could not infer the type of a node with one child or none.
+        if node.type != "subtree" and node.id not in known:
             known.add(node.id)
-            etree.SubElement(models, _TAGS[node.kind], ID=_valid(node.id))
+            etree.SubElement(models, _TAGS[node.type], ID=_valid(node.id))
     root.append(models)
     etree.indent(root, "    ")
     return etree.tostring(root, encoding="utf-8") + b"\n"
@@ -159,9 +159,9 @@ class _Reader:
     The reader does not recurse, because a tree may be deeper than Python's recursion limit.
     """
 
-    def __init__(self, trees: dict[str, etree._Element], kinds: dict[str, Kind]) -> None:
+    def __init__(self, trees: dict[str, etree._Element], node_types: dict[str, NodeTypeName]) -> None:
         self._trees = trees
-        self._kinds = kinds
+        self._node_types = node_types
         self._read: set[str] = set()
         self._uids: set[int] = set()
 
@@ -181,18 +181,18 @@ class _Reader:
             children[node.uid] = []
             child_subtree = subtree
             below = list(element.iterchildren(etree.Element))
-            if node.kind == "subtree":
+            if node.type == "subtree":
                 # <SubTree> has no child elements: its content is the <BehaviorTree> with the same _fullpath.
                 child_subtree = node.path
                 below = self._list_content(child_subtree)
             # Reversed, because the last item of the list is read next.
             waiting.extend((child, node.uid, child_subtree) for child in reversed(below))
-        # The family of a node without a model depends on its number of children, which is known only now.
+        # The type of a node without a model depends on its number of children, which is known only now.
         for node in nodes:
             below_node = tuple(children[node.uid])
-            known = node.id in self._kinds or node.kind == "subtree"
-            kind = node.kind if known else kind_from_children(len(below_node))
-            yield replace(node, kind=kind, children=below_node)
+            known = node.id in self._node_types or node.type == "subtree"
+            node_type = node.type if known else infer_node_type(len(below_node))
+            yield replace(node, type=node_type, children=below_node)
 
     def _list_content(self, path: str) -> list[etree._Element]:
         if path not in self._trees:
@@ -231,7 +231,7 @@ class _Reader:
             name = path.removeprefix(subtree + "/" if subtree else "")
             name = name.removesuffix(f"::{uid}")
             return ObservedNode(uid, name, "SubTree", "subtree", path, parent, (), ports, subtree)
-        node_id = str(element.get("ID", tag)) if tag in FAMILIES else tag
+        node_id = str(element.get("ID", tag)) if tag in NODE_TYPE_OF_TAG else tag
         name = str(element.get("name", node_id))
         # The document has no paths of leaves; this is the rule of BehaviorTree.CPP's src/xml_parsing.cpp.
         path = name if name != node_id else f"{name}::{uid}"
@@ -239,10 +239,10 @@ class _Reader:
             path = f"{subtree}/{path}"
         if len(path) > _MAX_PATH:
             raise ProtocolError(f"expected paths of at most {_MAX_PATH} characters, and got {len(path)}")
-        kind = self._kinds.get(node_id, "action")
-        if tag in FAMILIES and node_id not in self._kinds:
-            kind = self._kinds[node_id] = FAMILIES[tag]
-        return ObservedNode(uid, name, node_id, kind, path, parent, (), ports, subtree)
+        node_type = self._node_types.get(node_id, "action")
+        if tag in NODE_TYPE_OF_TAG and node_id not in self._node_types:
+            node_type = self._node_types[node_id] = NODE_TYPE_OF_TAG[tag]
+        return ObservedNode(uid, name, node_id, node_type, path, parent, (), ports, subtree)
 
 
 def _find_roots(tree: etree._Element) -> list[etree._Element]:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from btcore.flatbuffer import FlatbufferError, Table
-from btcore_monitor.events import KINDS, ObservedNode, ObservedTree, kind_from_children
+from btcore_monitor.events import NODE_TYPES, ObservedNode, ObservedTree, infer_node_type
 from btcore_monitor.wire.errors import ProtocolError, describe_bytes
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class WirePort(NamedTuple):
 class WireModel(NamedTuple):
     """The model of all nodes with the registration ID *id*.
 
-    *type* is the position of the nodes' family in KINDS, counted from 1; 0 is undefined.
+    *type* is the position of the nodes' type in NODE_TYPES, counted from 1; 0 is undefined.
     """
 
     id: str
@@ -119,8 +119,8 @@ def _read_node(table: Table) -> WireNode:
 
 def _read_model(table: Table) -> WireModel:
     id = table.text(_MODEL_ID)
-    kind = _check_range(table.i8(_MODEL_TYPE), len(KINDS), f"a type of the model '{id}'")
-    return WireModel(id, kind, tuple(map(_read_port, table.tables(_MODEL_PORTS))))
+    node_type = _check_range(table.i8(_MODEL_TYPE), len(NODE_TYPES), f"a type of the model '{id}'")
+    return WireModel(id, node_type, tuple(map(_read_port, table.tables(_MODEL_PORTS))))
 
 
 def _read_port(table: Table) -> WirePort:
@@ -167,8 +167,8 @@ def _write_model(builder: "Builder", model: WireModel) -> int:
 
 
 def _write_port(builder: "Builder", port: WirePort) -> int:
-    name, kind, description = _add_texts(builder, port.name, port.type, port.description)
-    return _write_table(builder, "abaa", name, port.direction, kind, description)
+    name, type_name, description = _add_texts(builder, port.name, port.type, port.description)
+    return _write_table(builder, "abaa", name, port.direction, type_name, description)
 
 
 def _write_table(builder: "Builder", fields: str, *values: int) -> int:
@@ -231,26 +231,26 @@ def read_groot1(tree: WireTree, tree_id: str) -> Groot1ObservedTree:
     """
     ordered = _depth_first(tree)
     uids = {node.uid: place for place, (node, _) in enumerate(ordered, start=1)}
-    kinds = {model.id: KINDS[model.type - 1] for model in tree.models if model.type}
+    types = {model.id: NODE_TYPES[model.type - 1] for model in tree.models if model.type}
     nodes: list[ObservedNode] = []
     subtrees = {"": ordered[0][0].name}
     subtree_below: dict[int, str] = {0: ""}
     for node, parent in ordered:
         uid, above = uids[node.uid], uids.get(parent, 0)
-        kind = kinds.get(node.id) or kind_from_children(len(node.children))
+        node_type = types.get(node.id) or infer_node_type(len(node.children))
         subtree = subtree_below[above]
         # BehaviorTree.CPP 4 appends the uid to the path of a node without a name of its own. In version 3 a
         # SubTree node has its tree's ID as name, so it counts as a node without a name.
-        path = node.name if node.name != node.id and kind != "subtree" else f"{node.name}::{uid}"
+        path = node.name if node.name != node.id and node_type != "subtree" else f"{node.name}::{uid}"
         if subtree:
             path = f"{subtree}/{path}"
         subtree_below[uid] = subtree
-        if kind == "subtree":
+        if node_type == "subtree":
             subtree_below[uid] = path
             subtrees[path] = node.name
         children = tuple(uids[child] for child in node.children)
         nodes.append(
-            ObservedNode(uid, node.name, node.id, kind, path, above, children, dict(node.ports), subtree)
+            ObservedNode(uid, node.name, node.id, node_type, path, above, children, dict(node.ports), subtree)
         )
     statuses = {uids[node.uid]: node.status for node, _ in ordered}
     return Groot1ObservedTree(ObservedTree(tree_id, subtrees[""], tuple(nodes), subtrees), uids, statuses)

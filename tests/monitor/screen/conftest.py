@@ -202,7 +202,7 @@ def _big_tree(count: int) -> ObservedTree:
 
     def add(name: str, kind: Any, parent: int, subtree: str) -> int:
         uid = len(nodes) + 1
-        node = {"uid": uid, "name": name, "id": name, "kind": kind, "path": f"{subtree}/{name}"}
+        node = {"uid": uid, "name": name, "id": name, "type": kind, "path": f"{subtree}/{name}"}
         nodes.append({**node, "parent": parent, "children": (), "subtree": subtree})
         if parent:
             nodes[parent - 1]["children"] += (uid,)

@@ -109,7 +109,7 @@ def test_a_big_tree_without_subtrees_is_folded_except_for_its_running_part():
 def test_a_big_tree_unfolds_what_runs_and_returns_to_an_earlier_drawing(big_tree, tmp_path, recorded):
     tree = big_tree(400)
     small = fold(tree)
-    hidden = [tree.by_uid[node.uid] for node in small.nodes if node.kind == "subtree" and not node.children]
+    hidden = [tree.by_uid[node.uid] for node in small.nodes if node.type == "subtree" and not node.children]
     leaves = [tree.by_uid[tree.by_uid[task.children[0]].children[0]] for task in (hidden[0], hidden[-1])]
     paths = [[*(node.uid for node in tree.ancestors(leaf.uid)), leaf.uid] for leaf in leaves]
     steps = [

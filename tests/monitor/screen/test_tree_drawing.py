@@ -27,7 +27,7 @@ def observed_tree(*nodes: ObservedNode, subtrees=None) -> ObservedTree:
 
 NESTED = observed_tree(
     node(1, "Root", children=(2, 5)),
-    node(2, "Drive", 1, (3,), id="SubTree", kind="subtree", path="Drive"),
+    node(2, "Drive", 1, (3,), id="SubTree", type="subtree", path="Drive"),
     node(3, "Steps", 2, (4,), path="Drive/Steps::3", subtree="Drive"),
     node(4, "Go", 3, path="Drive/Go::4", subtree="Drive"),
     node(5, "pills", 1, path="pills"),
@@ -89,8 +89,8 @@ def test_every_node_is_in_a_branch_and_the_number_of_branches_is_limited(big_tre
 
 def test_subtrees_beyond_the_limit_belong_to_the_branch_around_them():
     inner = observed_tree(
-        node(1, "A", children=(2,), id="SubTree", kind="subtree", path="A"),
-        node(2, "B", 1, (3,), id="SubTree", kind="subtree", path="A/B", subtree="A"),
+        node(1, "A", children=(2,), id="SubTree", type="subtree", path="A"),
+        node(2, "B", 1, (3,), id="SubTree", type="subtree", path="A/B", subtree="A"),
         node(3, "C", 2, path="A/B/C", subtree="A/B"),
     )
     assert split_by_subtree(inner, most=2) == {"": [0], "A": [1, 2]}

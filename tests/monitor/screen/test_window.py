@@ -67,7 +67,7 @@ def test_the_column_of_the_time_is_wide_enough_and_lines_do_not_repeat_the_time(
 
 def test_the_blackboards_of_running_subtrees_are_first_with_their_changes(big_tree, recorded, tmp_path):
     tree = big_tree(60)
-    tasks = [node for node in tree.nodes if node.kind == "subtree"]
+    tasks = [node for node in tree.nodes if node.type == "subtree"]
     paths = [tree.by_uid[task.children[0]].subtree for task in tasks]
     boards = {"": {"day": 1}, **{path: {"step": 1} for path in paths}}
     later = {**boards, paths[3]: {"step": 2}}

@@ -176,7 +176,7 @@ class Watcher:
         self.feed = Feed(address, **options)
         if reply_within:
             client = self.feed._groot2_client
-            client.timeout = client.patience = client._shortest_timeout = reply_within
+            client.timeout = client.max_timeout = client._min_timeout = reply_within
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 

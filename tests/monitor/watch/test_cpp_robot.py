@@ -146,7 +146,7 @@ def test_more_transitions_than_the_robot_keeps_are_reported_as_a_gap(cpp_robot, 
     robot.change(*ROUND * 200, (4, RUNNING))
     until(lambda: changes(viewer)[-1:] == [(4, IDLE, RUNNING)], "the last transition that the robot kept")
     (gap,) = viewer.of(MissingDataEvent)
-    assert gap.topic == "transitions"
+    assert gap.kind == "transitions"
     assert gap.reason == (
         "more than 1000 statuses changed between two requests, and the robot keeps only the last ones"
     )
@@ -504,7 +504,7 @@ def test_blackboards_that_are_refused_together_are_requested_one_by_one(cpp_robo
     until(lambda: len(viewer.of(MissingDataEvent)) == 2, "a word on each")
     assert robot.names == []
     for hole, name in zip(viewer.of(MissingDataEvent), ("Main", "Sub::6"), strict=True):
-        assert hole.topic == "blackboard"
+        assert hole.kind == "blackboard"
         assert f"{name} isn't shown" in hole.reason
         assert "two different root blackboards" in hole.reason
     asked = robot.asked["B"]

@@ -205,7 +205,7 @@ def test_a_lost_update_is_reported_as_a_gap(watch, until):
     assert [one.number for one in changes] == list(range(1, 14))
     again = viewer.of(TreeEvent)[1]
     (hole,) = viewer.of(MissingDataEvent)
-    assert (hole.since, hole.stamp, hole.topic) == (changes[4].stamp, changes[5].stamp, "transitions")
+    assert (hole.since, hole.stamp, hole.kind) == (changes[4].stamp, changes[5].stamp, "transitions")
     assert again.tree.tree_id == viewer.of(TreeEvent)[0].tree.tree_id
     assert [again.statuses[uid] for uid in range(1, 9)] == [1, 2, 2, 0, 0, 1, 1, 1]
     assert viewer.events.index(hole) < viewer.events.index(again)
@@ -338,7 +338,7 @@ def test_the_tree_by_groot1_has_the_engines_paths(sample, watch, until):
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeEvent), "the tree")
     nodes = viewer.of(TreeEvent)[0].tree.nodes
-    assert [(node.uid, node.path, node.kind) for node in nodes] == [
+    assert [(node.uid, node.path, node.type) for node in nodes] == [
         (node.uid, node.path, node.type.name.lower()) for node in sample.nodes
     ]
 

@@ -122,20 +122,22 @@ def test_a_feed_of_damaged_groot_2_replies_recovers(robot, capture, log, until, 
         feed = Groot2Feed(client, blackboard_rate=100)
 
         def step() -> bool:
-            feed._next_status = feed._paused_until = 0.0
-            if client.busy:
+            feed._next_status_at = feed._paused_until = 0.0
+            if client.is_reply_pending:
                 client.wait(0.1)
             try:
                 events = feed.step()
             except (NoReplyError, ProtocolError) as error:
-                feed.forget(0.0)
+                feed.reset(0.0)
                 reported.append(str(error))
                 return False
             for event in events:
                 log.show(event)
             if answers > CASES:
                 seen.extend(events)
-            return answers > CASES and any(isinstance(event, TreeEvent) for event in seen) and feed.following
+            return (
+                answers > CASES and any(isinstance(event, TreeEvent) for event in seen) and feed.is_following
+            )
 
         until(step, "the tree after the last damaged reply")
     assert len(reported) > CASES * share / 20

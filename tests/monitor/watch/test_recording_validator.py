@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore_monitor.watch.recording_validator import RecordingValidator, RobotClock
+from btcore_monitor.watch.recording_validator import RecordingValidator, RobotClockEstimate
 from btcore_monitor.wire.groot2 import RecordedTransition, StatusRecord
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = range(5)
@@ -135,7 +135,7 @@ def test_nodes_that_the_tree_does_not_have_are_not_reported():
 
 
 def test_the_robots_clock_is_ours_until_its_time_is_known():
-    clock = RobotClock()
+    clock = RobotClockEstimate()
     then = clock.wall()
     clock.set(then - 3600 * 10**9, then)
     assert 0 <= clock.wall() - (then - 3600 * 10**9) < 60 * 10**9

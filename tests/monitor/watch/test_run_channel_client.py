@@ -6,7 +6,7 @@ import pytest
 import zmq
 
 from btcore_monitor.watch.address import parse_address
-from btcore_monitor.watch.run_channel_client import MAX_WAITING_BYTES, RunChannelClient
+from btcore_monitor.watch.run_channel_client import MAX_EARLY_BYTES, RunChannelClient
 from btcore_monitor.wire import run_channel as wire
 
 TREE_ID = "a" * 32
@@ -67,9 +67,9 @@ def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(rob
         received.extend(
             message.seq for message in client.read() if isinstance(message, wire.ExceptionMessage)
         )
-        assert client._waiting_bytes <= MAX_WAITING_BYTES
-        assert sum(len(data) for piece in client._waiting_pieces.values() for data in piece.messages) <= (
-            MAX_WAITING_BYTES
+        assert client._early_bytes <= MAX_EARLY_BYTES
+        assert sum(len(data) for piece in client._early_pieces.values() for data in piece.messages) <= (
+            MAX_EARLY_BYTES
         )
 
     def connected() -> bool:
@@ -82,7 +82,7 @@ def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(rob
         # The client has not received the first messages, and gets 25 MB of later messages.
         for seq in range(10, MESSAGES + 1):
             robot.send(wire.STREAM_TOPIC, seq)
-        until(lambda: read() or client._waiting_bytes > MAX_WAITING_BYTES - len(PADDING) * 2, "the messages")
+        until(lambda: read() or client._early_bytes > MAX_EARLY_BYTES - len(PADDING) * 2, "the messages")
         assert not received
 
         def complete() -> bool:
@@ -94,7 +94,7 @@ def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(rob
         assert received == list(range(1, MESSAGES + 1))
         assert min(robot.requested) == 1
         assert max(robot.requested) > 10, "dropped messages are requested again"
-        assert not client._waiting_pieces
-        assert client._waiting_bytes == 0
+        assert not client._early_pieces
+        assert client._early_bytes == 0
     finally:
         client.close()

@@ -25,7 +25,7 @@ def test_control_characters_in_names_and_ports_are_escaped() -> None:
 @pytest.mark.parametrize("node_id", ["two words", "1st", "", "a:b", "{a}b", "x²", TITLE])
 def test_an_id_that_is_no_name_of_an_element_is_kept(node_id: str) -> None:
     tree = written_and_read(ObservedNode(1, "leaf", node_id, "condition", "leaf"))
-    assert (tree.root.id, tree.root.kind) == (ESCAPED if node_id == TITLE else node_id, "condition")
+    assert (tree.root.id, tree.root.type) == (ESCAPED if node_id == TITLE else node_id, "condition")
 
 
 def test_ports_cannot_replace_the_attributes_of_the_tree() -> None:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from btcore_monitor.events import KINDS
+from btcore_monitor.events import NODE_TYPES
 from btcore_monitor.wire import groot1
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.groot1 import Update, WireTransition, decode_update, encode_update
@@ -105,7 +105,7 @@ def test_the_captured_tree_gets_paths_by_the_rule_of_version_4():
     tree = found.tree
     assert (tree.tree_id, tree.name) == (UUID, "root_seq")
     assert tree.subtrees == {"": "root_seq", "Sub::6": "Sub", "Sub::9": "Sub"}
-    assert [(node.path, node.kind, node.parent, node.subtree) for node in tree.nodes] == [
+    assert [(node.path, node.type, node.parent, node.subtree) for node in tree.nodes] == [
         ("root_seq", "control", 0, ""),
         ("SetBlackboard::2", "action", 1, ""),
         ("Fallback::3", "control", 1, ""),
@@ -124,7 +124,7 @@ def test_the_captured_tree_gets_paths_by_the_rule_of_version_4():
 def test_the_observed_tree_has_uids_from_1_for_a_second_tree_of_a_process():
     nodes = (WireNode(12, (13,), 1, "Inverter", "Inverter"), WireNode(13, (), 3, "look", "Look"))
     found = read_groot1(WireTree(nodes, ()), UUID)
-    assert [(node.uid, node.kind, node.children) for node in found.tree.nodes] == [
+    assert [(node.uid, node.type, node.children) for node in found.tree.nodes] == [
         (1, "decorator", (2,)),
         (2, "action", ()),
     ]
@@ -223,7 +223,7 @@ nodes = st.builds(
 models = st.builds(
     WireModel,
     texts,
-    st.integers(0, len(KINDS)),
+    st.integers(0, len(NODE_TYPES)),
     st.lists(st.builds(WirePort, texts, st.integers(0, 2), texts, texts), max_size=3).map(tuple),
 )
 trees = st.builds(WireTree, st.lists(nodes, max_size=8).map(tuple), st.lists(models, max_size=5).map(tuple))

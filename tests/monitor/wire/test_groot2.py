@@ -161,7 +161,7 @@ def test_a_list_that_contains_itself_is_truncated():
 
 def test_the_captured_full_tree_is_read_as_an_observed_tree():
     tree = read_fulltree(body_of("v4_fulltree"), UUID)
-    assert [(node.uid, node.path, node.kind) for node in tree.nodes] == [
+    assert [(node.uid, node.path, node.type) for node in tree.nodes] == [
         (1, "root_seq", "control"),
         (2, "Script::2", "action"),
         (3, "Fallback::3", "control"),
@@ -218,7 +218,7 @@ def test_a_tree_of_a_thousand_levels_is_read():
     xml = f'<root><BehaviorTree ID="M" _fullpath="">{opened}<A _uid="{depth}"/>{"</Inverter>" * (depth - 1)}'
     tree = read_fulltree(f"{xml}</BehaviorTree></root>".encode(), UUID)
     assert tree.depth(depth) == depth - 1
-    assert tree.root.kind == "decorator"
+    assert tree.root.type == "decorator"
 
 
 @pytest.mark.parametrize(
