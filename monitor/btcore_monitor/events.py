@@ -156,7 +156,7 @@ class TreeEvent:
         stamp: The time of the tree (ns).
         wall: The wall-clock time (ns since the epoch).
         statuses: The status of every uid at that moment.
-        numbered: Whether the robot numbers the transitions, so that gaps are visible.
+        has_transition_numbers: Whether the robot numbers the transitions, so that gaps are visible.
         source: The source of the data, which describes unavailable data.
         results: The last status of idle nodes by their uid, as far as the robot reports it.
     """
@@ -165,7 +165,7 @@ class TreeEvent:
     stamp: int
     wall: int
     statuses: Mapping[int, int]
-    numbered: bool = True
+    has_transition_numbers: bool = True
     source: DataSource = RUN_CHANNEL
     results: Mapping[int, int] = field(default_factory=dict)
 

@@ -58,7 +58,7 @@ class LogWriter:
         self._next: int | None = None
         self._lost = self._incomplete = ""
 
-    def show(self, event: Event) -> None:
+    def process_event(self, event: Event) -> None:
         """Process an event. Its transitions are written to the files by `flush`."""
         if isinstance(event, TreeEvent):
             self._begin(event)
@@ -97,7 +97,7 @@ class LogWriter:
     def _open(self, event: TreeEvent) -> None:
         self.close()
         self._tree_id = event.tree.tree_id
-        self._start, self._next = event.stamp, 1 if event.numbered else None
+        self._start, self._next = event.stamp, 1 if event.has_transition_numbers else None
         self._statuses = dict.fromkeys(event.tree.by_uid, 0)
         self._trees += 1
         for path in self.paths:

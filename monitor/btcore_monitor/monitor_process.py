@@ -43,19 +43,19 @@ class MonitorProcess:
         publisher: The publisher to which the process connects.
         options: Further options of `btcore monitor`.
         label: The purpose of the process, for messages.
-        stays: Whether the process continues after the run, until Ctrl-C.
+        stays_open: Whether the process continues after the run, until Ctrl-C.
     """
 
     def __init__(
-        self, publisher: "Publisher", options: Sequence[str], label: str, stays: bool = False
+        self, publisher: "Publisher", options: Sequence[str], label: str, stays_open: bool = False
     ) -> None:
         self.label = label
-        self.draws = "--screenshot" in options
-        self.saves = self.draws or "--save" in options
-        self.stays = stays
+        self.takes_screenshot = "--screenshot" in options
+        self.writes_file = self.takes_screenshot or "--save" in options
+        self.stays_open = stays_open
         home = str(Path(__file__).parent.parent)
         path = os.pathsep.join([home, *filter(None, [os.environ.get("PYTHONPATH")])])
-        until = [] if stays else ["--until-end"]
+        until = [] if stays_open else ["--until-end"]
         # In its own session, Ctrl-C ends only the run, and the recording is still completed.
         self.process = subprocess.Popen(
             # -P: a module in the working directory must not replace an installed module.
@@ -76,19 +76,19 @@ class MonitorProcess:
         Returns:
             The reason why the file that the process writes is incomplete, or "".
         """
-        if self.stays:
+        if self.stays_open:
             self._keep_open(interrupted)
             return ""
-        limit = WRITE_TIMEOUT_S if self.saves else VIEWER_GRACE_S
-        if self.draws:
-            limit += PICTURE_TIMEOUT_S
+        timeout = WRITE_TIMEOUT_S if self.writes_file else VIEWER_GRACE_S
+        if self.takes_screenshot:
+            timeout += PICTURE_TIMEOUT_S
         try:
-            code = self._wait(limit)
+            code = self._wait(timeout)
         except subprocess.TimeoutExpired:
             self.process.terminate()
-            lost = "so the picture is missing" if self.draws else "so its end may be missing"
-            reason = f"{self.label}: not finished {limit:g} s after the run, {lost}"
-            if self.saves:
+            lost = "so the picture is missing" if self.takes_screenshot else "so its end may be missing"
+            reason = f"{self.label}: not finished {timeout:g} s after the run, {lost}"
+            if self.writes_file:
                 return reason
             print_message(reason)
             return ""
@@ -96,17 +96,19 @@ class MonitorProcess:
             self.process.terminate()
             raise
         return (
-            f"{self.label}: the monitor's process failed with exit code {code}" if code and self.saves else ""
+            f"{self.label}: the monitor's process failed with exit code {code}"
+            if code and self.writes_file
+            else ""
         )
 
-    def _wait(self, limit: float) -> int:
-        deadline = time.monotonic() + limit
-        if not self.saves:
-            return self.process.wait(limit)
+    def _wait(self, timeout: float) -> int:
+        deadline = time.monotonic() + timeout
+        if not self.writes_file:
+            return self.process.wait(timeout)
         try:
             return self.process.wait(_ANNOUNCE_AFTER_S)
         except subprocess.TimeoutExpired:
-            waiting = "the picture is drawn" if self.draws else "all data is received"
+            waiting = "the picture is drawn" if self.takes_screenshot else "all data is received"
             print_message(f"{self.label}: waiting until {waiting}")
             return self.process.wait(max(0.0, deadline - time.monotonic()))
 
@@ -125,7 +127,7 @@ class MonitorProcess:
                 self.process.wait()
 
 
-def wait_until_listening(publisher: "Publisher", monitors: Sequence[MonitorProcess]) -> None:
+def wait_until_connected(publisher: "Publisher", monitors: Sequence[MonitorProcess]) -> None:
     """Wait until all monitors have connected, so that they receive the run from its beginning.
 
     If a monitor has not connected after START_TIMEOUT_S, print a message and return.

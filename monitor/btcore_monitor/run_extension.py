@@ -17,9 +17,9 @@ from btcore.extras import install_command
 from btcore.run_extension import OutputError, RunExtension
 from btcore.tree.tree import Tree
 from btcore_monitor.display import has_display
-from btcore_monitor.display_options import DisplayOptions, create_options, explicit_options
+from btcore_monitor.drawing_options import DrawingOptions, create_drawing_options, list_given_options
 from btcore_monitor.keys import KeyFileError, RobotKeys, create_keys
-from btcore_monitor.monitor_process import MonitorProcess, print_message, wait_until_listening
+from btcore_monitor.monitor_process import MonitorProcess, print_message, wait_until_connected
 from btcore_monitor.output_files import check_is_recording, check_writable
 from btcore_monitor.process_end import exit_on_sigterm
 from btcore_monitor.viewer_options import DESTINATIONS
@@ -107,7 +107,7 @@ class MonitorExtension(RunExtension):
             is_flag=True,
             help="Print the log of the viewer (rerun), and when the viewer and the recording connect.",
         ),
-        *create_options(),
+        *create_drawing_options(),
     )
     single_run_options: Sequence[str] = tuple(option.name or "" for option in options)
 
@@ -138,13 +138,13 @@ class MonitorExtension(RunExtension):
             check_is_recording(save)
         for option, file in _list_output_files(settings).items():
             check_writable(option, file)
-        shown = _list_view_options(settings)
-        if shown and importlib.util.find_spec("rerun") is None:
+        given = _list_view_options(settings)
+        if given and importlib.util.find_spec("rerun") is None:
             raise click.ClickException(
-                f"{shown[0]} needs rerun, which is not installed: {install_command('rerun')}"
+                f"{given[0]} needs rerun, which is not installed: {install_command('rerun')}"
             )
-        if not shown:
-            for option in explicit_options():
+        if not given:
+            for option in list_given_options():
                 raise click.UsageError(
                     f"{option} has no effect without a view: add --monitor, --serve-web, --save FILE.rrd or "
                     "--screenshot FILE.png"
@@ -217,7 +217,7 @@ class MonitorExtension(RunExtension):
                 print_message(
                     f"Groot 1 finds it at publisher port {updates} and server port {updates + 1}{reason}"
                 )
-            options = [*key_options, *DisplayOptions.from_settings(settings).arguments()]
+            options = [*key_options, *DrawingOptions.from_settings(settings).arguments()]
             options.append("--verbose" if verbose else "--quiet")
             monitors: list[MonitorProcess] = []
             failures: list[str] = []
@@ -232,8 +232,8 @@ class MonitorExtension(RunExtension):
                     if settings["serve_web"]:
                         arguments = ["--serve-web", str(settings["serve_web"]), *options]
                         label = "the viewer for browsers"
-                        monitors.append(MonitorProcess(publisher, arguments, label, stays=True))
-                wait_until_listening(publisher, monitors)
+                        monitors.append(MonitorProcess(publisher, arguments, label, stays_open=True))
+                wait_until_connected(publisher, monitors)
                 self._publisher = publisher
                 yield
             # After an error, do not wait for viewers.

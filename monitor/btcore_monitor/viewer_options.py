@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from btcore_monitor.console import print_line
-from btcore_monitor.display_options import display_options
+from btcore_monitor.drawing_options import drawing_options
 from btcore_monitor.output_files import check_folder, check_is_recording
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class ViewerOptions:
     memory_limit: str
     verbose: bool
 
-    def given(self) -> list[str]:
+    def list_given(self) -> list[str]:
         """Return the options that name a destination and are present on the command line."""
         return [
             option
@@ -120,10 +120,10 @@ class ViewerOptions:
             click.ClickException: The file cannot be written.
         """
         if self.screenshot is not None and recordings:
-            from btcore_monitor.screen.screenshot import screenshot
+            from btcore_monitor.screen.screenshot import write_screenshot
 
             try:
-                screenshot(recordings[-1], self.screenshot, self.at, self.size)
+                write_screenshot(recordings[-1], self.screenshot, self.at, self.size)
             except OSError as error:
                 reason = error.strerror or error
                 raise click.ClickException(f"cannot write the picture {self.screenshot}: {reason}") from error
@@ -145,10 +145,10 @@ def parse_size(context: click.Context, option: click.Parameter, value: str) -> t
 def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options for the viewer to *command*.
 
-    The parameters are `viewer`, a `ViewerOptions`, and `display`, a `DisplayOptions`.
+    The parameters are `viewer`, a `ViewerOptions`, and `drawing`, a `DrawingOptions`.
     """
-    # The display options first, so that they follow the options of the viewer in the help text.
-    command = display_options(command)
+    # The drawing options first, so that they follow the options of the viewer in the help text.
+    command = drawing_options(command)
 
     @functools.wraps(command)
     def with_viewer(*arguments: Any, **settings: Any) -> Any:

@@ -106,7 +106,7 @@ def test_a_viewer_that_waited_gets_every_transition_of_a_thousand_ticks(free_por
     assert events[-1].state == "ended"
 
 
-def test_display_options_apply_to_the_recording(tmp_path):
+def test_drawing_options_apply_to_the_recording(tmp_path):
     pytest.importorskip("pybullet")
     recording = tmp_path / "run.rrd"
     look = ["--find", "IsObstacle", "--palette", "colour-blind", "--log-level", "warn"]

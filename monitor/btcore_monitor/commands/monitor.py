@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from btcore_monitor.console import print_line
-from btcore_monitor.display_options import DisplayOptions, explicit_options
+from btcore_monitor.drawing_options import DrawingOptions, list_given_options
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import client_keys, key_file_option, robot_key_option
@@ -47,7 +47,7 @@ _CHECK_VIEWER_INTERVAL_S: Final = 2.0
 def monitor(
     addresses: tuple[str, ...],
     viewer: ViewerOptions,
-    display: DisplayOptions,
+    drawing: DrawingOptions,
     no_record: bool,
     blackboard_rate: float,
     key_file: Path | None,
@@ -97,7 +97,7 @@ def monitor(
                 for robot, key in zip(robots, keys, strict=True)
             ]
             with time_limit(duration):
-                files = _watch(feeds, sinks, display, until_end, duration, quiet)
+                files = _watch(feeds, sinks, drawing, until_end, duration, quiet)
             viewer.take_screenshot(files)
             if files:
                 return
@@ -114,8 +114,8 @@ def monitor(
 
 
 def _check_is_live() -> None:
-    """Raise click.UsageError if there are display options, because a recording keeps its own options."""
-    for option in explicit_options():
+    """Raise click.UsageError if there are drawing options, because a recording keeps its own options."""
+    for option in list_given_options():
         raise click.UsageError(
             f"{option} has no effect on a recording: use it with a robot, or with btcore replay and a log"
         )
@@ -137,7 +137,7 @@ def _check_addresses(addresses: list[str]) -> None:
 def _watch(
     feeds: "list[Feed]",
     sinks: "RecordingSinks",
-    display: DisplayOptions,
+    drawing: DrawingOptions,
     until_end: bool,
     duration: float | None,
     quiet: bool,
@@ -155,15 +155,15 @@ def _watch(
     stop = threading.Event()
     window = SharedWindow(sinks, [_create_label(feed) for feed in feeds])
     views = (
-        [display.create_view(slot) for slot in window.slots]
+        [drawing.create_view(slot) for slot in window.slots]
         if len(feeds) > 1
-        else [display.create_view(sinks)]
+        else [drawing.create_view(sinks)]
     )
     errors: list[BaseException] = []
 
     def run(feed: "Feed", view: "RobotView") -> None:
         try:
-            _show(feed, view, until_end, stop, quiet)
+            _process_feed(feed, view, until_end, stop, quiet)
         except BaseException as error:
             errors.append(error)
             stop.set()
@@ -221,18 +221,20 @@ def _create_label(feed: "Feed") -> str:
     return host if port == DEFAULT_PORT else f"{host} {port}"
 
 
-def _show(feed: "Feed", view: "RobotView", until_end: bool, stop: threading.Event, quiet: bool) -> None:
+def _process_feed(
+    feed: "Feed", view: "RobotView", until_end: bool, stop: threading.Event, quiet: bool
+) -> None:
     from btcore_monitor.commands.notices import notice
     from btcore_monitor.events import ConnectionEvent
 
     for events in feed.batches(until_end):
         for event in events:
-            view.show(event)
+            view.process_event(event)
             text = notice(event)
             if text and not (quiet and isinstance(event, ConnectionEvent) and event.state != "lost"):
                 print_line(f"monitor: {text}", err=True)
         if not events:
-            view.pause()
+            view.process_idle()
         if stop.is_set():
             return
 

@@ -12,7 +12,7 @@ import click
 from btcore.suggestions import join_names
 from btcore_monitor.commands.monitor import DEFAULT_ADDRESS
 from btcore_monitor.console import print_line
-from btcore_monitor.display_options import DisplayOptions, display_options
+from btcore_monitor.drawing_options import DrawingOptions, drawing_options
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import client_keys, key_file_option, robot_key_option
@@ -55,7 +55,7 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
 @robot_options
 @key_file_option
 @robot_key_option
-@display_options
+@drawing_options
 def record(
     address: str,
     outputs: Sequence[Path],
@@ -66,7 +66,7 @@ def record(
     blackboard_rate: float,
     key_file: Path | None,
     robot_keys: tuple[str, ...],
-    display: DisplayOptions,
+    drawing: DrawingOptions,
 ) -> None:
     """Record the tree at ADDRESS, on any robot that btcore monitor can show.
 
@@ -96,7 +96,7 @@ def record(
             time_limit(duration),
             Feed(address, blackboard_rate=blackboard_rate, record=not no_record, keys=keys) as feed,
         ):
-            files = _Files(outputs, display)
+            files = _Files(outputs, drawing)
             try:
                 _follow(feed, files, duration, until_end)
             finally:
@@ -120,7 +120,7 @@ def record(
 class _Files:
     """The output files: logs, and recordings for the viewer."""
 
-    def __init__(self, outputs: Sequence[Path], display: DisplayOptions) -> None:
+    def __init__(self, outputs: Sequence[Path], drawing: DrawingOptions) -> None:
         from btcore_monitor.log_writer import LogWriter
 
         recordings = _filter_recordings(outputs)
@@ -131,24 +131,24 @@ class _Files:
             from btcore_monitor.screen import sinks
 
             self.sinks = [sinks.RecordingSinks(save=path) for path in recordings]
-            self.views = [display.create_view(destination) for destination in self.sinks]
+            self.views = [drawing.create_view(destination) for destination in self.sinks]
 
     @property
     def written(self) -> list[Path]:
         """The files that have been created so far."""
         return [*self.log.files, *(path for view in self.views for path in view.files)]
 
-    def show(self, event: "Event") -> None:
+    def process_event(self, event: "Event") -> None:
         """Add *event* to every output file."""
-        self.log.show(event)
+        self.log.process_event(event)
         for view in self.views:
-            view.show(event)
+            view.process_event(event)
 
     def flush(self) -> None:
         """Write buffered data."""
         self.log.flush()
         for view in self.views:
-            view.pause()
+            view.process_idle()
 
     def check(self) -> None:
         """Raise RecordingError if a recording cannot be written because the disk is full."""
@@ -180,7 +180,7 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
                 return
             ended = False
             for event in feed.poll(left):
-                files.show(event)
+                files.process_event(event)
                 # After a gap the same tree is seen again.
                 if isinstance(event, TreeEvent) and event.tree.tree_id != shown:
                     shown = event.tree.tree_id

@@ -14,7 +14,7 @@ from btcore.logs.console import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import nearest_name
 from btcore_monitor.console import print_line
-from btcore_monitor.display_options import DisplayOptions
+from btcore_monitor.drawing_options import DrawingOptions
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.events import (
     NODE_TYPES,
@@ -68,7 +68,7 @@ def replay(
     begin: float | None,
     end: float | None,
     viewer: ViewerOptions,
-    display: DisplayOptions,
+    drawing: DrawingOptions,
 ) -> None:
     """Show LOG: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2), a bag (.mcap) or a .fbl.
 
@@ -76,8 +76,8 @@ def replay(
     --screenshot need no display. Times are in seconds since the log began. A truncated file is shown up to
     its end.
     """
-    if text and viewer.given():
-        raise click.UsageError(f"--text and {viewer.given()[0]} exclude each other: choose one.")
+    if text and viewer.list_given():
+        raise click.UsageError(f"--text and {viewer.list_given()[0]} exclude each other: choose one.")
     if patterns and not text:
         raise click.UsageError("--node selects lines, so it needs --text.")
     if begin is not None and end is not None and begin > end:
@@ -90,7 +90,7 @@ def replay(
         _print(recording, window, patterns)
         return
     check_installed("rerun", "numpy")
-    _show(recording, window, viewer, display)
+    _show_recording(recording, window, viewer, drawing)
 
 
 def observed_tree(recording: Recording) -> ObservedTree:
@@ -180,15 +180,17 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
             print_line(line, colour=colour, dim=colour is None)
 
 
-def _show(recording: Recording, window: range, viewer: ViewerOptions, display: DisplayOptions) -> None:
+def _show_recording(
+    recording: Recording, window: range, viewer: ViewerOptions, drawing: DrawingOptions
+) -> None:
     from btcore_monitor.screen.rerun_process import ScreenError
 
-    wants_window = not viewer.given()
+    wants_window = not viewer.list_given()
     try:
         with viewer.open(wants_window) as sinks:
-            view = display.create_view(sinks)
+            view = drawing.create_view(sinks)
             for event in events(recording, window):
-                view.show(event)
+                view.process_event(event)
             view.close()
             if sinks.window is not None and not sinks.window.is_open and (failure := sinks.window.failure()):
                 raise ScreenError(f"the viewer (rerun) failed: {failure}")

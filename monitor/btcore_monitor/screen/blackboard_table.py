@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from btcore_monitor.events import RUNNING, ObservedTree
-from btcore_monitor.screen.panels import LEVELS, escape_markdown, log_lines, markdown_columns
+from btcore_monitor.screen.panels import LEVELS, create_log_columns, create_markdown_columns, escape_markdown
 from btcore_monitor.screen.row_buffer import RowBuffer, Series
 from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tick_states import TickStates
@@ -36,8 +36,8 @@ class BlackboardTable:
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree, palette: Palette, note: str = "") -> None:
         self._rows = rows
-        self._series: Series[str] = rows.series(BLACKBOARD, markdown_columns)
-        self._history: Series[tuple[str, str, int]] = rows.series(HISTORY, log_lines)
+        self._series: Series[str] = rows.create_series(BLACKBOARD, create_markdown_columns)
+        self._history: Series[tuple[str, str, int]] = rows.create_series(HISTORY, create_log_columns)
         self._colour = int(palette.text)
         self.note = note
         self.has_entries = False
@@ -56,7 +56,7 @@ class BlackboardTable:
         self._last: set[tuple[str, str]] = set()
         self._shown = ""
 
-    def blank(self, stamp: int, wall: int) -> None:
+    def show_note(self, stamp: int, wall: int) -> None:
         """Show only the note, if no blackboard has been shown yet."""
         if not self._shown:
             self._series.add(stamp, wall, f"*{escape_markdown(self.note)}*")
@@ -79,7 +79,7 @@ class BlackboardTable:
                 self._history.add(stamp, wall, (line, LEVELS[2], self._colour))
         self._update(stamp, wall)
 
-    def run(self, states: TickStates) -> None:
+    def show_running(self, states: TickStates) -> None:
         """Show the blackboards of the subtrees that run first."""
         active = np.flatnonzero(states.shown[self._entries] == RUNNING).tolist()
         # Inner subtrees follow outer subtrees in the tree.
@@ -122,7 +122,7 @@ class BlackboardTable:
             changed = self._changed.get((path, key))
             bold = "**" if (path, key) in self._last else ""
             text = "–" if value is None else f"`{escape_markdown(short(value))}`"
-            time = "" if changed is None else f"{bold}{self._rows.seconds(changed):.1f} s{bold}"
+            time = "" if changed is None else f"{bold}{self._rows.to_seconds(changed):.1f} s{bold}"
             yield f"| {bold}{escape_markdown(short(key))}{bold} | {text} | {time} |"
         if len(board) > _MAX_ENTRIES:
             yield f"| and {len(board) - _MAX_ENTRIES} more entries | | |"

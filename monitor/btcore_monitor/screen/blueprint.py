@@ -11,7 +11,7 @@ from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 from btcore_monitor.screen import blackboard_table, camera_view, panels, scene
 from btcore_monitor.screen.folding import FoldedTreeView
 from btcore_monitor.screen.lanes import Lanes
-from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
+from btcore_monitor.screen.row_buffer import TREE_TIMELINE, WALL_TIMELINE
 from btcore_monitor.screen.scene import Eye
 from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tree import FOLDED, TreeView
@@ -53,27 +53,27 @@ The eye is high enough to see the robot's base behind the walls, which are cut a
 class Pane:
     """The data for the views of a robot's tree, which has the title *name*.
 
-    If there is a 3D scene to show, *eye* is its point of view. *costed* is True if the robot sends the
-    duration of its ticks. The log shows lines of *level* and above. In a window with several robots, *place*
-    is the entity above all entities of this robot. *span* is the time (ns) from the beginning to the known
-    or expected end of the run. *filled* are the entities of panels that have data to show; panels without
-    data give their place to others.
+    If there is a 3D scene to show, *eye* is its point of view. *has_ticks* is True if the robot sends the
+    duration of its ticks. The log shows lines of *log_level* and above. In a window with several robots,
+    *entity_path_prefix* is the entity above all entities of this robot. *time_span* is the time (ns) from the
+    beginning to the known or expected end of the run. *filled_panels* are the entities of panels with data;
+    panels without data give their place to others.
     """
 
     palette: Palette
     name: str
-    trees: Sequence[TreeView | FoldedTreeView]
+    tree_views: Sequence[TreeView | FoldedTreeView]
     lanes: Lanes
     eye: Eye | None = None
-    costed: bool = True
-    level: str = panels.LEVELS[0]
-    place: str = ""
-    span: tuple[int, int] = (0, 0)
-    filled: Collection[str] = ()
+    has_ticks: bool = True
+    log_level: str = panels.LEVELS[0]
+    entity_path_prefix: str = ""
+    time_span: tuple[int, int] = (0, 0)
+    filled_panels: Collection[str] = ()
 
     def at(self, entity: str) -> str:
         """Return the path of *entity* in the recording."""
-        return f"{self.place}/{entity}" if self.place else entity
+        return f"{self.entity_path_prefix}/{entity}" if self.entity_path_prefix else entity
 
     @property
     def background(self) -> rrb.Background:
@@ -83,7 +83,7 @@ class Pane:
     @property
     def timeline(self) -> str:
         """The window's timeline: wall time with several robots, because their trees' clocks are unrelated."""
-        return WALL_TIME if self.place else TREE_TIME
+        return WALL_TIMELINE if self.entity_path_prefix else TREE_TIMELINE
 
 
 def lanes_share(lanes: int) -> float:
@@ -95,15 +95,15 @@ def lanes_share(lanes: int) -> float:
     return max(0.16, needed) if needed <= _MAX_LANES else _SCROLLED
 
 
-def tree_room(lanes: int, scene: bool) -> tuple[float, float]:
+def tree_view_size(lanes: int, has_scene: bool) -> tuple[float, float]:
     """Return the width and height (pixels) of the tree's view.
 
     Args:
         lanes: The number of lanes below the tree.
-        scene: Whether a scene is shown beside the tree.
+        has_scene: Whether a scene is shown beside the tree.
     """
     width, height = _WINDOW
-    if scene:
+    if has_scene:
         return width * _LEFT, height * (1.0 - lanes_share(lanes)) - 30.0
     return width, height * _TREE_OF_WIDE - 30.0
 
@@ -129,7 +129,7 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
     """
     counts = rrb.TextDocumentView(origin=pane.at(panels.STATISTICS), name="Statistics")
     ticks: list[rrb.View] = []
-    if pane.costed:
+    if pane.has_ticks:
         ticks = [
             _create_curve_view(pane, "Tick duration [ms]", "tick", legend=True),
             _create_curve_view(pane, "Tick rate [Hz]", "rate"),
@@ -159,7 +159,7 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
 def trees(pane: Pane) -> rrb.View | rrb.Container:
     """Return the view of the tree; a big tree also has a view with folded subtrees, in another tab."""
     views = []
-    for tree in pane.trees:
+    for tree in pane.tree_views:
         x0, y0, x1, y1 = tree.bounds()
         still: Mapping[Any, Any] = {
             pane.at(entity): rrb.EntityBehavior(interactive=False) for entity in tree.drawn_only
@@ -181,7 +181,7 @@ def _create_axis(pane: Pane) -> rrb.TimeAxis:
 
     It shows the whole run until the run is too long, and then the time around the cursor.
     """
-    begin, end = pane.span
+    begin, end = pane.time_span
     boundary = rr.TimeRangeBoundary
     if end - begin > MAX_WHOLE_SPAN_NS:
         window = rr.TimeRange(
@@ -220,7 +220,7 @@ def running(pane: Pane) -> rrb.View:
 def _create_table_views(pane: Pane) -> list[rrb.View]:
     """Return the views of the blackboard, if there are entries."""
     tabs: list[rrb.View] = []
-    if blackboard_table.BLACKBOARD in pane.filled:
+    if blackboard_table.BLACKBOARD in pane.filled_panels:
         tabs.append(rrb.TextDocumentView(origin=pane.at(blackboard_table.BLACKBOARD), name="Blackboard"))
         tabs.append(_log_view(pane, blackboard_table.HISTORY, "History"))
     return tabs
@@ -237,8 +237,8 @@ def _stack(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
 def log(pane: Pane) -> rrb.View:
     """Return the log of transitions. The user can change the displayed levels in the viewer."""
     rows = None
-    if pane.level != panels.LEVELS[0]:
-        rows = rrb.TextLogRows(filter_by_log_level=panels.LEVELS[panels.LEVELS.index(pane.level) :])
+    if pane.log_level != panels.LEVELS[0]:
+        rows = rrb.TextLogRows(filter_by_log_level=panels.LEVELS[panels.LEVELS.index(pane.log_level) :])
     return _log_view(pane, panels.LOG, "Transitions", rows)
 
 
@@ -249,7 +249,7 @@ def _log_view(pane: Pane, entity: str, name: str, rows: rrb.TextLogRows | None =
         TextLogColumn("LogLevel", visible=False),
     ]
     # The viewer draws the time cursor into the list only if a column shows the cursor's timeline.
-    times = [TimelineColumn(time, visible=time == pane.timeline) for time in (TREE_TIME, WALL_TIME)]
+    times = [TimelineColumn(time, visible=time == pane.timeline) for time in (TREE_TIMELINE, WALL_TIMELINE)]
     return rrb.TextLogView(
         origin=pane.at(entity),
         contents=f"/{pane.at(entity)}",
@@ -263,20 +263,22 @@ def _log_view(pane: Pane, entity: str, name: str, rows: rrb.TextLogRows | None =
 def _beside_tree(pane: Pane, eye: Eye) -> rrb.Container:
     """Return the views of a robot: its scene, its camera, the texts and the curves."""
     wide: rrb.View | rrb.Container = _create_space_view(pane, "Robot", eye.position, eye.target)
-    if eye.robot:
-        close = _create_space_view(pane, "Close up", _BESIDE, _BESIDE_TARGET, follow=f"/{pane.at(eye.robot)}")
+    if eye.robot_entity:
+        close = _create_space_view(
+            pane, "Close up", _BESIDE, _BESIDE_TARGET, follow=f"/{pane.at(eye.robot_entity)}"
+        )
         wide = rrb.Horizontal(wide, close, column_shares=[0.56, 0.44])
     now: rrb.View | rrb.Container = running(pane)
-    if eye.navigates:
+    if eye.has_navigation:
         now = rrb.Tabs(now, rrb.TextDocumentView(origin=pane.at(scene.COLOURS), name="Colours"))
     tables = _create_table_views(pane)
     texts: rrb.View | rrb.Container = rrb.Tabs(log(pane), *tables) if tables else log(pane)
     curves: list[rrb.View] = []
-    if eye.battery:
+    if eye.has_battery:
         curves.append(_create_curve_view(pane, "Battery [%]", scene.BATTERY))
-    if scene.SPEED in pane.filled:
+    if scene.SPEED in pane.filled_panels:
         curves.append(_create_curve_view(pane, _SPEED, scene.SPEED))
-    if eye.pictures:
+    if eye.has_pictures:
         origin = pane.at(camera_view.CAMERA)
         camera = rrb.Spatial2DView(origin=origin, name="Camera", background=pane.background)
         now = rrb.Horizontal(camera, now, column_shares=[0.3, 0.7])

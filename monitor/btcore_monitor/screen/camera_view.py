@@ -31,17 +31,17 @@ class CameraView:
     def __init__(self, rows: RowBuffer, origin: str) -> None:
         self._rows = rows
         self._origin = origin
-        self.pictured = False
+        self.has_pictures = False
         """Whether a picture has been received."""
         self._series: dict[tuple[str, str], Series[Any]] = {}
         self._recorded: dict[tuple[str, str], int] = {}
         self._ages: dict[tuple[str, str], _Age] = {}
-        self._detections: Series[Sequence[Detection]] = rows.series(
+        self._detections: Series[Sequence[Detection]] = rows.create_series(
             f"{CAMERA}/detections", _create_box_columns
         )
         self._shown: object = None
 
-    def static(self, data: StaticScene) -> None:
+    def draw_static(self, data: StaticScene) -> None:
         """Draw the cameras' fields of view."""
         for camera in data.cameras:
             if min(map(abs, camera.focal)) < _FOCAL_AT_LEAST:
@@ -51,14 +51,14 @@ class CameraView:
             lines = rr.LineStrips3D(_create_pyramid(camera), colors=[_SIGHT], radii=[-1.0])
             self._rows.log(entity, self._rows.in_frame(camera.frame), lines, static=True)
 
-    def moving(self, stamp: int, wall: int, data: MovingScene) -> None:
+    def draw_moving(self, stamp: int, wall: int, data: MovingScene) -> None:
         """Draw new pictures and detections at tree time *stamp* and wall time *wall* (ns)."""
         for picture in data.pictures:
-            self.pictured = True
+            self.has_pictures = True
             key = picture.name, picture.format
             if key not in self._series:
                 entity = f"{CAMERA}/pictures/{entity_part(picture.name)}"
-                self._series[key] = self._rows.series(
+                self._series[key] = self._rows.create_series(
                     entity, _create_jpeg_columns if key[1] == "jpeg" else _create_image_columns
                 )
                 self._ages[key] = _Age(self._rows, picture)
@@ -81,10 +81,12 @@ class _Age:
         self._rows = rows
         name, drawn = entity_part(picture.name), rr.EncodedImage if picture.format == "jpeg" else rr.Image
         self._middle = picture.size[0] / 2, picture.size[1] / 2
-        self._opacity: Series[float] = rows.series(
+        self._opacity: Series[float] = rows.create_series(
             f"{CAMERA}/pictures/{name}", lambda values: drawn.columns(opacity=values)
         )
-        self._captions: Series[str] = rows.series(f"{CAMERA}/ages/{name}", self._create_caption_columns)
+        self._captions: Series[str] = rows.create_series(
+            f"{CAMERA}/ages/{name}", self._create_caption_columns
+        )
         self._seen = 0
         self._faint = False
 
@@ -101,7 +103,7 @@ class _Age:
         if not self._faint and stamp - self._seen > _OLD:
             self._faint = True
             self._opacity.add(stamp, wall, _FAINT)
-            self._captions.add(stamp, wall, f"as of {self._rows.seconds(self._seen):.1f} s")
+            self._captions.add(stamp, wall, f"as of {self._rows.to_seconds(self._seen):.1f} s")
 
     def _create_caption_columns(self, values: list[str]) -> Iterable[Any]:
         captions = [text for text in values if text]

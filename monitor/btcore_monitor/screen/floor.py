@@ -64,7 +64,7 @@ class Floor:
         self._origin = origin
         self._grids: dict[str, Series[Grid]] = {}
 
-    def static(self, stamp: int, wall: int, data: StaticScene, root: str) -> None:
+    def draw_static(self, stamp: int, wall: int, data: StaticScene, root: str) -> None:
         """Draw static data and the present grids.
 
         Args:
@@ -89,9 +89,9 @@ class Floor:
             drawn = rr.LineStrips3D(strips, colors=[_KEPT_OUT], radii=[0.012])
             log(f"{self._origin}/areas", self._rows.in_frame(root), drawn, static=True)
         # Not logged as static: in rerun, static data hides data that is logged later.
-        self.moving(stamp, wall, data, root)
+        self.draw_moving(stamp, wall, data, root)
 
-    def moving(self, stamp: int, wall: int, data: StaticScene | MovingScene, root: str) -> None:
+    def draw_moving(self, stamp: int, wall: int, data: StaticScene | MovingScene, root: str) -> None:
         """Draw the grids that have changed; see `static` for the parameters."""
         for grid in data.grids:
             self._known(grid, root).add(stamp, wall, grid)
@@ -102,7 +102,7 @@ class Floor:
             entity = f"{self._origin}/grids/{entity_part(grid.name)}"
             height = _LAYERS[grid.kind] + _STEP * len(self._grids)
             encode = partial(_create_grid_columns, height=height)
-            known = self._grids[grid.name] = self._rows.series(entity, encode)
+            known = self._grids[grid.name] = self._rows.create_series(entity, encode)
             frame = self._rows.in_frame(grid.frame or root)
             self._rows.log(entity, frame, static=True)
         return known

@@ -104,15 +104,15 @@ class FoldedTreeView:
         rows: RowBuffer,
         tree: ObservedTree,
         palette: style.Palette,
-        room: tuple[float, float],
-        found: Collection[int] = (),
+        view_size: tuple[float, float],
+        highlighted: Collection[int] = (),
     ) -> None:
         self.whole = tree
         self._rows = rows
         self._palette = palette
-        self._room = room
-        self._found = found
-        self._raised: dict[int, bool] = {}
+        self._view_size = view_size
+        self._highlighted = highlighted
+        self._exceptions: dict[int, bool] = {}
         self._drawings: dict[frozenset[int], _Drawing] = {}
         self._active: _Drawing | None = None
         self._uids = np.array([node.uid for node in tree.nodes])
@@ -124,11 +124,11 @@ class FoldedTreeView:
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Return x0, y0, x1, y1 of the visible area; its unit is a pixel."""
-        return 0.0, 0.0, *self._room
+        return 0.0, 0.0, *self._view_size
 
     def draw(self) -> None:
         """Draw the parts that never change."""
-        line = legend(self._palette, 0.0, self._room[1], 1.0, bool(self._found))
+        line = legend(self._palette, 0.0, self._view_size[1], 1.0, bool(self._highlighted))
         self._rows.log(f"{FOLDED}/{LEGEND}", line, static=True)
 
     def colour(self, states: TickStates) -> None:
@@ -144,10 +144,10 @@ class FoldedTreeView:
                 self._active = active = chosen
         active.view.colour(states)
 
-    def raised(self, uid: int, stamp: int, wall: int) -> None:
-        """Draw a ring around a node that raised an exception; see TreeView.raised."""
+    def mark_exception(self, uid: int, stamp: int, wall: int) -> None:
+        """Draw a ring around a node that raised an exception; see TreeView.mark_exception."""
         if self._active is not None:
-            self._active.view.raised(uid, stamp, wall)
+            self._active.view.mark_exception(uid, stamp, wall)
 
     def _drawing(self, running: NDArray[np.bool_], states: TickStates) -> "_Drawing":
         """Return the drawing that shows the *running* nodes, which may be a new one."""
@@ -160,12 +160,19 @@ class FoldedTreeView:
             return max(self._drawings.values(), key=lambda each: int((running & each.visible).sum()))
         number = len(self._drawings)
         view = TreeView(
-            self._rows, tree, self._palette, self._room, self._found, self.whole, number, self._raised
+            self._rows,
+            tree,
+            self._palette,
+            self._view_size,
+            self._highlighted,
+            self.whole,
+            number,
+            self._exceptions,
         )
         view.draw()
         drawing = _Drawing(self._rows, view, np.isin(self._uids, list(key)), number)
         # It is outside of the view from the beginning on, until it is active.
-        drawing.move(states.began[0], states.began[1], is_active=False)
+        drawing.move(states.start_times[0], states.start_times[1], is_active=False)
         self._drawings[key] = drawing
         return drawing
 
@@ -177,10 +184,11 @@ class _Drawing:
         self.view = view
         self.visible = visible
         left, top, right, _ = view.bounds()
-        self._scale = view.room[0] / (right - left)
+        self._scale = view.view_size[0] / (right - left)
         self._place = (-left * self._scale, -top * self._scale, 0.0)
         self._series: list[Series[Any]] = [
-            rows.series(f"{FOLDED}/{layer}/{number}", _create_transform_columns) for layer in (LINES, PILLS)
+            rows.create_series(f"{FOLDED}/{layer}/{number}", _create_transform_columns)
+            for layer in (LINES, PILLS)
         ]
 
     def move(self, stamp: int, wall: int, is_active: bool) -> None:

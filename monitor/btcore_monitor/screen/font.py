@@ -166,9 +166,9 @@ def _replacement(found: re.Match[str]) -> str:
     return "" if unicodedata.category(character).startswith("M") else _LACKING_BOX
 
 
-def elide(text: str, room: int) -> str:
-    """Shorten *text* to *room* characters by omitting the middle, because names often differ at the ends."""
-    if len(text) <= room:
+def elide(text: str, max_chars: int) -> str:
+    """Shorten *text* to *max_chars* characters by omitting the middle: names often differ at the ends."""
+    if len(text) <= max_chars:
         return text
-    tail = (room - 1) // 3
-    return text[: room - 1 - tail] + "…" + text[len(text) - tail :]
+    tail = (max_chars - 1) // 3
+    return text[: max_chars - 1 - tail] + "…" + text[len(text) - tail :]

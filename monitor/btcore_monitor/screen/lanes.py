@@ -15,7 +15,7 @@ from btcore_monitor.screen.captions import distinct_names
 from btcore_monitor.screen.row_buffer import RowBuffer, entity_part
 from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tick_states import SHOWN_NAMES, TickStates
-from btcore_monitor.screen.tree import leaves
+from btcore_monitor.screen.tree import list_leaves
 
 MAX_LANES: Final = 48
 """Greatest number of lanes. A lane is about 40 pixels high, so that more lanes would not be readable."""
@@ -25,15 +25,15 @@ LEAVES_AT_ONCE: Final = 4
 NOTHING: Final = "–"
 
 
-def chosen(tree: ObservedTree, found: Collection[int]) -> list[ObservedNode]:
+def choose_nodes(tree: ObservedTree, highlighted: Collection[int]) -> list[ObservedNode]:
     """Return the nodes that get their own lane.
 
-    These are the nodes whose uids are in *found*, the result of a search. Without *found* they are all
+    These are the nodes whose uids are in *highlighted*. Without any they are all
     leaves, or no nodes if there are more than MAX_LANES leaves.
     """
-    if found:
-        return [node for node in tree.nodes if node.uid in found][:MAX_LANES]
-    all_leaves = leaves(tree.nodes)
+    if highlighted:
+        return [node for node in tree.nodes if node.uid in highlighted][:MAX_LANES]
+    all_leaves = list_leaves(tree.nodes)
     return all_leaves if len(all_leaves) <= MAX_LANES else []
 
 
@@ -47,21 +47,21 @@ class Lanes:
     """The lanes of a tree: the statuses of chosen nodes, and in a big tree the names of running nodes."""
 
     def __init__(
-        self, rows: RowBuffer, tree: ObservedTree, palette: Palette, found: Collection[int] = ()
+        self, rows: RowBuffer, tree: ObservedTree, palette: Palette, highlighted: Collection[int] = ()
     ) -> None:
         self._palette = palette
         self._rows = rows
-        nodes = chosen(tree, found)
-        depths = _group_by_depth(tree) if len(leaves(tree.nodes)) > MAX_LANES else {}
+        nodes = choose_nodes(tree, highlighted)
+        depths = _group_by_depth(tree) if len(list_leaves(tree.nodes)) > MAX_LANES else {}
         slots = [f"leaf {slot}" if slot > 1 else "leaf" for slot in range(1, LEAVES_AT_ONCE + 1)]
         over = [*depths, *slots] if depths else []
         self.entities = lane_entities([*over, *distinct_names(nodes)])
         self._running_lanes = [
-            rows.series(entity, _create_state_columns) for entity in self.entities[: len(over)]
+            rows.create_series(entity, _create_state_columns) for entity in self.entities[: len(over)]
         ]
         index = {node.uid: at for at, node in enumerate(tree.nodes)}
         self._series = {
-            index[node.uid]: rows.series(entity, _create_state_columns)
+            index[node.uid]: rows.create_series(entity, _create_state_columns)
             for node, entity in zip(nodes, self.entities[len(over) :], strict=True)
         }
         self._names = distinct_names(tree.nodes)
@@ -70,7 +70,7 @@ class Lanes:
         self._slots: list[int | None] = [None] * (len(slots) if over else 0)
         # The lanes of further leaves appear when several leaves run at the same time.
         self._shown: list[str | None] = [None] * (len(depths) + 1) + [NOTHING] * (LEAVES_AT_ONCE - 1)
-        content = "Running nodes" if over else "Found nodes" if found else "Leaves"
+        content = "Running nodes" if over else "Found nodes" if highlighted else "Leaves"
         self.title = f"{content} over time"
 
     def draw(self) -> None:

@@ -163,10 +163,10 @@ def _wrapped(
     widest = [offered[-1] for offered in below]
     least = max(shape.width for shape in narrowest)
     most = sum(shape.width for shape in widest) + GAP_X * (len(below) - 1)
-    for room in _steps(least, most):
+    for max_width in _steps(least, most):
         for chosen in (_widest_within, _smallest_within):
-            shapes = [chosen(offered, room) for offered in below]
-            yield _flowed(box, height, shapes, room if len(below) >= ROWS_FROM else 0.0)
+            shapes = [chosen(offered, max_width) for offered in below]
+            yield _flowed(box, height, shapes, max_width if len(below) >= ROWS_FROM else 0.0)
 
 
 def _steps(low: float, high: float) -> list[float]:
@@ -218,14 +218,14 @@ def _lowest_within(shapes: Sequence[_Shape], limit: float) -> _Shape:
     return next((shape for shape in shapes if shape.height <= limit), shapes[-1])
 
 
-def _widest_within(shapes: Sequence[_Shape], room: float) -> _Shape:
-    """Return the widest, and so lowest, shape that fits into *room*."""
-    return shapes[max(0, bisect_right(shapes, room, key=lambda shape: shape.width) - 1)]
+def _widest_within(shapes: Sequence[_Shape], max_width: float) -> _Shape:
+    """Return the widest, and so lowest, shape that fits into *max_width*."""
+    return shapes[max(0, bisect_right(shapes, max_width, key=lambda shape: shape.width) - 1)]
 
 
-def _smallest_within(shapes: Sequence[_Shape], room: float) -> _Shape:
-    """Return the shape with the smallest area that fits into *room*."""
-    fitting = shapes[: max(1, bisect_right(shapes, room, key=lambda shape: shape.width))]
+def _smallest_within(shapes: Sequence[_Shape], max_width: float) -> _Shape:
+    """Return the shape with the smallest area that fits into *max_width*."""
+    fitting = shapes[: max(1, bisect_right(shapes, max_width, key=lambda shape: shape.width))]
     return min(fitting, key=lambda shape: shape.width * shape.height)
 
 
@@ -277,9 +277,9 @@ def _column_width(column: Sequence[_Shape]) -> float:
     return widest if len(column) == 1 else widest + COLUMN_INDENT
 
 
-def _flowed(box: Box, height: float, children: Sequence[_Shape], room: float) -> _Shape:
-    """Return the shape with children in rows, at most *room* wide, that hang from the spine."""
-    rows = _fill(children, [shape.width for shape in children], GAP_X, room)
+def _flowed(box: Box, height: float, children: Sequence[_Shape], max_width: float) -> _Shape:
+    """Return the shape with children in rows, at most *max_width* wide, that hang from the spine."""
+    rows = _fill(children, [shape.width for shape in children], GAP_X, max_width)
     gap = HANG_Y if len(rows) == len(children) else GAP_Y
     across = max(sum(shape.width for shape in row) + GAP_X * (len(row) - 1) for row in rows)
     down = height + sum(gap + max(shape.height for shape in row) for row in rows)

@@ -19,7 +19,7 @@ _DOT_LENGTH: Final = 9.0
 _GAP: Final = 18.0
 
 
-def legend(palette: Palette, left: float, bottom: float, pixel: float, searched: bool) -> Any:
+def legend(palette: Palette, left: float, bottom: float, pixel: float, has_highlights: bool) -> Any:
     """Return the drawing of the legend.
 
     Args:
@@ -27,14 +27,14 @@ def legend(palette: Palette, left: float, bottom: float, pixel: float, searched:
         left: The x of the lower left corner (units of the drawing).
         bottom: The y of the lower left corner.
         pixel: The size of a pixel (units of the drawing).
-        searched: Whether the legend has an entry for highlighted nodes.
+        has_highlights: Whether the legend has an entry for highlighted nodes.
     """
     statuses = (RUNNING, SUCCESS, FAILURE, SKIPPED)
     entries = [(int(palette.fill[status]), STATUS_NAMES[status]) for status in statuses]
     entries.append((int(palette.fill[IDLE]), "IDLE (border: last result)"))
     entries.append((palette.raised, "raised"))
-    if searched:
-        entries.append((palette.found, "found"))
+    if has_highlights:
+        entries.append((palette.highlight, "found"))
     lines: list[Stroke] = []
     colours: list[int] = []
     radii: list[float] = []

@@ -100,7 +100,7 @@ class NavigationMarkers:
         self._shown: dict[str, object] = {}
         self._box_entities: list[str] = []
 
-    def moving(self, stamp: int, wall: int, data: MovingScene, root: str) -> None:
+    def draw_moving(self, stamp: int, wall: int, data: MovingScene, root: str) -> None:
         """Draw the poses that have changed. If *data* contains arrows or boxes, replace those that are shown.
 
         Args:
@@ -124,7 +124,7 @@ class NavigationMarkers:
         self._shown[entity] = poses.rows
         style = POSE_STYLES[poses.kind]
         if entity not in self._series:
-            self._series[entity] = self._rows.series(entity, _create_strip_columns)
+            self._series[entity] = self._rows.create_series(entity, _create_strip_columns)
             lines = rr.LineStrips3D.from_fields(colors=[style.colour], radii=[style.radius])
             self._rows.log(entity, lines, static=True)
         self._place(entity, poses.frame or root)
@@ -136,7 +136,7 @@ class NavigationMarkers:
         for name, arrow in arrows.items():
             entity = f"{self._origin}/{ARROWS}/{name}"
             if entity not in self._series:
-                self._series[entity] = self._rows.series(entity, _create_arrow_columns)
+                self._series[entity] = self._rows.create_series(entity, _create_arrow_columns)
             self._place(entity, arrow.frame or root)
         for entity, series in self._series.items():
             if entity.startswith(f"{self._origin}/{ARROWS}/"):
@@ -154,7 +154,7 @@ class NavigationMarkers:
             self._place(entity, frame)
         for entity, group in by_frame.items():
             if entity not in self._series:
-                self._series[entity] = self._rows.series(entity, _create_box_columns)
+                self._series[entity] = self._rows.create_series(entity, _create_box_columns)
                 self._rows.log(entity, rr.Boxes3D.from_fields(show_labels=False), static=True)
                 self._box_entities.append(entity)
             if self._shown.get(entity) != group:

@@ -29,10 +29,10 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.screen.captions import distinct_names
 from btcore_monitor.screen.font import elide
-from btcore_monitor.screen.row_buffer import RowBuffer, Series, curve, scalars
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, create_curve_style, create_scalar_columns
 from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tick_states import RESET_OFFSET, SHOWN_NAMES, TickStates
-from btcore_monitor.screen.tree import leaves
+from btcore_monitor.screen.tree import list_leaves
 from btcore_scene import MovingScene
 
 LOG: Final = "log"
@@ -78,9 +78,9 @@ class TransitionLog:
         self._rows = rows
         self._palette = palette
         # With several robots, the first column shows the time of the day.
-        self._shows_time = bool(rows.place)
-        self._lines: Series[tuple[str, str, int]] = rows.series(LOG, log_lines)
-        self._numbers: Series[TransitionEvent] = rows.series(f"{LOG}/numbers", _create_number_columns)
+        self._shows_time = bool(rows.entity_path_prefix)
+        self._lines: Series[tuple[str, str, int]] = rows.create_series(LOG, create_log_columns)
+        self._numbers: Series[TransitionEvent] = rows.create_series(f"{LOG}/numbers", _create_number_columns)
 
     def add_transition(self, event: TransitionEvent) -> None:
         """Log a transition as a line `#number  name  PREVIOUS → STATUS`, and as numbers."""
@@ -103,7 +103,7 @@ class TransitionLog:
 
     def add_exception(self, event: ExceptionEvent) -> None:
         """Log the exception of a node."""
-        line = f"{event.path} raised: {brief(event.message)}"
+        line = f"{event.path} raised: {shorten_message(event.message)}"
         self._add(event.stamp, event.wall, line, "ERROR", self._palette.ink[FAILURE])
 
     def add_gap(self, event: LostTransitionsEvent, stamp: int, wall: int) -> None:
@@ -114,7 +114,7 @@ class TransitionLog:
 
     def add_missing_data(self, event: MissingDataEvent) -> None:
         """Log missing data of unknown amount."""
-        since = f"since {self._rows.seconds(event.since):.2f}s " if event.since < event.stamp else ""
+        since = f"since {self._rows.to_seconds(event.since):.2f}s " if event.since < event.stamp else ""
         self._warn(event.stamp, event.wall, f"{event.kind} {since}incomplete: {event.reason}")
 
     def add_hooks(self, event: HooksEvent) -> None:
@@ -135,11 +135,11 @@ class TransitionLog:
         self._add(stamp, wall, line, "WARN", self._palette.ink[RUNNING])
 
     def _add(self, stamp: int, wall: int, line: str, level: str, colour: int) -> None:
-        time = f"{self._rows.seconds(stamp):9.2f}s " if self._shows_time else ""
+        time = f"{self._rows.to_seconds(stamp):9.2f}s " if self._shows_time else ""
         self._lines.add(stamp, wall, (f"{time}{line}", level, int(colour)))
 
 
-def log_lines(values: list[tuple[str, str, int]]) -> Iterable[Any]:
+def create_log_columns(values: list[tuple[str, str, int]]) -> Iterable[Any]:
     """Return columns with a line of a log in each row, from its text, its level and its colour."""
     text, level, colour = zip(*values, strict=True)
     return rr.TextLog.columns(text=text, level=level, color=np.array(colour, dtype=np.uint32))
@@ -158,7 +158,7 @@ class NowPanel:
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
         self._rows = rows
-        self._series: Series[str] = rows.series(NOW, markdown_columns)
+        self._series: Series[str] = rows.create_series(NOW, create_markdown_columns)
         self._leaf = np.array([not node.children for node in tree.nodes])
         leaves = [node for node in tree.nodes if not node.children]
         self._names = dict(zip(np.flatnonzero(self._leaf).tolist(), distinct_names(leaves), strict=True))
@@ -181,8 +181,8 @@ class NowPanel:
 
         The panel is updated immediately, because a tick that raises may be the last tick.
         """
-        path, message = escape_markdown(event.path), escape_markdown(brief(event.message))
-        self._raised = f"**{path}** raised at {self._rows.seconds(event.stamp):.2f} s: {message}"
+        path, message = escape_markdown(event.path), escape_markdown(shorten_message(event.message))
+        self._raised = f"**{path}** raised at {self._rows.to_seconds(event.stamp):.2f} s: {message}"
         self._show(event.stamp, event.wall, states, self._root)
 
     def count_missing(self, event: LostTransitionsEvent | MissingDataEvent) -> None:
@@ -247,7 +247,7 @@ class StatisticsTable:
     """
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
-        self._series: Series[str] = rows.series(STATISTICS, markdown_columns)
+        self._series: Series[str] = rows.create_series(STATISTICS, create_markdown_columns)
         self._nodes = tree.nodes
         self._depth = {node.uid: tree.depth(node.uid) for node in tree.nodes}
         self._results: dict[int, list[int]] = {node.uid: [0, 0, 0] for node in tree.nodes}
@@ -257,7 +257,7 @@ class StatisticsTable:
         self._last_update_stamp = 0
         self._changed = False
 
-    def start(self, stamp: int, wall: int, statuses: Mapping[int, int]) -> None:
+    def begin(self, stamp: int, wall: int, statuses: Mapping[int, int]) -> None:
         """Begin with known statuses. Transitions before *stamp* are unknown.
 
         Args:
@@ -267,9 +267,9 @@ class StatisticsTable:
         """
         self._since = {uid: stamp for uid, status in statuses.items() if status == RUNNING}
         self._changed = True
-        self.show(stamp, wall)
+        self.update(stamp, wall)
 
-    def change(self, event: TransitionEvent) -> None:
+    def count_transition(self, event: TransitionEvent) -> None:
         """Count a transition."""
         counts = self._results.get(event.uid)
         if counts is None:
@@ -283,20 +283,20 @@ class StatisticsTable:
         elif event.status != IDLE:
             counts[event.status - SUCCESS] += 1
 
-    def update(self, stamp: int, wall: int) -> None:
+    def update_if_due(self, stamp: int, wall: int) -> None:
         """Update the table at *stamp* (ns), unless the last update was less than UPDATE_INTERVAL_NS ago."""
         if self._next_update is None or stamp >= self._next_update:
-            self.show(stamp, wall)
+            self.update(stamp, wall)
 
-    def show(self, stamp: int, wall: int) -> None:
+    def update(self, stamp: int, wall: int) -> None:
         """Update the table at *stamp* (ns) if a status has changed or a node is RUNNING."""
         if self._changed or (self._since and stamp != self._last_update_stamp):
             self._changed = False
             self._last_update_stamp = stamp
             self._next_update = stamp + UPDATE_INTERVAL_NS
-            self._series.add(stamp, wall, self.markdown(stamp))
+            self._series.add(stamp, wall, self.format_table(stamp))
 
-    def markdown(self, stamp: int) -> str:
+    def format_table(self, stamp: int) -> str:
         """Return the table as of *stamp* (ns)."""
         running = {
             uid: ns + (max(0, stamp - self._since[uid]) if uid in self._since else 0)
@@ -305,7 +305,9 @@ class StatisticsTable:
         nodes = list(self._nodes)
         indented = len(nodes) <= MAX_TABLE_ROWS
         if not indented:
-            work = {node.uid: (running[node.uid], sum(self._results[node.uid])) for node in leaves(nodes)}
+            work = {
+                node.uid: (running[node.uid], sum(self._results[node.uid])) for node in list_leaves(nodes)
+            }
             ticked = [node for node in nodes if any(work.get(node.uid, ()))]
             nodes = sorted(ticked, key=lambda node: work[node.uid], reverse=True)[:MAX_TABLE_ROWS]
         lines = ["| node | results | success | running | a run |", "|:--|--:|--:|--:|--:|"]
@@ -324,14 +326,14 @@ class StatisticsTable:
         return "\n".join(lines)
 
 
-class TickCost:
-    """The tick duration with its budget, and the tick rate by the tree's clock."""
+class TickPlots:
+    """The plots of the tick duration with its budget, and the tick rate by the tree's clock."""
 
     def __init__(self, rows: RowBuffer, palette: Palette) -> None:
         self._rows = rows
-        self._duration: Series[float] = rows.series(TICK_MS, scalars)
-        self._budget: Series[float] = rows.series(BUDGET_MS, scalars)
-        self._rate: Series[float] = rows.series(RATE, scalars)
+        self._duration: Series[float] = rows.create_series(TICK_MS, create_scalar_columns)
+        self._budget: Series[float] = rows.create_series(BUDGET_MS, create_scalar_columns)
+        self._rate: Series[float] = rows.create_series(RATE, create_scalar_columns)
         self._palette = palette
         self._before: TickEvent | None = None
         self._periods: deque[int] = deque(maxlen=21)
@@ -341,10 +343,10 @@ class TickCost:
     def draw(self) -> None:
         """Log the names and colours of the lines."""
         ink = self._palette.ink
-        self._rows.log(BUDGET_MS, curve("budget", ink[FAILURE]), static=True)
-        self._rows.log(RATE, curve("ticks a second", ink[SUCCESS]), static=True)
+        self._rows.log(BUDGET_MS, create_curve_style("budget", ink[FAILURE]), static=True)
+        self._rows.log(RATE, create_curve_style("ticks a second", ink[SUCCESS]), static=True)
 
-    def tick(self, event: TickEvent) -> None:
+    def add_tick(self, event: TickEvent) -> None:
         """Add a tick. The budget is the median time between the latest ticks.
 
         The line of the budget is drawn once a tick has taken more than a tenth of the budget, because a line
@@ -362,7 +364,7 @@ class TickCost:
         if abs(budget - self._budget_ns) > self._budget_ns // 20:
             self._budget_ns = budget
             name = f"tick (budget {budget / 1e6:.4g} ms)"
-            self._rows.log(TICK_MS, curve(name, self._palette.laser), static=True)
+            self._rows.log(TICK_MS, create_curve_style(name, self._palette.laser), static=True)
         if self._worst * 10 > self._budget_ns:
             self._budget.add(event.stamp, event.wall, self._budget_ns / 1e6)
 
@@ -372,7 +374,7 @@ def escape_markdown(text: str) -> str:
     return text.replace("|", "¦").replace("`", "'").replace("\n", " ")
 
 
-def brief(message: str) -> str:
+def shorten_message(message: str) -> str:
     """Return the first line of an error's *message*, without the tree's file and the node's name.
 
     The panels show the path of the node beside the message.
@@ -381,6 +383,6 @@ def brief(message: str) -> str:
     return re.sub(r"^\S+:\d+: (node '.*?' <.*?> raised while \w+: )?", "", line)
 
 
-def markdown_columns(values: list[str]) -> Iterable[Any]:
+def create_markdown_columns(values: list[str]) -> Iterable[Any]:
     """Return columns with a markdown document in each row."""
     return rr.TextDocument.columns(text=values, media_type=["text/markdown"] * len(values))

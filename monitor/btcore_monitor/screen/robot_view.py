@@ -22,7 +22,7 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.screen.blackboard_table import BLACKBOARD, BlackboardTable
-from btcore_monitor.screen.blueprint import LIVE_SPAN_NS, MAX_WHOLE_SPAN_NS, Pane, tree_room
+from btcore_monitor.screen.blueprint import LIVE_SPAN_NS, MAX_WHOLE_SPAN_NS, Pane, tree_view_size
 from btcore_monitor.screen.folding import FoldedTreeView
 from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.lanes import Lanes
@@ -30,7 +30,7 @@ from btcore_monitor.screen.panels import (
     LEVELS,
     NowPanel,
     StatisticsTable,
-    TickCost,
+    TickPlots,
     TransitionLog,
 )
 from btcore_monitor.screen.row_buffer import RowBuffer
@@ -38,8 +38,8 @@ from btcore_monitor.screen.scene import SPEED, SceneView
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT, Palette
 from btcore_monitor.screen.tick_states import TickStates
-from btcore_monitor.screen.tree import FOLD_ABOVE_NODES, TreeView, matching
-from btcore_monitor.screen.viewer_windows import ROOM, RobotWindow, SingleRobotWindow
+from btcore_monitor.screen.tree import FOLD_ABOVE_NODES, TreeView, match_nodes
+from btcore_monitor.screen.viewer_windows import SHARED_VIEW_SIZE, RobotWindow, SingleRobotWindow
 
 _ENDLESS_NS: Final = 1 << 62
 SEND_INTERVAL_S: Final = 0.2
@@ -58,171 +58,173 @@ _MAX_BUFFERED_EVENTS: Final = 2000
 class RobotView:
     """The view of a robot.
 
-    Call `show` for each event in order, `pause` while no events arrive, and `close` at the
+    Call `process_event` for each event in order, `process_idle` while no events arrive, and `close` at the
     end. A tree with a new id begins a new recording, so that a restarted robot does not overwrite the old
     data.
 
     Args:
         sinks: The destinations of the recordings, or the robot's part of a window with several robots.
         palette: The colours.
-        find: Patterns such as `Dock*`. Nodes whose name or path matches are highlighted and have lanes.
-        level: The lowest level of the log's lines (a member of LEVELS).
+        find_patterns: Patterns such as `Dock*`. Matching names or paths are highlighted and have lanes.
+        log_level: The lowest level of the log's lines (a member of LEVELS).
     """
 
     def __init__(
         self,
         sinks: RecordingSinks | RobotWindow,
         palette: Palette = GROOT,
-        find: Sequence[str] = (),
-        level: str = LEVELS[0],
+        find_patterns: Sequence[str] = (),
+        log_level: str = LEVELS[0],
     ) -> None:
         self.files: list[Path] = []
         self._window = SingleRobotWindow(sinks) if isinstance(sinks, RecordingSinks) else sinks
         self._palette = palette
-        self._find = find
-        self._level = level
-        self._display: _TreeDisplay | None = None
-        self._new_tree: TreeEvent | None = None
+        self._find_patterns = find_patterns
+        self._log_level = log_level
+        self._panels: _TreePanels | None = None
+        self._undrawn_tree: TreeEvent | None = None
         self._scene: StaticSceneEvent | None = None
-        self._sent = self._transitions_sent = time.monotonic()
-        self._events = 0
+        self._sent_at = self._transitions_sent_at = time.monotonic()
+        self._buffered_events = 0
 
     @property
-    def tree(self) -> TreeView | None:
+    def tree_view(self) -> TreeView | None:
         """The drawing of the current tree, or None if no tree has been drawn."""
-        return self._display.tree if self._display is not None else None
+        return self._panels.tree_view if self._panels is not None else None
 
-    def show(self, event: Event) -> None:
+    def process_event(self, event: Event) -> None:
         """Process an event."""
         if isinstance(event, TreeEvent):
-            self._draw()
-            self._new_tree = event
+            self._draw_new_tree()
+            self._undrawn_tree = event
         # Robots send the static scene right after the tree; it belongs to the tree that is drawn next.
-        elif isinstance(event, StaticSceneEvent) and (self._new_tree is not None or self._display is None):
+        elif isinstance(event, StaticSceneEvent) and (self._undrawn_tree is not None or self._panels is None):
             self._scene = event
-            self._draw()
+            self._draw_new_tree()
         else:
-            self._draw()
-            if self._display is not None:
-                self._display.show(event)
-        self._events += 1
+            self._draw_new_tree()
+            if self._panels is not None:
+                self._panels.process_event(event)
+        self._buffered_events += 1
         self._send_if_due(SEND_INTERVAL_S)
 
-    def pause(self) -> None:
+    def process_idle(self) -> None:
         """Process a moment without events: a viewer receives the buffered rows now, a file later."""
-        self._draw()
-        if self._display is not None:
-            self._display.settle()
+        self._draw_new_tree()
+        if self._panels is not None:
+            self._panels.end_open_tick()
         self._send_if_due(0.0)
 
     def _send_if_due(self, live_interval: float) -> None:
         """Send the rows whose time has come; *live_interval* (s) is the time between two for a viewer."""
         now = time.monotonic()
         interval = live_interval if self._window.is_live else WRITE_INTERVAL_S
-        if now - self._sent >= interval or self._events >= _MAX_BUFFERED_EVENTS:
+        if now - self._sent_at >= interval or self._buffered_events >= _MAX_BUFFERED_EVENTS:
             self.flush()
-        elif now - self._transitions_sent >= WRITE_TRANSITIONS_INTERVAL_S and not self._window.is_live:
-            self._transitions_sent = now
-            if self._display is not None:
-                self._display.log.send()
+        elif now - self._transitions_sent_at >= WRITE_TRANSITIONS_INTERVAL_S and not self._window.is_live:
+            self._transitions_sent_at = now
+            if self._panels is not None:
+                self._panels.transition_log.send()
 
     def flush(self) -> None:
         """Send the buffered rows."""
-        self._sent = self._transitions_sent = time.monotonic()
-        self._events = 0
-        self._draw()
-        if self._display is not None:
-            self._display.settle()
-            self._display.send()
+        self._sent_at = self._transitions_sent_at = time.monotonic()
+        self._buffered_events = 0
+        self._draw_new_tree()
+        if self._panels is not None:
+            self._panels.end_open_tick()
+            self._panels.send()
 
     def close(self) -> None:
         """Send the buffered rows and finish the recording."""
-        self._draw()
-        self._finish()
+        self._draw_new_tree()
+        self._close_panels()
 
-    def _draw(self) -> None:
+    def _draw_new_tree(self) -> None:
         """Draw the new tree, if there is any.
 
         A new tree is not drawn before the next event, which may be its scene: beside a scene, the tree has
         less room.
         """
-        new, self._new_tree = self._new_tree, None
+        new, self._undrawn_tree = self._undrawn_tree, None
         if new is None:
             return
-        if self._display is not None and self._display.is_of(new):
-            self._display.resume(new)
+        if self._panels is not None and self._panels.has_tree_of(new):
+            self._panels.continue_with(new)
         else:
-            self._finish()
-            scene = self._scene is not None
-            self._display = _TreeDisplay(new, self._window, self._palette, scene, self._find, self._level)
-            if self._display.file is not None:
-                self.files.append(self._display.file)
+            self._close_panels()
+            has_scene = self._scene is not None
+            self._panels = _TreePanels(
+                new, self._window, self._palette, has_scene, self._find_patterns, self._log_level
+            )
+            if self._panels.file is not None:
+                self.files.append(self._panels.file)
         if self._scene is not None:
-            self._display.show(self._scene)
+            self._panels.process_event(self._scene)
             self._scene = None
-        self._sent = time.monotonic()
+        self._sent_at = time.monotonic()
 
-    def _finish(self) -> None:
-        if self._display is not None:
-            self._display.close()
-            self._display = None
+    def _close_panels(self) -> None:
+        if self._panels is not None:
+            self._panels.close()
+            self._panels = None
 
 
-class _TreeDisplay:
-    """A displayed tree with its recording."""
+class _TreePanels:
+    """All panels of a tree, and their recording."""
 
     def __init__(
         self,
         event: TreeEvent,
         window: RobotWindow,
         palette: Palette,
-        scene: bool,
-        find: Sequence[str],
-        level: str,
+        has_scene: bool,
+        find_patterns: Sequence[str],
+        log_level: str,
     ) -> None:
         tree = event.tree
         self.tree_id = tree.tree_id
         self.name = legible(f"{window.label} · {tree.name}" if window.label else tree.name)
-        self.numbered = event.numbered
+        self.has_transition_numbers = event.has_transition_numbers
         self.source = DataSource("")
         self.window = window
-        self.recording, self.place, self.file = window.begin(tree.name)
+        self.recording, self.entity_path_prefix, self.file = window.begin_recording(tree.name)
         # Other sources count the time from their beginning already.
-        origin = event.stamp if event.source == RUN_CHANNEL else 0
-        self.rows = RowBuffer(self.recording, self.place, origin)
-        self.level = level
+        start_stamp = event.stamp if event.source == RUN_CHANNEL else 0
+        self.rows = RowBuffer(self.recording, self.entity_path_prefix, start_stamp)
+        self.log_level = log_level
         self._palette = palette
         self.states = TickStates(tree)
         self._uids = {node.path: node.uid for node in tree.nodes}
-        matches = {pattern: matching(tree, pattern) for pattern in find}
-        found = {uid for uids in matches.values() for uid in uids}
-        self.lanes = Lanes(self.rows, tree, palette, found)
-        room = ROOM if self.place else tree_room(len(self.lanes.entities), scene)
-        self.tree = TreeView(self.rows, tree, palette, room, found)
-        self.trees: list[TreeView | FoldedTreeView] = [self.tree]
+        matches = {pattern: match_nodes(tree, pattern) for pattern in find_patterns}
+        highlighted = {uid for uids in matches.values() for uid in uids}
+        self.lanes = Lanes(self.rows, tree, palette, highlighted)
+        lane_count = len(self.lanes.entities)
+        view_size = SHARED_VIEW_SIZE if self.entity_path_prefix else tree_view_size(lane_count, has_scene)
+        self.tree_view = TreeView(self.rows, tree, palette, view_size, highlighted)
+        self.tree_views: list[TreeView | FoldedTreeView] = [self.tree_view]
         if len(tree.nodes) > FOLD_ABOVE_NODES:
-            self.trees.insert(0, FoldedTreeView(self.rows, tree, palette, room, found))
-        self.log = TransitionLog(self.rows, tree, palette)
-        self.blackboard = BlackboardTable(self.rows, tree, palette)
-        self.cost = TickCost(self.rows, palette)
-        self.now = NowPanel(self.rows, tree)
-        self.statistics = StatisticsTable(self.rows, tree)
-        self.scene = SceneView(self.rows, palette)
+            self.tree_views.insert(0, FoldedTreeView(self.rows, tree, palette, view_size, highlighted))
+        self.transition_log = TransitionLog(self.rows, tree, palette)
+        self.blackboard_table = BlackboardTable(self.rows, tree, palette)
+        self.tick_plots = TickPlots(self.rows, palette)
+        self.now_panel = NowPanel(self.rows, tree)
+        self.statistics_table = StatisticsTable(self.rows, tree)
+        self.scene_view = SceneView(self.rows, palette)
         self._stamp, self._wall = event.stamp, event.wall
         self._last_tick_stamp = event.stamp - 1
-        self._begin = self._now
-        self._end = self._begin + LIVE_SPAN_NS
+        self._begin_time = self._current_time
+        self._end_time = self._begin_time + LIVE_SPAN_NS
         self._show_source(event.source, event.stamp, event.wall)
         for pattern, uids in matches.items():
             if not uids:
-                self.log.add_unmatched_pattern(pattern, event.stamp, event.wall)
-        self._is_rearranged = True
-        self._shown_filled = self._list_filled()
-        self._show_blueprint()
-        for view in self.trees:
+                self.transition_log.add_unmatched_pattern(pattern, event.stamp, event.wall)
+        self._is_layout_outdated = True
+        self._filled_panels = self._list_filled_panels()
+        for view in self.tree_views:
             view.draw()
         self.lanes.draw()
-        self.cost.draw()
+        self.tick_plots.draw()
         self._restart(event)
         self._handlers: dict[type, Callable[..., None]] = {
             TransitionEvent: self._show_transition,
@@ -233,30 +235,32 @@ class _TreeDisplay:
             ExceptionEvent: self._show_exception,
             LostTransitionsEvent: self._show_gap,
             MissingDataEvent: self._show_missing_data,
-            HooksEvent: self.log.add_hooks,
+            HooksEvent: self.transition_log.add_hooks,
             ConnectionEvent: self._show_connection,
         }
 
-    def resume(self, event: TreeEvent) -> None:
+    def continue_with(self, event: TreeEvent) -> None:
         """Continue the same tree with the statuses in *event*. The transitions before it are unknown."""
         self._move_to(event.stamp, event.wall)
         self._restart(event)
 
-    def is_of(self, event: TreeEvent) -> bool:
+    def has_tree_of(self, event: TreeEvent) -> bool:
         """Return whether *event* has this tree, and comes from a source with the same clock and numbering."""
-        return self.tree_id == event.tree.tree_id and self.numbered == event.numbered
+        return (
+            self.tree_id == event.tree.tree_id and self.has_transition_numbers == event.has_transition_numbers
+        )
 
     def _restart(self, event: TreeEvent) -> None:
         self._show_source(event.source, event.stamp, event.wall)
-        self.states.start(event.stamp, event.wall, event.statuses)
+        self.states.begin(event.stamp, event.wall, event.statuses)
         self._colour()
-        self.blackboard.run(self.states)
+        self.blackboard_table.show_running(self.states)
         self.lanes.show(self.states, range(len(self.states.shown)))
-        self.statistics.start(event.stamp, event.wall, event.statuses)
+        self.statistics_table.begin(event.stamp, event.wall, event.statuses)
         if "ticks" in self.source.unavailable:
-            self.now.show_states(self.states)
+            self.now_panel.show_states(self.states)
 
-    def show(self, event: Event) -> None:
+    def process_event(self, event: Event) -> None:
         handler = self._handlers.get(type(event))
         if handler is not None:
             handler(event)
@@ -265,153 +269,153 @@ class _TreeDisplay:
         if source == self.source:
             return
         self.source = source
-        self.now.show_source(source)
-        self.log.show_source(source, stamp, wall)
-        self.blackboard.note = source.unavailable.get("blackboard", "")
-        if self.blackboard.note:
-            self.blackboard.blank(stamp, wall)
+        self.now_panel.show_source(source)
+        self.transition_log.show_source(source, stamp, wall)
+        self.blackboard_table.note = source.unavailable.get("blackboard", "")
+        if self.blackboard_table.note:
+            self.blackboard_table.show_note(stamp, wall)
 
-    def settle(self) -> None:
+    def end_open_tick(self) -> None:
         """Show the last changes of a robot that does not report the end of a tick."""
-        if "ticks" in self.source.unavailable and self.states.is_open:
+        if "ticks" in self.source.unavailable and self.states.has_open_tick:
             self._end_tick(self._stamp, self._wall)
 
     def send(self) -> None:
         """Send the buffered rows, and the arrangement of the views if it has changed."""
-        if self._is_rearranged:
-            self._is_rearranged = False
-            self.window.show(self.recording, self._create_pane())
+        if self._is_layout_outdated:
+            self._is_layout_outdated = False
+            self.window.show_pane(self.recording, self._create_pane())
         self.rows.send()
 
     def close(self) -> None:
-        self._show_remaining()
-        if self._now - self._begin <= MAX_WHOLE_SPAN_NS:
-            self._end = self._now
-            self._show_blueprint()
-        self.statistics.show(self._stamp, self._wall)
+        self._end_last_tick()
+        if self._current_time - self._begin_time <= MAX_WHOLE_SPAN_NS:
+            self._end_time = self._current_time
+            self._invalidate_layout()
+        self.statistics_table.update(self._stamp, self._wall)
         self.send()
-        self.window.end(self.recording)
+        self.window.end_recording(self.recording)
 
-    def _show_remaining(self) -> None:
+    def _end_last_tick(self) -> None:
         """Show the changes after the last tick, for example of a tree that was halted."""
-        if self.states.is_open:
+        if self.states.has_open_tick:
             # A halt at the time of the last tick must not hide the states of that tick.
             self._stamp = self.states.stamp = max(self._stamp, self._last_tick_stamp + 1)
             self._end_tick(self._stamp, self._wall)
-            self.now.show_states(self.states)
+            self.now_panel.show_states(self.states)
 
     @property
-    def _now(self) -> int:
+    def _current_time(self) -> int:
         """The time (ns) of the last event on the window's timeline."""
-        return self._wall if self.place else self._stamp - self.rows.origin
+        return self._wall if self.entity_path_prefix else self._stamp - self.rows.start_stamp
 
     def _end_tick(self, stamp: int, wall: int) -> None:
-        changed = self.states.close(stamp, wall)
+        changed = self.states.end_tick(stamp, wall)
         if changed:
             self._colour()
-            self.blackboard.run(self.states)
+            self.blackboard_table.show_running(self.states)
             self.lanes.show(self.states, changed)
             if "ticks" in self.source.unavailable:
-                self.now.show_states(self.states)
+                self.now_panel.show_states(self.states)
 
     def _colour(self) -> None:
-        for view in self.trees:
+        for view in self.tree_views:
             view.colour(self.states)
 
     def _move_to(self, stamp: int, wall: int) -> None:
         self._stamp, self._wall = stamp, wall
-        if self._now > self._end:
+        if self._current_time > self._end_time:
             # The axes follow the cursor from now on.
-            self._end = _ENDLESS_NS
-            self._show_blueprint()
+            self._end_time = _ENDLESS_NS
+            self._invalidate_layout()
 
     def _show_transition(self, event: TransitionEvent) -> None:
         # First, because the states of the previous tick must not contain this event.
-        if self.states.is_over(event):
+        if self.states.is_of_later_tick(event):
             self._end_tick(self._stamp, self._wall)
         self._move_to(event.stamp, event.wall)
-        self.states.change(event)
-        self.log.add_transition(event)
-        self.statistics.change(event)
-        self.statistics.update(event.stamp, event.wall)
+        self.states.apply(event)
+        self.transition_log.add_transition(event)
+        self.statistics_table.count_transition(event)
+        self.statistics_table.update_if_due(event.stamp, event.wall)
 
     def _show_tick(self, event: TickEvent) -> None:
         self._move_to(event.stamp, event.wall)
         self._last_tick_stamp = event.stamp
         self._end_tick(event.stamp, event.wall)
-        self.cost.tick(event)
-        self.now.show_tick(event, self.states)
-        self.statistics.update(event.stamp, event.wall)
+        self.tick_plots.add_tick(event)
+        self.now_panel.show_tick(event, self.states)
+        self.statistics_table.update_if_due(event.stamp, event.wall)
 
     def _show_blackboards(self, event: BlackboardEvent) -> None:
         self._move_to(event.stamp, event.wall)
-        self.blackboard.show(event.stamp, event.wall, event.boards)
-        self._show_filled_views()
+        self.blackboard_table.show(event.stamp, event.wall, event.boards)
+        self._update_filled_panels()
 
     def _show_static_scene(self, event: StaticSceneEvent) -> None:
-        if self.scene.static(self._stamp, self._wall, event.data):
-            self._show_blueprint()
+        if self.scene_view.draw_static(self._stamp, self._wall, event.data):
+            self._invalidate_layout()
 
     def _show_moving_scene(self, event: MovingSceneEvent) -> None:
         self._move_to(event.stamp, event.wall)
-        pictured = self.scene.pictured
-        self.scene.moving(event.stamp, event.wall, event.data)
-        self.now.keep_notes(event.data)
-        if self.scene.pictured != pictured:
-            self._show_blueprint()
-        self._show_filled_views()
+        had_pictures = self.scene_view.has_pictures
+        self.scene_view.draw_moving(event.stamp, event.wall, event.data)
+        self.now_panel.keep_notes(event.data)
+        if self.scene_view.has_pictures != had_pictures:
+            self._invalidate_layout()
+        self._update_filled_panels()
 
     def _show_exception(self, event: ExceptionEvent) -> None:
         self._move_to(event.stamp, event.wall)
-        self.log.add_exception(event)
-        self.now.show_exception(event, self.states)
+        self.transition_log.add_exception(event)
+        self.now_panel.show_exception(event, self.states)
         uid = self._uids.get(event.path)
         if uid is not None:
-            for view in self.trees:
-                view.raised(uid, event.stamp, event.wall)
+            for view in self.tree_views:
+                view.mark_exception(uid, event.stamp, event.wall)
 
     def _show_gap(self, event: LostTransitionsEvent) -> None:
-        self.log.add_gap(event, self._stamp, self._wall)
-        self.now.count_missing(event)
+        self.transition_log.add_gap(event, self._stamp, self._wall)
+        self.now_panel.count_missing(event)
 
     def _show_missing_data(self, event: MissingDataEvent) -> None:
-        self.log.add_missing_data(event)
-        self.now.count_missing(event)
+        self.transition_log.add_missing_data(event)
+        self.now_panel.count_missing(event)
 
     def _show_connection(self, event: ConnectionEvent) -> None:
-        self.log.add_connection(event, self._stamp, self._wall)
+        self.transition_log.add_connection(event, self._stamp, self._wall)
         if event.state == "ended":
-            self._show_remaining()
+            self._end_last_tick()
 
-    def _list_filled(self) -> frozenset[str]:
+    def _list_filled_panels(self) -> frozenset[str]:
         """Return the entities of the panels that have data to show."""
         has = {
-            BLACKBOARD: self.blackboard.has_entries or bool(self.blackboard.note),
-            SPEED: self.scene.has_speed,
+            BLACKBOARD: self.blackboard_table.has_entries or bool(self.blackboard_table.note),
+            SPEED: self.scene_view.has_speed,
         }
         return frozenset(entity for entity, is_filled in has.items() if is_filled)
 
-    def _show_filled_views(self) -> None:
+    def _update_filled_panels(self) -> None:
         """Give a panel its place in the window when its first data arrive."""
-        filled = self._list_filled()
-        if filled != self._shown_filled:
-            self._shown_filled = filled
-            self._show_blueprint()
+        filled = self._list_filled_panels()
+        if filled != self._filled_panels:
+            self._filled_panels = filled
+            self._invalidate_layout()
 
-    def _show_blueprint(self) -> None:
+    def _invalidate_layout(self) -> None:
         # Sent with the next rows: when a run begins, several panels get their first data at once.
-        self._is_rearranged = True
+        self._is_layout_outdated = True
 
     def _create_pane(self) -> Pane:
         return Pane(
             self._palette,
             self.name,
-            self.trees,
+            self.tree_views,
             self.lanes,
-            self.scene.eye(),
-            costed="ticks" not in self.source.unavailable,
-            level=self.level,
-            place=self.place,
-            span=(self._begin, self._end),
-            filled=self._list_filled(),
+            self.scene_view.create_eye(),
+            has_ticks="ticks" not in self.source.unavailable,
+            log_level=self.log_level,
+            entity_path_prefix=self.entity_path_prefix,
+            time_span=(self._begin_time, self._end_time),
+            filled_panels=self._list_filled_panels(),
         )

@@ -21,21 +21,21 @@ from btcore_monitor.screen.font import legible, spell
 Value = TypeVar("Value")
 Encode = Callable[[list[Value]], Iterable[Any]]
 
-_NAME_ROOM: Final = 100
+_MAX_NAME_CHARS: Final = 100
 # The log's first column, which shows the time, is as wide as the name of the timeline.
-TREE_TIME: Final = "time of the tree"
-WALL_TIME: Final = "time of the day"
+TREE_TIMELINE: Final = "time of the tree"
+WALL_TIMELINE: Final = "time of the day"
 
 
 class Series(Generic[Value]):
     """The unsent rows of an *entity*. *encode* converts the values of the rows to rerun's columns.
 
-    Displayed times count from *origin* (ns of the tree's clock).
+    Displayed times count from *start_stamp* (ns of the tree's clock).
     """
 
-    def __init__(self, entity: str, encode: Encode[Value], origin: int = 0) -> None:
+    def __init__(self, entity: str, encode: Encode[Value], start_stamp: int = 0) -> None:
         self.entity = entity
-        self._origin = origin
+        self._start_stamp = start_stamp
         self._encode = encode
         self._stamps: list[int] = []
         self._walls: list[int] = []
@@ -57,10 +57,10 @@ class Series(Generic[Value]):
         """Send the rows, and clear the buffer."""
         if not self._values:
             return
-        since = np.array(self._stamps, dtype=np.int64) - self._origin
+        since = np.array(self._stamps, dtype=np.int64) - self._start_stamp
         times = [
-            rr.TimeColumn(TREE_TIME, duration=since.astype("timedelta64[ns]")),
-            rr.TimeColumn(WALL_TIME, timestamp=np.array(self._walls, dtype="datetime64[ns]")),
+            rr.TimeColumn(TREE_TIMELINE, duration=since.astype("timedelta64[ns]")),
+            rr.TimeColumn(WALL_TIMELINE, timestamp=np.array(self._walls, dtype="datetime64[ns]")),
         ]
         values, self._values = self._values, []
         self._stamps.clear()
@@ -71,46 +71,48 @@ class Series(Generic[Value]):
 class RowBuffer:
     """All series of a robot's tree in *recording*.
 
-    If several robots share a recording, *place* is the entity above all entities of this robot, and the
-    prefix of its frames' names. Displayed times count from *origin* (ns of the tree's clock), since a robot's
-    clock may have any beginning.
+    If several robots share a recording, *entity_path_prefix* is the entity above all entities of this robot,
+    and the prefix of its frames' names. Displayed times count from *start_stamp* (ns of the tree's clock),
+    since a robot's clock may have any beginning.
     """
 
-    def __init__(self, recording: rr.RecordingStream, place: str = "", origin: int = 0) -> None:
+    def __init__(
+        self, recording: rr.RecordingStream, entity_path_prefix: str = "", start_stamp: int = 0
+    ) -> None:
         self.recording = recording
-        self.origin = origin
-        self.place = place
-        self._below = f"{place}/" if place else ""
+        self.start_stamp = start_stamp
+        self.entity_path_prefix = entity_path_prefix
+        self._prefix = f"{entity_path_prefix}/" if entity_path_prefix else ""
         self._series: list[Series[Any]] = []
 
-    def series(self, entity: str, encode: Encode[Value]) -> Series[Value]:
+    def create_series(self, entity: str, encode: Encode[Value]) -> Series[Value]:
         """Return a new series for *entity*, whose values *encode* converts to columns."""
-        series = Series(self._below + entity, encode, self.origin)
+        series = Series(self._prefix + entity, encode, self.start_stamp)
         self._series.append(series)
         return series
 
-    def seconds(self, stamp: int) -> float:
+    def to_seconds(self, stamp: int) -> float:
         """Return the displayed time (s) of tree time *stamp* (ns)."""
-        return (stamp - self.origin) / 1e9
+        return (stamp - self.start_stamp) / 1e9
 
     def log(self, entity: str, *components: Any, static: bool) -> None:
         """Log data without buffering.
 
         Args:
-            entity: The path of the entity, without the robot's *place*.
+            entity: The path of the entity, without the robot's *entity_path_prefix*.
             components: The archetypes or components to log.
             static: Whether the data is valid for all times.
         """
         batches = [batch for each in components for batch in _make_batches_legible(each)]
-        self.recording.log(self._below + entity, batches, static=static)
+        self.recording.log(self._prefix + entity, batches, static=static)
 
-    def frame(self, name: str) -> str:
+    def frame_name(self, name: str) -> str:
         """Return the name of the robot's frame *name* in the recording."""
-        return self._below + spell(name)
+        return self._prefix + spell(name)
 
     def in_frame(self, name: str) -> rr.CoordinateFrame:
         """Return the component that places an entity in the robot's frame *name*."""
-        return rr.CoordinateFrame(self.frame(name))
+        return rr.CoordinateFrame(self.frame_name(name))
 
     def send(self) -> None:
         """Send the rows of every series."""
@@ -152,7 +154,7 @@ def _make_column_legible(column: Any) -> Any:
 
 def entity_part(name: str) -> str:
     """Return *name* as a part of an entity's path, without characters that rerun shows with escapes."""
-    return re.sub(r"[^\w.-]+", "_", spell(name[:_NAME_ROOM])).strip("_") or "_"
+    return re.sub(r"[^\w.-]+", "_", spell(name[:_MAX_NAME_CHARS])).strip("_") or "_"
 
 
 def rounded(values: NDArray[np.floating], step: float) -> NDArray[np.float32]:
@@ -167,7 +169,7 @@ def rounded(values: NDArray[np.floating], step: float) -> NDArray[np.float32]:
     return multiples.astype(np.float32)
 
 
-def scalars(values: list[float]) -> Iterable[Any]:
+def create_scalar_columns(values: list[float]) -> Iterable[Any]:
     """Return columns with a number in each row."""
     return rr.Scalars.columns(scalars=np.array(values, dtype=np.float64))
 
@@ -180,11 +182,11 @@ def image_format(size: tuple[int, int], color_model: Literal["RGB", "RGBA"]) -> 
     )
 
 
-def curve(name: str, colour: int) -> Any:
+def create_curve_style(name: str, colour: int) -> Any:
     """Return the name and colour of a curve in a plot."""
     return rr.SeriesLines(colors=[int(colour)], names=[name], widths=[1.6])
 
 
-def strip_colours(values: list[Any]) -> Iterable[Any]:
+def create_colour_columns(values: list[Any]) -> Iterable[Any]:
     """Return columns with the colours of a LineStrips2D (a uint32 array) in each row."""
     return rr.LineStrips2D.columns(colors=np.concatenate(values)).partition([len(row) for row in values])

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from btcore_monitor.screen.camera_view import CameraView
 from btcore_monitor.screen.floor import Floor
 from btcore_monitor.screen.navigation_markers import NavigationMarkers
-from btcore_monitor.screen.row_buffer import RowBuffer, Series, curve, entity_part, rounded, scalars
+from btcore_monitor.screen.row_buffer import (
+    RowBuffer,
+    Series,
+    create_curve_style,
+    create_scalar_columns,
+    entity_part,
+    rounded,
+)
 from btcore_monitor.screen.shapes import archetypes, extent, surface
 from btcore_monitor.screen.style import Palette
 from btcore_scene import UPRIGHT, Laser, Mesh, MovingScene, Part, StaticScene
@@ -70,37 +77,37 @@ Pose = tuple[str, tuple[float, ...], tuple[float, ...]]
 class Eye:
     """The point from which the 3D view shows the scene, and the point at which it looks (m).
 
-    *robot* is the entity that a close-up follows; *pictures*, *battery* and *navigates* are True if there
-    are camera pictures, a battery level and navigation data to show.
+    *robot_entity* is the entity that a close-up follows; *has_pictures*, *has_battery* and *has_navigation*
+    are True if there are camera pictures, a battery level and navigation data to show.
     """
 
     position: tuple[float, float, float]
     target: tuple[float, float, float]
-    robot: str = ""
-    pictures: bool = False
-    battery: bool = False
-    navigates: bool = False
+    robot_entity: str = ""
+    has_pictures: bool = False
+    has_battery: bool = False
+    has_navigation: bool = False
 
 
 class SceneView:
-    """The scene of a robot: `static` draws its parts, and `moving` updates their poses."""
+    """The scene of a robot: `draw_static` draws its parts, and `draw_moving` updates their poses."""
 
     def __init__(self, rows: RowBuffer, palette: Palette) -> None:
         self._rows = rows
         self._palette = palette
         self._static = StaticScene()
-        self.present = False
+        self.has_scene = False
         """Whether there is a scene to show."""
         self.has_speed = False
         """Whether the robot has sent its speed."""
         self._frames: dict[str, Series[Pose]] = {}
         self._poses: dict[str, Pose] = {}
-        self._points: Series[Any] = rows.series(POINTS, _create_position_columns)
-        self._fan: Series[Any] = rows.series(FAN, _create_vertex_columns)
-        self._trail: Series[Any] = rows.series(TRAIL, _create_strip_columns)
-        self._v: Series[float] = rows.series(f"{SPEED}/v", scalars)
-        self._w: Series[float] = rows.series(f"{SPEED}/w", scalars)
-        self._battery: Series[float] = rows.series(f"{BATTERY}/level", scalars)
+        self._points: Series[Any] = rows.create_series(POINTS, _create_position_columns)
+        self._fan: Series[Any] = rows.create_series(FAN, _create_vertex_columns)
+        self._trail: Series[Any] = rows.create_series(TRAIL, _create_strip_columns)
+        self._v: Series[float] = rows.create_series(f"{SPEED}/v", create_scalar_columns)
+        self._w: Series[float] = rows.create_series(f"{SPEED}/w", create_scalar_columns)
+        self._battery: Series[float] = rows.create_series(f"{BATTERY}/level", create_scalar_columns)
         self._floor = Floor(rows, palette, ORIGIN)
         self._markers = NavigationMarkers(rows, ORIGIN)
         self._cameras = CameraView(rows, ORIGIN)
@@ -108,14 +115,14 @@ class SceneView:
         self._ray_step = 1
         self._directions: NDArray[np.float32] = np.zeros((0, 3), dtype=np.float32)
         self._scan_stamp = -1
-        self._last: Vector | None = None
+        self._last_position: Vector | None = None
 
     @property
-    def pictured(self) -> bool:
+    def has_pictures(self) -> bool:
         """Whether there are camera pictures to show."""
-        return self._cameras.pictured
+        return self._cameras.has_pictures
 
-    def static(self, stamp: int, wall: int, data: StaticScene) -> bool:
+    def draw_static(self, stamp: int, wall: int, data: StaticScene) -> bool:
         """Draw the static scene.
 
         Args:
@@ -126,9 +133,9 @@ class SceneView:
         Returns:
             False if this scene was drawn before; robots send the scene again on request.
         """
-        if self.present and data == self._static:
+        if self.has_scene and data == self._static:
             return False
-        self._static, self.present = data, True
+        self._static, self.has_scene = data, True
         log = self._rows.log
         log(ORIGIN, rr.ViewCoordinates.RIGHT_HAND_Z_UP, self._rows.in_frame(self._root), static=True)
         groups: dict[tuple[str, str], list[Part]] = defaultdict(list)
@@ -148,10 +155,10 @@ class SceneView:
         if data.footprint_radius is not None:
             self._markers.footprint = data.footprint_radius
         self._draw_sensors()
-        self._floor.static(stamp, wall, data, self._root)
+        self._floor.draw_static(stamp, wall, data, self._root)
         if data.grids:
             log(COLOURS, rr.TextDocument(_COLOUR_LEGEND, media_type="text/markdown"), static=True)
-        self._cameras.static(data)
+        self._cameras.draw_static(data)
         return True
 
     @property
@@ -178,9 +185,9 @@ class SceneView:
             (f"{SPEED}/w", palette.laser, "ω  rad/s"),
             (f"{BATTERY}/level", int(palette.ink[2]), "battery  %"),
         ):
-            log(entity, curve(label, colour), static=True)
+            log(entity, create_curve_style(label, colour), static=True)
 
-    def moving(self, stamp: int, wall: int, data: MovingScene) -> None:
+    def draw_moving(self, stamp: int, wall: int, data: MovingScene) -> None:
         """Draw the changes: moved frames, a new scan, the speed, and other new data.
 
         Args:
@@ -204,9 +211,9 @@ class SceneView:
         if data.battery is not None:
             self._battery.add(stamp, wall, float(data.battery))
         self._extend_trail(stamp, wall)
-        self._floor.moving(stamp, wall, data, self._root)
-        self._markers.moving(stamp, wall, data, self._root)
-        self._cameras.moving(stamp, wall, data)
+        self._floor.draw_moving(stamp, wall, data, self._root)
+        self._markers.draw_moving(stamp, wall, data, self._root)
+        self._cameras.draw_moving(stamp, wall, data)
 
     def _set_pose(self, stamp: int, wall: int, child: str, pose: Pose) -> None:
         before = self._poses.get(child)
@@ -215,7 +222,7 @@ class SceneView:
         self._poses[child] = pose
         series = self._frames.get(child)
         if series is None:
-            series = self._frames[child] = self._frame_series(child)
+            series = self._frames[child] = self._create_frame_series(child)
         series.add(stamp, wall, pose)
 
     def _add_footprint(self, stamp: int, wall: int) -> None:
@@ -225,18 +232,18 @@ class SceneView:
             height = self._poses[link][1][2]
             self._set_pose(stamp, wall, footprint, (link, (0.0, 0.0, -height), UPRIGHT))
 
-    def _frame_series(self, child: str) -> Series[Pose]:
+    def _create_frame_series(self, child: str) -> Series[Pose]:
         rows = self._rows
 
         def encode(values: list[Pose]) -> Iterable[Any]:
             return rr.Transform3D.columns(
                 translation=np.array([value[1] for value in values], dtype=np.float32),
                 quaternion=np.array([value[2] for value in values], dtype=np.float32),
-                parent_frame=[rows.frame(value[0]) for value in values],
-                child_frame=[rows.frame(child)] * len(values),
+                parent_frame=[rows.frame_name(value[0]) for value in values],
+                child_frame=[rows.frame_name(child)] * len(values),
             )
 
-        return rows.series(f"{ORIGIN}/frames/{entity_part(child)}", encode)
+        return rows.create_series(f"{ORIGIN}/frames/{entity_part(child)}", encode)
 
     def _show_scan(self, stamp: int, wall: int, ranges: NDArray[np.float32]) -> None:
         laser = self._static.laser
@@ -262,36 +269,36 @@ class SceneView:
         self._rows.log(FAN, rr.Mesh3D.from_fields(triangle_indices=triangles), static=True)
 
     def _extend_trail(self, stamp: int, wall: int) -> None:
-        place = self._robot()
-        if place is None:
+        point = self._robot_position()
+        if point is None:
             return
-        if self._last is None:
-            self._last = place
-        elif float(np.linalg.norm(place - self._last)) >= _TRAIL_STEP:
-            self._trail.add(stamp, wall, np.stack((self._last, place)).astype(np.float32))
-            self._last = place
+        if self._last_position is None:
+            self._last_position = point
+        elif float(np.linalg.norm(point - self._last_position)) >= _TRAIL_STEP:
+            self._trail.add(stamp, wall, np.stack((self._last_position, point)).astype(np.float32))
+            self._last_position = point
 
-    def _robot(self) -> Vector | None:
+    def _robot_position(self) -> Vector | None:
         """Return the robot's position on the floor (m, root frame), or None if it is unknown."""
         frame: str | None = next((body for body in _BODIES if body in self._poses), None)
         if frame is None:
             return None
-        place = np.zeros(3)
+        point = np.zeros(3)
         # A bounded loop, because the robot may send frames that form a cycle.
         for _ in range(min(len(self._poses), _FRAMES_DEEP)):
             parent, position, quaternion = self._poses[frame]
-            place = _rotate(place, quaternion) + np.array(position, dtype=np.float64)
+            point = _rotate(point, quaternion) + np.array(position, dtype=np.float64)
             if parent == self._root:
-                place[2] = _TRAIL_HEIGHT
-                return place
+                point[2] = _TRAIL_HEIGHT
+                return point
             if parent not in self._poses:
                 return None
             frame = parent
         return None
 
-    def eye(self) -> Eye | None:
+    def create_eye(self) -> Eye | None:
         """Return the point of view, chosen by the extent of the world, or None if there is no scene."""
-        if not self.present:
+        if not self.has_scene:
             return None
         data = self._static
         fixed = (None, self._root)
@@ -303,13 +310,13 @@ class SceneView:
         return Eye(
             position=(x - 0.08 * span, y - 0.71 * span, 0.885 * span),
             target=(x, y - 0.05 * span, 0.0),
-            robot=self._body(),
-            pictures=self.pictured,
-            battery=data.battery is not None,
-            navigates=bool(data.grids),
+            robot_entity=self._body_entity(),
+            has_pictures=self.has_pictures,
+            has_battery=data.battery is not None,
+            has_navigation=bool(data.grids),
         )
 
-    def _body(self) -> str:
+    def _body_entity(self) -> str:
         """Return the entity of the robot's body, which a close-up follows, or "" without a body."""
         frames = {mesh.frame or self._root: _MESH for mesh in self._static.meshes}
         frames |= {part.frame or self._root: part.kind for part in self._static.parts}

@@ -14,7 +14,7 @@ from rerun.chunk import RrdReader
 
 from btcore_monitor.screen.panels import TICK_MS
 from btcore_monitor.screen.rerun_process import RerunProcess, ScreenError
-from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
+from btcore_monitor.screen.row_buffer import TREE_TIMELINE, WALL_TIMELINE
 
 if TYPE_CHECKING:
     from rerun.experimental import View, ViewerState
@@ -39,7 +39,7 @@ _STILL_FOR: Final = 0.7
 """Number of consecutive equal pictures, and time (s) without a change, after which a picture is stable."""
 
 
-def screenshot(
+def write_screenshot(
     recording: Path,
     picture: Path,
     at: float | None = None,
@@ -97,20 +97,20 @@ def _set_time(viewer: "_HeadlessViewer", at: float | None, recording: Path) -> N
     """Set the time cursor to *at* on the window's timeline: tree time, or wall time for several robots."""
     recordings = viewer.state().recordings
     timelines = [timeline for recording in recordings for timeline in recording.timelines]
-    if any(recording.current_timeline == WALL_TIME for recording in recordings):
-        wall = None if at is not None else last_tick(recording, WALL_TIME)
-        spans = [(timeline.start, timeline.end) for timeline in timelines if timeline.name == WALL_TIME]
+    if any(recording.current_timeline == WALL_TIMELINE for recording in recordings):
+        wall = None if at is not None else last_tick(recording, WALL_TIMELINE)
+        spans = [(timeline.start, timeline.end) for timeline in timelines if timeline.name == WALL_TIMELINE]
         if at is not None:
             wall = min((start for start, _ in spans if start is not None), default=0) + round(at * 1e9)
         elif wall is None:
             wall = max((end for _, end in spans if end is not None), default=0)
-        viewer.set_time(WALL_TIME, np.datetime64(wall, "ns"))
+        viewer.set_time(WALL_TIMELINE, np.datetime64(wall, "ns"))
         return
-    last = round(at * 1e9) if at is not None else last_tick(recording, TREE_TIME)
+    last = round(at * 1e9) if at is not None else last_tick(recording, TREE_TIMELINE)
     if last is None:
-        ends = [line.end for line in timelines if line.name == TREE_TIME and line.end is not None]
+        ends = [line.end for line in timelines if line.name == TREE_TIMELINE and line.end is not None]
         last = max(ends, default=0)
-    viewer.set_time(TREE_TIME, np.timedelta64(last, "ns"))
+    viewer.set_time(TREE_TIMELINE, np.timedelta64(last, "ns"))
 
 
 class _HeadlessViewer:
@@ -208,7 +208,7 @@ def _wait_for_views(viewer: _HeadlessViewer) -> "list[View]":
     for _ in range(_LOAD_ANSWERS):
         state = viewer.state()
         timelines = {timeline.name for recording in state.recordings for timeline in recording.timelines}
-        if state.views and TREE_TIME in timelines and not state.loading:
+        if state.views and TREE_TIMELINE in timelines and not state.loading:
             return list(state.views)
         without_data = 0 if state.loading or not state.recordings else without_data + 1
         if without_data > _DATA_ANSWERS:

@@ -61,7 +61,7 @@ class Palette:
     laser: int = 0x35D6EEFF
     trail: int = 0xFFA726FF
     raised: int = 0xFF5CE0FF
-    found: int = 0xFFFFFFFF
+    highlight: int = 0xFFFFFFFF
 
 
 def _colours(*values: int) -> Colours:
@@ -97,7 +97,7 @@ COLOUR_BLIND: Final = Palette(
     busy=0x8A6A0AFF,
     path=0xFFD84DFF,
     raised=0xFFFFFFFF,
-    found=0x7CF5FFFF,
+    highlight=0x7CF5FFFF,
 )
 """Colours for red-green colour blindness: RUNNING yellow, SUCCESS blue, FAILURE vermilion, SKIPPED pale grey.
 

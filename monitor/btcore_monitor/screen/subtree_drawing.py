@@ -12,10 +12,10 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from btcore_monitor.events import ObservedTree
-from btcore_monitor.screen.row_buffer import RowBuffer, Series, entity_part, strip_colours
+from btcore_monitor.screen.row_buffer import RowBuffer, Series, create_colour_columns, entity_part
 from btcore_monitor.screen.style import EDGE_STROKE, PATH_STROKE, PILL_HEIGHT, RIM, RING, Colours, Palette
 
-PARTS: Final = ("frames", "edges", "path", "raised", "found", "rims", "pills", "badges", "ink")
+PARTS: Final = ("frames", "edges", "path", "raised", "highlights", "rims", "pills", "badges", "ink")
 """Names of the parts from the lowest layer to the highest; only pills react to the mouse."""
 MAX_BRANCHES: Final = 8
 """Greatest number of subtrees with their own entity. Each changed subtree adds three chunks to each send."""
@@ -49,10 +49,10 @@ class SubtreeDrawing:
         self._edges = [edges[index] for index in at]
         self._joined = np.array([len(edge) > 0 for edge in self._edges], dtype=bool)
         self._rows = rows
-        self._pills: Series[Any] = rows.series(self.pills_entity, strip_colours)
-        self._rims: Series[Any] = rows.series(f"{entity}/rims", strip_colours)
-        self._path: Series[Any] = rows.series(f"{entity}/path", strips)
-        self._rings: Series[Any] = rows.series(f"{entity}/raised", strips)
+        self._pills: Series[Any] = rows.create_series(self.pills_entity, create_colour_columns)
+        self._rims: Series[Any] = rows.create_series(f"{entity}/rims", create_colour_columns)
+        self._path: Series[Any] = rows.create_series(f"{entity}/path", create_strip_columns)
+        self._rings: Series[Any] = rows.create_series(f"{entity}/raised", create_strip_columns)
         self._last_rims = self._last_pills = np.zeros(0, dtype=np.uint32)
         self._last_path: list[int] | None = None
         self._last_rings: list[int] = []
@@ -83,7 +83,7 @@ class SubtreeDrawing:
             self._last_path = path
             self._path.add(stamp, wall, [self._edges[index] for index in path])
 
-    def ring(self, stamp: int, wall: int, raised: Iterable[int]) -> None:
+    def draw_rings(self, stamp: int, wall: int, raised: Iterable[int]) -> None:
         """Draw rings around exactly those nodes of this subtree that are in *raised* (tree indices)."""
         inside = np.flatnonzero(np.isin(self.at, list(raised))).tolist()
         if inside != self._last_rings:
@@ -100,10 +100,10 @@ class SubtreeDrawing:
         """
         palette, half = self._palette, PILL_HEIGHT / 2
         edges = [edge for edge in self._edges if len(edge)]
-        self.lines("edges", edges, 2.0, colors=[palette.edge], radii=[EDGE_STROKE])
-        self.look("path", 3.0, colors=[palette.path], radii=[max(PATH_STROKE, stroke)])
-        self.look("raised", 3.6, colors=[palette.raised], radii=[half + RING])
-        self.lines("rims", self._strips, 4.0, radii=[half])
+        self.log_strips("edges", edges, 2.0, colors=[palette.edge], radii=[EDGE_STROKE])
+        self.log_style("path", 3.0, colors=[palette.path], radii=[max(PATH_STROKE, stroke)])
+        self.log_style("raised", 3.6, colors=[palette.raised], radii=[half + RING])
+        self.log_strips("rims", self._strips, 4.0, radii=[half])
         self._rows.log(
             self.pills_entity,
             rr.LineStrips2D(
@@ -117,22 +117,22 @@ class SubtreeDrawing:
             static=True,
         )
 
-    def lines(self, part: str, strips: Sequence[Any], order: float, **look: Any) -> None:
+    def log_strips(self, part: str, strips: Sequence[Any], order: float, **style: Any) -> None:
         """Draw static strips, if there are any.
 
         Args:
             part: The part of the drawing.
             strips: The strips.
             order: The drawing order; higher values cover lower values.
-            look: Further fields of the archetype.
+            style: Further fields of the archetype.
         """
         if len(strips):
-            drawn = rr.LineStrips2D(strips, draw_order=order, **look)
+            drawn = rr.LineStrips2D(strips, draw_order=order, **style)
             self._rows.log(f"{self.entity}/{part}", drawn, static=True)
 
-    def look(self, part: str, order: float, **look: Any) -> None:
-        """Log the appearance of strips that change over time; see `lines` for the parameters."""
-        fields = rr.LineStrips2D.from_fields(draw_order=order, **look)
+    def log_style(self, part: str, order: float, **style: Any) -> None:
+        """Log the appearance of strips that change over time; see `log_strips` for the parameters."""
+        fields = rr.LineStrips2D.from_fields(draw_order=order, **style)
         self._rows.log(f"{self.entity}/{part}", fields, static=True)
 
 
@@ -141,7 +141,7 @@ def hover_values(values: Mapping[str, Any]) -> Any:
     return rr.AnyValues(drop_untyped_nones=True, **values)
 
 
-def strips(values: list[list[Strip]]) -> Iterable[Any]:
+def create_strip_columns(values: list[list[Strip]]) -> Iterable[Any]:
     """Return columns with a list of strips in each row."""
     columns = rr.LineStrips2D.columns(strips=[strip for row in values for strip in row])
     return columns.partition([len(row) for row in values])

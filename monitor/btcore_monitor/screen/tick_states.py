@@ -29,24 +29,24 @@ class TickStates:
 
     *shown* has each node's stored status, or `RESET_OFFSET + result` if the node ended and was reset within
     the tick. *results* has each node's last result (0 for none). *stamp* and *wall* (ns) are the times of the
-    last change, and *began* the times of the first statuses.
+    last change, and *start_times* the times of the first statuses.
     """
 
     def __init__(self, tree: ObservedTree) -> None:
-        self.index: Mapping[int, int] = {node.uid: at for at, node in enumerate(tree.nodes)}
+        self.index_of_uid: Mapping[int, int] = {node.uid: index for index, node in enumerate(tree.nodes)}
         self.shown: States = np.zeros(len(tree.nodes), dtype=np.uint8)
         self.results: States = np.zeros(len(tree.nodes), dtype=np.uint8)
         self.stamp = 0
         self.wall = 0
-        self.began = (0, 0)
-        self._before = self.shown.copy()
-        self._ended: dict[int, int] = {}
-        self._touched: set[int] = set()
-        self._held: set[int] = set()
+        self.start_times = (0, 0)
+        self._shown_before = self.shown.copy()
+        self._tick_results: dict[int, int] = {}
+        self._tick_nodes: set[int] = set()
+        self._reset_nodes: set[int] = set()
         self._tick: int | None = None
-        self._began = 0
+        self._tick_start = 0
 
-    def start(self, stamp: int, wall: int, statuses: Mapping[int, int]) -> None:
+    def begin(self, stamp: int, wall: int, statuses: Mapping[int, int]) -> None:
         """Begin with known statuses.
 
         Args:
@@ -55,53 +55,53 @@ class TickStates:
             statuses: The nodes' statuses by uid.
         """
         self.stamp, self.wall = stamp, wall
-        if self.began == (0, 0):
-            self.began = stamp, wall
+        if self.start_times == (0, 0):
+            self.start_times = stamp, wall
         for uid, status in statuses.items():
-            at = self.index.get(uid)
-            if at is not None:
-                self.shown[at] = status
+            index = self.index_of_uid.get(uid)
+            if index is not None:
+                self.shown[index] = status
                 if status not in (IDLE, RUNNING):
-                    self.results[at] = status
-        self._forget()
-        self._held.clear()
-        self._before = self.shown.copy()
+                    self.results[index] = status
+        self._clear_tick()
+        self._reset_nodes.clear()
+        self._shown_before = self.shown.copy()
 
     @property
-    def is_open(self) -> bool:
-        """Whether there are changes since the last call of `close`."""
+    def has_open_tick(self) -> bool:
+        """Whether there are changes since the last call of `end_tick`."""
         return self._tick is not None
 
-    def is_over(self, event: TransitionEvent) -> bool:
-        """Return whether *event* belongs to a later tick than the changes since the last call of `close`."""
+    def is_of_later_tick(self, event: TransitionEvent) -> bool:
+        """Return whether *event* is of a later tick than the changes since the last call of `end_tick`."""
         # Robots with Groot's protocols send no numbers of ticks (0). Then a pause or a long time ends a tick.
         if self._tick is None or event.tick != self._tick:
             return self._tick is not None
         return event.tick == 0 and (
-            event.stamp - self.stamp >= MAX_PAUSE_IN_TICK_NS or event.stamp - self._began >= MAX_TICK_NS
+            event.stamp - self.stamp >= MAX_PAUSE_IN_TICK_NS or event.stamp - self._tick_start >= MAX_TICK_NS
         )
 
-    def change(self, event: TransitionEvent) -> None:
+    def apply(self, event: TransitionEvent) -> None:
         """Apply a transition."""
         if self._tick is None:
-            self._began = event.stamp
+            self._tick_start = event.stamp
         self._tick = event.tick
         self.stamp, self.wall = event.stamp, event.wall
-        at = self.index.get(event.uid)
-        if at is None:
+        index = self.index_of_uid.get(event.uid)
+        if index is None:
             return
-        self._touched.add(at)
+        self._tick_nodes.add(index)
         if event.status == IDLE:
-            result = self._ended.get(at)
-            self.shown[at] = IDLE if result is None else RESET_OFFSET + result
+            result = self._tick_results.get(index)
+            self.shown[index] = IDLE if result is None else RESET_OFFSET + result
         else:
-            self.shown[at] = event.status
+            self.shown[index] = event.status
             if event.status == RUNNING:
-                self._ended.pop(at, None)
+                self._tick_results.pop(index, None)
             else:
-                self._ended[at] = self.results[at] = event.status
+                self._tick_results[index] = self.results[index] = event.status
 
-    def close(self, stamp: int, wall: int) -> list[int]:
+    def end_tick(self, stamp: int, wall: int) -> list[int]:
         """End a tick. Results of the previous tick that did not occur again are forgotten.
 
         Args:
@@ -111,18 +111,20 @@ class TickStates:
         Returns:
             The indices of the nodes whose displayed state differs from the state after the last call.
         """
-        if not self._touched and self._held:
+        if not self._tick_nodes and self._reset_nodes:
             self.stamp, self.wall = stamp, wall
         # A reset node shows its result for one tick, unless it ended again.
-        for at in self._held - self._touched:
-            self.shown[at] = IDLE
-        self._held = {at for at in self._held | self._touched if self.shown[at] >= len(STATUS_NAMES)}
-        changed = np.flatnonzero(self.shown != self._before).tolist()
-        self._before = self.shown.copy()
-        self._forget()
+        for index in self._reset_nodes - self._tick_nodes:
+            self.shown[index] = IDLE
+        self._reset_nodes = {
+            index for index in self._reset_nodes | self._tick_nodes if self.shown[index] >= len(STATUS_NAMES)
+        }
+        changed = np.flatnonzero(self.shown != self._shown_before).tolist()
+        self._shown_before = self.shown.copy()
+        self._clear_tick()
         return changed
 
-    def _forget(self) -> None:
-        self._ended.clear()
-        self._touched.clear()
+    def _clear_tick(self) -> None:
+        self._tick_results.clear()
+        self._tick_nodes.clear()
         self._tick = None

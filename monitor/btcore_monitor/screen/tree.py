@@ -53,12 +53,12 @@ class TreeView:
         rows: The buffer of rows.
         tree: The tree to draw, which may be a folded version of *whole*.
         palette: The colours.
-        room: Width and height of the view (pixels).
-        found: The uids of the nodes to highlight.
+        view_size: Width and height of the view (pixels).
+        highlighted: The uids of the nodes to highlight.
         whole: The complete tree, if *tree* is folded.
         number: The number of the drawing of a folded tree.
-        raised: Whether a node was IDLE after it raised, by the uid of each node with a ring. Drawings of the
-            same tree share it.
+        exceptions: Whether a node was IDLE after it raised, by the uid of each node with a ring. Drawings
+            of the same tree share it.
     """
 
     def __init__(
@@ -66,26 +66,26 @@ class TreeView:
         rows: RowBuffer,
         tree: ObservedTree,
         palette: style.Palette,
-        room: tuple[float, float],
-        found: Collection[int] = (),
+        view_size: tuple[float, float],
+        highlighted: Collection[int] = (),
         whole: ObservedTree | None = None,
         number: int = 0,
-        raised: dict[int, bool] | None = None,
+        exceptions: dict[int, bool] | None = None,
     ) -> None:
         self.tree = tree
         self.palette = palette
-        self.room = room
+        self.view_size = view_size
         self._is_folded = whole is not None
         self.origin = f"{FOLDED}/{LINES}/{number}" if self._is_folded else ORIGIN
         whole = whole or tree
-        self.captions, self.layout = _arrange_readable(tree, whole, room)
+        self.captions, self.layout = _arrange_readable(tree, whole, view_size)
         self._rows = rows
         index = {node.uid: at for at, node in enumerate(whole.nodes)}
         self._index = np.array([index[node.uid] for node in tree.nodes], dtype=np.intp)
         self._at = {node.uid: at for at, node in enumerate(tree.nodes)}
         self._whole = whole
-        self._found = {at for uid in found if (at := self._nearest(uid)) is not None}
-        self._raised: dict[int, bool] = {} if raised is None else raised
+        self._highlighted = {at for uid in highlighted if (at := self._nearest(uid)) is not None}
+        self._exceptions: dict[int, bool] = {} if exceptions is None else exceptions
         self._inner = np.array([bool(node.children) for node in tree.nodes])
         self._pills = [_pill(place, style.PILL_HEIGHT / 2) for place in self.layout.places]
         edges = [np.array(line, dtype=np.float32) for line in self.layout.edges]
@@ -116,8 +116,8 @@ class TreeView:
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Return x0, y0, x1, y1 of the visible area: the tree, and the legend at the lower left."""
-        (width, height), (across, down) = self.layout.size, self.room
-        pixel = _pixel(self.layout, self.room)
+        (width, height), (across, down) = self.layout.size, self.view_size
+        pixel = _pixel(self.layout, self.view_size)
         left, top = (width - across * pixel) / 2, (height - (down - LEGEND_HEIGHT) * pixel) / 2
         return left, top, left + across * pixel, top + down * pixel
 
@@ -130,17 +130,17 @@ class TreeView:
         rims = np.where(shown == IDLE, palette.rest[states.results[self._index]], palette.rim[shown])
         for subtree in self.subtrees:
             subtree.colour(stamp, wall, pills, rims, running)
-        rings = dict(self._raised)
-        self._raised.clear()
+        rings = dict(self._exceptions)
+        self._exceptions.clear()
         for uid, was_idle in rings.items():
             at = self._nearest(uid)
             is_idle = at is None or bool(shown[at] == IDLE)
             if not was_idle or is_idle:
-                self._raised[uid] = was_idle or is_idle
-        if self._raised or rings:
-            self._ring(stamp, wall)
+                self._exceptions[uid] = was_idle or is_idle
+        if self._exceptions or rings:
+            self._draw_rings(stamp, wall)
 
-    def raised(self, uid: int, stamp: int, wall: int) -> None:
+    def mark_exception(self, uid: int, stamp: int, wall: int) -> None:
         """Draw a ring around a node that raised an exception, or around the folded subtree that contains it.
 
         The ring disappears when the node becomes active again after it was IDLE.
@@ -150,13 +150,13 @@ class TreeView:
             stamp: The time of the tree (ns).
             wall: The wall-clock time (ns since the epoch).
         """
-        self._raised[uid] = False
-        self._ring(stamp, wall)
+        self._exceptions[uid] = False
+        self._draw_rings(stamp, wall)
 
-    def _ring(self, stamp: int, wall: int) -> None:
-        rings = {at for uid in self._raised if (at := self._nearest(uid)) is not None}
+    def _draw_rings(self, stamp: int, wall: int) -> None:
+        rings = {at for uid in self._exceptions if (at := self._nearest(uid)) is not None}
         for subtree in self.subtrees:
-            subtree.ring(stamp, wall, rings)
+            subtree.draw_rings(stamp, wall, rings)
 
     def _nearest(self, uid: int) -> int | None:
         """Return the index of the node *uid* of the complete tree, or of its nearest drawn ancestor."""
@@ -173,24 +173,26 @@ class TreeView:
             "ID": [node.id for node in tree.nodes],
             "ports": [ports(node) for node in tree.nodes],
         }
-        stroke = min(half / 2, _PATH_SEEN * _pixel(self.layout, self.room))
+        stroke = min(half / 2, _PATH_SEEN * _pixel(self.layout, self.view_size))
         # Drawing orders, from the lowest to the highest: legend and frames 1, edges 2, running path 3, halos
         # 3.4, rings 3.6, selected nodes 3.8, rims 4, pills 5, badges 6, text and symbols 7.
         for subtree in self.subtrees:
             subtree.draw(labels, hover, stroke)
             places = [self.layout.places[at] for at in subtree.at]
             frames = [frame for at in subtree.at for frame in self._frames.get(int(at), ())]
-            subtree.lines("frames", frames, 1.0, colors=[palette.frame], radii=[style.FRAME_STROKE])
-            found = [self._pills[at] for at in subtree.at if at in self._found]
-            subtree.lines("found", found, 3.4, colors=[palette.found], radii=[half + style.HALO])
+            subtree.log_strips("frames", frames, 1.0, colors=[palette.frame], radii=[style.FRAME_STROKE])
+            highlighted = [self._pills[at] for at in subtree.at if at in self._highlighted]
+            subtree.log_strips(
+                "highlights", highlighted, 3.4, colors=[palette.highlight], radii=[half + style.HALO]
+            )
             # A strip needs a length; its round ends make it a disc.
             badges = [((place.x + half, place.y), (place.x + half + 0.01, place.y)) for place in places]
-            subtree.lines("badges", badges, 6.0, colors=[palette.badge], radii=[style.BADGE_RADIUS])
+            subtree.log_strips("badges", badges, 6.0, colors=[palette.badge], radii=[style.BADGE_RADIUS])
             strokes, colours, radii = self._strokes(subtree.at.tolist())
-            subtree.lines("ink", strokes, 7.0, colors=np.array(colours, dtype=np.uint32), radii=radii)
+            subtree.log_strips("ink", strokes, 7.0, colors=np.array(colours, dtype=np.uint32), radii=radii)
         if not self._is_folded:
             x0, _, _, y1 = self.bounds()
-            line = legend(palette, x0, y1, _pixel(self.layout, self.room), bool(self._found))
+            line = legend(palette, x0, y1, _pixel(self.layout, self.view_size), bool(self._highlighted))
             self._rows.log(f"{self.origin}/{LEGEND}", line, static=True)
             self._name_nodes()
 
@@ -200,11 +202,11 @@ class TreeView:
         In trees that are not big the entity has the pill's shape, below the pill, so that the viewer marks a
         selected node.
         """
-        shaped = len(self.tree.nodes) <= FOLD_ABOVE_NODES
+        has_shape = len(self.tree.nodes) <= FOLD_ABOVE_NODES
         for node, pill, entity in zip(self.tree.nodes, self._pills, self._entities, strict=True):
             # A single component, because each component takes a kilobyte of the file.
             components = [hover_values({"node": f"{node.id}  {node.path}  {ports(node)}".rstrip()})]
-            if shaped:
+            if has_shape:
                 radius = style.PILL_HEIGHT / 2 - style.RIM
                 components.append(
                     rr.LineStrips2D([pill], colors=[self.palette.badge], radii=[radius], draw_order=3.8)
@@ -234,13 +236,13 @@ class TreeView:
         return [np.array(stroke, dtype=np.float32) for stroke in strokes], colours, radii
 
 
-def arrange(tree: ObservedTree, written: Mapping[int, Caption], room: tuple[float, float]) -> Layout:
+def arrange(tree: ObservedTree, written: Mapping[int, Caption], view_size: tuple[float, float]) -> Layout:
     """Return the layout of a tree.
 
     Args:
         tree: The tree.
         written: The nodes' captions by uid, which determine the widths of the pills.
-        room: Width and height of the view (pixels).
+        view_size: Width and height of the view (pixels).
     """
     index = {node.uid: at for at, node in enumerate(tree.nodes)}
     boxes = [
@@ -251,28 +253,28 @@ def arrange(tree: ObservedTree, written: Mapping[int, Caption], room: tuple[floa
         )
         for node in tree.nodes
     ]
-    across, down = room
+    across, down = view_size
     comfort = across / _LEGIBLE / style.PILL_HEIGHT
     return lay_out(boxes, style.PILL_HEIGHT, across / (down - LEGEND_HEIGHT), comfort)
 
 
 def _arrange_readable(
-    tree: ObservedTree, whole: ObservedTree, room: tuple[float, float]
+    tree: ObservedTree, whole: ObservedTree, view_size: tuple[float, float]
 ) -> tuple[Mapping[int, Caption], Layout]:
     """Return captions and layout, with notes if these are readable without zooming in."""
     if len(tree.nodes) <= FOLD_ABOVE_NODES:
         noted = captions(tree, whole, noted=True)
-        layout = arrange(tree, noted, room)
+        layout = arrange(tree, noted, view_size)
         # _pixel is the reciprocal of the scale.
-        if _pixel(layout, room) * _NOTE_LEGIBLE <= 1.0:
+        if _pixel(layout, view_size) * _NOTE_LEGIBLE <= 1.0:
             return noted, layout
     plain = captions(tree, whole, noted=False)
-    return plain, arrange(tree, plain, room)
+    return plain, arrange(tree, plain, view_size)
 
 
-def _pixel(layout: Layout, room: tuple[float, float]) -> float:
+def _pixel(layout: Layout, view_size: tuple[float, float]) -> float:
     """Return the size of a pixel (units of the drawing) if the view shows all of *layout*."""
-    (width, height), (across, down) = layout.size, room
+    (width, height), (across, down) = layout.size, view_size
     margin = style.PILL_HEIGHT * 0.7
     wide = (width + margin) / (across - 2 * _MARGIN)
     high = (height + margin) / (down - LEGEND_HEIGHT - 2 * _MARGIN)
@@ -296,12 +298,12 @@ def _rounded(x0: float, y0: float, x1: float, y1: float, radius: float = 12.0) -
     return [*points, points[0]]
 
 
-def leaves(nodes: Sequence[ObservedNode]) -> list[ObservedNode]:
+def list_leaves(nodes: Sequence[ObservedNode]) -> list[ObservedNode]:
     """Return the actions and conditions without children, in tree order."""
     return [node for node in nodes if not node.children and node.type in ("action", "condition")]
 
 
-def matching(tree: ObservedTree, pattern: str) -> list[int]:
+def match_nodes(tree: ObservedTree, pattern: str) -> list[int]:
     """Return the uids of the nodes whose name, ID or path matches *pattern* (`*`, `?`), ignoring case.
 
     A pattern without `*`, `?` and `[` matches every name, ID or path that contains it.

@@ -16,14 +16,14 @@ import rerun.blueprint as rrb
 
 from btcore_monitor.screen.blueprint import Pane, lanes, layout, log, running, trees, windowed
 from btcore_monitor.screen.font import legible
-from btcore_monitor.screen.row_buffer import WALL_TIME
+from btcore_monitor.screen.row_buffer import WALL_TIMELINE
 from btcore_monitor.screen.sinks import RecordingSinks
 
-ROOM: Final = (960.0, 505.0)
+SHARED_VIEW_SIZE: Final = (960.0, 505.0)
 """Width and height (pixels) of a tree's view beside another view; in its own tab the tree has more room."""
-EARLIER: Final = 6
+MAX_EARLIER_PANES: Final = 6
 """Number of trees from before a restart that keep a tab."""
-_BESIDE: Final = 3
+_MAX_SIDE_BY_SIDE: Final = 3
 """Greatest number of robots side by side with log and lanes; more robots have only lanes, in several rows."""
 
 
@@ -43,7 +43,7 @@ class SingleRobotWindow:
         """Whether a viewer shows the recordings while they are made."""
         return self._sinks.is_live
 
-    def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
+    def begin_recording(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
         """Return a recording for the tree *name*, the entity above all its entities, and its file, or None.
 
         The entity is empty, because the recording has a single tree.
@@ -51,11 +51,11 @@ class SingleRobotWindow:
         recording = _create_recording(f"btcore {name}", name)
         return recording, "", self._sinks.attach(recording)
 
-    def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
+    def show_pane(self, recording: rr.RecordingStream, pane: Pane) -> None:
         """Show *pane* as the only content of the window."""
         recording.send_blueprint(windowed(layout(pane), pane.timeline))
 
-    def end(self, recording: rr.RecordingStream) -> None:
+    def end_recording(self, recording: rr.RecordingStream) -> None:
         """Finish the recording."""
         self._sinks.finish(recording)
 
@@ -75,15 +75,15 @@ class SharedWindow:
         self._name = " and ".join(labels)
         self._recording: rr.RecordingStream | None = None
         self._lock = threading.Lock()
-        self._places: set[str] = set()
-        self._earlier: list[Pane] = []
+        self._prefixes: set[str] = set()
+        self._earlier_panes: list[Pane] = []
 
     @property
     def is_live(self) -> bool:
         """Whether a viewer shows the recording while it is made."""
         return self._sinks.is_live
 
-    def begin(self, slot: "SharedWindowSlot") -> tuple[rr.RecordingStream, str, Path | None]:
+    def begin_recording(self, slot: "SharedWindowSlot") -> tuple[rr.RecordingStream, str, Path | None]:
         """Return the recording, a new entity for all entities of a tree, and the file, or None."""
         with self._lock:
             if self._recording is None:
@@ -91,24 +91,24 @@ class SharedWindow:
                 file = self._sinks.attach(self._recording)
                 self.files += [file] if file is not None else []
             count, first = 1, re.sub(r"[^A-Za-z0-9]+", "_", slot.label).strip("_") or "robot"
-            place = first
-            while place in self._places:
+            prefix = first
+            while prefix in self._prefixes:
                 count += 1
-                place = f"{first}_{count}"
-            self._places.add(place)
-            return self._recording, place, self.files[0] if self.files else None
+                prefix = f"{first}_{count}"
+            self._prefixes.add(prefix)
+            return self._recording, prefix, self.files[0] if self.files else None
 
-    def show(self, recording: rr.RecordingStream, slot: "SharedWindowSlot", pane: Pane) -> None:
+    def show_pane(self, recording: rr.RecordingStream, slot: "SharedWindowSlot", pane: Pane) -> None:
         """Show *pane* in *slot*; an earlier tree of the slot moves to a tab behind the others."""
         with self._lock:
-            # A pane of the same place is a newer version of the same tree's pane.
-            if slot.pane is not None and slot.pane.place != pane.place:
-                self._earlier = [*self._earlier, slot.pane][-EARLIER:]
+            # A pane with the same prefix is a newer version of the same tree's pane.
+            if slot.pane is not None and slot.pane.entity_path_prefix != pane.entity_path_prefix:
+                self._earlier_panes = [*self._earlier_panes, slot.pane][-MAX_EARLIER_PANES:]
             slot.pane = pane
             panes = [each.pane for each in self.slots if each.pane is not None]
             tabs = [layout(pane, pane.name) for pane in panes]
-            tabs += [layout(pane, f"{pane.name}, earlier") for pane in self._earlier]
-            recording.send_blueprint(windowed(rrb.Tabs(_side_by_side(panes), *tabs), WALL_TIME))
+            tabs += [layout(pane, f"{pane.name}, earlier") for pane in self._earlier_panes]
+            recording.send_blueprint(windowed(rrb.Tabs(_side_by_side(panes), *tabs), WALL_TIMELINE))
 
     def close(self) -> None:
         """Finish the recording of all robots."""
@@ -132,15 +132,15 @@ class SharedWindowSlot:
         """Whether a viewer shows the recording while it is made."""
         return self._window.is_live
 
-    def begin(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
+    def begin_recording(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
         """Return the shared recording, a new entity for all entities of the tree, and the file, or None."""
-        return self._window.begin(self)
+        return self._window.begin_recording(self)
 
-    def show(self, recording: rr.RecordingStream, pane: Pane) -> None:
+    def show_pane(self, recording: rr.RecordingStream, pane: Pane) -> None:
         """Show *pane* without changing other robots' panes."""
-        self._window.show(recording, self, pane)
+        self._window.show_pane(recording, self, pane)
 
-    def end(self, recording: rr.RecordingStream) -> None:
+    def end_recording(self, recording: rr.RecordingStream) -> None:
         """Do nothing: other robots may still write to the recording."""
 
 
@@ -149,7 +149,7 @@ RobotWindow = SingleRobotWindow | SharedWindowSlot
 
 
 def _side_by_side(panes: Sequence[Pane]) -> rrb.Container:
-    if len(panes) > _BESIDE:
+    if len(panes) > _MAX_SIDE_BY_SIDE:
         small = [rrb.Vertical(trees(pane), lanes(pane), row_shares=[0.68, 0.32]) for pane in panes]
         return rrb.Grid(*small, grid_columns=math.ceil(math.sqrt(len(panes))), name="All robots")
     columns = [

@@ -58,9 +58,9 @@ The first update, from which the clock is estimated, may have been delayed that 
 class Groot1Feed:
     """Converts a robot's updates to events. Use it from one thread.
 
-    The feed numbers the transitions itself, so `TreeEvent.numbered` is false. If an update does not begin
-    with the statuses at the end of the previous update, a MissingDataEvent reports missing transitions, and a
-    TreeEvent with the same tree ID has the current statuses. A disconnection counts as a restart.
+    The feed numbers the transitions itself, so `TreeEvent.has_transition_numbers` is false. If an
+    update does not begin with the statuses at the end of the previous update, a MissingDataEvent reports the gap,
+    and a TreeEvent has the current statuses. A disconnection counts as a restart.
 
     Args:
         address: The robot's address.
@@ -258,7 +258,12 @@ class Groot1Feed:
         self._is_tree_reported = True
         self._reported_up_to = stamp
         return TreeEvent(
-            self._observed.tree, stamp, wall, dict(self._statuses), numbered=False, source=GROOT1
+            self._observed.tree,
+            stamp,
+            wall,
+            dict(self._statuses),
+            has_transition_numbers=False,
+            source=GROOT1,
         )
 
     def _is_known(self, update: Update) -> bool:

@@ -7,7 +7,7 @@ Each request for transitions empties the robot's buffer. So the feed requests on
 requests transitions too, if the robot rejects the request, or if `record` is false. Then changes between
 two requests are not seen, with one exception: the protocol sends the previous status of an idle node. After
 some time the feed requests transitions again, because the other client may have left. With and without a
-recording, the feed numbers the transitions itself, and `TreeEvent.numbered` is false.
+recording, the feed numbers the transitions itself, and `TreeEvent.has_transition_numbers` is false.
 
 The robot keeps 1,000 transitions. The feed requests them so often that a batch is much smaller, also while a
 big tree changes many nodes in one tick. If the buffer overflows anyway, the feed reports a gap and continues

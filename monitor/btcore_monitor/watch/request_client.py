@@ -35,8 +35,8 @@ class RequestClient(Closeable):
     Args:
         address: The robot's address.
         timeout: Maximum seconds for a reply.
-        max_timeout: If positive, the timeout doubles after each missing reply, up to this number of seconds, so
-            that replies arrive through a slow network too. After a reply the timeout is four times the
+        max_timeout: If positive, the timeout doubles after each missing reply, up to this number of seconds,
+            so that replies arrive through a slow network too. After a reply the timeout is four times the
             round trip, and at least *timeout*.
         keys: The keys of the client, if the robot requires keys.
     """

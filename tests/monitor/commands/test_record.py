@@ -174,7 +174,7 @@ def test_no_record_leaves_the_robots_buffer_to_another_client(sample, record, tm
     assert "short changes are not seen" in gap.reason
 
 
-def test_display_options_apply_to_a_recording_for_the_viewer(endless, record, tmp_path: Path) -> None:
+def test_drawing_options_apply_to_a_recording_for_the_viewer(endless, record, tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     with serve(endless, groot2_port=0) as publisher:
         look = ["--find", "nothing*", "--palette", "colour-blind", "--log-level", "info"]
@@ -246,11 +246,11 @@ def logs(tmp_path: Path) -> list[Path]:
 
 def test_a_gap_is_marked_and_status_changes_within_it_are_added(logs: list[Path]) -> None:
     book = LogWriter(logs)
-    book.show(TreeEvent(TREE, 0, WALL, {}))
-    book.show(changed(1, 0, 1, 0, 1))
-    book.show(changed(2, 1, 2, 0, 1))
-    book.show(LostTransitionsEvent(3, 8))
-    book.show(changed(9, 9, 2, 0, 1))
+    book.process_event(TreeEvent(TREE, 0, WALL, {}))
+    book.process_event(changed(1, 0, 1, 0, 1))
+    book.process_event(changed(2, 1, 2, 0, 1))
+    book.process_event(LostTransitionsEvent(3, 8))
+    book.process_event(changed(9, 9, 2, 0, 1))
     book.close()
     for log in logs:
         recording = read_log(log)
@@ -271,9 +271,9 @@ def test_a_lost_connection_and_an_earlier_start_are_marked_as_gaps(logs: list[Pa
     sampled = DataSource(
         "Groot 2, sampled", {"ticks": "not sent", "transitions": "short changes are not seen"}
     )
-    book.show(TreeEvent(TREE, 0, WALL, {1: 1}, numbered=False, source=sampled))
-    book.show(ConnectionEvent("lost", "no answer for 3 s"))
-    book.show(TreeEvent(TREE, 5 * MS, WALL, {1: 2}, numbered=False))
+    book.process_event(TreeEvent(TREE, 0, WALL, {1: 1}, has_transition_numbers=False, source=sampled))
+    book.process_event(ConnectionEvent("lost", "no answer for 3 s"))
+    book.process_event(TreeEvent(TREE, 5 * MS, WALL, {1: 2}, has_transition_numbers=False))
     book.close()
     assert [gap.reason for gap in read_log(logs[0]).gaps] == [
         "short changes are not seen",
@@ -287,11 +287,11 @@ def test_a_lost_connection_and_an_earlier_start_are_marked_as_gaps(logs: list[Pa
 
 def test_missed_transitions_are_marked_as_a_gap_and_other_missed_data_is_not(logs: list[Path]) -> None:
     book = LogWriter(logs)
-    book.show(TreeEvent(TREE, 0, WALL, {}, numbered=False))
-    book.show(changed(1, 1, 2, 0, 1))
-    book.show(MissingDataEvent(2 * MS, WALL, MS, "blackboard", "not asked for"))
-    book.show(MissingDataEvent(2 * MS, WALL, MS, "transitions", "the robot's buffer ran over"))
-    book.show(changed(2, 2, 2, 2, 0))
+    book.process_event(TreeEvent(TREE, 0, WALL, {}, has_transition_numbers=False))
+    book.process_event(changed(1, 1, 2, 0, 1))
+    book.process_event(MissingDataEvent(2 * MS, WALL, MS, "blackboard", "not asked for"))
+    book.process_event(MissingDataEvent(2 * MS, WALL, MS, "transitions", "the robot's buffer ran over"))
+    book.process_event(changed(2, 2, 2, 2, 0))
     book.close()
     for log in logs:
         assert read_log(log).gaps == ((1, "the robot's buffer ran over"),)
@@ -300,20 +300,20 @@ def test_missed_transitions_are_marked_as_a_gap_and_other_missed_data_is_not(log
 
 def test_transitions_before_the_recording_are_marked_as_a_gap(logs: list[Path]) -> None:
     book = LogWriter(logs)
-    book.show(TreeEvent(TREE, 0, WALL, {}))
-    book.show(changed(500, 1, 2, 0, 1))
-    book.show(changed(501, 2, 2, 1, 2))
+    book.process_event(TreeEvent(TREE, 0, WALL, {}))
+    book.process_event(changed(500, 1, 2, 0, 1))
+    book.process_event(changed(501, 2, 2, 1, 2))
     book.close()
     assert read_log(logs[0]).gaps == ((0, "the transitions up to 499 were before the recording"),)
 
 
 def test_another_tree_is_written_to_separate_files(logs: list[Path]) -> None:
     book = LogWriter(logs)
-    book.show(TreeEvent(TREE, 0, WALL, {}))
-    book.show(changed(1, 0, 1, 0, 1))
+    book.process_event(TreeEvent(TREE, 0, WALL, {}))
+    book.process_event(changed(1, 0, 1, 0, 1))
     other = ObservedTree("b" * 32, "Main", TREE.nodes, TREE.subtrees)
-    book.show(TreeEvent(other, 0, WALL, {}))
-    book.show(changed(1, 0, 2, 0, 2))
+    book.process_event(TreeEvent(other, 0, WALL, {}))
+    book.process_event(changed(1, 0, 2, 0, 2))
     book.close()
     assert [file.name for file in book.files] == ["run.btlog", "run.db3", "run.2.btlog", "run.2.db3"]
     assert [read_log(file).transitions[0].uid for file in book.files] == [1, 1, 2, 2]
@@ -333,8 +333,8 @@ def test_a_tree_received_with_xml_is_written_byte_for_byte(sample) -> None:
 
 def test_stamps_are_the_first_wall_time_plus_the_trees_elapsed_time(tmp_path: Path) -> None:
     book = LogWriter([tmp_path / "run.btlog"])
-    book.show(TreeEvent(TREE, 100 * MS, WALL, {}))
-    book.show(TransitionEvent(1, 350 * MS, WALL + 2 * MS, 1, 1, 0, 1))  # a run faster than real time
+    book.process_event(TreeEvent(TREE, 100 * MS, WALL, {}))
+    book.process_event(TransitionEvent(1, 350 * MS, WALL + 2 * MS, 1, 1, 0, 1))  # a run faster than real time
     book.close()
     recording = read_btlog(tmp_path / "run.btlog")
     assert recording.start == WALL

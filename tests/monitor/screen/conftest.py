@@ -25,8 +25,8 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.screen.rerun_process import ScreenError, hold_port, port_of
 from btcore_monitor.screen.robot_view import RobotView
-from btcore_monitor.screen.row_buffer import TREE_TIME, WALL_TIME
-from btcore_monitor.screen.screenshot import screenshot
+from btcore_monitor.screen.row_buffer import TREE_TIMELINE, WALL_TIMELINE
+from btcore_monitor.screen.screenshot import write_screenshot
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_scene import Box, Cylinder, Frame, Laser, MovingScene, Scan, Sphere, StaticScene
 
@@ -150,12 +150,12 @@ class Recording:
             batch = chunk.to_record_batch()
             names = batch.schema.names
             times = (
-                batch.column(TREE_TIME).cast("int64").to_pylist()
-                if TREE_TIME in names
+                batch.column(TREE_TIMELINE).cast("int64").to_pylist()
+                if TREE_TIMELINE in names
                 else [None] * len(batch)
             )
             for name in names:
-                if name not in ("rerun.controls.RowId", TREE_TIME, WALL_TIME):
+                if name not in ("rerun.controls.RowId", TREE_TIMELINE, WALL_TIMELINE):
                     values = batch.column(name).to_pylist()
                     self.rows[str(chunk.entity_path), name] += zip(times, values, strict=True)
         for rows in self.rows.values():
@@ -188,7 +188,7 @@ def recorded():
     def record(events: list[Event], path: Path, **look: Any) -> Recording:
         screen = RobotView(RecordingSinks(save=path), **look)
         for event in events:
-            screen.show(event)
+            screen.process_event(event)
         screen.close()
         assert screen.files == [path]
         return Recording(path)
@@ -242,10 +242,10 @@ def vulkan(tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("probe")
     path = folder / "empty.rrd"
     screen = RobotView(RecordingSinks(save=path))
-    screen.show(_one_node())
+    screen.process_event(_one_node())
     screen.close()
     try:
-        screenshot(path, folder / "probe.png", size=(640, 480))
+        write_screenshot(path, folder / "probe.png", size=(640, 480))
     except ScreenError as fault:
         if os.environ.get("CI") == "true" or "Vulkan driver" not in str(fault):
             raise

@@ -6,7 +6,7 @@ from btcore_monitor.events import ExceptionEvent, ObservedNode, ObservedTree, Tr
 from btcore_monitor.screen.folding import MAX_FOLDED_NODES, fold
 from btcore_monitor.screen.style import GROOT
 from btcore_monitor.screen.subtree_drawing import node_entities, split_by_subtree
-from btcore_monitor.screen.tree import matching
+from btcore_monitor.screen.tree import match_nodes
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 SECOND = 10**9
@@ -168,7 +168,7 @@ def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run):
     names = {node.uid: node.name for node in tree.nodes}
 
     def found(pattern):
-        return [names[uid] for uid in matching(tree, pattern)]
+        return [names[uid] for uid in match_nodes(tree, pattern)]
 
     assert found("obst") == ["IsObstacle"]
     assert found("Is*") == ["IsObstacle"]
@@ -180,7 +180,7 @@ def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run):
 
 def test_found_nodes_are_highlighted_and_have_the_lanes(run, tmp_path, recorded):
     recording = recorded(run(70), tmp_path / "run.rrd", find=["escape", "Turn", "nowhere"])
-    halos = recording.of("/tree/found", "LineStrips2D:strips")[0][1]
+    halos = recording.of("/tree/highlights", "LineStrips2D:strips")[0][1]
     pills = recording.of("/tree/pills", "LineStrips2D:strips") or recording.of(
         "/tree/rims", "LineStrips2D:strips"
     )

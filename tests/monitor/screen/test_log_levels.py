@@ -3,7 +3,7 @@
 import pytest
 from rerun.chunk import RrdReader
 
-from btcore_monitor.display_options import LOG_LEVELS
+from btcore_monitor.drawing_options import LOG_LEVELS
 from btcore_monitor.events import (
     ExceptionEvent,
     LostTransitionsEvent,
@@ -56,7 +56,7 @@ def test_the_window_shows_the_selected_levels_and_the_recording_has_all(level, s
     path = tmp_path / "x.rrd"
     screen = RobotView(RecordingSinks(save=path), level=level)
     for event in events():
-        screen.show(event)
+        screen.process_event(event)
     screen.close()
     reader = RrdReader(path)
     filters = [

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from btcore_monitor.display_options import PALETTE_NAMES as NAMES
+from btcore_monitor.drawing_options import PALETTE_NAMES as NAMES
 from btcore_monitor.events import TransitionEvent
 from btcore_monitor.screen.style import COLOUR_BLIND, GROOT, PALETTES
 

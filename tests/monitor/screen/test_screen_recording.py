@@ -49,8 +49,8 @@ def test_a_file_without_a_viewer_is_written_in_large_pieces(run, tmp_path, monke
     file = tmp_path / "run.rrd"
     view = RobotView(RecordingSinks(save=file))
     for event in run(100):
-        view.show(event)
-        view.pause()
+        view.process_event(event)
+        view.process_idle()
     view.close()
     entities = [str(chunk.entity_path) for chunk in RrdReader(file).stream() if not chunk.is_static]
     assert entities.count("/log/numbers") == entities.count("/scene/laser/points") == 1
@@ -179,7 +179,7 @@ def test_a_robot_that_returns_with_another_tree_gets_another_recording(run, tmp_
     path = tmp_path / "run.rrd"
     screen = RobotView(RecordingSinks(save=path))
     for event in [*run(20), *run(30, tree_id="b" * 32)]:
-        screen.show(event)
+        screen.process_event(event)
     screen.close()
     assert screen.files == [path, tmp_path / "run.2.rrd"]
     ticks = [len(read(one).of("/tick/duration", "Scalars:scalars")) for one in screen.files]
@@ -212,7 +212,7 @@ def test_recording_a_tick_takes_little_time(run, tmp_path):
     start = time.process_time()
     recorded_ticks = RobotView(RecordingSinks(save=tmp_path / "run.rrd"))
     for event in events:
-        recorded_ticks.show(event)
+        recorded_ticks.process_event(event)
     recorded_ticks.close()
     tick = (time.process_time() - start) / 1200
     start = time.process_time()

@@ -29,8 +29,8 @@ from btcore_monitor.screen import screenshot as screenshot_module
 from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.rerun_process import ScreenError
 from btcore_monitor.screen.robot_view import RobotView
-from btcore_monitor.screen.row_buffer import TREE_TIME
-from btcore_monitor.screen.screenshot import screenshot
+from btcore_monitor.screen.row_buffer import TREE_TIMELINE
+from btcore_monitor.screen.screenshot import write_screenshot
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT, PILL_HEIGHT
 from btcore_monitor.screen.tree import TreeView
@@ -74,7 +74,7 @@ def recording(run, tmp_path):
     screen = RobotView(RecordingSinks(save=path))
     events = run(70)
     for event in events:
-        screen.show(event)
+        screen.process_event(event)
     view = screen.tree
     screen.close()
     return path, view
@@ -116,18 +116,18 @@ def test_pills_have_their_places_and_colours_and_equal_pictures_are_equal(vulkan
         5.5: {"Turn": GROOT.fill[RUNNING], "Back": GROOT.fill[SUCCESS], "clear": GROOT.fill[FAILURE]},
     }
     for t, colours in wanted.items():
-        screenshot(path, tmp_path / "tree.png", at=t, view=TREE, size=SMALL)
+        write_screenshot(path, tmp_path / "tree.png", at=t, view=TREE, size=SMALL)
         picture = TreePicture((tmp_path / "tree.png").read_bytes(), view)
         for name, colour in colours.items():
             assert close(picture.at(name), colour), (t, name, picture.at(name), rgb(colour))
     # The whole window may differ in the few pixels of a scroll bar, which the viewer fades.
-    screenshot(path, tmp_path / "again.png", at=t, view=TREE, size=SMALL)
+    write_screenshot(path, tmp_path / "again.png", at=t, view=TREE, size=SMALL)
     assert (tmp_path / "again.png").read_bytes() == (tmp_path / "tree.png").read_bytes()
 
 
 def test_the_laser_and_the_trail_are_in_the_scene(vulkan, recording, tmp_path):
     path, _ = recording
-    screenshot(path, tmp_path / "scene.png", at=5.0, view="Robot")
+    write_screenshot(path, tmp_path / "scene.png", at=5.0, view="Robot")
     with Image.open(tmp_path / "scene.png") as image:
         pixels = np.asarray(image.convert("RGB")).reshape(-1, 3).astype(int)
     for colour in (GROOT.laser, GROOT.trail):
@@ -137,15 +137,15 @@ def test_the_laser_and_the_trail_are_in_the_scene(vulkan, recording, tmp_path):
 def test_texts_in_any_script_are_drawn_in_a_window_of_the_requested_size(vulkan, tmp_path):
     screen = RobotView(RecordingSinks(save=tmp_path / "run.rrd"), find=["充电"])
     for event in _foreign_events():
-        screen.show(event)
+        screen.process_event(event)
     view = screen.tree
     screen.close()
-    screenshot(tmp_path / "run.rrd", tmp_path / "window.png", size=(1280, 800))
+    write_screenshot(tmp_path / "run.rrd", tmp_path / "window.png", size=(1280, 800))
     with Image.open(tmp_path / "window.png") as image:
         assert image.size == (1280, 800)
         top = np.asarray(image.convert("RGB"), dtype=int)[:28]
     assert (np.ptp(top, axis=2) < 30).all()  # no coloured warnings of rerun above the views
-    screenshot(tmp_path / "run.rrd", tmp_path / "tree.png", at=1.0, view=TREE)
+    write_screenshot(tmp_path / "run.rrd", tmp_path / "tree.png", at=1.0, view=TREE)
     picture = TreePicture((tmp_path / "tree.png").read_bytes(), view)
     assert close(picture.at("🌳"), GROOT.busy)
     assert close(picture.at("放电"), GROOT.fill[IDLE])  # not hidden by another subtree's drawing
@@ -155,24 +155,24 @@ def test_every_letter_that_is_not_replaced_can_be_drawn(vulkan, tmp_path):
     letters = "".join(chr(code) for code in range(32, 0x3000) if legible(chr(code)) == chr(code))
     recording = rr.RecordingStream("letters")
     recording.set_sinks(rr.FileSink(tmp_path / "letters.rrd"))
-    recording.set_time(TREE_TIME, duration=1.0)
+    recording.set_time(TREE_TIMELINE, duration=1.0)
     recording.log("text", rr.TextDocument(letters))
     recording.log("log", rr.TextLog(letters))
     views = rrb.TextDocumentView(origin="text"), rrb.TextLogView(origin="log", format_options=MONOSPACE)
     recording.send_blueprint(rrb.Blueprint(*views, auto_views=False))
     recording.disconnect()
-    screenshot(tmp_path / "letters.rrd", tmp_path / "letters.png", size=(1280, 800))
+    write_screenshot(tmp_path / "letters.rrd", tmp_path / "letters.png", size=(1280, 800))
 
 
 def test_a_viewer_that_dies_is_an_error_with_its_reason(vulkan, tmp_path):
     recording = rr.RecordingStream("emoji")
     recording.set_sinks(rr.FileSink(tmp_path / "emoji.rrd"))
-    recording.set_time(TREE_TIME, duration=1.0)
+    recording.set_time(TREE_TIMELINE, duration=1.0)
     recording.log("text", rr.TextDocument("🔋"))
     recording.send_blueprint(rrb.Blueprint(rrb.TextDocumentView(origin="text"), auto_views=False))
     recording.disconnect()
     with pytest.raises(ScreenError, match=r'failed while it drew the picture: No glyph for "🔋"'):
-        screenshot(tmp_path / "emoji.rrd", tmp_path / "none.png", size=(640, 480))
+        write_screenshot(tmp_path / "emoji.rrd", tmp_path / "none.png", size=(640, 480))
 
 
 def test_requests_that_rerun_ends_too_early_are_repeated(vulkan, recording, tmp_path, monkeypatch):
@@ -193,7 +193,7 @@ def test_requests_that_rerun_ends_too_early_are_repeated(vulkan, recording, tmp_
     for name in ended:
         monkeypatch.setattr(ViewerClient, name, slow(name))
     path, view = recording
-    screenshot(path, tmp_path / "tree.png", at=2.0, view=TREE, size=SMALL)
+    write_screenshot(path, tmp_path / "tree.png", at=2.0, view=TREE, size=SMALL)
     picture = TreePicture((tmp_path / "tree.png").read_bytes(), view)
     assert close(picture.at("Forward"), GROOT.fill[RUNNING])
     assert min(ended.values()) > 2
@@ -215,12 +215,12 @@ def test_a_viewer_that_does_not_answer_is_killed(vulkan, recording, monkeypatch)
 def test_an_unknown_view_is_reported_with_the_existing_views(vulkan, recording, tmp_path):
     path, _ = recording
     with pytest.raises(ScreenError, match=r"no view 'Camera'.*Blackboard.*Transitions"):
-        screenshot(path, tmp_path / "none.png", view="Camera")
+        write_screenshot(path, tmp_path / "none.png", view="Camera")
 
 
 def test_a_missing_recording_is_reported(tmp_path):
     with pytest.raises(ScreenError, match=r"there is no recording .*nowhere\.rrd"):
-        screenshot(tmp_path / "nowhere.rrd", tmp_path / "none.png")
+        write_screenshot(tmp_path / "nowhere.rrd", tmp_path / "none.png")
 
 
 RUN = """

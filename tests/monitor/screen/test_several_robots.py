@@ -4,7 +4,7 @@ from pathlib import Path
 
 from btcore_monitor.events import ObservedNode, ObservedTree, TransitionEvent, TreeEvent
 from btcore_monitor.screen.robot_view import RobotView
-from btcore_monitor.screen.row_buffer import WALL_TIME
+from btcore_monitor.screen.row_buffer import WALL_TIMELINE
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.viewer_windows import SharedWindow
 
@@ -18,7 +18,7 @@ def shown(path: Path, *runs: tuple[str, list]) -> SharedWindow:
     for turn in range(max(len(events) for _, events in runs)):
         for screen, (_, events) in zip(screens, runs, strict=True):
             if turn < len(events):
-                screen.show(events[turn])
+                screen.process_event(events[turn])
     for screen in screens:
         screen.close()
     together.close()
@@ -67,7 +67,7 @@ def test_the_window_has_an_overview_a_tab_for_each_robot_and_the_wall_time(bluep
     path = tmp_path / "two.rrd"
     shown(path, ("arm", run(3, scene=False)), ("base", run(3, scene=False, tree_id="b" * 32)))
     window = blueprints(path)[-1]
-    assert window["TimePanelBlueprint:timeline"] == [[WALL_TIME]]
+    assert window["TimePanelBlueprint:timeline"] == [[WALL_TIMELINE]]
     tabs = {name for (name,) in window["ContainerBlueprint:display_name"]}
     assert tabs == {"All robots", "arm · BumpGo", "base · BumpGo"}
     origins = [origin for (origin,) in window["ViewBlueprint:space_origin"]]

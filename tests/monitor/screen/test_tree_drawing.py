@@ -142,7 +142,7 @@ def test_the_legend_is_below_the_tree_in_the_colours_of_the_palette(recorded, tm
     recording = recorded([TreeEvent(NESTED, 0, 0, {})], tmp_path / "run.rrd")
     colours = set(recording.of("/tree/legend", "LineStrips2D:colors")[0][1])
     assert {int(one) for one in GROOT.fill[:5]} | {GROOT.raised} <= colours
-    assert GROOT.found not in colours
+    assert GROOT.highlight not in colours
     points = np.concatenate(recording.of("/tree/legend", "LineStrips2D:strips")[0][1])
     pills = np.concatenate(recording.of("/tree/rims", "LineStrips2D:strips")[0][1])
     assert points[:, 1].min() > pills[:, 1].max() + 21  # below the lowest pill's rim

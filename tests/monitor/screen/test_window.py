@@ -14,7 +14,7 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.screen.robot_view import RobotView
-from btcore_monitor.screen.row_buffer import TREE_TIME
+from btcore_monitor.screen.row_buffer import TREE_TIMELINE
 from btcore_monitor.screen.screenshot import last_tick
 from btcore_monitor.screen.sinks import RecordingSinks
 
@@ -33,10 +33,10 @@ def test_axes_begin_with_the_run_and_follow_the_cursor_of_a_long_run(ticks, run,
     screen = RobotView(RecordingSinks(save=tmp_path / "run.rrd"))
     events = run(ticks)
     for event in events[:20]:
-        screen.show(event)
+        screen.process_event(event)
     screen.flush()
     for event in events[20:]:
-        screen.show(event)
+        screen.process_event(event)
     screen.close()
     sent = [axes(blueprint) for blueprint in blueprints(tmp_path / "run.rrd")]
     assert sent[0] == {(0, 25 * SECOND)}
@@ -53,7 +53,7 @@ def test_the_default_moment_of_a_picture_is_thelast_tick_before_the_halt(run, re
     halt = TransitionEvent(10_000, t, t, 70, FORWARD, RUNNING, IDLE)
     recording = recorded([*events[:-1], halt, *last], tmp_path / "run.rrd")
     assert isinstance(last[0], ConnectionEvent)
-    assert last_tick(tmp_path / "run.rrd", TREE_TIME) == t
+    assert last_tick(tmp_path / "run.rrd", TREE_TIMELINE) == t
     before, after = (recording.at("/tree/pills", "LineStrips2D:colors", at) for at in (t, t + 1))
     assert before[FORWARD - 1] != after[FORWARD - 1]
 
@@ -61,7 +61,7 @@ def test_the_default_moment_of_a_picture_is_thelast_tick_before_the_halt(run, re
 def test_the_column_of_the_time_is_wide_enough_and_lines_do_not_repeat_the_time(run, recorded, tmp_path):
     """rerun makes the column as wide as the name of its timeline."""
     recording = recorded(run(5), tmp_path / "run.rrd")
-    assert len(TREE_TIME) > len("+99m 59.99s")
+    assert len(TREE_TIMELINE) > len("+99m 59.99s")
     assert recording.of("/log", "TextLog:text")[0][1] == ["#1      bumpgo        IDLE → RUNNING"]
 
 

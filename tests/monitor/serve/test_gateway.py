@@ -20,6 +20,7 @@ import zmq
 from btcore_monitor.serve import gateway, gateway_process, serve
 from btcore_monitor.serve.gateway import Gateway
 from btcore_monitor.serve.gateway_process import ClientStream
+from btcore_monitor.wire.run_channel import REQUEST_TOPIC
 
 SIGNATURE = b"\xff" + b"\0" * 8 + b"\x7f"
 NULL = b"NULL".ljust(20, b"\0")
@@ -206,7 +207,7 @@ def stream():
             listener = socket.create_server(("127.0.0.1", 0))
             port = listener.getsockname()[1]
             between = Gateway()
-            between.add(listener, robot)
+            between.add_port(listener, robot)
             between.start()
             stack.callback(between.close)
             stack.callback(robot.close)  # first, as a publisher does
@@ -270,6 +271,7 @@ def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(stream, monke
 
 @pytest.mark.usefixtures("in_a_thread")
 def test_a_request_without_a_reply_delays_the_next_request_for_a_limited_time(stream, monkeypatch):
+    assert gateway_process._REQUEST_TOPIC == REQUEST_TOPIC + b"/"
     monkeypatch.setattr(gateway_process, "CLIENT_TIMEOUT_S", 60.0)
     monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT_S", 0.0)
     monkeypatch.setattr(gateway_process, "_SWEEP", 0.05)
@@ -290,7 +292,7 @@ def test_encrypted_clients_are_forwarded_and_limited():
         robot.curve_secretkey = server_secret
         client.linger = robot.linger = 0
         client.curve_serverkey, client.curve_publickey, client.curve_secretkey = server_key, key, secret
-        between.add(listener, robot)
+        between.add_port(listener, robot)
         between.start()
         try:
             client.subscribe(b"topic")

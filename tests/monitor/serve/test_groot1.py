@@ -479,7 +479,7 @@ def test_the_last_transitions_are_sent_before_the_end(sample, window):
 def test_a_publisher_that_lost_transitions_sends_corrections(endless):
     server = Groot1Server(endless)
     server.add_transition(change_of(endless, 1, Status.RUNNING), 0.0)
-    server.correct({1: 2, 2: 1, 3: 0}, 5_000, 0.0)
+    server.correct_statuses({1: 2, 2: 1, 3: 0}, 5_000, 0.0)
     frame = server.update(1.0)
     assert frame is not None
     assert Message.read(frame).steps == [(1, 0, 1), (1, 1, 2), (2, 0, 1)]

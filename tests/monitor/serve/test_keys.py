@@ -97,7 +97,7 @@ def test_a_known_client_watches_and_controls(endless, robot_keys, desk):
 def test_a_known_client_watches_by_the_protocols_of_groot(endless, robot_keys, desk, ports):
     with serve(endless, **ports, run_channel=False, keys=robot_keys) as publisher:
         how, name, _ = watch(endless, publisher.address, desk)
-    assert f"by Groot {2 if 'groot2' in ports else 1}'s protocol" in how
+    assert f"by Groot {1 if 'groot1_port' in ports else 2}'s protocol" in how
     assert name == ("Endless" if "groot1_port" not in ports else "KeepRunningUntilFailure")
 
 

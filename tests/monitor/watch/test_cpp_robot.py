@@ -128,7 +128,7 @@ def test_data_that_the_protocol_lacks_is_reported_as_unavailable(cpp_robot, watc
     until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*TICK_1)
     until(lambda: len(changes(viewer)) == 5, "a tick")
-    assert not viewer.of(TreeEvent)[0].numbered
+    assert not viewer.of(TreeEvent)[0].has_transition_numbers
     assert source(viewer).name == "Groot 2, recorded"
     assert source(viewer).unavailable == {
         "ticks": "not sent by Groot 2",

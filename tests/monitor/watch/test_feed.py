@@ -218,10 +218,10 @@ def test_a_robot_whose_run_channel_is_not_reachable_is_sampled(endless, monkeypa
             f"tcp://127.0.0.1:{port}, by Groot 2's protocol, because there is no reply from its run "
             f"channel, tcp://127.0.0.1:{port + 2}"
         )
-        assert not next(event for event in viewer if isinstance(event, TreeEvent)).numbered
+        assert not next(event for event in viewer if isinstance(event, TreeEvent)).has_transition_numbers
         leave()
         # A run channel that can be reached again begins with the tree.
-        assert next(event for event in viewer if isinstance(event, TreeEvent)).numbered
+        assert next(event for event in viewer if isinstance(event, TreeEvent)).has_transition_numbers
 
 
 def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, until):
@@ -478,7 +478,7 @@ def test_a_robot_with_groot2_only_is_sampled(sample, watch, until):
         viewer = watch(publisher.address)
         until(lambda: viewer.of(BlackboardEvent), "a first look")
         seen = viewer.of(TreeEvent)[0]
-        assert not seen.numbered
+        assert not seen.has_transition_numbers
         assert [link.state for link in viewer.of(ConnectionEvent)] == ["waiting", "connected"]
         sample.tick_exactly_once()
         until(lambda: len(viewer.of(TransitionEvent)) == 5, "the first tick")

@@ -159,7 +159,7 @@ def test_a_robot_of_version_3_is_detected_and_every_transition_is_shown(watch, u
     assert viewer.of(ConnectionEvent)[1].detail == f"tcp://127.0.0.1:{robot.port}, by Groot 1's protocol"
     seen = viewer.of(TreeEvent)[0]
     assert len(seen.tree.nodes) == 11
-    assert not seen.numbered
+    assert not seen.has_transition_numbers
     assert set(seen.source.unavailable) == {"ticks", "exceptions", "blackboard"}
     assert set(seen.statuses.values()) == {0}
     assert viewer.steps == STEPS
@@ -349,7 +349,7 @@ def test_the_run_channel_is_preferred_to_groot1(endless, watch, until):
         assert publisher.wait_for_clients(1, 60)
         endless.tick_exactly_once()
         until(lambda: viewer.of(TickEvent), "a tick, which Groot 1 doesn't know")
-    assert viewer.of(TreeEvent)[0].numbered
+    assert viewer.of(TreeEvent)[0].has_transition_numbers
     assert "run channel" in viewer.of(ConnectionEvent)[1].detail
 
 

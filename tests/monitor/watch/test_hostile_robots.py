@@ -477,9 +477,9 @@ class Outcome:
         for event in self.feed.poll(0.0):
             self.events.append(event)
             self.lines += [line for line in [notice(event)] if line]
-            self.log.show(event)
+            self.log.process_event(event)
             for view in self.views:
-                view.show(event)
+                view.process_event(event)
         self.log.flush()
         for view in self.views:
             view.flush()

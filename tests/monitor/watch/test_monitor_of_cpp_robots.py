@@ -21,7 +21,7 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.screen.robot_view import RobotView
-from btcore_monitor.screen.row_buffer import TREE_TIME
+from btcore_monitor.screen.row_buffer import TREE_TIMELINE
 from btcore_monitor.screen.sinks import RecordingSinks
 
 ROOT = Path(__file__).parents[3]
@@ -49,8 +49,8 @@ def documents(path: Path, entity: str) -> list[str]:
             batch = chunk.to_record_batch()
             names = [name for name in batch.schema.names if name.endswith(":text")]
             times = (
-                batch.column(TREE_TIME).cast("int64").to_pylist()
-                if TREE_TIME in batch.schema.names
+                batch.column(TREE_TIMELINE).cast("int64").to_pylist()
+                if TREE_TIMELINE in batch.schema.names
                 else [0] * len(batch)
             )
             rows += [(t, text[0]) for t, text in zip(times, batch.column(names[0]).to_pylist(), strict=True)]
@@ -59,13 +59,13 @@ def documents(path: Path, entity: str) -> list[str]:
 
 @pytest.fixture
 def seen() -> TreeEvent:
-    return TreeEvent(TREE, 0, 0, {1: IDLE, 2: IDLE}, numbered=False, source=WIRE)
+    return TreeEvent(TREE, 0, 0, {1: IDLE, 2: IDLE}, has_transition_numbers=False, source=WIRE)
 
 
 def shown(events, path: Path) -> Path:
     screen = RobotView(RecordingSinks(save=path))
     for event in events:
-        screen.show(event)
+        screen.process_event(event)
     screen.close()
     return path
 
@@ -96,7 +96,7 @@ def test_the_running_panel_works_without_ticks(seen, tmp_path):
 def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
     screen = RobotView(RecordingSinks(save=tmp_path / "x.rrd"))
     for event in (seen, TransitionEvent(1, 5 * MS, 5 * MS, 0, 2, IDLE, RUNNING)):
-        screen.show(event)
+        screen.process_event(event)
     screen.flush()
     assert screen._display is not None
     assert screen._display.states._before.tolist() == [IDLE, RUNNING]
@@ -124,7 +124,7 @@ def test_missing_data_is_counted_and_shown(seen, tmp_path):
 def test_another_data_source_of_the_same_tree_starts_another_recording(seen, tmp_path):
     screen = RobotView(RecordingSinks(save=tmp_path / "x.rrd"))
     for event in (seen, TreeEvent(TREE, 10**12, 0, {1: IDLE, 2: IDLE})):
-        screen.show(event)
+        screen.process_event(event)
     screen.close()
     assert [file.name for file in screen.files] == ["x.rrd", "x.2.rrd"]
 

@@ -132,7 +132,7 @@ def test_a_feed_of_damaged_groot_2_replies_recovers(robot, capture, log, until, 
                 reported.append(str(error))
                 return False
             for event in events:
-                log.show(event)
+                log.process_event(event)
             if answers > CASES:
                 seen.extend(events)
             return (
@@ -176,7 +176,7 @@ def test_a_feed_of_damaged_groot_1_messages_recovers(robot, log, until, monkeypa
             reported.append(str(error))
             return False
         for event in events:
-            log.show(event)
+            log.process_event(event)
         if not share:
             seen.extend(events)
         return any(isinstance(event, TransitionEvent) for event in seen)

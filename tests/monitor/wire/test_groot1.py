@@ -66,7 +66,7 @@ def test_the_captured_updates_equal_the_listing():
         assert list(update.statuses.items()) == [
             literal_eval(one) for one in re.findall(r"\(\d+, \d\)", line)
         ]
-        for change in update.changes:
+        for change in update.transitions:
             seconds, micros, *rest = literal_eval(changes.pop(0))
             assert change == WireTransition((seconds * 1_000_000 + micros) * 1_000, *rest)
     assert not changes
@@ -75,7 +75,7 @@ def test_the_captured_updates_equal_the_listing():
 @pytest.mark.parametrize("frame", UPDATES)
 def test_a_captured_update_is_encoded_to_the_same_bytes(frame):
     update = decode_update(frame)
-    assert encode_update(update.statuses.items(), update.changes) == frame
+    assert encode_update(update.statuses.items(), update.transitions) == frame
 
 
 def test_an_update_starts_with_the_last_statuses_of_the_previous_update():
@@ -83,7 +83,7 @@ def test_an_update_starts_with_the_last_statuses_of_the_previous_update():
     for frame in UPDATES:
         update = decode_update(frame)
         assert update.statuses == known
-        for change in update.changes:
+        for change in update.transitions:
             assert known[change.uid] == change.previous
             known[change.uid] = change.status
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from btcore_monitor.serve.queueing_observer import merge_scenes, weight
+from btcore_monitor.serve.queueing_observer import compute_weight, merge_scenes
 from btcore_monitor.serve.run_channel_server import to_jpeg
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.run_channel import MovingSceneMessage, StaticSceneMessage, decode, encode
@@ -254,6 +254,6 @@ def test_scenes_of_several_sources_are_merged():
 
 
 def test_a_big_picture_has_the_weight_of_several_scenes():
-    assert weight(MovingScene()) == 1
+    assert compute_weight(MovingScene()) == 1
     picture, grid = replace(CAMERA, data=bytes(320 * 240 * 3)), replace(COSTS, cells=bytes(100_000))
-    assert weight(MovingScene(pictures=[picture], grids=[grid])) == 6
+    assert compute_weight(MovingScene(pictures=[picture], grids=[grid])) == 6

@@ -1,4 +1,4 @@
-"""The display options of all commands that show a tree."""
+"""The drawing options of all commands that show a tree."""
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
@@ -42,7 +42,7 @@ _OPTIONS: Final[Mapping[str, Mapping[str, Any]]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class DisplayOptions:
+class DrawingOptions:
     """The chosen options: a palette, patterns of nodes to highlight, and the lowest level in the log."""
 
     palette: str = PALETTE_NAMES[0]
@@ -51,7 +51,7 @@ class DisplayOptions:
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Return the display options in *settings*, all parameter values of a command by name."""
+        """Return the drawing options in *settings*, all parameter values of a command by name."""
         return cls(settings["palette"], settings["find"], settings["log_level"])
 
     def arguments(self) -> list[str]:
@@ -71,37 +71,37 @@ class DisplayOptions:
         return RobotView(destination, PALETTES[self.palette], self.find, self.log_level.upper())
 
 
-def display_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the display options to *command*, as its parameter `display`, a `DisplayOptions`."""
+def drawing_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the drawing options to *command*, as its parameter `drawing`, a `DrawingOptions`."""
 
     @functools.wraps(command)
-    def with_display(*arguments: Any, **settings: Any) -> Any:
-        display = DisplayOptions.from_settings(settings)
-        rest = {name: value for name, value in settings.items() if name not in _list_names()}
-        return command(*arguments, display=display, **rest)
+    def with_drawing(*arguments: Any, **settings: Any) -> Any:
+        drawing = DrawingOptions.from_settings(settings)
+        rest = {name: value for name, value in settings.items() if name not in _list_parameter_names()}
+        return command(*arguments, drawing=drawing, **rest)
 
     # Reversed: click lists options in the order of decorators, of which the last applied is the first.
     for option, attributes in reversed(list(_OPTIONS.items())):
-        with_display = click.option(option, **attributes)(with_display)
-    return with_display
+        with_drawing = click.option(option, **attributes)(with_drawing)
+    return with_drawing
 
 
-def create_options() -> list[click.Option]:
-    """Return the display options, for a command that is not defined with click's decorators."""
+def create_drawing_options() -> list[click.Option]:
+    """Return the drawing options, for a command that is not defined with click's decorators."""
     return [click.Option([option], **attributes) for option, attributes in _OPTIONS.items()]
 
 
-def explicit_options() -> list[str]:
-    """Return the display options that are present on the command line of the current command."""
+def list_given_options() -> list[str]:
+    """Return the drawing options that are present on the command line of the current command."""
     context = click.get_current_context(silent=True)
     if context is None:
         return []
     return [
         option
-        for option, name in zip(_OPTIONS, _list_names(), strict=True)
+        for option, name in zip(_OPTIONS, _list_parameter_names(), strict=True)
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
     ]
 
 
-def _list_names() -> list[str]:
+def _list_parameter_names() -> list[str]:
     return [option.removeprefix("--").replace("-", "_") for option in _OPTIONS]
