@@ -50,13 +50,13 @@ def peer_rays(world: World, place: Point, angles: Floats, reach: float) -> Calla
 
 def scans(world: World, count: int) -> Iterator[Mapping[str, Work]]:
     """Yield *count* pairs of the reference and a scan, after a pair for the warm-up."""
-    facts = load_description().laser.facts
-    still = RayCaster.of([thing for thing in world.description.things if thing.still])
+    info = load_description().laser.info
+    still = RayCaster.of([thing for thing in world.description.objects if thing.is_static])
     moved = MovableObstacles(world.client, {body: world.bodies[body] for body in world.movable})
-    laser = Laser(facts, still, np.random.default_rng(0), moved)
-    angles = facts.angle_min + facts.angle_increment * np.arange(facts.rays, dtype=np.float64)
+    laser = Laser(info, still, np.random.default_rng(0), moved)
+    angles = info.angle_min + info.angle_increment * np.arange(info.rays, dtype=np.float64)
     places = list(world.description.waypoints.values())
-    reach = facts.range_max
+    reach = info.range_max
     for index in range(count + 1):
         x, y = places[index % len(places)]
         cast = peer_rays(world, (x, y, HEIGHT), angles, reach)
@@ -73,9 +73,9 @@ def main() -> None:
     parser = arguments(__doc__ or "", pairs=15)
     parser.add_argument("--worlds", nargs="+", default=["house", "aws_house"])
     given = parser.parse_args()
-    facts = load_description().laser.facts
-    period = 1000 / facts.rate
-    question = f"The time for a scan of {facts.rays} rays, compared with pybullet's rays"
+    info = load_description().laser.info
+    period = 1000 / info.rate
+    question = f"The time for a scan of {info.rays} rays, compared with pybullet's rays"
     report = Report("laser", question, given.pairs)
     for name in given.worlds[: 1 if given.quick else None]:
         world = World(load_world_description(name))

@@ -59,10 +59,10 @@ def draw(description: WorldDescription, size: tuple[int, int], span: float, up: 
     leaves = {
         name: door.placed(_thing(description, name), HALF_OPEN) for name, door in description.doors.items()
     }
-    things = tuple(leaves.get(thing.name, thing) for thing in description.things)
-    world = World(replace(description, things=things, doors={}))
+    things = tuple(leaves.get(thing.name, thing) for thing in description.objects)
+    world = World(replace(description, objects=things, doors={}))
     body = SimulatedRobot(world, camera=None)
-    visible = VisibleFaces(world, body.model)
+    visible = VisibleFaces(world, body.physics_body)
     width, height = (FINER * side for side in size)
     x0, y0, x1, y1 = world_extent(description) if description.waypoints else (-1.0, -1.0, 1.0, 1.0)
     away = 2.2 * span
@@ -101,7 +101,7 @@ def plans(names: Sequence[str]) -> NDArray[np.uint8]:
 
 
 def _thing(description: WorldDescription, name: str) -> Any:
-    return next(thing for thing in description.things if thing.name == name)
+    return next(thing for thing in description.objects if thing.name == name)
 
 
 def kinds() -> NDArray[np.uint8]:

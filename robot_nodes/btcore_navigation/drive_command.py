@@ -98,8 +98,8 @@ def _mapper(robot: Robot, resources: Sequence[object]) -> "Mapper":
     # Once before the start, so that the first scan finds its frame.
     frames.step(robot.clock.now())
     mapper = Mapper(robot, tree, start=start, keepout=keepout)
-    robot.schedule.every(frames.RATE, Phase.TRANSFORMS, frames.step)
-    robot.schedule.every(robot.laser.rate, Phase.LOCALISER, mapper.step)
+    robot.schedule.add_task(frames.RATE, Phase.TRANSFORMS, frames.step)
+    robot.schedule.add_task(robot.laser.rate, Phase.LOCALISER, mapper.step)
     return mapper
 
 

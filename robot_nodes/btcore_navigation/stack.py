@@ -303,22 +303,22 @@ class Navigation:
         return None
 
     def _wire(self, frames: FrameBroadcaster) -> None:
-        every, parameters, servers = self.robot.schedule.every, self.parameters, self.servers
-        every(frames.RATE, Phase.TRANSFORMS, frames.step)
-        every(WATCH_RATE, Phase.TRANSFORMS, self.sensors.report)
-        every(self.robot.laser.rate, Phase.LOCALISER, self._localise)
-        every(parameters.local_costmap.update_frequency, Phase.COSTMAPS, self._update_local)
-        every(parameters.global_costmap.update_frequency, Phase.COSTMAPS, self._update_global)
-        every(PLANNER_RATE, Phase.PLANNER, servers.compute_path.step)
-        every(PLANNER_RATE, Phase.PLANNER, servers.smooth_path.step)
-        every(parameters.controller.controller_frequency, Phase.CONTROLLER, servers.follow_path.step)
+        add_task, parameters, servers = self.robot.schedule.add_task, self.parameters, self.servers
+        add_task(frames.RATE, Phase.TRANSFORMS, frames.step)
+        add_task(WATCH_RATE, Phase.TRANSFORMS, self.sensors.report)
+        add_task(self.robot.laser.rate, Phase.LOCALISER, self._localise)
+        add_task(parameters.local_costmap.update_frequency, Phase.COSTMAPS, self._update_local)
+        add_task(parameters.global_costmap.update_frequency, Phase.COSTMAPS, self._update_global)
+        add_task(PLANNER_RATE, Phase.PLANNER, servers.compute_path.step)
+        add_task(PLANNER_RATE, Phase.PLANNER, servers.smooth_path.step)
+        add_task(parameters.controller.controller_frequency, Phase.CONTROLLER, servers.follow_path.step)
         for behaviour in (
             *(servers.spin, servers.back_up, servers.drive_on_heading),
             *(servers.wait, servers.assisted_teleop),
         ):
-            every(parameters.behaviours.cycle_frequency, Phase.CONTROLLER, behaviour.step)
+            add_task(parameters.behaviours.cycle_frequency, Phase.CONTROLLER, behaviour.step)
         rate = MS_PER_S / parameters.navigator.bt_loop_duration
-        every(rate, Phase.CONTROLLER, self._step_navigators)
+        add_task(rate, Phase.CONTROLLER, self._step_navigators)
 
     def _step_navigators(self, now: int) -> None:
         self.navigate_to_pose.step(now)

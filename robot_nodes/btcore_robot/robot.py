@@ -55,8 +55,8 @@ class RobotClock(Protocol):
 class Phase(IntEnum):
     """The order of tasks that are due at the same time.
 
-    Lower phases run first. A tree that is due at the same time is ticked after all tasks. JUDGE is for tasks
-    that measure the run.
+    Lower phases run first. A tree that is due at the same time is ticked after all tasks. EVALUATION is for
+    tasks that measure the run.
     """
 
     PHYSICS = 0
@@ -68,20 +68,20 @@ class Phase(IntEnum):
     CONTROLLER = 6
     HEAD = 7
     PROCESSES = 8
-    JUDGE = 9
+    EVALUATION = 9
 
 
 class Schedule(Protocol):
     """The periodic tasks of a robot. All tasks run on the thread that waits on the robot's clock."""
 
-    def every(
-        self, hertz: float, rank: Phase, task: Callable[[int], None], *, first: int | None = None
+    def add_task(
+        self, hertz: float, phase: Phase, task: Callable[[int], None], *, first: int | None = None
     ) -> Callable[[], None]:
         """Call *task* periodically, with the time (ns) as its argument.
 
         Args:
             hertz: The rate (Hz).
-            rank: The order of tasks that are due at the same time: a lower phase runs first.
+            phase: The order of tasks that are due at the same time: a lower phase runs first.
             task: The function to call. It must return quickly, because everything runs on the same thread.
             first: The time (ns) of the first call; by default one period from now.
 

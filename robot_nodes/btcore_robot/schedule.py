@@ -1,9 +1,9 @@
 """Clocks with a schedule of periodic tasks, for worlds, robots and programs without a robot.
 
-`RealTime` follows the wall clock, `SimulatedTime` jumps from one due task to the next. Both run their tasks
-on the thread that waits, one at a time, in the order of due times. At the same time, tasks run in the order
-of ranks; with the same rank, in the order of the calls of `every`. The k-th period of a task at *hertz* ends
-`k * 1e9 / hertz` ns after its start, rounded down, so that no error accumulates.
+`RealTimeSchedule` follows the wall clock, `SimulatedSchedule` jumps from one due task to the next. Both run
+their tasks on the thread that waits, one at a time, in the order of due times. At the same time, tasks run in
+the order of phases; in the same phase, in the order of the calls of `add_task`. The k-th period of a task at
+*hertz* ends `k * 1e9 / hertz` ns after its start, rounded down, so that no error accumulates.
 """
 
 import heapq
@@ -17,10 +17,10 @@ Task = Callable[[int], None]
 """A function that is called with the time (ns) at which it is due."""
 
 Pace = Callable[[int, int, threading.Event], bool]
-"""A function that waits until simulated time may advance, see `SimulatedTime`."""
+"""A function that waits until simulated time may advance, see `SimulatedSchedule`."""
 
 
-class _Tasks:
+class _PeriodicTasks:
     """Periodic tasks in the order in which they are due."""
 
     def __init__(self) -> None:
@@ -32,8 +32,10 @@ class _Tasks:
         """Return the time (ns). It never decreases."""
         raise NotImplementedError
 
-    def every(self, hertz: float, rank: Phase, task: Task, *, first: int | None = None) -> Callable[[], None]:
-        """Call *task* with the time (ns) at *hertz*; see `Schedule.every`.
+    def add_task(
+        self, hertz: float, phase: Phase, task: Task, *, first: int | None = None
+    ) -> Callable[[], None]:
+        """Call *task* with the time (ns) at *hertz*; see `Schedule.add_task`.
 
         Raises:
             ValueError: *hertz* is not above 0.
@@ -46,7 +48,7 @@ class _Tasks:
         # Periods count from now, so that tasks of all rates coincide at whole seconds, to the nanosecond.
         start, count = (now, 1) if first is None else (max(first, now), 0)
         self._tasks[number] = (task, hertz, start)
-        heapq.heappush(self._due, (start + int(count * NS_PER_S / hertz), rank, number, count))
+        heapq.heappush(self._due, (start + int(count * NS_PER_S / hertz), phase, number, count))
 
         def end() -> None:
             self._tasks.pop(number, None)
@@ -63,24 +65,24 @@ class _Tasks:
 
     def _run(self, now: int) -> int:
         """Run the next task at *now* (ns), schedule its next call, and return the number of missed calls."""
-        _, rank, number, count = self._due[0]
+        _, phase, number, count = self._due[0]
         task, hertz, start = self._tasks[number]
         next_count = max(count + 1, int((now - start) * hertz / NS_PER_S) + 1)
-        heapq.heapreplace(self._due, (start + int(next_count * NS_PER_S / hertz), rank, number, next_count))
+        heapq.heapreplace(self._due, (start + int(next_count * NS_PER_S / hertz), phase, number, next_count))
         task(now)
         return next_count - count - 1
 
 
-class RealTime(_Tasks):
+class RealTimeSchedule(_PeriodicTasks):
     """The monotonic clock of the machine. Tasks run only while a thread waits in `wait_until`.
 
     A late task is called with the actual time, and its missed calls are omitted. A slow task delays the
-    other tasks, but its calls never accumulate. *missed* counts the omitted calls.
+    other tasks, but its calls never accumulate. *missed_calls* counts the omitted calls.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self.missed = 0
+        self.missed_calls = 0
 
     def now(self) -> int:
         """Return the time (ns) of the monotonic clock; only differences have a meaning."""
@@ -98,25 +100,25 @@ class RealTime(_Tasks):
         """
         while not wake.is_set():
             due = self.next_due()
-            if self._rest(deadline if due is None else min(due, deadline), wake):
+            if self._sleep_until(deadline if due is None else min(due, deadline), wake):
                 return True
             now = self.now()
             if due is not None and due <= min(now, deadline):
-                self.missed += self._run(now)
+                self.missed_calls += self._run(now)
             elif now >= deadline:
                 return False
         return True
 
-    def _rest(self, moment: int, wake: threading.Event) -> bool:
-        """Wait until *moment* (ns) at the latest, and return whether *wake* was set.
+    def _sleep_until(self, until: int, wake: threading.Event) -> bool:
+        """Wait until *until* (ns) at the latest, and return whether *wake* was set.
 
-        A subclass that overrides `now` overrides this method too. It may return before *moment*.
+        A subclass that overrides `now` overrides this method too. It may return before *until*.
         """
-        remaining = moment - time.monotonic_ns()
+        remaining = until - time.monotonic_ns()
         return remaining > 0 and wake.wait(remaining / NS_PER_S)
 
 
-class SimulatedTime(_Tasks):
+class SimulatedSchedule(_PeriodicTasks):
     """A time that advances only in `wait_until` and `run_next`, as fast as the tasks run.
 
     *pace* can slow it down. Before each advance in `wait_until`, *pace* is called with the current time, the
@@ -132,12 +134,12 @@ class SimulatedTime(_Tasks):
 
     Examples:
         >>> from btcore_robot.robot import Phase
-        >>> from btcore_robot.schedule import SimulatedTime
-        >>> time = SimulatedTime()
-        >>> end = time.every(10.0, Phase.CONTROLLER, lambda now: print(now))
-        >>> time.run_next()
+        >>> from btcore_robot.schedule import SimulatedSchedule
+        >>> schedule = SimulatedSchedule()
+        >>> end = schedule.add_task(10.0, Phase.CONTROLLER, lambda now: print(now))
+        >>> schedule.run_next()
         100000000
-        >>> time.run_next()
+        >>> schedule.run_next()
         200000000
     """
 

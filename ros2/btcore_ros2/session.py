@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from btcore import SystemClock
 from btcore_robot.robot import NS_PER_S, Phase, RobotClock, Schedule
-from btcore_robot.schedule import RealTime
+from btcore_robot.schedule import RealTimeSchedule
 from btcore_ros2.errors import RosError
 from btcore_ros2.installation import check_installation
 from btcore_ros2.shared_entities import SharedEntities
@@ -66,9 +66,9 @@ class RosClock(SystemClock):
     """
 
     def __init__(self, session: "RosSession") -> None:
-        self.schedule = RealTime()
+        self.schedule = RealTimeSchedule()
         self._session = session
-        self.schedule.every(DRAIN_RATE, Phase.SENSORS, lambda now: session._drain_while_waiting())
+        self.schedule.add_task(DRAIN_RATE, Phase.SENSORS, lambda now: session._drain_while_waiting())
 
     def wait_until(self, deadline: int, wake: threading.Event) -> bool:
         """Wait until *deadline* and run the tasks that become due; see `RobotClock.wait_until`.

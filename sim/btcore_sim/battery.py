@@ -29,7 +29,7 @@ class BatteryModel:
         """The number of calls of `fill`."""
 
     @property
-    def empty(self) -> bool:
+    def is_empty(self) -> bool:
         """Whether the level is 0."""
         return self.level <= 0.0
 

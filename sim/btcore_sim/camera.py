@@ -64,7 +64,7 @@ class Camera:
         self._visible = visible
         self._mount = mount
         focal = size.width / 2 / math.tan(mount.fov / 2)
-        self.facts = CameraInfo(
+        self.info = CameraInfo(
             width=size.width,
             height=size.height,
             fx=focal,
@@ -77,35 +77,35 @@ class Camera:
             frame=mount.frame,
         )
         """The pinhole model. Columns and rows count from 0; integer coordinates are the middles of pixels."""
-        self._renderer = Renderer(self.facts)
+        self._renderer = Renderer(self.info)
         self.newest: CameraImage | None = None
         """The picture that was rendered last."""
         self._arrived = DelayedReadings[CameraImage](mount.latency)
 
-    def picture(self, model: PhysicsBody, link: int, now: int, dead: bool) -> CameraImage | None:
+    def picture(self, physics_body: PhysicsBody, link: int, now: int, has_failed: bool) -> CameraImage | None:
         """Return the newest picture that has arrived; render a picture first if the camera's rate allows it.
 
         Args:
             model: The robot's body in the physics engine.
             link: PyBullet's index of the link that carries the camera.
             now: The simulated time (ns).
-            dead: Whether the camera has failed; then no new picture is rendered.
+            has_failed: Whether the camera has failed; then no new picture is rendered.
 
         Returns:
             The picture, or None if no picture has arrived yet.
         """
         last = self.newest
-        if not dead and (last is None or self._count(now) > self._count(last.stamp)):
-            self.newest = self._draw(model, link, now)
+        if not has_failed and (last is None or self._count(now) > self._count(last.stamp)):
+            self.newest = self._draw(physics_body, link, now)
             self._arrived.add(self.newest, now)
         return self._arrived.newest(now)
 
     def _count(self, now: int) -> int:
         # The index of the frame period that contains *now* (ns). Each period has at most one picture.
-        return int(now * self.facts.rate / 1e9)
+        return int(now * self.info.rate / 1e9)
 
-    def _draw(self, model: PhysicsBody, link: int, now: int) -> CameraImage:
-        eye, turned = self.pose(model, link)
+    def _draw(self, physics_body: PhysicsBody, link: int, now: int) -> CameraImage:
+        eye, turned = self.pose(physics_body, link)
         ahead, left, up = Transform(quaternion=turned).rotation.T
         rgb, depth = self._renderer.draw(
             self._visible.now(), self._visible.colors, np.array(eye), np.stack((-left, -up, ahead), axis=1)
@@ -113,7 +113,7 @@ class Camera:
         rgb.flags.writeable = depth.flags.writeable = False
         return CameraImage(rgb, now, self._mount.frame, depth)
 
-    def pose(self, model: PhysicsBody, link: int) -> Pose3D:
+    def pose(self, physics_body: PhysicsBody, link: int) -> Pose3D:
         """Return the camera's pose in the world frame.
 
         Args:
@@ -123,7 +123,7 @@ class Camera:
         Returns:
             The position (m) and the orientation (quaternion; x forward, z up).
         """
-        place, turned = model.link_place(link)
+        place, turned = physics_body.link_pose(link)
         mounted = pybullet.getQuaternionFromEuler([self._mount.roll, 0.0, 0.0])
         eye, turned = pybullet.multiplyTransforms(place, turned, self._mount.position, mounted)
         return eye, turned

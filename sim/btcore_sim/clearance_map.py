@@ -43,17 +43,17 @@ class ClearanceMap:
         """
         return cls(rasterise(description, movable=True))
 
-    def add_obstacle(self, *things: WorldObject) -> None:
-        """Add *things* to the map as obstacles."""
-        for thing in things:
-            draw(thing, self._taken, self.map.origin, self.map.resolution)
+    def add_obstacle(self, *objects: WorldObject) -> None:
+        """Add *objects* to the map as obstacles."""
+        for item in objects:
+            draw(item, self._taken, self.map.origin, self.map.resolution)
         self._measure()
 
-    def with_obstacle(self, *things: WorldObject) -> "ClearanceMap":
-        """Return a copy of the map with *things* added as obstacles."""
+    def with_obstacle(self, *objects: WorldObject) -> "ClearanceMap":
+        """Return a copy of the map with *objects* added as obstacles."""
         other = object.__new__(ClearanceMap)
         other.map, other._taken = self.map, self._taken.copy()
-        other.add_obstacle(*things)
+        other.add_obstacle(*objects)
         return other
 
     def clearance_at(self, x: float, y: float) -> float:

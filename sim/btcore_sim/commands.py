@@ -117,5 +117,5 @@ def world_command(kind: str, rooms: int, seed: int, output: Path | None) -> None
 def _world_text(world: dict[str, Any]) -> str:
     """Return the JSON text of a world, with an object in each line."""
     lines = [f"  {json.dumps(key)}: {json.dumps(value)}," for key, value in world.items() if key != "objects"]
-    objects = ",\n".join(f"    {json.dumps(thing)}" for thing in world["objects"])
+    objects = ",\n".join(f"    {json.dumps(item)}" for item in world["objects"])
     return "\n".join(["{", *lines, '  "objects": [', objects, "  ]", "}", ""])

@@ -8,7 +8,7 @@ import numpy as np
 
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import NS_PER_S, BaseInfo, Odometry, Pose2D, Twist2D
-from btcore_sim.robot_description import OdometryFacts
+from btcore_sim.robot_description import OdometryInfo
 
 STANDING = Twist2D(0.0, 0.0)
 
@@ -21,11 +21,11 @@ class DifferentialDrive:
     Tiago's controller does the same.
     """
 
-    def __init__(self, facts: BaseInfo, wheel_radius: float, separation: float) -> None:
-        self.facts = facts
+    def __init__(self, info: BaseInfo, wheel_radius: float, separation: float) -> None:
+        self.info = info
         self._wheel_radius = wheel_radius
         self._separation = separation
-        self._timeout = round(facts.command_timeout * NS_PER_S)
+        self._timeout = round(info.command_timeout * NS_PER_S)
         self._command = STANDING
         self._goal = STANDING
         self._stamp = 0
@@ -55,34 +55,34 @@ class DifferentialDrive:
             v: Linear velocity (m/s).
             w: Angular velocity (rad/s).
         """
-        facts = self.facts
+        info = self.info
         scale = 1.0
-        if v > facts.v_max:
-            scale = facts.v_max / v
-        elif v < facts.v_min:
-            scale = facts.v_min / v
-        if abs(w) * scale > facts.w_max:
-            scale = facts.w_max / abs(w)
+        if v > info.v_max:
+            scale = info.v_max / v
+        elif v < info.v_min:
+            scale = info.v_min / v
+        if abs(w) * scale > info.w_max:
+            scale = info.w_max / abs(w)
         return Twist2D(v * scale, w * scale)
 
-    def step(self, now: int, seconds: float, *, obeys: bool = True) -> Twist2D:
+    def step(self, now: int, seconds: float, *, accepts_commands: bool = True) -> Twist2D:
         """Ramp the velocity towards the last command, or towards standing if the command has timed out.
 
         Args:
             now: The simulated time (ns).
             seconds: The duration of the step (s).
-            obeys: False to stop the base whatever the command is, for example with an empty battery.
+            accepts_commands: False to stop the base whatever the command is, as with an empty battery.
 
         Returns:
             The new velocity (m/s, rad/s).
         """
         twist = self.twist
-        goal = self._goal if obeys and now - self._stamp <= self._timeout else STANDING
+        goal = self._goal if accepts_commands and now - self._stamp <= self._timeout else STANDING
         if goal == twist:
             return twist
         dv, dw = goal.v - twist.v, goal.w - twist.w
         # The number of steps of this duration that the change takes with the slower of the two accelerations.
-        needed = max(abs(dv) / (self.facts.v_rate * seconds), abs(dw) / (self.facts.w_rate * seconds))
+        needed = max(abs(dv) / (self.info.v_rate * seconds), abs(dw) / (self.info.w_rate * seconds))
         self.twist = goal if needed <= 1.0 else Twist2D(twist.v + dv / needed, twist.w + dw / needed)
         return self.twist
 
@@ -99,14 +99,14 @@ class WheelErrorModel:
     normal distribution, because a wrong wheel radius is a systematic error.
     """
 
-    def __init__(self, facts: OdometryFacts, random: np.random.Generator) -> None:
+    def __init__(self, info: OdometryInfo, random: np.random.Generator) -> None:
         self._random = random
-        self._facts = facts
-        self.left, self.right = (float(scale) for scale in random.normal(1.0, facts.scale_sigma, 2))
+        self._info = info
+        self.left, self.right = (float(scale) for scale in random.normal(1.0, info.scale_sigma, 2))
 
     def turning(self) -> float:
         """Return the angle (rad) that the wheels measure for a turn of 1 rad, drawn anew on every call."""
-        return 1.0 + self._facts.slip + self._facts.slip_sigma * float(self._random.standard_normal())
+        return 1.0 + self._info.slip + self._info.slip_sigma * float(self._random.standard_normal())
 
 
 @dataclass(slots=True)

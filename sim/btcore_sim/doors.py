@@ -32,10 +32,10 @@ class MovingDoors:
     ) -> None:
         self._client = client
         self._step = 1.0 / (OPENING_TIME * rate)
-        leaves = {thing.name: body for body, thing in bodies.items() if thing.name in doors}
+        leaves = {item.name: body for body, item in bodies.items() if item.name in doors}
         self._doors = {name: _State(door, leaves[name], bodies[leaves[name]]) for name, door in doors.items()}
         self._leaves = frozenset(leaves.values())
-        self._kinematic = frozenset(body for body, thing in bodies.items() if thing.is_kinematic)
+        self._kinematic = frozenset(body for body, item in bodies.items() if item.is_kinematic)
         self._moving: dict[str, _State] = {}
 
     def set(self, name: str, open: bool) -> None:
@@ -94,7 +94,7 @@ class MovingDoors:
     def _place(self, state: "_State", direction: float) -> None:
         """Place a leaf at its opening; the physics step moves it in *direction* (+1 opens, -1 closes)."""
         leaf = state.door.leaf_pose(state.opening)
-        middle = [leaf.x, leaf.y, state.thing.size[2] / 2]
+        middle = [leaf.x, leaf.y, state.item.size[2] / 2]
         turned = [0.0, 0.0, math.sin(leaf.yaw / 2), math.cos(leaf.yaw / 2)]
         engine = {"physicsClientId": self._client}
         pybullet.resetBasePositionAndOrientation(state.body, middle, turned, **engine)
@@ -123,21 +123,21 @@ class MovingDoors:
 class _State:
     """A door with its leaf: how far it is open, and how far it is to be open, each from 0 to 1."""
 
-    def __init__(self, door: Door, body: int, thing: WorldObject) -> None:
+    def __init__(self, door: Door, body: int, item: WorldObject) -> None:
         self.door = door
         self.body = body
-        self.thing = thing
+        self.item = item
         self.opening = self.target = float(door.open)
 
     def leaf(self) -> WorldObject:
         """Return the leaf at its present pose."""
-        return self.door.placed(self.thing, self.opening)
+        return self.door.placed(self.item, self.opening)
 
     def leaves(self, target: float) -> list[WorldObject]:
         """Return the leaf at its present pose, and at further poses until it is open by *target* (0 to 1)."""
         steps = math.ceil(abs(target - self.opening) / _STRIDE)
         further = (self.opening + (target - self.opening) * step / steps for step in range(1, steps + 1))
-        return [self.leaf(), *(self.door.placed(self.thing, opening) for opening in further)]
+        return [self.leaf(), *(self.door.placed(self.item, opening) for opening in further)]
 
     def velocity(self, x: float, y: float, speed: float) -> tuple[float, float]:
         """Return the velocity (m/s) of a point (x, y; m) of the leaf whose opening grows by *speed* (1/s)."""

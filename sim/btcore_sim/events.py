@@ -201,7 +201,7 @@ def with_boxes(description: WorldDescription, events: Sequence[Event], spare: in
         WorldObject(f"{_NAME}{number}", "box", size, place, 0.0, 0.0, _COLOR, is_kinematic=True)
         for number in range(sum(event.kind == "box" for event in events) + spare)
     ]
-    return replace(description, things=(*description.things, *boxes))
+    return replace(description, objects=(*description.objects, *boxes))
 
 
 class EventTarget(Protocol):
@@ -257,7 +257,7 @@ class EventRunner:
             if event.latest is None:
                 self._schedule(event)
         if any(event.latest is not None for event in events):
-            world.schedule.every(_RATE, Phase.PHYSICS, self._trigger_suitable)
+            world.schedule.add_task(_RATE, Phase.PHYSICS, self._trigger_suitable)
 
     @property
     def pending(self) -> Sequence[Event]:
@@ -301,7 +301,7 @@ class EventRunner:
                 raise SimError(f"{error}; {hint}") from error
             self._pending.remove(event)
 
-        end = self._world.schedule.every(_RATE, Phase.PHYSICS, happen, first=event.time)
+        end = self._world.schedule.add_task(_RATE, Phase.PHYSICS, happen, first=event.time)
 
     def _trigger_suitable(self, now: int) -> None:
         """Trigger the events with a window for which the moment is suitable."""

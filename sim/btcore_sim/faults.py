@@ -42,7 +42,7 @@ class FaultSchedule:
     def __init__(self, faults: Sequence[Fault] = ()) -> None:
         self._faults = tuple(faults)
 
-    def dead(self, part: str, now: int) -> bool:
+    def has_failed(self, part: str, now: int) -> bool:
         """Return whether a part has failed.
 
         Args:

@@ -175,7 +175,7 @@ def _joints(description: RobotDescription) -> tuple[str, list[tuple[_Joint, bool
 def _mounted(description: RobotDescription) -> list[FixedFrame]:
     """Return the frames of sensors that neither the description nor its URDF defines."""
     laser, camera, sonars = description.laser, description.camera, description.sonars
-    frames = [FixedFrame(laser.facts.frame, laser.link, laser.position, (0.0, 0.0, 0.0))]
+    frames = [FixedFrame(laser.info.frame, laser.link, laser.position, (0.0, 0.0, 0.0))]
     frames += [FixedFrame(sonar.frame, sonar.link, sonar.position, (0.0, 0.0, sonar.yaw)) for sonar in sonars]
     if camera is not None:
         mount = f"{camera.frame}_mount"

@@ -54,9 +54,9 @@ class RayCaster:
         self._sides = sides
 
     @classmethod
-    def of(cls, things: Iterable[WorldObject], walls: MapWalls | None = None) -> "RayCaster":
-        """Return a ray caster for *things* at their initial poses, and for *walls* if there are any."""
-        caster = cls.placed([(thing, *thing.position, thing.yaw) for thing in things])
+    def of(cls, objects: Iterable[WorldObject], walls: MapWalls | None = None) -> "RayCaster":
+        """Return a ray caster for *objects* at their initial poses, and for *walls* if there are any."""
+        caster = cls.placed([(item, *item.position, item.yaw) for item in objects])
         if walls is not None:
             low, high = walls.rectangles[:, :2].T, walls.rectangles[:, 2:].T
             columns = np.zeros((8, len(walls.rectangles)))
@@ -66,20 +66,20 @@ class RayCaster:
         return caster
 
     @classmethod
-    def placed(cls, things: Sequence[tuple[WorldObject, float, float, float, float]]) -> "RayCaster":
+    def placed(cls, objects: Sequence[tuple[WorldObject, float, float, float, float]]) -> "RayCaster":
         """Return a ray caster for objects at given poses.
 
         Args:
-            things: The objects, each with x, y, z (m) of the middle of its underside, and its yaw (rad).
+            objects: The objects, each with x, y, z (m) of the middle of its underside, and its yaw (rad).
         """
         columns: dict[str, list[tuple[float, ...]]] = {"box": [], "cylinder": [], "prism": []}
-        for thing, x, y, z, yaw in things:
-            long, wide, high = thing.size
+        for item, x, y, z, yaw in objects:
+            long, wide, high = item.size
             cos, sin = math.cos(yaw), math.sin(yaw)
-            if thing.kind != "prism":
-                columns[thing.kind].append((x, y, long / 2, wide / 2, cos, sin, z, z + high))
+            if item.kind != "prism":
+                columns[item.kind].append((x, y, long / 2, wide / 2, cos, sin, z, z + high))
                 continue
-            for side in thing.sides():
+            for side in item.sides():
                 ends = [(x + cos * px - sin * py, y + sin * px + cos * py) for px, py in side]
                 columns["prism"].append((*ends[0], *ends[1], z, z + high))
         boxes, rounds, sides = (
@@ -131,11 +131,11 @@ def _against_boxes(
     inside = (np.abs(local_x) <= half_x) & (np.abs(local_y) <= half_y)
     # Seen from outside, a convex outline covers less than half a turn around the bearing of its middle.
     low[inside], high[inside] = -math.pi, math.pi
-    rays, things = _pairs(np.arctan2(to_y, to_x) + low, high - low, angles)
+    rays, objects = _pairs(np.arctan2(to_y, to_x) + low, high - low, angles)
     dx, dy = ways[0][rays], ways[1][rays]
-    cos, sin = cos[things], sin[things]
-    near, far = _slab(local_x[things], cos * dx + sin * dy, half_x[things])
-    near_y, far_y = _slab(local_y[things], cos * dy - sin * dx, half_y[things])
+    cos, sin = cos[objects], sin[objects]
+    near, far = _slab(local_x[objects], cos * dx + sin * dy, half_x[objects])
+    near_y, far_y = _slab(local_y[objects], cos * dy - sin * dx, half_y[objects])
     np.maximum(near, near_y, out=near)
     np.minimum(far, far_y, out=far)
     np.maximum(near, 0.0, out=near)
@@ -150,11 +150,11 @@ def _against_rounds(
     to_x, to_y, radius = rounds[0] - x, rounds[1] - y, rounds[2]
     distance = np.hypot(to_x, to_y)
     half = np.where(distance > radius, np.arcsin(radius / np.maximum(distance, radius)), math.pi)
-    rays, things = _pairs(np.arctan2(to_y, to_x) - half, 2.0 * half, angles)
+    rays, objects = _pairs(np.arctan2(to_y, to_x) - half, 2.0 * half, angles)
     dx, dy = ways[0][rays], ways[1][rays]
-    along = to_x[things] * dx + to_y[things] * dy
-    across = to_x[things] * dy - to_y[things] * dx
-    room = radius[things] ** 2 - across**2
+    along = to_x[objects] * dx + to_y[objects] * dy
+    across = to_x[objects] * dy - to_y[objects] * dx
+    room = radius[objects] ** 2 - across**2
     deep = np.sqrt(np.maximum(room, 0.0))
     near = np.maximum(along - deep, 0.0)
     near[(room < 0.0) | (along + deep < 0.0)] = np.inf
@@ -174,13 +174,13 @@ def _against_sides(
         return
     turn = np.arctan2(cross, x0 * x1 + y0 * y1)
     begin = np.arctan2(y0, x0) + np.minimum(turn, 0.0)
-    rays, things = _pairs(begin, np.abs(turn), angles)
+    rays, objects = _pairs(begin, np.abs(turn), angles)
     dx, dy = ways[0][rays], ways[1][rays]
-    ex, ey = (x1 - x0)[things], (y1 - y0)[things]
+    ex, ey = (x1 - x0)[objects], (y1 - y0)[objects]
     # The ray t·d meets the line through the side at t = (p × e) / (d × e). The angles already chose the rays.
     across = dx * ey - dy * ex
     near = np.full(len(rays), np.inf)
-    np.divide(cross[things], across, out=near, where=np.abs(across) > _PARALLEL)
+    np.divide(cross[objects], across, out=near, where=np.abs(across) > _PARALLEL)
     near[near < 0.0] = np.inf
     np.minimum.at(distances, rays, near)
 
@@ -197,10 +197,10 @@ def _pairs(start: Floats, width: Floats, angles: Floats) -> tuple[NDArray[np.int
     end = begin + np.concatenate((width, width)) + 2.0 * _MARGIN
     first = np.searchsorted(angles, begin + angles[0], side="left")
     counts = np.searchsorted(angles, end + angles[0], side="right") - first
-    things = np.arange(len(start))
+    objects = np.arange(len(start))
     after = counts.cumsum()
     rays = np.arange(after[-1]) + (first - (after - counts)).repeat(counts)
-    return rays, np.concatenate((things, things)).repeat(counts)
+    return rays, np.concatenate((objects, objects)).repeat(counts)
 
 
 def _slab(origin: Floats, direction: Floats, half: Floats) -> tuple[Floats, Floats]:
@@ -213,12 +213,12 @@ def _slab(origin: Floats, direction: Floats, half: Floats) -> tuple[Floats, Floa
 class MovableObstacles:
     """Intersections of rays with movable objects at their present poses.
 
-    *things* maps PyBullet's IDs of the bodies to the objects.
+    *objects* maps PyBullet's IDs of the bodies to the objects.
     """
 
-    def __init__(self, client: int, things: Mapping[int, WorldObject]) -> None:
+    def __init__(self, client: int, objects: Mapping[int, WorldObject]) -> None:
         self._client = client
-        self._things = things
+        self._objects = objects
 
     def shorten(self, x: float, y: float, z: float, angles: Floats, distances: Floats) -> None:
         """Shorten rays that hit a movable object.
@@ -231,12 +231,12 @@ class MovableObstacles:
             distances: The rays' lengths (m), shape `(rays,)`; changed in place.
         """
         placed = []
-        for body, thing in self._things.items():
+        for body, item in self._objects.items():
             (bx, by, bz), turned = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
             # The z component of the body's z axis: the cosine of its tilt.
             if 1.0 - 2.0 * (turned[0] ** 2 + turned[1] ** 2) > _UPRIGHT:
                 yaw = 2.0 * math.atan2(turned[2], turned[3])
-                placed.append((thing, bx, by, bz - thing.size[2] / 2, yaw))
+                placed.append((item, bx, by, bz - item.size[2] / 2, yaw))
             else:
                 self._by_rays(body, x, y, z, angles, distances)
         if placed:
@@ -271,27 +271,25 @@ class MovableObstacles:
 
 
 class Laser:
-    """Measures scans with the geometry *facts*, and adds noise from *random*.
+    """Measures scans with the geometry *info*, and adds noise from *random*.
 
-    *still* contains the objects that never move, *moved* the movable objects. *errors* adds outliers.
+    *static_objects* never move, unlike *movable_objects*. *errors* adds outliers.
     """
 
     def __init__(
         self,
-        facts: LaserInfo,
-        still: RayCaster,
+        info: LaserInfo,
+        static_objects: RayCaster,
         random: np.random.Generator,
-        moved: MovableObstacles | None = None,
+        movable_objects: MovableObstacles | None = None,
         errors: LaserErrors | None = None,
     ) -> None:
-        self.facts = facts
-        self._still = still
+        self.info = info
+        self._static_objects = static_objects
         self._random = random
-        self._moved = moved
+        self._moved = movable_objects
         self._errors = errors if errors is not None else LaserErrors()
-        self._angles: Floats = facts.angle_min + facts.angle_increment * np.arange(
-            facts.rays, dtype=np.float64
-        )
+        self._angles: Floats = info.angle_min + info.angle_increment * np.arange(info.rays, dtype=np.float64)
 
     def sweep(self, x: float, y: float, z: float, yaw: float, stamp: int) -> LaserScan:
         """Return a scan with normally distributed noise, and outliers.
@@ -306,20 +304,20 @@ class Laser:
         ranges = self.distances(x, y, z, yaw)
         # Noise is drawn for every ray, hit or not, so that an additional hit does not change all later scans.
         noise = self._random.normal(0.0, 1.0, len(ranges))
-        spread = self.facts.deviation(np.where(np.isinf(ranges), 0.0, ranges))
+        spread = self.info.deviation(np.where(np.isinf(ranges), 0.0, ranges))
         if self._errors.has_outliers:
             ranges = self._with_outliers(ranges)
         ranges += spread * noise
-        ranges[ranges < self.facts.range_min] = -np.inf
-        ranges[ranges > self.facts.range_max] = np.inf
+        ranges[ranges < self.info.range_min] = -np.inf
+        ranges[ranges > self.info.range_max] = np.inf
         return LaserScan(
             ranges=ranges.astype(np.float32),
             stamp=stamp,
-            angle_min=self.facts.angle_min,
-            angle_increment=self.facts.angle_increment,
-            range_min=self.facts.range_min,
-            range_max=self.facts.range_max,
-            frame=self.facts.frame,
+            angle_min=self.info.angle_min,
+            angle_increment=self.info.angle_increment,
+            range_min=self.info.range_min,
+            range_max=self.info.range_max,
+            frame=self.info.frame,
         )
 
     def _with_outliers(self, distances: Floats) -> Floats:
@@ -332,7 +330,7 @@ class Laser:
         mixed = np.isfinite(step) & (np.abs(step) > _EDGE) & (kind >= 1.0 - errors.edge)
         changed[mixed] += where[mixed] * step[mixed]
         short = (kind < errors.missed + errors.short) & ~mixed
-        changed[short] = where[short] * np.minimum(distances[short], self.facts.range_max)
+        changed[short] = where[short] * np.minimum(distances[short], self.info.range_max)
         changed[(kind < errors.missed) & ~mixed] = np.inf
         return changed
 
@@ -349,7 +347,7 @@ class Laser:
             The distances (m), shape `(rays,)`; inf where a ray hits nothing.
         """
         angles = self._angles + yaw
-        distances = self._still.distances(x, y, z, angles)
+        distances = self._static_objects.distances(x, y, z, angles)
         if self._moved is not None:
             self._moved.shorten(x, y, z, angles, distances)
         return distances

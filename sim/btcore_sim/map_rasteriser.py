@@ -60,9 +60,9 @@ def rasterise(
     rows = math.ceil((y1 - origin[1]) / resolution - 1e-9) + _MARGIN
     occupied = np.zeros((rows, width), dtype=np.bool_)
     glass = np.zeros((rows, width), dtype=np.bool_)
-    for thing in description.things:
-        if thing.meets(height) and (thing.still or (movable and thing.mass > 0.0)):
-            draw(thing, glass if thing.is_glass else occupied, origin, resolution)
+    for item in description.objects:
+        if item.meets(height) and (item.is_static or (movable and item.mass > 0.0)):
+            draw(item, glass if item.is_glass else occupied, origin, resolution)
     cells = np.where(occupied, 100, -1).astype(np.int8)
     keepout = description.keepout + overhangs(description, height, resolution)
     map = OccupancyMap(cells, round(resolution, 9), origin, keepout)
@@ -73,9 +73,9 @@ def rasterise(
 def _drawn_on(map: OccupancyMap, description: WorldDescription, height: float, movable: bool) -> OccupancyMap:
     """Return *map* with the objects of *description* as occupied cells."""
     drawn = np.zeros(map.cells.shape, dtype=np.bool_)
-    for thing in description.things:
-        if thing.meets(height) and (thing.still or (movable and thing.mass > 0.0)):
-            draw(thing, drawn, map.origin, map.resolution)
+    for item in description.objects:
+        if item.meets(height) and (item.is_static or (movable and item.mass > 0.0)):
+            draw(item, drawn, map.origin, map.resolution)
     cells = np.where(drawn, 100, map.cells).astype(np.int8)
     keepout = description.keepout + overhangs(description, height, map.resolution)
     return OccupancyMap(cells, map.resolution, map.origin, keepout)
@@ -96,31 +96,31 @@ def overhangs(
         pane of glass the rectangles that cover it.
     """
     outlines: list[Rectangle] = []
-    for thing in description.things:
-        low, high = thing.position[2], thing.position[2] + thing.size[2]
-        unseen = thing.is_glass or not thing.meets(height)
-        if not (thing.still and unseen and low < ROBOT_HEIGHT and high > _UNDERFOOT):
+    for item in description.objects:
+        low, high = item.position[2], item.position[2] + item.size[2]
+        unseen = item.is_glass or not item.meets(height)
+        if not (item.is_static and unseen and low < ROBOT_HEIGHT and high > _UNDERFOOT):
             continue
-        if thing.kind == "prism" or (thing.is_glass and thing.yaw):
-            outlines += _covering(thing, resolution)
+        if item.kind == "prism" or (item.is_glass and item.yaw):
+            outlines += _covering(item, resolution)
         else:
-            outlines.append(thing.outline())
+            outlines.append(item.outline())
     return tuple((round(x0, 6), round(y0, 6), round(x1, 6), round(y1, 6)) for x0, y0, x1, y1 in outlines)
 
 
-def _covering(thing: WorldObject, resolution: float) -> list[Rectangle]:
-    """Return rectangles that cover *thing*: rows of cells, of which equal rows are one rectangle.
+def _covering(item: WorldObject, resolution: float) -> list[Rectangle]:
+    """Return rectangles that cover *item*: rows of cells, of which equal rows are one rectangle.
 
     The rectangles end a quarter of a cell inside the outer cells, so that they touch no further cells.
     """
-    x0, y0, x1, y1 = thing.outline()
+    x0, y0, x1, y1 = item.outline()
     origin = _snapped(x0, resolution), _snapped(y0, resolution)
     shape = (
         math.ceil((y1 - origin[1]) / resolution) + _MARGIN,
         math.ceil((x1 - origin[0]) / resolution) + _MARGIN,
     )
     cells = np.zeros(shape, dtype=np.bool_)
-    draw(thing, cells, origin, resolution)
+    draw(item, cells, origin, resolution)
     rectangles: list[Rectangle] = []
     above: dict[tuple[int, int], int] = {}
     for row in range(shape[0] + 1):
@@ -146,18 +146,16 @@ def _snapped(edge: float, resolution: float) -> float:
     return round((math.floor(edge / resolution + 1e-9) - _MARGIN) * resolution, 9)
 
 
-def draw(
-    thing: WorldObject, cells: NDArray[np.bool_], origin: tuple[float, float], resolution: float
-) -> None:
-    """Set the cells whose middles are less than half a cell from *thing*.
+def draw(item: WorldObject, cells: NDArray[np.bool_], origin: tuple[float, float], resolution: float) -> None:
+    """Set the cells whose middles are less than half a cell from *item*.
 
     Args:
-        thing: The object to draw.
+        item: The object to draw.
         cells: The cells, shape `(rows, columns)`, row 0 at the origin's y; changed in place.
         origin: The lower left corner of the cells (m).
         resolution: The side length of a cell (m).
     """
-    for piece in thing.pieces():
+    for piece in item.pieces():
         x0, y0, x1, y1 = piece.outline()
         first_row, last_row = (math.floor((y - origin[1]) / resolution) for y in (y0, y1))
         first_col, last_col = (math.floor((x - origin[0]) / resolution) for x in (x0, x1))

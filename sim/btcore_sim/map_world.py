@@ -80,7 +80,7 @@ def load_map_world(
     description = WorldDescription(
         name=path.stem,
         description=f"the map {path.name}",
-        things=(),
+        objects=(),
         area=walls.known,
         clearance=MARGIN,
         pose=None,

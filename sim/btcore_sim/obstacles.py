@@ -42,7 +42,7 @@ def with_obstacles(
                 f"world '{description.name}': there is no room for {count} obstacles that block no way, "
                 f"only for {number}"
             )
-        description = replace(description, things=(*description.things, box))
+        description = replace(description, objects=(*description.objects, box))
     return description
 
 
@@ -62,7 +62,7 @@ def _draw(
         box = WorldObject(name, "box", (length, width, height), (*place, 0.0), yaw, _MASS, _COLOR)
         if any(box.distance(*point) < FROM_WAYPOINTS for point in points):
             continue
-        if any(other.is_kinematic and other.distance(*place) < 1.0 for other in description.things):
+        if any(other.is_kinematic and other.distance(*place) < 1.0 for other in description.objects):
             continue
         if passable(floor, box, room) and floor.with_obstacle(box).connected(points, room):
             return box

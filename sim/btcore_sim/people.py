@@ -55,22 +55,22 @@ def with_people(description: WorldDescription, count: int, random: np.random.Gen
     """
     floor = ClearanceMap.of(description)
     taken = [(description.pose.x, description.pose.y)] if description.pose is not None else []
-    things: list[WorldObject] = []
-    leaves = [thing for thing in description.things if thing.name in description.doors]
+    objects: list[WorldObject] = []
+    leaves = [item for item in description.objects if item.name in description.doors]
     for number in range(count):
-        place = _place(floor, random, taken, [*leaves, *things])
+        place = _place(floor, random, taken, [*leaves, *objects])
         if place is None:
             raise SimError(
                 f"world '{description.name}': there is no room for {count} people, only for {number}"
             )
         shirt = _SHIRTS[number % len(_SHIRTS)]
         size = (2 * RADIUS, 2 * RADIUS, HEIGHT)
-        things.append(
+        objects.append(
             WorldObject(
                 f"{_NAME}{number}", "cylinder", size, (*place, 0.0), 0.0, 0.0, shirt, is_kinematic=True
             )
         )
-    return replace(description, things=(*description.things, *things))
+    return replace(description, objects=(*description.objects, *objects))
 
 
 def _place(
@@ -126,7 +126,7 @@ class PeopleSimulation:
             self.people.append(Person(body, x, y, (x, y), world.random(world.bodies[body].name)))
         if self.people:
             self._decide(0)
-            world.schedule.every(_RATE, Phase.PHYSICS, self._decide)
+            world.schedule.add_task(_RATE, Phase.PHYSICS, self._decide)
 
     def places(self) -> list[Point]:
         """Return the positions of all people (m)."""

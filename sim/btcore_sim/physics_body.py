@@ -48,7 +48,7 @@ class PhysicsBody:
         """Return PyBullet's index of the link *name*. Raises `SimError` for an unknown link."""
         return self._known("link", name, self.links)
 
-    def hold(self, joint: int, position: float, force: float, speed: float) -> None:
+    def hold_joint(self, joint: int, position: float, force: float, speed: float) -> None:
         """Move a joint to a position and hold it there.
 
         Args:
@@ -67,7 +67,7 @@ class PhysicsBody:
             physicsClientId=self._client,
         )
 
-    def spin(self, joints: Sequence[int], rates: Sequence[float], torque: float) -> None:
+    def spin_joints(self, joints: Sequence[int], rates: Sequence[float], torque: float) -> None:
         """Turn joints at constant speeds.
 
         Args:
@@ -90,12 +90,12 @@ class PhysicsBody:
         states = pybullet.getJointStates(self.body_id, joints, physicsClientId=self._client) or ()
         return [state[0] for state in states]
 
-    def place(self) -> Pose3D:
+    def pose(self) -> Pose3D:
         """Return the pose of the base link in the world frame."""
         place, turned = pybullet.getBasePositionAndOrientation(self.body_id, physicsClientId=self._client)
         return place, turned
 
-    def put(self, pose: Pose2D, height: float | None = None) -> None:
+    def set_pose(self, pose: Pose2D, height: float | None = None) -> None:
         """Place the body at *pose*, upright and at rest.
 
         Args:
@@ -103,7 +103,7 @@ class PhysicsBody:
             height: The height of the base link (m); None = its present height.
         """
         if height is None:
-            height = self.place()[0][2]
+            height = self.pose()[0][2]
         turned = [0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2)]
         engine = {"physicsClientId": self._client}
         pybullet.resetBasePositionAndOrientation(self.body_id, [pose.x, pose.y, height], turned, **engine)
@@ -115,17 +115,17 @@ class PhysicsBody:
         Wheels and casters are ignored: they touch only the floor.
         """
         ground = {self.link(name) for name in self.description.wheels.ground}
-        for body, thing in world.bodies.items():
+        for body, item in world.bodies.items():
             points = pybullet.getClosestPoints(self.body_id, body, TOUCH, physicsClientId=self._client)
             # Element 3 is the link of the robot.
             if any(point[3] not in ground for point in points):
-                return thing.name
+                return item.name
         return None
 
-    def link_place(self, link: int) -> Pose3D:
+    def link_pose(self, link: int) -> Pose3D:
         """Return the pose of the link with the index *link* in the world frame."""
         if link < 0:
-            return self.place()
+            return self.pose()
         state = pybullet.getLinkState(
             self.body_id, link, computeForwardKinematics=1, physicsClientId=self._client
         )

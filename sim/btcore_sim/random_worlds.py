@@ -385,7 +385,7 @@ def _move_origin(world: dict[str, Any], start: Point) -> None:
     """Make *start* the origin, where the robot starts: a map that the robot makes has its origin there."""
     world["start"] = {"pose": [0, 0, 0]}
     world["waypoints"]["start"] = list(start)
-    for place in (*world["waypoints"].values(), *(thing["position"] for thing in world["objects"])):
+    for place in (*world["waypoints"].values(), *(item["position"] for item in world["objects"])):
         place[:2] = [round(place[0] - start[0], 4), round(place[1] - start[1], 4)]
 
 

@@ -25,15 +25,15 @@ _LEVEL = 1e-9  # pixels: the smallest height of an edge, to avoid a division by 
 
 
 class Renderer:
-    """Renders pictures for the camera with the pinhole model *facts*."""
+    """Renders pictures for the camera with the pinhole model *info*."""
 
-    def __init__(self, facts: CameraInfo) -> None:
-        self.facts = facts
-        self._columns = ((np.arange(facts.width) - facts.cx) / facts.fx).astype(np.float32)
-        self._rows = ((np.arange(facts.height) - facts.cy) / facts.fy).astype(np.float32)
+    def __init__(self, info: CameraInfo) -> None:
+        self.info = info
+        self._columns = ((np.arange(info.width) - info.cx) / info.fx).astype(np.float32)
+        self._rows = ((np.arange(info.height) - info.cy) / info.fy).astype(np.float32)
         # The normals of the planes through the pinhole and the picture's edges, pointing inwards.
-        left, right = self._columns[0] - 1.0 / facts.fx, self._columns[-1] + 1.0 / facts.fx
-        top, bottom = self._rows[0] - 1.0 / facts.fy, self._rows[-1] + 1.0 / facts.fy
+        left, right = self._columns[0] - 1.0 / info.fx, self._columns[-1] + 1.0 / info.fx
+        top, bottom = self._rows[0] - 1.0 / info.fy, self._rows[-1] + 1.0 / info.fy
         planes = ((1, 0, -left), (-1, 0, right), (0, 1, -top), (0, -1, bottom))
         self._sides = np.array(planes, dtype=np.float64)
 
@@ -54,10 +54,10 @@ class Renderer:
             Colours, shape `(height, width, 3)`, and depth (m, along the camera's axis), shape `(height,
             width)`, with +inf for the background. Transparent faces have no depth.
         """
-        facts = self.facts
+        info = self.info
         seen, corners, normals = self._visible(faces, eye, axes)
-        inverse = np.full((facts.height, facts.width), 1.0 / facts.far, dtype=np.float32)
-        owner = np.zeros((facts.height, facts.width), dtype=np.int32)
+        inverse = np.full((info.height, info.width), 1.0 / info.far, dtype=np.float32)
+        owner = np.zeros((info.height, info.width), dtype=np.int32)
         opacity = colors[seen, 3] / 255.0
         for index in np.flatnonzero(opacity == 1.0):
             area, nearer, wins = self._covered(corners[index], normals[index], inverse)
@@ -83,7 +83,7 @@ class Renderer:
         outside: NDArray[np.bool_] = corners @ self._sides.T < 0.0
         beside = np.any(np.all(outside, axis=1), axis=1)
         z = corners[:, :, 2]
-        reached = (z.max(axis=1) > self.facts.near) & (z.min(axis=1) < self.facts.far)
+        reached = (z.max(axis=1) > self.info.near) & (z.min(axis=1) < self.info.far)
         seen = np.flatnonzero(toward & reached & ~beside)
         seen = seen[np.argsort(z[seen].min(axis=1), kind="stable")]
         return seen, corners[seen], normals[seen]
@@ -102,13 +102,13 @@ class Renderer:
             The rows and columns around the face; in this area, the face's inverse depths, and where the face
             is nearer than the picture so far.
         """
-        facts = self.facts
-        if corners[:, 2].min() < facts.near:
-            corners = _clipped(corners, facts.near)
-        u = facts.fx * corners[:, 0] / corners[:, 2] + facts.cx
-        v = facts.fy * corners[:, 1] / corners[:, 2] + facts.cy
-        left, right = max(0, math.ceil(u.min())), min(facts.width, math.floor(u.max()) + 1)
-        top, bottom = max(0, math.ceil(v.min())), min(facts.height, math.floor(v.max()) + 1)
+        info = self.info
+        if corners[:, 2].min() < info.near:
+            corners = _clipped(corners, info.near)
+        u = info.fx * corners[:, 0] / corners[:, 2] + info.cx
+        v = info.fy * corners[:, 1] / corners[:, 2] + info.cy
+        left, right = max(0, math.ceil(u.min())), min(info.width, math.floor(u.max()) + 1)
+        top, bottom = max(0, math.ceil(v.min())), min(info.height, math.floor(v.max()) + 1)
         if left >= right or top >= bottom:
             nothing = np.zeros((0, 0), dtype=np.float32)
             return (slice(0), slice(0)), nothing, nothing > 0.0

@@ -83,9 +83,9 @@ class LaserErrors:
 
 @dataclass(frozen=True, slots=True)
 class LaserMount:
-    """A planar laser with the properties *facts* and the *errors*, on *link* at *position* (m)."""
+    """A planar laser with the properties *info* and the *errors*, on *link* at *position* (m)."""
 
-    facts: LaserInfo
+    info: LaserInfo
     link: str
     position: Point
     errors: LaserErrors = LaserErrors()
@@ -114,13 +114,13 @@ class HeadJoints:
     """The joints that turn the head.
 
     Attributes:
-        facts: The limits of the joints.
+        info: The limits of the joints.
         pan: The joint that turns the head to the left and right.
         tilt: The joint that turns the head up and down.
         torque: The greatest torque of each motor (N·m).
     """
 
-    facts: HeadInfo
+    info: HeadInfo
     pan: str
     tilt: str
     torque: float
@@ -131,12 +131,12 @@ class TorsoJoint:
     """The joint that lifts the torso.
 
     Attributes:
-        facts: The limits of the joint.
+        info: The limits of the joint.
         joint: The name of the joint.
         force: The greatest force of its motor (N).
     """
 
-    facts: TorsoInfo
+    info: TorsoInfo
     joint: str
     force: float
 
@@ -165,7 +165,7 @@ class SonarMount:
 
 
 @dataclass(frozen=True, slots=True)
-class OdometryFacts:
+class OdometryInfo:
     """The rate and the errors of the odometry. The errors, except the latency, are fractions; 0 is perfect.
 
     Attributes:
@@ -246,7 +246,7 @@ class RobotDescription:
     height: float
     wheels: Wheels
     base: BaseInfo
-    odometry: OdometryFacts
+    odometry: OdometryInfo
     laser: LaserMount
     head: HeadJoints | None
     torso: TorsoJoint | None
@@ -260,19 +260,19 @@ class RobotDescription:
 
     def with_noise(self, factor: float) -> "RobotDescription":
         """Return the same robot with the errors and latencies of its sensors multiplied by *factor*."""
-        facts = self.laser.facts
-        facts = replace(facts, sigma=factor * facts.sigma, range_noise=factor * facts.range_noise)
-        laser = replace(self.laser, facts=facts, errors=self.laser.errors.scaled(factor))
+        info = self.laser.info
+        info = replace(info, sigma=factor * info.sigma, range_noise=factor * info.range_noise)
+        laser = replace(self.laser, info=info, errors=self.laser.errors.scaled(factor))
         # All fields after the rate are errors.
         rate, *errors = astuple(self.odometry)
-        odometry = OdometryFacts(rate, *(factor * error for error in errors))
+        odometry = OdometryInfo(rate, *(factor * error for error in errors))
         camera = self.camera and replace(self.camera, latency=factor * self.camera.latency)
         return replace(
             self, laser=laser, odometry=odometry, camera=camera, sonar_latency=factor * self.sonar_latency
         )
 
 
-PERFECT = OdometryFacts(50.0, 0.0, 0.0, 0.0)
+PERFECT = OdometryInfo(50.0, 0.0, 0.0, 0.0)
 """The odometry of a robot whose description has no `odometry`: 50 Hz, without errors."""
 
 
@@ -327,7 +327,7 @@ def _wheels(record: JsonRecord) -> Wheels:
 
 
 def _base(record: JsonRecord) -> BaseInfo:
-    facts = BaseInfo(
+    info = BaseInfo(
         v_min=record.number("v_min"),
         v_max=record.number("v_max", over=0.0),
         w_max=record.number("w_max", over=0.0),
@@ -336,11 +336,11 @@ def _base(record: JsonRecord) -> BaseInfo:
         command_timeout=record.number("command_timeout", over=0.0),
         radius=record.number("radius", over=0.0),
     )
-    if facts.v_min > 0.0:
+    if info.v_min > 0.0:
         raise record.error(
-            f"'v_min' is {facts.v_min:g}, but it has to be at most 0, so that the base can stand"
+            f"'v_min' is {info.v_min:g}, but it has to be at most 0, so that the base can stand"
         )
-    return facts
+    return info
 
 
 def _laser(record: JsonRecord) -> LaserMount:
@@ -348,7 +348,7 @@ def _laser(record: JsonRecord) -> LaserMount:
     angle_min, angle_max = record.number("angle_min"), record.number("angle_max")
     if angle_max <= angle_min:
         raise record.error("'angle_max' has to be greater than 'angle_min'")
-    facts = LaserInfo(
+    info = LaserInfo(
         rays=rays,
         angle_min=angle_min,
         angle_increment=(angle_max - angle_min) / max(1, rays - 1),
@@ -363,9 +363,9 @@ def _laser(record: JsonRecord) -> LaserMount:
         *(record.nested("outliers", _outliers) if record.has("outliers") else (0.0, 0.0, 0.0)),
         latency=_latency(record),
     )
-    if min(facts.sigma, facts.range_noise) < 0.0:
+    if min(info.sigma, info.range_noise) < 0.0:
         raise record.error("'sigma' and 'range_noise' are standard deviations and have to be at least 0")
-    return LaserMount(facts, record.text("link"), _point(record, "position"), errors)
+    return LaserMount(info, record.text("link"), _point(record, "position"), errors)
 
 
 def _outliers(record: JsonRecord) -> tuple[float, float, float]:
@@ -385,8 +385,8 @@ def _latency(record: JsonRecord, key: str = "latency") -> float:
 def _head(record: JsonRecord) -> HeadJoints:
     pan_min, pan_max = record.numbers("pan_limits", [2])
     tilt_min, tilt_max = record.numbers("tilt_limits", [2])
-    facts = HeadInfo(pan_min, pan_max, tilt_min, tilt_max, record.number("speed", over=0.0))
-    return HeadJoints(facts, record.text("pan"), record.text("tilt"), record.number("torque", over=0.0))
+    info = HeadInfo(pan_min, pan_max, tilt_min, tilt_max, record.number("speed", over=0.0))
+    return HeadJoints(info, record.text("pan"), record.text("tilt"), record.number("torque", over=0.0))
 
 
 def _camera(record: JsonRecord) -> CameraMount:
@@ -406,8 +406,8 @@ def _torso(record: JsonRecord) -> TorsoJoint:
     low, high = record.numbers("limits", [2])
     if low >= high:
         raise record.error(f"'limits' is [{low:g}, {high:g}], but the second value has to be greater")
-    facts = TorsoInfo(low, high, record.number("speed", over=0.0))
-    return TorsoJoint(facts, record.text("joint"), record.number("force", over=0.0))
+    info = TorsoInfo(low, high, record.number("speed", over=0.0))
+    return TorsoJoint(info, record.text("joint"), record.number("force", over=0.0))
 
 
 def _sonar(record: JsonRecord) -> SonarMount:
@@ -425,17 +425,17 @@ def _sonar(record: JsonRecord) -> SonarMount:
     return mount
 
 
-def _odometry(record: JsonRecord) -> OdometryFacts:
-    facts = OdometryFacts(
+def _odometry(record: JsonRecord) -> OdometryInfo:
+    info = OdometryInfo(
         rate=record.number("rate", PERFECT.rate, over=0.0),
         scale_sigma=record.number("scale_sigma", 0.0),
         slip=record.number("slip", 0.0),
         slip_sigma=record.number("slip_sigma", 0.0),
         latency=_latency(record),
     )
-    if min(facts.scale_sigma, facts.slip_sigma) < 0.0:
+    if min(info.scale_sigma, info.slip_sigma) < 0.0:
         raise record.error("'scale_sigma' and 'slip_sigma' are standard deviations and have to be at least 0")
-    return facts
+    return info
 
 
 def _frame(record: JsonRecord) -> FixedFrame:

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from btcore_sim.world_description import WorldDescription
 
 
-def _option(name: str, metavar: str, help: str, **settings: Any) -> click.Option:
+def _create_option(name: str, metavar: str, help: str, **settings: Any) -> click.Option:
     """Return the option `--NAME`, whose help shows the default if *settings* have one."""
-    shown = "default" in settings
-    return click.Option([f"--{name}"], metavar=metavar, help=help, show_default=shown, **settings)
+    has_default = "default" in settings
+    return click.Option([f"--{name}"], metavar=metavar, help=help, show_default=has_default, **settings)
 
 
 _WORLD = "arena"
@@ -84,66 +84,68 @@ class SimExtension:
     used_by: str | None = "leaf that needs a robot"
     is_fallback: bool = True
     options: Sequence[click.Option] = (
-        _option(
+        _create_option(
             "world",
             "NAME",
             "The robot's world: a name, a JSON file, a map (YAML), or office:N or home:N for a random world.",
             default=_WORLD,
             shell_complete=complete_world,
         ),
-        _option(
+        _create_option(
             "waypoints",
             "FILE.yaml",
             "Waypoints to use instead of the world's own.",
             type=click.Path(path_type=Path),
         ),
         click.Option(["--gui"], is_flag=True, help="Open the physics engine's window."),
-        _option(
+        _create_option(
             "robot",
             "FILE.json",
             "Description of a robot to use instead of the Tiago.",
             type=click.Path(path_type=Path),
         ),
-        _option(
+        _create_option(
             "camera",
             "off|WxH@HZ",
             "Size and rate of the camera's pictures, which are rendered only when a leaf requests them.",
             default="320x240@10",
         ),
-        _option(
+        _create_option(
             "start",
             "random|unknown|X,Y,YAW",
             "Start pose (m, degrees), or a random free place; unknown: the navigation has to find the place "
             "itself.  [default: the world's own rule]",
         ),
-        _option(
+        _create_option(
             "noise",
             "FACTOR",
             "Factor of the errors and latencies of the sensors: 0 removes them, 2 doubles them.",
             type=click.FloatRange(0.0),
             default=1.0,
         ),
-        _option(
+        _create_option(
             "battery",
             "PERCENT",
             "Level of the robot's battery at the start.",
             type=click.FloatRange(0.0, 100.0),
             default=100.0,
         ),
-        _option(
+        _create_option(
             "fault",
             "PART:START-END",
             "Let laser, odometry, camera or wheel fail from START to END (s); repeatable.",
             multiple=True,
         ),
-        _option(
+        _create_option(
             "people",
             "N",
             "Number of people who walk in the world; they stop in front of the robot.",
             **_COUNT,
         ),
-        _option("obstacles", "N", "Number of boxes at random places that are not on the map.", **_COUNT),
-        _option(
+        _create_option(
+            "obstacles", "N", "Number of boxes at random places that are not on the map.", **_COUNT
+        ),
+        _create_option(
             "event",
             "KIND:TIME",
             "At 30 s, box:30 drops a box ahead, or box:30@2,0.3 at 2 m ahead and 0.3 m to the left; "
@@ -156,7 +158,7 @@ class SimExtension:
     single_run_options: Collection[str] = ("gui",)
 
     sweep_options: Mapping[str, click.Option] = {
-        "world": _option(
+        "world": _create_option(
             "worlds",
             "NAME:A-B,…",
             "Run in several worlds: names, files, and ranges of random worlds like office:1-30,home:1-30.",
@@ -166,7 +168,7 @@ class SimExtension:
 
     def __init__(self) -> None:
         self._robot: SimulatedRobot | None = None
-        self._metrics: RunMetrics | None = None
+        self._run_metrics: RunMetrics | None = None
         self.events: EventRunner | None = None
         """The runner of events, if the world of the run has people, events or spare boxes."""
         self._report: dict[str, object] = {}
@@ -213,10 +215,10 @@ class SimExtension:
             _check_files(settings)
             return ()
         resources: list[object] = []
-        with _errors_reported():
+        with _convert_errors():
             description = _load_world(settings)
             if robot:
-                self._robot, self.events = _make(description, settings)
+                self._robot, self.events = _create_robot(description, settings)
                 resources.append(self._robot)
                 if Waypoints in wanted:
                     resources.append(self._robot.world.description.waypoint_poses())
@@ -224,7 +226,7 @@ class SimExtension:
                     is_unknown = settings.get("start") == UNKNOWN_START
                     resources.append(InitialPose(None if is_unknown else self._robot.start_pose))
             if needs_map:
-                resources.append(_map(description))
+                resources.append(_create_map(description))
         return resources
 
     @contextmanager
@@ -250,7 +252,7 @@ class SimExtension:
             return
         from btcore_sim.run_metrics import RunMetrics, navigator_among
 
-        self._metrics = RunMetrics(robot, navigator_among(resources))
+        self._run_metrics = RunMetrics(robot, navigator_among(resources))
         try:
             yield
             for event in self.events.pending if self.events is not None else ():
@@ -281,16 +283,18 @@ class SimExtension:
         `RunMetrics.figures` documents the other values. With people or events the report also contains
         `"events"`, a list of the events with time (s) and place (m).
         """
-        if self._robot is None or self._metrics is None:
+        if self._robot is None or self._run_metrics is None:
             return self._report
-        report: dict[str, object] = {"robot": {**_report(self._robot), **self._metrics.figures()}}
+        report: dict[str, object] = {
+            "robot": {**_summarize_robot(self._robot), **self._run_metrics.figures()}
+        }
         if self.events is not None:
             report["events"] = self.events.event_log
         return report
 
 
 @contextmanager
-def _errors_reported() -> Iterator[None]:
+def _convert_errors() -> Iterator[None]:
     """Raise a usage error if an option has an invalid value."""
     try:
         yield
@@ -302,7 +306,7 @@ def _check_files(settings: Mapping[str, Any]) -> None:
     """Check the files of a world, waypoints and a robot that this run does not use."""
     given = settings.get("world", _WORLD) != _WORLD or settings.get("waypoints") or settings.get("robot")
     if given:
-        with _errors_reported():
+        with _convert_errors():
             _load_world({**settings, "start": None})
 
 
@@ -326,13 +330,13 @@ def _load_world(settings: Mapping[str, Any]) -> "WorldDescription":
     return with_start(description, start, random_generator(seed, "start"), radius)
 
 
-def _map(description: "WorldDescription") -> object:
+def _create_map(description: "WorldDescription") -> object:
     from btcore_sim.map_rasteriser import rasterise
 
     return rasterise(description)
 
 
-def _make(
+def _create_robot(
     description: "WorldDescription", settings: Mapping[str, Any]
 ) -> "tuple[SimulatedRobot, EventRunner | None]":
     # Imported here, because a tree without a robot must not load the physics engine.
@@ -376,7 +380,7 @@ def _check_rate(rate: float | None, base: BaseInfo) -> None:
         )
 
 
-def _report(robot: "SimulatedRobot") -> dict[str, object]:
+def _summarize_robot(robot: "SimulatedRobot") -> dict[str, object]:
     pose = robot.true_pose()
     return {
         "distance_m": round(robot.distance, 4),

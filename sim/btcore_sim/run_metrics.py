@@ -81,7 +81,7 @@ class RunMetrics:
         self._visited: list[str] = []
         self._recoveries: list[KidnapRecovery] = []
         if navigator is not None:
-            body.schedule.every(_RATE, Phase.JUDGE, lambda now: self._measure(navigator, now))
+            body.schedule.add_task(_RATE, Phase.EVALUATION, lambda now: self._measure(navigator, now))
 
     def figures(self) -> dict[str, object]:
         """Return the measures of the run, for its report.
@@ -103,7 +103,7 @@ class RunMetrics:
         """
         body = self._body
         figures: dict[str, object] = {
-            "battery_min": round(body.cells.lowest, 4),
+            "battery_min": round(body.battery_model.lowest, 4),
             "odometry_error_m": round(odometry_error(body), 4),
         }
         faults = [str(fault) for fault in body.faults.begun(body.world.now())]
@@ -123,7 +123,7 @@ class RunMetrics:
             "localization_yaw_error_rad": {"max": round(self._yaw_error, 4) if errors else None},
             "unlocalized_s": self._unknown / _RATE,
             "waypoints_visited": list(self._visited),
-            "recharges": body.cells.recharges,
+            "recharges": body.battery_model.recharges,
             "goals_failed": len(self._failed),
             "failed_goals": [self._failed_goal(outcome) for outcome in self._failed],
         }

@@ -102,7 +102,7 @@ def _drawn(description: WorldDescription, text: str, random: np.random.Generator
     floor, room = ClearanceMap.of(description), radius + BESIDE_HULL
     points: list[Point] = list(description.waypoints.values())
     # The clearance map has no doors.
-    leaves = [thing for thing in description.things if thing.name in description.doors]
+    leaves = [item for item in description.objects if item.name in description.doors]
     for _ in range(_TRIES):
         place = floor.random_point(random, room)
         if place is None:

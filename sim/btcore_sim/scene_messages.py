@@ -41,46 +41,46 @@ def world_parts(world: World) -> list[Part]:
         quaternion=UPRIGHT,
         color=world.description.floor,
     )
-    plain = [thing for thing in world.description.things if thing.kind != "prism" and not thing.look]
-    parts = [floor, *_wall_parts(world), *(_object_part(world.description.name, thing) for thing in plain)]
-    for thing in world.description.things:
-        parts += [_look_part(thing, part) for part in _looks(thing) if part.kind in ("box", "cylinder")]
+    plain = [item for item in world.description.objects if item.kind != "prism" and not item.look]
+    parts = [floor, *_wall_parts(world), *(_object_part(world.description.name, item) for item in plain)]
+    for item in world.description.objects:
+        parts += [_look_part(item, part) for part in _looks(item) if part.kind in ("box", "cylinder")]
     return parts
 
 
 def world_meshes(world: World) -> list[Mesh]:
     """Return the prisms among the objects, and the rounded parts of the objects' looks."""
     prisms = [
-        _prism(world.description.name, thing) for thing in world.description.things if thing.kind == "prism"
+        _prism(world.description.name, item) for item in world.description.objects if item.kind == "prism"
     ]
     rounded = [
-        _look_mesh(thing, part)
-        for thing in world.description.things
-        for part in _looks(thing)
+        _look_mesh(item, part)
+        for item in world.description.objects
+        for part in _looks(item)
         if part.kind in ("cushion", "ball")
     ]
     return prisms + rounded
 
 
-def robot_parts(world: World, model: PhysicsBody) -> list[Part]:
+def robot_parts(world: World, physics_body: PhysicsBody) -> list[Part]:
     """Return the boxes, cylinders and spheres of the robot's URDF, each in the frame of its link.
 
     The shapes of links that have shells are left out.
 
     Args:
         world: The world that contains the robot.
-        model: The robot's body.
+        physics_body: The robot's body.
     """
-    shelled = {shell.link for shell in model.description.shells}
-    names = {link: name for name, link in model.links.items() if name not in shelled}
+    shelled = {shell.link for shell in physics_body.description.shells}
+    names = {link: name for name, link in physics_body.links.items() if name not in shelled}
     parts: list[Part] = []
     counts: Counter[int] = Counter()
-    for shape in pybullet.getVisualShapeData(model.body_id, physicsClientId=world.client):
+    for shape in pybullet.getVisualShapeData(physics_body.body_id, physicsClientId=world.client):
         _, link, geometry, size, _, position, quaternion, color, *_ = shape
         if link not in names:
             continue
         where: dict[str, Any] = {
-            "name": f"{model.description.name}/{names[link]}/{counts[link]}",
+            "name": f"{physics_body.description.name}/{names[link]}/{counts[link]}",
             "frame": names[link],
             "position": position,
             "quaternion": quaternion,
@@ -98,23 +98,23 @@ def robot_parts(world: World, model: PhysicsBody) -> list[Part]:
     return parts
 
 
-def robot_meshes(world: World, model: PhysicsBody) -> list[Mesh]:
+def robot_meshes(world: World, physics_body: PhysicsBody) -> list[Mesh]:
     """Return the shells and the mesh files of a robot, as meshes in the frames of their links.
 
     A mesh file that cannot be drawn is reported as a warning and left out.
 
     Args:
         world: The world that contains the robot.
-        model: The robot's body.
+        physics_body: The robot's body.
     """
     meshes = []
-    for number, shell in enumerate(model.description.shells):
+    for number, shell in enumerate(physics_body.description.shells):
         place = Transform(shell.position, from_rpy(shell.rpy))
-        name = f"{model.description.name}/{shell.link}/shell_{number}"
+        name = f"{physics_body.description.name}/{shell.link}/shell_{number}"
         meshes.append(_mesh(name, shell.link, shell.color, place, shell.sections))
-    shelled = {shell.link for shell in model.description.shells}
-    names = {link: name for name, link in model.links.items() if name not in shelled}
-    for shape in pybullet.getVisualShapeData(model.body_id, physicsClientId=world.client):
+    shelled = {shell.link for shell in physics_body.description.shells}
+    names = {link: name for name, link in physics_body.links.items() if name not in shelled}
+    for shape in pybullet.getVisualShapeData(physics_body.body_id, physicsClientId=world.client):
         _, link, geometry, scale, file, position, quaternion, rgba, *_ = shape
         if geometry != pybullet.GEOM_MESH or link not in names:
             continue
@@ -126,28 +126,28 @@ def robot_meshes(world: World, model: PhysicsBody) -> list[Mesh]:
             continue
         red, green, blue, alpha = (round(255 * part) for part in rgba)
         placed = Transform(position, quaternion).apply((triangles * scale).reshape(-1, 3)).reshape(-1, 3, 3)
-        name = f"{model.description.name}/{names[link]}/{path.name}"
+        name = f"{physics_body.description.name}/{names[link]}/{path.name}"
         meshes.append(_flat_mesh(name, names[link], (red, green, blue, alpha), placed))
     return meshes
 
 
-def frames(world: World, model: PhysicsBody) -> list[Frame]:
+def frames(world: World, physics_body: PhysicsBody) -> list[Frame]:
     """Return the present poses of the robot's links, the movable objects and the laser.
 
     Args:
         world: The world with the movable objects.
-        model: The robot's body.
+        physics_body: The robot's body.
 
     Returns:
         The poses of links and objects in the frame `map`. The pose of the laser is in the frame of the link
         on which it is mounted.
     """
-    links = [Frame(name, "map", *model.link_place(link)) for name, link in model.links.items()]
+    links = [Frame(name, "map", *physics_body.link_pose(link)) for name, link in physics_body.links.items()]
     for number in world.movable:
         place = pybullet.getBasePositionAndOrientation(number, physicsClientId=world.client)
         links.append(Frame(world.bodies[number].name, "map", *place))
-    mount = model.description.laser
-    return [*links, Frame(mount.facts.frame, mount.link, mount.position, UPRIGHT)]
+    mount = physics_body.description.laser
+    return [*links, Frame(mount.info.frame, mount.link, mount.position, UPRIGHT)]
 
 
 def waypoint_data(world: World) -> list[Place]:
@@ -173,12 +173,12 @@ def frame_chain(name: str, known: Iterable[TransformStamped], placed: Collection
     return chain
 
 
-def _prism(description: str, thing: WorldObject) -> Mesh:
-    corners, indices = prism_mesh(thing)
-    x, y, z = thing.position
-    turned = (0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2))
-    placed = Transform((x, y, z + thing.size[2] / 2), turned).apply(np.array(corners))
-    return _flat_mesh(f"{description}/{thing.name}", "map", thing.color, placed[indices].reshape(-1, 3, 3))
+def _prism(description: str, item: WorldObject) -> Mesh:
+    corners, indices = prism_mesh(item)
+    x, y, z = item.position
+    turned = (0.0, 0.0, math.sin(item.yaw / 2), math.cos(item.yaw / 2))
+    placed = Transform((x, y, z + item.size[2] / 2), turned).apply(np.array(corners))
+    return _flat_mesh(f"{description}/{item.name}", "map", item.color, placed[indices].reshape(-1, 3, 3))
 
 
 def _flat_mesh(name: str, frame: str, color: Color, triangles: NDArray[np.float64]) -> Mesh:
@@ -209,23 +209,23 @@ def _mesh(
     )
 
 
-def _looks(thing: WorldObject) -> list[LookPart]:
-    return look_parts(thing.look, thing.size, thing.color) if thing.look else []
+def _looks(item: WorldObject) -> list[LookPart]:
+    return look_parts(item.look, item.size, item.color) if item.look else []
 
 
-def _look_place(thing: WorldObject) -> tuple[str, Transform]:
+def _look_place(item: WorldObject) -> tuple[str, Transform]:
     """Return the frame of an object's look, and the pose of the middle of the object's underside in it."""
-    if thing.still:
-        return "map", Transform(thing.position, from_rpy((0.0, 0.0, thing.yaw)))
-    return thing.name, Transform((0.0, 0.0, -thing.size[2] / 2))
+    if item.is_static:
+        return "map", Transform(item.position, from_rpy((0.0, 0.0, item.yaw)))
+    return item.name, Transform((0.0, 0.0, -item.size[2] / 2))
 
 
-def _look_part(thing: WorldObject, part: LookPart) -> Part:
-    frame, place = _look_place(thing)
+def _look_part(item: WorldObject, part: LookPart) -> Part:
+    frame, place = _look_place(item)
     x, y, z = part.position
     middle = place * Transform((x, y, z + part.size[2] / 2))
     where: dict[str, Any] = {
-        "name": thing.name,
+        "name": item.name,
         "frame": frame,
         "position": middle.position,
         "quaternion": middle.quaternion,
@@ -236,10 +236,10 @@ def _look_part(thing: WorldObject, part: LookPart) -> Part:
     return Cylinder(**where, radius=part.size[0] / 2, length=part.size[2])
 
 
-def _look_mesh(thing: WorldObject, part: LookPart) -> Mesh:
-    frame, place = _look_place(thing)
+def _look_mesh(item: WorldObject, part: LookPart) -> Mesh:
+    frame, place = _look_place(item)
     sections = ball(part.size) if part.kind == "ball" else rounded_box(part.size)
-    return _mesh(thing.name, frame, part.color, place * Transform(part.position), sections, _COARSE)
+    return _mesh(item.name, frame, part.color, place * Transform(part.position), sections, _COARSE)
 
 
 def _wall_parts(world: World) -> list[Part]:
@@ -253,17 +253,17 @@ def _wall_parts(world: World) -> list[Part]:
     ]
 
 
-def _object_part(description: str, thing: WorldObject) -> Part:
-    x, y, z = thing.position
-    width, _, height = thing.size
-    still = thing.still
+def _object_part(description: str, item: WorldObject) -> Part:
+    x, y, z = item.position
+    width, _, height = item.size
+    still = item.is_static
     where: dict[str, Any] = {
-        "name": f"{description}/{thing.name}",
-        "frame": "map" if still else thing.name,
+        "name": f"{description}/{item.name}",
+        "frame": "map" if still else item.name,
         "position": (x, y, z + height / 2) if still else (0.0, 0.0, 0.0),
-        "quaternion": (0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2)) if still else UPRIGHT,
-        "color": thing.color,
+        "quaternion": (0.0, 0.0, math.sin(item.yaw / 2), math.cos(item.yaw / 2)) if still else UPRIGHT,
+        "color": item.color,
     }
-    if thing.kind == "box":
-        return Box(**where, size=thing.size)
+    if item.kind == "box":
+        return Box(**where, size=item.size)
     return Cylinder(**where, radius=width / 2, length=height)

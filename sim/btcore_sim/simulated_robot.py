@@ -30,7 +30,7 @@ from btcore_robot.robot import (
     Twist2D,
 )
 from btcore_robot.scene_messages import camera_message, laser_message, picture_message, scan_message
-from btcore_robot.schedule import SimulatedTime
+from btcore_robot.schedule import SimulatedSchedule
 from btcore_scene import Frame, MovingScene, StaticScene
 from btcore_sim import scene_messages
 from btcore_sim.battery import FULL, BatteryModel
@@ -55,16 +55,16 @@ from btcore_sim.world import World
 
 _log = logging.getLogger(__name__)
 
-_SETTLING = 0.5  # s of physics before the run begins, in which the wheels settle on the floor
+_SETTLE_TIME_S = 0.5  # s of physics before the run begins, in which the wheels settle on the floor
 
 
-class Journey:
-    """The way along which a robot is carried: straight lines between the poses of *way*, at a constant speed.
+class CarryPath:
+    """The way along which a robot is carried: straight lines between *poses*, at a constant speed.
 
     Args:
-        way: The poses of the robot's base.
+        poses: The poses of the robot's base.
         speed: The speed (m/s).
-        began: The time of the first pose (ns).
+        start_time: The time of the first pose (ns).
         height: The height of the robot's base link (m).
 
     Attributes:
@@ -72,10 +72,16 @@ class Journey:
         height: The height of the robot's base link (m).
     """
 
-    def __init__(self, way: Sequence[Pose2D], speed: float, began: int, height: float) -> None:
-        steps = [math.hypot(end.x - start.x, end.y - start.y) for start, end in pairwise(way)]
-        self._times = [began + distance / speed * NS_PER_S for distance in accumulate(steps, initial=0.0)]
-        self._columns = [pose.x for pose in way], [pose.y for pose in way], np.unwrap([p.yaw for p in way])
+    def __init__(self, poses: Sequence[Pose2D], speed: float, start_time: int, height: float) -> None:
+        steps = [math.hypot(end.x - start.x, end.y - start.y) for start, end in pairwise(poses)]
+        self._times = [
+            start_time + distance / speed * NS_PER_S for distance in accumulate(steps, initial=0.0)
+        ]
+        self._columns = (
+            [pose.x for pose in poses],
+            [pose.y for pose in poses],
+            np.unwrap([p.yaw for p in poses]),
+        )
         self.end = round(self._times[-1])
         self.height = height
 
@@ -84,7 +90,7 @@ class Journey:
         x, y, yaw = (float(np.interp(now, self._times, column)) for column in self._columns)
         return Pose2D(x, y, wrap_angle(yaw))
 
-    def rest(self, now: int) -> list[Pose2D]:
+    def remaining_poses(self, now: int) -> list[Pose2D]:
         """Return the pose at the time *now* (ns), and the poses of the way that follow."""
         return [self.pose(now), *(self.pose(round(time)) for time in self._times if time > now)]
 
@@ -104,7 +110,7 @@ class SimulatedRobot(Robot):
         battery: The battery's level at the start (percent).
 
     Attributes:
-        model: The robot's body in the physics engine.
+        physics_body: The robot's body in the physics engine.
         contacts: The counter of collisions.
 
     Raises:
@@ -126,85 +132,89 @@ class SimulatedRobot(Robot):
         self.description = description if description is not None else load_description()
         self.faults = FaultSchedule(faults)
         """The parts that fail, with the periods."""
-        self.cells = BatteryModel(battery)
+        self.battery_model = BatteryModel(battery)
         """The model of the battery."""
-        self._empty = False
+        self._was_battery_empty = False
         wheels = self.description.wheels
         start = world.description.start(world.random("start"), self.description.base.radius)
-        self.model = PhysicsBody(world, self.description, start)
-        touched = self.model.touched_object(world)
+        self.physics_body = PhysicsBody(world, self.description, start)
+        touched = self.physics_body.touched_object(world)
         if touched is not None:
             raise SimError(
                 f"world '{world.description.name}': the robot cannot start at ({start.x:g}, {start.y:g}), "
                 f"because it would touch '{touched}' there: use another start pose, or --start random"
             )
         for held in self.description.held:
-            self.model.hold(self.model.joint(held.joint), held.position, held.force, held.speed)
-        self._wheels = [self.model.joint(wheels.left), self.model.joint(wheels.right)]
-        self._laser_link = self.model.link(self.description.laser.link)
-        self._camera_link = self.model.link(self.description.camera.link) if self.description.camera else -1
+            self.physics_body.hold_joint(
+                self.physics_body.joint(held.joint), held.position, held.force, held.speed
+            )
+        self._wheels = [self.physics_body.joint(wheels.left), self.physics_body.joint(wheels.right)]
+        self._laser_link = self.physics_body.link(self.description.laser.link)
+        self._camera_link = (
+            self.physics_body.link(self.description.camera.link) if self.description.camera else -1
+        )
         for shell in self.description.shells:
-            self.model.link(shell.link)  # raises an error for an unknown link
+            self.physics_body.link(shell.link)  # raises an error for an unknown link
         head = self.description.head
-        self._head = [self.model.joint(head.pan), self.model.joint(head.tilt)] if head else []
+        self._head = [self.physics_body.joint(head.pan), self.physics_body.joint(head.tilt)] if head else []
         torso = self.description.torso
-        self._torso = [self.model.joint(torso.joint)] if torso else []
+        self._torso = [self.physics_body.joint(torso.joint)] if torso else []
         self._kinematics = Kinematics(self.description)
         # In the order in which `Kinematics.frames` expects the positions.
-        self._joints = [self.model.joint(name) for name in self._kinematics.joints]
-        self._base = DifferentialDrive(self.description.base, wheels.radius, wheels.separation)
-        self._sources = CommandMultiplexer()
-        self._rates: tuple[float, float] | None = None
-        self._journey: Journey | None = None
+        self._joints = [self.physics_body.joint(name) for name in self._kinematics.joints]
+        self._differential_drive = DifferentialDrive(self.description.base, wheels.radius, wheels.separation)
+        self._command_multiplexer = CommandMultiplexer()
+        self._wheel_rates: tuple[float, float] | None = None
+        self._carry_path: CarryPath | None = None
         # The motors hold their positions before the physics settles, so that head and torso do not sag.
         self.move_head(0.0, 0.0)
         self.lift(0.0)
         self._command_wheels(0)
-        world.settle(_SETTLING)
-        self.contacts = ContactCounter(world.client, self.model.body_id, world.floor)
-        self._place = self.model.place()[0]
+        world.settle(_SETTLE_TIME_S)
+        self.contacts = ContactCounter(world.client, self.physics_body.body_id, world.floor)
+        self._position = self.physics_body.pose()[0]
         self.distance = 0.0
         """The true distance driven (m), without the distances over which the robot was carried."""
         self.teleport_times: list[int] = []
         """The times (ns) at which `teleport` and `carry` were called."""
         # The laser's light passes through glass.
-        opaque = {body: thing for body, thing in world.bodies.items() if not thing.is_glass}
-        still = [thing for thing in opaque.values() if thing.still]
-        facts = self.description.laser.facts
-        movable = {body: opaque[body] for body in world.movable if body in opaque}
-        moved = MovableObstacles(world.client, movable)
-        still_objects = RayCaster.of(still, world.description.walls)
+        opaque = {body: item for body, item in world.bodies.items() if not item.is_glass}
+        static_objects = [item for item in opaque.values() if item.is_static]
+        info = self.description.laser.info
+        movable_bodies = {body: opaque[body] for body in world.movable if body in opaque}
+        movable_objects = MovableObstacles(world.client, movable_bodies)
+        static_ray_caster = RayCaster.of(static_objects, world.description.walls)
         errors = self.description.laser.errors
-        self._laser = Laser(facts, still_objects, world.random("laser"), moved, errors)
+        self._laser = Laser(info, static_ray_caster, world.random("laser"), movable_objects, errors)
         self._camera = (
-            Camera(VisibleFaces(world, self.model), self.description.camera, camera)
+            Camera(VisibleFaces(world, self.physics_body), self.description.camera, camera)
             if camera and self.description.camera
             else None
         )
         mounts = self.description.sonars
-        self._sonar_links = [self.model.link(mount.link) for mount in mounts]
+        self._sonar_links = [self.physics_body.link(mount.link) for mount in mounts]
         self._sonars = Sonars(world.client, mounts)
-        angles = self.model.joint_positions(self._wheels)
-        slip = WheelErrorModel(self.description.odometry, world.random("odometry"))
-        self._dead_reckoning = WheelOdometry(wheels.radius, wheels.separation, angles, slip)
-        self._odometry = self._dead_reckoning.update(angles, 0)
-        self._arrived_odometry = DelayedReadings[Odometry](self.description.odometry.latency)
-        self._arrived_odometry.add(self._odometry, 0)
+        angles = self.physics_body.joint_positions(self._wheels)
+        wheel_errors = WheelErrorModel(self.description.odometry, world.random("odometry"))
+        self._wheel_odometry = WheelOdometry(wheels.radius, wheels.separation, angles, wheel_errors)
+        self._odometry = self._wheel_odometry.update(angles, 0)
+        self._delayed_odometry = DelayedReadings[Odometry](self.description.odometry.latency)
+        self._delayed_odometry.add(self._odometry, 0)
         self.start_pose = self.true_pose()
         """The true pose of the base at time 0."""
         self._scan: LaserScan | None = None
-        self._arrived_scans = DelayedReadings[LaserScan](errors.latency)
+        self._delayed_scans = DelayedReadings[LaserScan](errors.latency)
         self._sense_laser(0)
-        every = world.schedule.every
-        every(facts.rate, Phase.SENSORS, self._sense_laser)
-        every(self.description.odometry.rate, Phase.SENSORS, self._sense_wheels)
-        self._arrived_sonars = DelayedReadings[tuple[SonarReading, ...]](self.description.sonar_latency)
+        add_task = world.schedule.add_task
+        add_task(info.rate, Phase.SENSORS, self._sense_laser)
+        add_task(self.description.odometry.rate, Phase.SENSORS, self._sense_wheels)
+        self._delayed_sonars = DelayedReadings[tuple[SonarReading, ...]](self.description.sonar_latency)
         if mounts:
             self._sense_sonars(0)
-            every(self.description.sonar_rate, Phase.SENSORS, self._sense_sonars)
+            add_task(self.description.sonar_rate, Phase.SENSORS, self._sense_sonars)
         self._camera_frames: list[Frame] = []
         self._last_picture_stamp = -1
-        world.around_steps(self._before_step, self._after_step)
+        world.add_step_callbacks(self._before_step, self._after_step)
 
     @property
     def clock(self) -> World:
@@ -212,7 +222,7 @@ class SimulatedRobot(Robot):
         return self.world
 
     @property
-    def schedule(self) -> SimulatedTime:
+    def schedule(self) -> SimulatedSchedule:
         """The schedule of the tasks that run while the clock advances."""
         return self.world.schedule
 
@@ -224,37 +234,37 @@ class SimulatedRobot(Robot):
     @property
     def laser(self) -> LaserInfo:
         """The laser's geometry and range."""
-        return self.description.laser.facts
+        return self.description.laser.info
 
     @property
     def head_info(self) -> HeadInfo | None:
         """The head's limits, or None if the robot has no head."""
-        return self.description.head.facts if self.description.head else None
+        return self.description.head.info if self.description.head else None
 
     @property
     def camera_info(self) -> CameraInfo | None:
         """The camera's geometry, or None if there is no camera."""
-        return self._camera.facts if self._camera is not None else None
+        return self._camera.info if self._camera is not None else None
 
     @property
     def torso(self) -> TorsoInfo | None:
         """The torso's limits, or None if the torso cannot be lifted."""
-        return self.description.torso.facts if self.description.torso else None
+        return self.description.torso.info if self.description.torso else None
 
     def frames(self) -> list[TransformStamped]:
         """Return the transforms of links and sensors below `base_footprint`, from the joints' positions."""
-        return self._kinematics.frames(self.model.joint_positions(self._joints), self.world.now())
+        return self._kinematics.frames(self.physics_body.joint_positions(self._joints), self.world.now())
 
     def moving_frames(self) -> list[TransformStamped]:
         """Return the transforms of the links that a joint moves; the other frames are fixed."""
-        positions = self.model.joint_positions(self._joints)
+        positions = self.physics_body.joint_positions(self._joints)
         return self._kinematics.frames_of_joints(positions, self.world.now())
 
     def joint_positions(self) -> dict[str, float]:
         """Return the positions (rad or m) of the moving joints of the URDF, including the wheels, by name."""
         wheels = self.description.wheels
         names = (*self._kinematics.joints, wheels.left, wheels.right)
-        positions = self.model.joint_positions([*self._joints, *self._wheels])
+        positions = self.physics_body.joint_positions([*self._joints, *self._wheels])
         return dict(zip(names, positions, strict=True))
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
@@ -266,41 +276,41 @@ class SimulatedRobot(Robot):
         if not (math.isfinite(v) and math.isfinite(w)):
             raise ValueError(f"the velocity command v={v} m/s, w={w} rad/s is not finite")
         now = self.world.now()
-        if self._sources.admits(priority, now):
-            self._base.command(v, w, now)
+        if self._command_multiplexer.admits(priority, now):
+            self._differential_drive.command(v, w, now)
 
     def stop(self) -> None:
         """Stop the base, and forget the commands of all sources."""
-        self._sources.clear()
-        self._base.command(0.0, 0.0, self.world.now())
+        self._command_multiplexer.clear()
+        self._differential_drive.command(0.0, 0.0, self.world.now())
 
     def commanded_velocity(self) -> Twist2D:
         """Return the last commanded velocity, without limits; zero after the command's timeout."""
-        return self._base.commanded_twist(self.world.now())
+        return self._differential_drive.commanded_twist(self.world.now())
 
     def scan(self) -> LaserScan | None:
         """Return the newest scan that has arrived; its ranges are read-only."""
-        return self._arrived_scans.newest(self.world.now())
+        return self._delayed_scans.newest(self.world.now())
 
     def odometry(self) -> Odometry:
         """Return the newest odometry that has arrived."""
-        return self._arrived_odometry.newest(self.world.now()) or self._odometry
+        return self._delayed_odometry.newest(self.world.now()) or self._odometry
 
     def move_head(self, pan: float, tilt: float) -> None:
         """Turn the head to *pan* and *tilt* (rad), limited to `head_info`, at the head's greatest speed."""
         head = self.description.head
         if head is None:
             return
-        pan = min(max(pan, head.facts.pan_min), head.facts.pan_max)
-        tilt = min(max(tilt, head.facts.tilt_min), head.facts.tilt_max)
-        self.model.hold(self._head[0], pan, head.torque, head.facts.speed)
-        self.model.hold(self._head[1], tilt, head.torque, head.facts.speed)
+        pan = min(max(pan, head.info.pan_min), head.info.pan_max)
+        tilt = min(max(tilt, head.info.tilt_min), head.info.tilt_max)
+        self.physics_body.hold_joint(self._head[0], pan, head.torque, head.info.speed)
+        self.physics_body.hold_joint(self._head[1], tilt, head.torque, head.info.speed)
 
     def head(self) -> HeadPosition | None:
         """Return the head's present position, or None if the robot has no head."""
         if not self._head:
             return None
-        pan, tilt = self.model.joint_positions(self._head)
+        pan, tilt = self.physics_body.joint_positions(self._head)
         return HeadPosition(pan, tilt, self.world.now())
 
     def camera(self) -> CameraImage | None:
@@ -308,45 +318,47 @@ class SimulatedRobot(Robot):
         if self._camera is None:
             return None
         now = self.world.now()
-        return self._camera.picture(self.model, self._camera_link, now, self.faults.dead("camera", now))
+        return self._camera.picture(
+            self.physics_body, self._camera_link, now, self.faults.has_failed("camera", now)
+        )
 
     def sonars(self) -> tuple[SonarReading, ...]:
         """Return the newest reading of every sonar that has arrived."""
-        return self._arrived_sonars.newest(self.world.now()) or ()
+        return self._delayed_sonars.newest(self.world.now()) or ()
 
     def battery(self) -> BatteryState:
         """Return the battery's state. With an empty battery the base does not move."""
-        return BatteryState(self.cells.level, self.world.now())
+        return BatteryState(self.battery_model.level, self.world.now())
 
     def recharge(self) -> None:
         """Set the battery's level to 100 % at once."""
-        self.cells.fill()
+        self.battery_model.fill()
 
     def lift(self, height: float) -> None:
         """Move the torso to *height* (m), limited to `torso`, at the maximum speed of the torso."""
         torso = self.description.torso
         if torso is not None:
-            height = min(max(height, torso.facts.lift_min), torso.facts.lift_max)
-            self.model.hold(self._torso[0], height, torso.force, torso.facts.speed)
+            height = min(max(height, torso.info.lift_min), torso.info.lift_max)
+            self.physics_body.hold_joint(self._torso[0], height, torso.force, torso.info.speed)
 
     def torso_height(self) -> float | None:
         """Return the torso's present height (m), or None if the torso cannot be lifted."""
-        return self.model.joint_positions(self._torso)[0] if self._torso else None
+        return self.physics_body.joint_positions(self._torso)[0] if self._torso else None
 
     def true_pose(self) -> Pose2D:
         """Return the base's true pose in the world frame."""
-        place, turned = self.model.place()
-        return Pose2D(place[0], place[1], pybullet.getEulerFromQuaternion(turned)[2])
+        position, quaternion = self.physics_body.pose()
+        return Pose2D(position[0], position[1], pybullet.getEulerFromQuaternion(quaternion)[2])
 
     def teleport(self, pose: Pose2D) -> None:
         """Move the robot to *pose* at once: the odometry does not change."""
         self.teleport_times.append(self.world.now())
-        self._journey = None
-        self.model.put(pose)
-        self._place = self.model.place()[0]
+        self._carry_path = None
+        self.physics_body.set_pose(pose)
+        self._position = self.physics_body.pose()[0]
 
-    def carry(self, way: Sequence[Pose2D], speed: float) -> None:
-        """Begin to carry the robot along *way*; see `Journey`.
+    def carry(self, poses: Sequence[Pose2D], speed: float) -> None:
+        """Begin to carry the robot along *poses*; see `CarryPath`.
 
         Until the end of the way the wheels stand still, the odometry does not change, and contacts are not
         counted. Laser and camera show the way.
@@ -357,36 +369,39 @@ class SimulatedRobot(Robot):
         """
         now = self.world.now()
         self.teleport_times.append(now)
-        self._journey = Journey(way, speed, now, self.model.place()[0][2])
+        self._carry_path = CarryPath(poses, speed, now, self.physics_body.pose()[0][2])
 
     @property
     def is_carried(self) -> bool:
         """Whether the robot is being carried to another place."""
-        return self._journey is not None
+        return self._carry_path is not None
 
     def carried_along(self) -> Sequence[Pose2D]:
         """Return the poses along which the robot is still to be carried; empty if it is not being carried."""
-        return () if self._journey is None else self._journey.rest(self.world.now())
+        return () if self._carry_path is None else self._carry_path.remaining_poses(self.world.now())
 
     def ramped_twist(self) -> tuple[float, float]:
         """Return the velocity (m/s, rad/s) that is commanded to the wheels, after limits and ramps."""
-        return self._base.twist.v, self._base.twist.w
+        return self._differential_drive.twist.v, self._differential_drive.twist.w
 
     def static_scene(self) -> StaticScene:
         """Return the parts of the scene that do not change: shapes, the sensors' geometry, and waypoints."""
         self._last_picture_stamp = -1  # a new viewer gets the newest picture even if it is an old picture
         lens = self.camera_info
         if lens is not None:
-            self._camera_frames = scene_messages.frame_chain(lens.frame, self.frames(), self.model.links)
+            self._camera_frames = scene_messages.frame_chain(
+                lens.frame, self.frames(), self.physics_body.links
+            )
         return StaticScene(
             frame="map",
-            parts=scene_messages.world_parts(self.world) + scene_messages.robot_parts(self.world, self.model),
+            parts=scene_messages.world_parts(self.world)
+            + scene_messages.robot_parts(self.world, self.physics_body),
             meshes=scene_messages.world_meshes(self.world)
-            + scene_messages.robot_meshes(self.world, self.model),
+            + scene_messages.robot_meshes(self.world, self.physics_body),
             laser=laser_message(self.laser),
             places=scene_messages.waypoint_data(self.world),
             footprint_radius=self.base.radius,
-            battery=self.cells.level,
+            battery=self.battery_model.level,
             cameras=() if lens is None else [camera_message(lens)],
         )
 
@@ -404,9 +419,9 @@ class SimulatedRobot(Robot):
             self._last_picture_stamp = picture.stamp
         return MovingScene(
             stamp=self.world.now(),
-            frames=scene_messages.frames(self.world, self.model) + self._camera_frames,
+            frames=scene_messages.frames(self.world, self.physics_body) + self._camera_frames,
             velocity=(twist.v, twist.w),
-            battery=self.cells.level,
+            battery=self.battery_model.level,
             collisions=self.contacts.collisions,
             grazes=self.contacts.grazes,
             scan=None if self._scan is None else scan_message(self._scan),
@@ -415,51 +430,53 @@ class SimulatedRobot(Robot):
 
     def _before_step(self, now: int) -> None:
         self._command_wheels(now)
-        if self._journey is not None:
-            self.model.put(self._journey.pose(now), self._journey.height)
-        self.cells.drain(self._base.commanded_twist(now), 1.0 / self.world.rate)
-        if self.cells.empty and not self._empty:
+        if self._carry_path is not None:
+            self.physics_body.set_pose(self._carry_path.pose(now), self._carry_path.height)
+        self.battery_model.drain(self._differential_drive.commanded_twist(now), 1.0 / self.world.rate)
+        if self.battery_model.is_empty and not self._was_battery_empty:
             _log.warning("the robot's battery is empty: the robot stands until it is recharged")
-        self._empty = self.cells.empty
-        self.contacts.before_step(self._place)
+        self._was_battery_empty = self.battery_model.is_empty
+        self.contacts.before_step(self._position)
 
     def _after_step(self, now: int) -> None:
-        place = self.model.place()[0]
-        if self._journey is None:
-            self.distance += math.dist(place[:2], self._place[:2])
+        position = self.physics_body.pose()[0]
+        if self._carry_path is None:
+            self.distance += math.dist(position[:2], self._position[:2])
             self.contacts.after_step(now)
-        elif now >= self._journey.end:
-            self._journey = None
-        self._place = place
+        elif now >= self._carry_path.end:
+            self._carry_path = None
+        self._position = position
 
     def _command_wheels(self, now: int) -> None:
         seconds = 1.0 / self.world.rate
-        self._base.step(now, seconds, obeys=not self.cells.empty and self._journey is None)
-        left, right = self._base.wheel_rates() if self._journey is None else (0.0, 0.0)
-        if self.faults.dead("wheel", now):
+        self._differential_drive.step(
+            now, seconds, accepts_commands=not self.battery_model.is_empty and self._carry_path is None
+        )
+        left, right = self._differential_drive.wheel_rates() if self._carry_path is None else (0.0, 0.0)
+        if self.faults.has_failed("wheel", now):
             left = 0.0
-        if (left, right) != self._rates:
+        if (left, right) != self._wheel_rates:
             # Only changes are sent to the engine: its motors keep their targets.
-            self._rates = (left, right)
-            self.model.spin(self._wheels, self._rates, self.description.wheels.torque)
+            self._wheel_rates = (left, right)
+            self.physics_body.spin_joints(self._wheels, self._wheel_rates, self.description.wheels.torque)
 
     def _sense_laser(self, now: int) -> None:
-        if self.faults.dead("laser", now):
+        if self.faults.has_failed("laser", now):
             return
-        place, turned = self.model.link_place(self._laser_link)
-        origin, turned = pybullet.multiplyTransforms(
-            place, turned, self.description.laser.position, (0.0, 0.0, 0.0, 1.0)
+        position, quaternion = self.physics_body.link_pose(self._laser_link)
+        origin, quaternion = pybullet.multiplyTransforms(
+            position, quaternion, self.description.laser.position, (0.0, 0.0, 0.0, 1.0)
         )
-        heading = pybullet.getEulerFromQuaternion(turned)[2]
+        heading = pybullet.getEulerFromQuaternion(quaternion)[2]
         self._scan = self._laser.sweep(origin[0], origin[1], origin[2], heading, now)
         self._scan.ranges.flags.writeable = False
-        self._arrived_scans.add(self._scan, now)
+        self._delayed_scans.add(self._scan, now)
 
     def _sense_wheels(self, now: int) -> None:
-        if not self.faults.dead("odometry", now):
-            self._odometry = self._dead_reckoning.update(self.model.joint_positions(self._wheels), now)
-            self._arrived_odometry.add(self._odometry, now)
+        if not self.faults.has_failed("odometry", now):
+            self._odometry = self._wheel_odometry.update(self.physics_body.joint_positions(self._wheels), now)
+            self._delayed_odometry.add(self._odometry, now)
 
     def _sense_sonars(self, now: int) -> None:
-        readings = self._sonars.read([self.model.link_place(link) for link in self._sonar_links], now)
-        self._arrived_sonars.add(readings, now)
+        readings = self._sonars.read([self.physics_body.link_pose(link) for link in self._sonar_links], now)
+        self._delayed_sonars.add(readings, now)

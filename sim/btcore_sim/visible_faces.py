@@ -97,11 +97,11 @@ def shape_faces(kind: str, size: Sequence[float]) -> Floats:
     return sphere_faces(size[0])
 
 
-def prism_faces(thing: WorldObject) -> Floats:
+def prism_faces(item: WorldObject) -> Floats:
     """Return the faces of a prism around the middle of its extent, shape `(n, 4, 3)`."""
-    half = thing.size[2] / 2
-    faces = [[(*a, -half), (*b, -half), (*b, half), (*a, half)] for a, b in thing.sides()]
-    for part in thing.parts:
+    half = item.size[2] / 2
+    faces = [[(*a, -half), (*b, -half), (*b, half), (*a, half)] for a, b in item.sides()]
+    for part in item.parts:
         corners = part if len(part) == 4 else (*part, part[-1])
         faces.append([(*corner, half) for corner in corners])
         faces.append([(*corner, -half) for corner in reversed(corners)])
@@ -111,16 +111,16 @@ def prism_faces(thing: WorldObject) -> Floats:
 class VisibleFaces:
     """The faces of the floor, of all objects and of the robot. The meshes of its URDF are left out."""
 
-    def __init__(self, world: World, model: PhysicsBody) -> None:
+    def __init__(self, world: World, physics_body: PhysicsBody) -> None:
         self._world = world
-        self._model = model
-        still = [_standing(thing) for body, thing in world.bodies.items() if body not in world.movable]
+        self._physics_body = physics_body
+        still = [_standing(item) for body, item in world.bodies.items() if body not in world.movable]
         if world.description.walls is not None:
             still += _walls(world.description.walls)
         still.append(_floor(world))
         self._still = np.concatenate([faces for faces, _ in still])
         self._moved = [(body, *_shaped(world.bodies[body])) for body in world.movable]
-        self._robot = _robot(world, model)
+        self._robot = _robot(world, physics_body)
         # The order of the faces in `now`.
         painted = [*still, *(entry[1:] for entry in self._moved), *(entry[1:] for entry in self._robot)]
         self.colors = np.concatenate([np.tile(color, (len(shape), 1)) for shape, color in painted])
@@ -135,23 +135,23 @@ class VisibleFaces:
         places: dict[int, Transform] = {}
         for link, shape, _ in self._robot:
             if link not in places:
-                places[link] = Transform(*self._model.link_place(link))
+                places[link] = Transform(*self._physics_body.link_pose(link))
             faces.append(places[link].apply(shape))
         return np.concatenate(faces)
 
 
-def _shaped(thing: WorldObject) -> tuple[Floats, Floats]:
-    faces = prism_faces(thing) if thing.kind == "prism" else shape_faces(thing.kind, thing.size)
+def _shaped(item: WorldObject) -> tuple[Floats, Floats]:
+    faces = prism_faces(item) if item.kind == "prism" else shape_faces(item.kind, item.size)
     # Only glass is transparent: alpha of other objects is for the monitor alone.
-    color = thing.color if thing.is_glass else (*thing.color[:3], 255)
+    color = item.color if item.is_glass else (*item.color[:3], 255)
     return faces, np.array(color, dtype=np.float64)
 
 
-def _standing(thing: WorldObject) -> tuple[Floats, Floats]:
-    shape, color = _shaped(thing)
-    x, y, z = thing.position
-    turned = (0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2))
-    return Transform((x, y, z + thing.size[2] / 2), turned).apply(shape), color
+def _standing(item: WorldObject) -> tuple[Floats, Floats]:
+    shape, color = _shaped(item)
+    x, y, z = item.position
+    turned = (0.0, 0.0, math.sin(item.yaw / 2), math.cos(item.yaw / 2))
+    return Transform((x, y, z + item.size[2] / 2), turned).apply(shape), color
 
 
 def _walls(walls: MapWalls) -> list[tuple[Floats, Floats]]:
@@ -166,10 +166,10 @@ def _floor(world: World) -> tuple[Floats, Floats]:
     return Transform(middle).apply(shape), np.array((*world.description.floor[:3], 255), dtype=np.float64)
 
 
-def _robot(world: World, model: PhysicsBody) -> list[tuple[int, Floats, Floats]]:
+def _robot(world: World, physics_body: PhysicsBody) -> list[tuple[int, Floats, Floats]]:
     """Return the URDF's shapes: the link, the faces in the link's frame, and the colour."""
     shapes: list[tuple[int, Floats, Floats]] = []
-    for visual in pybullet.getVisualShapeData(model.body_id, physicsClientId=world.client):
+    for visual in pybullet.getVisualShapeData(physics_body.body_id, physicsClientId=world.client):
         _, link, geometry, size, _, place, turned, color, *_ = visual
         if geometry not in _KINDS:
             continue

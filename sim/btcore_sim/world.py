@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from btcore_robot.robot import NS_PER_S, Phase
-from btcore_robot.schedule import SimulatedTime
+from btcore_robot.schedule import SimulatedSchedule
 from btcore_sim.doors import MovingDoors
 from btcore_sim.errors import SimError
 from btcore_sim.quiet_pybullet import pybullet
@@ -40,7 +40,7 @@ OBJECTS = MOVABLE | STATIC | GLASS
 
 _OPEN = 5.0  # m of visible floor around the start in a world without objects
 _OVERLAP = 0.001  # m: bodies that overlap by less are considered to touch only
-_PATIENCE = NS_PER_S // 5  # ns: a real-time run catches up after a delay of at most this duration
+_MAX_LATENESS_NS = NS_PER_S // 5  # ns: a real-time run catches up after a delay of at most this duration
 
 
 class World:
@@ -77,10 +77,10 @@ class World:
         self, description: WorldDescription, *, seed: int = 0, fast: bool = True, gui: bool = False
     ) -> None:
         self.description = description
-        self.schedule = SimulatedTime(pace=None if fast else Pacer().wait)
+        self.schedule = SimulatedSchedule(pace=None if fast else Pacer().wait)
         self._seed = seed
-        self._before: list[Callable[[int], None]] = []
-        self._after: list[Callable[[int], None]] = []
+        self._before_callbacks: list[Callable[[int], None]] = []
+        self._after_callbacks: list[Callable[[int], None]] = []
         self.client = _connect(gui)
         self._disconnect = weakref.finalize(self, pybullet.disconnect, self.client)
         engine = {"physicsClientId": self.client}
@@ -92,15 +92,15 @@ class World:
         pybullet.setPhysicsEngineParameter(
             numSolverIterations=SOLVER_ITERATIONS, deterministicOverlappingPairs=1, **engine
         )
-        self.floor = self._make_floor()
-        self.bodies = {self._make(thing): thing for thing in description.things}
+        self.floor = self._create_floor()
+        self.bodies = {self._create_body(item): item for item in description.objects}
         """The objects of the world, by PyBullet's IDs of their bodies."""
-        self._make_walls()
-        self.movable = tuple(body for body, thing in self.bodies.items() if not thing.still)
+        self._create_walls()
+        self.movable = tuple(body for body, item in self.bodies.items() if not item.is_static)
         """PyBullet's IDs of the bodies that can move: by a push, or by `move_kinematic_body`."""
         self._doors = MovingDoors(self.client, description.doors, self.bodies, self.rate)
         self._has_robot = False
-        self.schedule.every(self.rate, Phase.PHYSICS, self._step)
+        self.schedule.add_task(self.rate, Phase.PHYSICS, self._step)
 
     def now(self) -> int:
         """Return the simulated time since the start (ns)."""
@@ -128,15 +128,15 @@ class World:
         """
         return random_generator(self._seed, purpose)
 
-    def around_steps(self, before: Callable[[int], None], after: Callable[[int], None]) -> None:
+    def add_step_callbacks(self, before: Callable[[int], None], after: Callable[[int], None]) -> None:
         """Register two callbacks that are called around every physics step with the simulated time (ns).
 
         Args:
             before: The callback that is called before the step.
             after: The callback that is called after the step.
         """
-        self._before.append(before)
-        self._after.append(after)
+        self._before_callbacks.append(before)
+        self._after_callbacks.append(after)
 
     def add_robot(self) -> None:
         """Record that a robot is in the world.
@@ -161,10 +161,8 @@ class World:
         """Return PyBullet's IDs of the kinematic objects whose names begin with *prefix*, in their order."""
         return [
             body
-            for body, thing in self.bodies.items()
-            if thing.is_kinematic
-            and thing.name.startswith(prefix)
-            and thing.name not in self.description.doors
+            for body, item in self.bodies.items()
+            if item.is_kinematic and item.name.startswith(prefix) and item.name not in self.description.doors
         ]
 
     def move_kinematic_body(
@@ -262,14 +260,14 @@ class World:
         self._disconnect()
 
     def _step(self, now: int) -> None:
-        for call in self._before:
+        for call in self._before_callbacks:
             call(now)
         self._doors.step()
         pybullet.stepSimulation(physicsClientId=self.client)
-        for call in self._after:
+        for call in self._after_callbacks:
             call(now)
 
-    def _make_floor(self) -> int:
+    def _create_floor(self) -> int:
         engine = {"physicsClientId": self.client}
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, **engine)
         # A plane has no visible surface, so a flat box is added for the renderers.
@@ -286,7 +284,7 @@ class World:
         pybullet.setCollisionFilterGroupMask(floor, -1, FLOOR, MOVABLE | GROUND_LINK, **engine)
         return floor
 
-    def _make_walls(self) -> None:
+    def _create_walls(self) -> None:
         engine = {"physicsClientId": self.client}
         for vertices, indices in (
             self.description.walls.meshes() if self.description.walls is not None else ()
@@ -301,37 +299,37 @@ class World:
             body = pybullet.createMultiBody(0.0, shape, **engine)
             pybullet.setCollisionFilterGroupMask(body, -1, STATIC, MOVABLE | HULL, **engine)
 
-    def _make(self, thing: WorldObject) -> int:
+    def _create_body(self, item: WorldObject) -> int:
         engine = {"physicsClientId": self.client}
-        color = [part / 255 for part in thing.color]
+        color = [part / 255 for part in item.color]
         hull: dict[str, Any]
-        if thing.kind == "box":
-            kind, hull = pybullet.GEOM_BOX, {"halfExtents": [side / 2 for side in thing.size]}
+        if item.kind == "box":
+            kind, hull = pybullet.GEOM_BOX, {"halfExtents": [side / 2 for side in item.size]}
             drawn = hull
-        elif thing.kind == "cylinder":
-            kind, hull = pybullet.GEOM_CYLINDER, {"radius": thing.size[0] / 2, "height": thing.size[2]}
+        elif item.kind == "cylinder":
+            kind, hull = pybullet.GEOM_CYLINDER, {"radius": item.size[0] / 2, "height": item.size[2]}
             # PyBullet calls a cylinder's height "length" in a visual shape.
             drawn = {"radius": hull["radius"], "length": hull["height"]}
         else:
-            corners, indices = prism_mesh(thing)
+            corners, indices = prism_mesh(item)
             kind, drawn = pybullet.GEOM_MESH, {"vertices": corners, "indices": indices}
             # One body and one shape for a concave outline; the engine fills the convex hull of other meshes.
             hull = {**drawn, "flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH}
         shape = pybullet.createCollisionShape(kind, **hull, **engine)
         visual = pybullet.createVisualShape(kind, **drawn, rgbaColor=color, **engine)
-        x, y, z = thing.position
-        turned = [0.0, 0.0, math.sin(thing.yaw / 2), math.cos(thing.yaw / 2)]
-        middle = [x, y, z + thing.size[2] / 2]
+        x, y, z = item.position
+        turned = [0.0, 0.0, math.sin(item.yaw / 2), math.cos(item.yaw / 2)]
+        middle = [x, y, z + item.size[2] / 2]
         # The engine then stores a still body as a rigid body instead of a multi-body, which each step would
         # update: with the 62 still bodies of the house, a step takes a fifth less time.
-        still = int(thing.still)
+        still = int(item.is_static)
         body: int = pybullet.createMultiBody(
-            thing.mass, shape, visual, middle, turned, useMaximalCoordinates=still, **engine
+            item.mass, shape, visual, middle, turned, useMaximalCoordinates=still, **engine
         )
-        if thing.mass > 0.0:
+        if item.mass > 0.0:
             group, mask = MOVABLE, OBJECTS | FLOOR | HULL
         else:
-            group, mask = GLASS if thing.is_glass else STATIC, MOVABLE | HULL
+            group, mask = GLASS if item.is_glass else STATIC, MOVABLE | HULL
         pybullet.setCollisionFilterGroupMask(body, -1, group, mask, **engine)
         return body
 
@@ -347,12 +345,12 @@ class Pacer:
         self._offset: int | None = None
         self._warned = False
 
-    def wait(self, now: int, moment: int, wake: threading.Event) -> bool:
+    def wait(self, now: int, until: int, wake: threading.Event) -> bool:
         """Wait until the wall clock reaches a simulated time, or an event is set.
 
         Args:
             now: The present simulated time (ns).
-            moment: The simulated time to wait for (ns).
+            until: The simulated time to wait for (ns).
             wake: The event that ends the wait early.
 
         Returns:
@@ -361,10 +359,10 @@ class Pacer:
         wall = time.monotonic_ns()
         if self._offset is None:
             self._offset = wall - now
-        late = wall - self._offset - moment
+        late = wall - self._offset - until
         if late < 0:
             return wake.wait(-late / NS_PER_S)
-        if late > _PATIENCE:
+        if late > _MAX_LATENESS_NS:
             self._offset += late
             if not self._warned:
                 self._warned = True
@@ -388,33 +386,33 @@ def world_extent(description: WorldDescription) -> Rectangle:
     x0, y0, x1, y1 = description.area
     if description.walls is not None:
         return description.walls.known
-    if not description.things:
+    if not description.objects:
         return x0 - _OPEN, y0 - _OPEN, x1 + _OPEN, y1 + _OPEN
-    outlines = [thing.outline() for thing in description.things if not thing.parked]
+    outlines = [item.outline() for item in description.objects if not item.parked]
     lows, highs = [(x0, y0), *(box[:2] for box in outlines)], [(x1, y1), *(box[2:] for box in outlines)]
     return *map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))
 
 
-def prism_mesh(thing: WorldObject) -> tuple[list[tuple[float, float, float]], list[int]]:
+def prism_mesh(item: WorldObject) -> tuple[list[tuple[float, float, float]], list[int]]:
     """Return the surface of a prism around the middle of its extent.
 
     Args:
-        thing: The prism.
+        item: The prism.
 
     Returns:
         The corners (x, y, z in m), and three indices of corners for each triangle, counter-clockwise seen
         from outside.
     """
-    half = thing.size[2] / 2
+    half = item.size[2] / 2
     corners: list[tuple[float, float, float]] = []
     indices: list[int] = []
-    for part in thing.parts:
+    for part in item.parts:
         first, count = len(corners), len(part)
         corners += [(x, y, -half) for x, y in part] + [(x, y, half) for x, y in part]
         for k in range(1, count - 1):
             indices += [first, first + k + 1, first + k]
             indices += [first + count, first + count + k, first + count + k + 1]
-    for (x0, y0), (x1, y1) in thing.sides():
+    for (x0, y0), (x1, y1) in item.sides():
         first = len(corners)
         corners += [(x0, y0, -half), (x1, y1, -half), (x1, y1, half), (x0, y0, half)]
         indices += [first, first + 1, first + 2, first, first + 2, first + 3]

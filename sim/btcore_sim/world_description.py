@@ -115,7 +115,7 @@ class WorldObject:
     look: str = ""
 
     @property
-    def still(self) -> bool:
+    def is_static(self) -> bool:
         """Whether the object never moves."""
         return self.mass == 0.0 and not self.is_kinematic
 
@@ -249,7 +249,7 @@ class WorldDescription:
     Attributes:
         name: The name of the world.
         description: A short description for listings.
-        things: The objects.
+        objects: The objects.
         area: The area in which the start pose is drawn if *pose* is None.
         clearance: The least distance (m) between the robot's footprint and any object at a drawn start pose.
         pose: The start pose, or None.
@@ -259,12 +259,12 @@ class WorldDescription:
         physics_rate: The rate of the physics steps (Hz).
         doors: The doors by name.
         headings: The headings (rad) of those waypoints whose heading is not 0, by name.
-        walls: The walls of the map from which the world was made, in addition to *things*; or None.
+        walls: The walls of the map from which the world was made, in addition to *objects*; or None.
     """
 
     name: str
     description: str
-    things: tuple[WorldObject, ...]
+    objects: tuple[WorldObject, ...]
     area: Rectangle
     clearance: float
     pose: Pose2D | None
@@ -326,7 +326,7 @@ class WorldDescription:
             x: The x coordinate of the point in the world frame (m).
             y: The y coordinate of the point in the world frame (m).
         """
-        away = (thing.distance(x, y) for thing in self.things if not thing.parked)
+        away = (item.distance(x, y) for item in self.objects if not item.parked)
         walls = math.inf if self.walls is None else self.walls.distance(x, y)
         return min((walls, *away))
 
@@ -374,19 +374,19 @@ def parse_world_description(data: dict[str, Any], name: str) -> WorldDescription
 def _world_description(record: JsonRecord, name: str) -> WorldDescription:
     numbers = itertools.count()
     doors: dict[str, Door] = {}
-    objects = record.nested_list("objects", lambda item: _things(item, next(numbers), doors))
-    things = tuple(itertools.chain.from_iterable(objects))
+    nested = record.nested_list("objects", lambda item: _parse_objects(item, next(numbers), doors))
+    objects = tuple(itertools.chain.from_iterable(nested))
     record.has("$schema")  # for editors
     seen: set[str] = set()
-    for thing in things:
-        if thing.name in seen:
-            raise record.error(f"two objects are named '{thing.name}', but names have to be unique")
-        seen.add(thing.name)
+    for item in objects:
+        if item.name in seen:
+            raise record.error(f"two objects are named '{item.name}', but names have to be unique")
+        seen.add(item.name)
     area, clearance, pose = record.nested("start", _start)
     description = WorldDescription(
         name=name,
         description=record.text("description", ""),
-        things=things,
+        objects=objects,
         area=area,
         clearance=clearance,
         pose=pose,
@@ -416,7 +416,7 @@ def _start(record: JsonRecord) -> tuple[tuple[float, float, float, float], float
     return (x0, y0, x1, y1), record.number("clearance", 1.0), None
 
 
-def _things(record: JsonRecord, index: int, doors: dict[str, Door]) -> list[WorldObject]:
+def _parse_objects(record: JsonRecord, index: int, doors: dict[str, Door]) -> list[WorldObject]:
     """Return the objects of an entry of `objects`, and add the door of the entry, if any, to *doors*."""
     kind = record.text("kind", among=KINDS)
     is_door = kind in ("hinged_door", "sliding_door")
@@ -441,8 +441,8 @@ def _things(record: JsonRecord, index: int, doors: dict[str, Door]) -> list[Worl
         raise record.error(f"'mass' is {mass:g}, but it has to be at least 0")
     position = (place[0], place[1], place[2] if len(place) == 3 else 0.0)
     look = record.text("look", among=LOOKS[kind]) if kind != "table" and record.has("look") else ""
-    thing = WorldObject(name, kind, (x, y, z), position, yaw, mass, color, is_glass=is_glass, look=look)
-    return [thing] if kind != "table" else _table(record, thing)
+    item = WorldObject(name, kind, (x, y, z), position, yaw, mass, color, is_glass=is_glass, look=look)
+    return [item] if kind != "table" else _table(record, item)
 
 
 def _prism(record: JsonRecord, kind: str, name: str, yaw: float, color: Color, is_glass: bool) -> WorldObject:

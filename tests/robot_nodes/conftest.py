@@ -17,10 +17,10 @@ from btcore_robot.robot import (
     TransformStamped,
     Twist2D,
 )
-from btcore_robot.schedule import SimulatedTime
+from btcore_robot.schedule import SimulatedSchedule
 
 
-class SteppedClock(SimulatedTime):
+class SteppedClock(SimulatedSchedule):
     """Simulated time that advances from task to task, or that the test sets."""
 
     @property
@@ -51,15 +51,15 @@ class RecordingRobot(Robot):
 
     def see(self, *ranges: float, angle_min: float = 0.0, angle_increment: float = 0.1) -> None:
         """Set the newest scan to these ranges (m)."""
-        facts = self.laser
+        info = self.laser
         self.seen = LaserScan(
             np.array(ranges, dtype=np.float32),
             self._clock.time,
             angle_min,
             angle_increment,
-            facts.range_min,
-            facts.range_max,
-            facts.frame,
+            info.range_min,
+            info.range_max,
+            info.frame,
         )
 
     @property

@@ -41,7 +41,7 @@ class PlainSchedule:
         self.now = 0
         self.tasks: list[list[Any]] = []
 
-    def every(
+    def add_task(
         self, hertz: float, rank: Phase, task: Callable[[int], None], *, first: int | None = None
     ) -> Callable[[], None]:
         period = round(SECOND / hertz)
@@ -131,16 +131,16 @@ class PlainRobot(Robot):
         return Twist2D(0.0, 0.0) if lapsed else self.goal
 
     def scan(self) -> LaserScan | None:
-        facts = self.laser
+        info = self.laser
         ranges = np.array([1.0, np.inf, -np.inf, 2.0], dtype=np.float32)
         return LaserScan(
             ranges,
             self.time,
-            facts.angle_min,
-            facts.angle_increment,
-            facts.range_min,
-            facts.range_max,
-            facts.frame,
+            info.angle_min,
+            info.angle_increment,
+            info.range_min,
+            info.range_max,
+            info.frame,
         )
 
     def odometry(self) -> Odometry:
@@ -318,8 +318,8 @@ class LateSchedule(PlainRobot):
 
 
 class EndlessSchedule(PlainSchedule):
-    def every(self, *given: Any, **named: Any) -> Callable[[], None]:
-        super().every(*given, **named)
+    def add_task(self, *given: Any, **named: Any) -> Callable[[], None]:
+        super().add_task(*given, **named)
         return lambda: None
 
 

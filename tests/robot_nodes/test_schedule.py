@@ -7,19 +7,19 @@ from itertools import pairwise
 import pytest
 
 from btcore_robot.robot import Phase, RobotClock, Schedule
-from btcore_robot.schedule import RealTime, SimulatedTime
+from btcore_robot.schedule import RealTimeSchedule, SimulatedSchedule
 
 SECOND = 10**9
 NEVER = threading.Event()
 
 
-@pytest.mark.parametrize("kind", [RealTime, SimulatedTime])
+@pytest.mark.parametrize("kind", [RealTimeSchedule, SimulatedSchedule])
 def test_each_class_is_a_clock_and_a_schedule(kind: type):
     made = kind()
     clock: RobotClock = made
     schedule: Schedule = made
     calls: list[int] = []
-    schedule.every(1000.0, Phase.PROCESSES, calls.append)
+    schedule.add_task(1000.0, Phase.PROCESSES, calls.append)
     start = clock.now()
     assert clock.wait_until(start + SECOND // 50, NEVER) is False
     assert clock.now() >= start + SECOND // 50
@@ -27,44 +27,44 @@ def test_each_class_is_a_clock_and_a_schedule(kind: type):
     assert calls
 
 
-@pytest.mark.parametrize("kind", [RealTime, SimulatedTime])
+@pytest.mark.parametrize("kind", [RealTimeSchedule, SimulatedSchedule])
 def test_a_wait_ends_when_it_is_woken(kind: type):
     made = kind()
     wake = threading.Event()
-    made.every(1000.0, Phase.PROCESSES, lambda now: wake.set())
+    made.add_task(1000.0, Phase.PROCESSES, lambda now: wake.set())
     start = time.monotonic()
     assert made.wait_until(made.now() + 60 * SECOND, wake) is True
     assert time.monotonic() - start < 30.0
 
 
-@pytest.mark.parametrize("kind", [RealTime, SimulatedTime])
+@pytest.mark.parametrize("kind", [RealTimeSchedule, SimulatedSchedule])
 def test_a_frequency_of_zero_is_refused(kind: type):
     with pytest.raises(ValueError, match="the rate of a task must be above 0 Hz"):
-        kind().every(0.0, Phase.HEAD, print)
+        kind().add_task(0.0, Phase.HEAD, print)
 
 
 def test_in_simulated_time_simultaneous_tasks_run_by_rank_and_then_by_order():
-    made = SimulatedTime()
+    made = SimulatedSchedule()
     calls: list[str] = []
     for name, rank in (("b", Phase.PROCESSES), ("c", Phase.PROCESSES), ("a", Phase.SENSORS)):
-        made.every(2.0, rank, lambda now, name=name: calls.append(f"{name}{now // 10**6}"))
+        made.add_task(2.0, rank, lambda now, name=name: calls.append(f"{name}{now // 10**6}"))
     made.wait_until(SECOND, NEVER)
     assert calls == ["a500", "b500", "c500", "a1000", "b1000", "c1000"]
 
 
 def test_in_simulated_time_rounding_errors_do_not_accumulate():
-    made = SimulatedTime()
+    made = SimulatedSchedule()
     calls: list[int] = []
-    made.every(3.0, Phase.SENSORS, calls.append)
+    made.add_task(3.0, Phase.SENSORS, calls.append)
     made.wait_until(1000 * SECOND, NEVER)
     assert len(calls) == 3000
     assert calls[-1] == 1000 * SECOND
 
 
 def test_a_task_may_begin_at_once_and_may_be_ended():
-    made = SimulatedTime(5 * SECOND)
+    made = SimulatedSchedule(5 * SECOND)
     calls: list[int] = []
-    end = made.every(1.0, Phase.SENSORS, calls.append, first=0)
+    end = made.add_task(1.0, Phase.SENSORS, calls.append, first=0)
     made.wait_until(7 * SECOND, NEVER)
     end()
     end()
@@ -73,7 +73,7 @@ def test_a_task_may_begin_at_once_and_may_be_ended():
 
 
 def test_in_real_time_missed_calls_of_a_slow_task_are_skipped_and_counted():
-    made = RealTime()
+    made = RealTimeSchedule()
     calls: list[int] = []
 
     def slow(now: int) -> None:
@@ -83,7 +83,7 @@ def test_in_real_time_missed_calls_of_a_slow_task_are_skipped_and_counted():
             while time.monotonic() < deadline:
                 pass
 
-    made.every(100.0, Phase.SENSORS, slow)
+    made.add_task(100.0, Phase.SENSORS, slow)
     made.wait_until(made.now() + SECOND // 5, NEVER)
     assert made.missed >= 8
     assert len(calls) + made.missed >= 18
@@ -91,25 +91,25 @@ def test_in_real_time_missed_calls_of_a_slow_task_are_skipped_and_counted():
 
 
 def test_the_first_call_happens_after_a_period():
-    schedule = SimulatedTime(start=5 * SECOND)
+    schedule = SimulatedSchedule(start=5 * SECOND)
     times: list[int] = []
-    schedule.every(4, Phase.CONTROLLER, times.append)
+    schedule.add_task(4, Phase.CONTROLLER, times.append)
     schedule.wait_until(6 * SECOND, NEVER)
     assert times == [5 * SECOND + k * SECOND // 4 for k in (1, 2, 3, 4)]
 
 
 def test_tasks_of_all_rates_coincide_at_whole_seconds():
-    schedule = SimulatedTime()
+    schedule = SimulatedSchedule()
     done: list[tuple[str, int]] = []
-    schedule.every(7, Phase.JUDGE, lambda now: done.append(("judge", now)))
-    schedule.every(120, Phase.PHYSICS, lambda now: done.append(("physics", now)))
-    schedule.every(3, Phase.LOCALISER, lambda now: done.append(("localiser", now)))
+    schedule.add_task(7, Phase.EVALUATION, lambda now: done.append(("judge", now)))
+    schedule.add_task(120, Phase.PHYSICS, lambda now: done.append(("physics", now)))
+    schedule.add_task(3, Phase.LOCALISER, lambda now: done.append(("localiser", now)))
     schedule.wait_until(SECOND, NEVER)
     assert [name for name, now in done if now == SECOND] == ["physics", "localiser", "judge"]
 
 
 def test_a_task_can_end_itself():
-    schedule = SimulatedTime()
+    schedule = SimulatedSchedule()
     times: list[int] = []
 
     def task(now: int) -> None:
@@ -117,7 +117,7 @@ def test_a_task_can_end_itself():
         if len(times) == 3:
             end()
 
-    end = schedule.every(10, Phase.PLANNER, task)
+    end = schedule.add_task(10, Phase.PLANNER, task)
     schedule.wait_until(SECOND, NEVER)
     end()
     assert times == [SECOND // 10, SECOND // 5, 3 * SECOND // 10]
@@ -125,20 +125,20 @@ def test_a_task_can_end_itself():
 
 
 def test_the_end_of_a_task_does_not_affect_other_tasks():
-    schedule = SimulatedTime()
+    schedule = SimulatedSchedule()
     times: list[int] = []
-    end = schedule.every(10, Phase.PLANNER, times.append)
-    schedule.every(5, Phase.PLANNER, times.append)
+    end = schedule.add_task(10, Phase.PLANNER, times.append)
+    schedule.add_task(5, Phase.PLANNER, times.append)
     end()
     schedule.wait_until(SECOND, NEVER)
     assert times == [k * SECOND // 5 for k in (1, 2, 3, 4, 5)]
 
 
 def test_a_task_that_a_task_starts_is_not_late():
-    schedule = SimulatedTime()
+    schedule = SimulatedSchedule()
     times: list[int] = []
-    end = schedule.every(
-        1, Phase.HEAD, lambda now: end() or schedule.every(2, Phase.HEAD, times.append, first=0)
+    end = schedule.add_task(
+        1, Phase.HEAD, lambda now: end() or schedule.add_task(2, Phase.HEAD, times.append, first=0)
     )
     schedule.wait_until(2 * SECOND, NEVER)
     assert times == [SECOND, 3 * SECOND // 2, 2 * SECOND]

@@ -129,7 +129,7 @@ def test_tree_receives_while_it_waits_for_its_next_tick(session: RosSession) -> 
 def test_tree_receives_in_an_event_loop(session: RosSession) -> None:
     tree = listening_tree(session)
     calls: list[int] = []
-    session.clock.schedule.every(1000.0, 0, calls.append)
+    session.clock.schedule.add_task(1000.0, 0, calls.append)
 
     async def main() -> tuple[Status, int]:
         other = asyncio.create_task(count_up())

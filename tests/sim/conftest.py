@@ -67,8 +67,8 @@ def robot_at() -> Iterator[Stand]:
 def noiseless_tiago() -> RobotDescription:
     """Return the description of a Tiago without errors of laser and odometry."""
     tiago = load_description(TIAGO)
-    facts = replace(tiago.laser.facts, sigma=0.0, range_noise=0.0)
-    return replace(tiago, odometry=PERFECT, laser=replace(tiago.laser, facts=facts, errors=LaserErrors()))
+    info = replace(tiago.laser.info, sigma=0.0, range_noise=0.0)
+    return replace(tiago, odometry=PERFECT, laser=replace(tiago.laser, info=info, errors=LaserErrors()))
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ def test_the_battery_drains_by_half_the_speed_and_a_hundredth_a_second(v: float,
 def test_the_level_is_never_below_zero():
     cells = BatteryModel(0.05)
     cells.drain(Twist2D(1.0, 0.0), 1.0)
-    assert (cells.level, cells.lowest, cells.empty) == (0.0, 0.0, True)
+    assert (cells.level, cells.lowest, cells.is_empty) == (0.0, 0.0, True)
 
 
 def test_the_lowest_level_is_kept_when_the_battery_is_recharged():
@@ -63,4 +63,4 @@ def test_an_empty_battery_stops_the_robot_until_it_is_recharged(robot_at, steer,
     body.recharge()
     steer(body, 1.0, (0.3, 0.0))
     assert body.odometry().twist.v == pytest.approx(0.3, abs=0.02)
-    assert (body.cells.lowest, body.cells.recharges) == (0.0, 1)
+    assert (body.battery_model.lowest, body.battery_model.recharges) == (0.0, 1)

@@ -20,7 +20,7 @@ RED = (230, 20, 20, 255)
 
 def engines(body: SimulatedRobot) -> tuple[np.ndarray, np.ndarray]:
     """Return the picture of the engine's renderer: the body in each pixel, and the depth (m)."""
-    eye, turned = body._camera.pose(body.model, body._camera_link)
+    eye, turned = body._camera.pose(body.physics_body, body._camera_link)
     axes = np.array(pybullet.getMatrixFromQuaternion(turned)).reshape(3, 3)
     lens = body.camera_info
     view = pybullet.computeViewMatrix(eye, (np.array(eye) + axes[:, 0]).tolist(), axes[:, 2].tolist())
@@ -68,7 +68,7 @@ def test_the_depth_of_the_floor_follows_from_the_geometry(robot_at, steer):
     body.move_head(0.3, -0.6)
     steer(body, 1.5, None)
     depth, lens = body.camera().depth, body.camera_info
-    eye, turned = body._camera.pose(body.model, body._camera_link)
+    eye, turned = body._camera.pose(body.physics_body, body._camera_link)
     rotation = Transform(quaternion=turned).rotation
     for row, column in ((60, 80), (119, 0), (90, 159), (30, 40)):
         ray = rotation @ (
@@ -107,7 +107,7 @@ def test_an_object_is_drawn_at_its_place_by_the_pinhole_model(robot_at, box):
     far = replace(box(3.0, 0.6, (0.1, 0.1, 0.1)), position=(3.0, 0.6, 1.0165), color=RED)
     body = robot_at(far, camera=CameraSettings(320, 240, 10.0))
     picture, lens = body.camera(), body.camera_info
-    eye, turned = body._camera.pose(body.model, body._camera_link)
+    eye, turned = body._camera.pose(body.physics_body, body._camera_link)
     x, y, z = Transform(quaternion=turned).rotation.T @ (np.array((2.95, 0.6, 1.0665)) - eye)
     rows, columns = np.nonzero(picture.rgb[:, :, 0].astype(int) > picture.rgb[:, :, 1].astype(int) + 60)
     assert columns.mean() == pytest.approx(lens.cx - lens.fx * y / x, abs=0.6)

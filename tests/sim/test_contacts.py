@@ -75,7 +75,7 @@ def test_pushed_sideways_the_hull_touches_at_its_radius(robot_at, box):
     pybullet.changeDynamics(body.world.floor, -1, lateralFriction=0.0, physicsClientId=body.world.client)
     while not body.contacts.events:
         pybullet.resetBaseVelocity(
-            body.model.body_id, [0.0, 0.05, 0.0], [0.0, 0.0, 0.0], physicsClientId=body.world.client
+            body.physics_body.body_id, [0.0, 0.05, 0.0], [0.0, 0.0, 0.0], physicsClientId=body.world.client
         )
         body.world.schedule.run_next()
         assert body.true_pose().y < face, "the robot went through the wall"

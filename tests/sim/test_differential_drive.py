@@ -15,7 +15,7 @@ from btcore_sim.differential_drive import (
     WheelErrorModel,
     WheelOdometry,
 )
-from btcore_sim.robot_description import OdometryFacts
+from btcore_sim.robot_description import OdometryInfo
 
 SECOND = 1_000_000_000
 STEP = 1 / 240
@@ -105,9 +105,9 @@ def test_dead_reckoning_of_a_circle_returns_to_the_start():
     assert reading.twist.v == pytest.approx(2 * math.pi / turns)
 
 
-def noisy(seed: int, facts: OdometryFacts, left: float, right: float) -> Odometry:
+def noisy(seed: int, info: OdometryInfo, left: float, right: float) -> Odometry:
     """Return the odometry after a thousand readings; *left* and *right* are the wheels' total turns (rad)."""
-    errors = WheelErrorModel(facts, np.random.default_rng(seed))
+    errors = WheelErrorModel(info, np.random.default_rng(seed))
     odometry = WheelOdometry(0.1, 0.4, (0.0, 0.0), errors)
     for k in range(1, 1001):
         reading = odometry.update((left * k / 1000, right * k / 1000), k * SECOND // 50)
@@ -115,30 +115,30 @@ def noisy(seed: int, facts: OdometryFacts, left: float, right: float) -> Odometr
 
 
 def test_wheel_size_errors_make_the_yaw_drift():
-    facts = OdometryFacts(50.0, 0.01, 0.0, 0.0)
-    ways = [noisy(seed, facts, 10.0, 10.0) for seed in range(200)]
+    info = OdometryInfo(50.0, 0.01, 0.0, 0.0)
+    ways = [noisy(seed, info, 10.0, 10.0) for seed in range(200)]
     drifts = [reading.pose.yaw for reading in ways]
     assert np.std(drifts) == pytest.approx(0.01 * math.sqrt(2.0) / 0.4, rel=0.2)
     assert np.mean(drifts) == pytest.approx(0.0, abs=0.01)
 
 
 def test_slip_makes_odometry_report_more_turning():
-    facts = OdometryFacts(50.0, 0.0, 0.02, 0.03)
-    turned = [noisy(seed, facts, -5.0, 5.0).pose.yaw for seed in range(100)]
+    info = OdometryInfo(50.0, 0.0, 0.02, 0.03)
+    turned = [noisy(seed, info, -5.0, 5.0).pose.yaw for seed in range(100)]
     assert np.mean(turned) == pytest.approx(2.5 * 1.02, rel=0.001)
     assert np.std(turned) == pytest.approx(2.5 * 0.03 / math.sqrt(1000), rel=0.3)
 
 
 def test_straight_ahead_nothing_slips():
-    assert noisy(1, OdometryFacts(50.0, 0.0, 0.02, 0.03), 10.0, 10.0).pose == Pose2D(
+    assert noisy(1, OdometryInfo(50.0, 0.0, 0.02, 0.03), 10.0, 10.0).pose == Pose2D(
         pytest.approx(1.0), 0.0, 0.0
     )
 
 
 def test_the_same_seed_gives_the_same_errors():
-    facts = OdometryFacts(50.0, 0.001, 0.02, 0.03)
-    assert noisy(3, facts, 8.0, 9.0) == noisy(3, facts, 8.0, 9.0)
-    assert noisy(3, facts, 8.0, 9.0) != noisy(4, facts, 8.0, 9.0)
+    info = OdometryInfo(50.0, 0.001, 0.02, 0.03)
+    assert noisy(3, info, 8.0, 9.0) == noisy(3, info, 8.0, 9.0)
+    assert noisy(3, info, 8.0, 9.0) != noisy(4, info, 8.0, 9.0)
 
 
 def test_the_commanded_twist_is_the_given_twist_until_it_expires():
@@ -152,5 +152,5 @@ def test_a_base_that_does_not_obey_comes_to_rest():
     drive = base()
     drive.command(0.2, 0.0, 0)
     drive.step(1, 1.0)
-    assert drive.step(2, 0.1, obeys=False).v == pytest.approx(0.1)
-    assert drive.step(3, 0.1, obeys=False) == Twist2D(0.0, 0.0)
+    assert drive.step(2, 0.1, accepts_commands=False).v == pytest.approx(0.1)
+    assert drive.step(3, 0.1, accepts_commands=False) == Twist2D(0.0, 0.0)

@@ -129,10 +129,10 @@ def test_runs_with_doors_are_identical(tmp_path: Path):
 def test_people_keep_away_from_closed_doors():
     description = load_world_description("lobby")
     for seed in range(3):
-        people = with_people(description, 3, random_generator(seed, "people")).things[
-            len(description.things) :
+        people = with_people(description, 3, random_generator(seed, "people")).objects[
+            len(description.objects) :
         ]
-        leaves = [thing for thing in description.things if thing.name in description.doors]
+        leaves = [thing for thing in description.objects if thing.name in description.doors]
         assert len(leaves) == 2
         assert all(leaf.distance(*person.position[:2]) > RADIUS for leaf in leaves for person in people)
 

@@ -360,7 +360,9 @@ def test_a_robot_is_carried_only_through_open_doors(meet, flat, start, events: l
         way = body.carried_along()
         rooms.add(way[-1].x > 0.0)
         free = [place for place in way if math.dist((place.x, place.y), start[:2]) > 0.6]
-        obstacles = [thing for thing in body.world.bodies.values() if thing.still] + body.world.door_leaves()
+        obstacles = [
+            thing for thing in body.world.bodies.values() if thing.is_static
+        ] + body.world.door_leaves()
         assert min(thing.distance(place.x, place.y) for thing in obstacles for place in free) > 0.27
     assert (True in rooms) == passes
 

@@ -15,12 +15,19 @@ def fault_list(text: str) -> list[Fault]:
 def test_a_fault_lasts_from_its_start_to_its_end():
     faults = FaultSchedule([parse_fault("laser:20-25"), parse_fault("laser:30-30.5")])
     moments = [19.9, 20.0, 24.9, 25.0, 30.4, 30.5]
-    assert [faults.dead("laser", int(t * SECOND)) for t in moments] == [False, True, True, False, True, False]
-    assert not faults.dead("camera", 22 * SECOND)
+    assert [faults.has_failed("laser", int(t * SECOND)) for t in moments] == [
+        False,
+        True,
+        True,
+        False,
+        True,
+        False,
+    ]
+    assert not faults.has_failed("camera", 22 * SECOND)
 
 
 def test_a_fault_without_an_end_does_not_end():
-    assert FaultSchedule([parse_fault("wheel:3-")]).dead("wheel", 10**6 * SECOND)
+    assert FaultSchedule([parse_fault("wheel:3-")]).has_failed("wheel", 10**6 * SECOND)
 
 
 @pytest.mark.parametrize(

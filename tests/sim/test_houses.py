@@ -96,7 +96,7 @@ def test_the_robot_starts_at_the_books_pose(house: WorldDescription):
 
 def test_each_waypoint_has_the_specified_clearance(house: WorldDescription):
     for name, (x, y, clearance) in WAYPOINTS[house.name].items():
-        seen = min(thing.distance(x, y) for thing in house.things if thing.meets(LASER_HEIGHT))
+        seen = min(thing.distance(x, y) for thing in house.objects if thing.meets(LASER_HEIGHT))
         assert seen == pytest.approx(clearance, abs=0.15), name
         assert house.clearance_at(x, y) >= 0.75, f"{name}, with what the laser does not see"
 
@@ -130,11 +130,11 @@ def test_every_door_is_open_over_its_specified_width(house: WorldDescription):
     for start, end in DOORS[house.name]:
         for part in np.linspace(0.02, 0.98, 60):
             x, y = (a + part * (b - a) for a, b in zip(start, end, strict=True))
-            assert all(thing.distance(x, y) > 0.0 for thing in house.things), (start, end, part)
+            assert all(thing.distance(x, y) > 0.0 for thing in house.objects), (start, end, part)
 
 
 def test_no_ray_leaves_the_house(house: WorldDescription):
-    outlines = RayCaster.of(house.things)
+    outlines = RayCaster.of(house.objects)
     around = np.linspace(-math.pi, math.pi, 3600, endpoint=False)
     map = rasterise(house)
     random = np.random.default_rng(5)
@@ -144,7 +144,7 @@ def test_no_ray_leaves_the_house(house: WorldDescription):
 
 
 def test_walls_are_straight_high_and_15_to_20_cm_thick(house: WorldDescription):
-    walls = [thing for thing in house.things if thing.name.startswith("wall_")]
+    walls = [thing for thing in house.objects if thing.name.startswith("wall_")]
     assert len(walls) >= 12
     for wall in walls:
         assert (wall.yaw, wall.position[2], wall.size[2]) == (0.0, 0.0, 2.5)
@@ -152,12 +152,12 @@ def test_walls_are_straight_high_and_15_to_20_cm_thick(house: WorldDescription):
 
 
 def test_a_house_is_a_few_dozen_bodies(house: WorldDescription):
-    assert 40 <= len(house.things) <= 70
+    assert 40 <= len(house.objects) <= 70
 
 
 def test_the_floor_below_table_tops_is_a_keep_out_area(house: WorldDescription):
     map = rasterise(house)
-    tops = [thing for thing in house.things if thing.name.endswith("_top")]
+    tops = [thing for thing in house.objects if thing.name.endswith("_top")]
     assert len(tops) >= 2
     kept = map.keepout_mask()
     for top in tops:
@@ -167,8 +167,8 @@ def test_the_floor_below_table_tops_is_a_keep_out_area(house: WorldDescription):
 
 
 def test_furniture_has_the_books_wooden_colour_and_other_colours(house: WorldDescription):
-    wooden = [thing for thing in house.things if is_wooden(thing.color)]
-    others = [thing for thing in house.things if thing not in wooden and not thing.name.startswith("wall_")]
+    wooden = [thing for thing in house.objects if is_wooden(thing.color)]
+    others = [thing for thing in house.objects if thing not in wooden and not thing.name.startswith("wall_")]
     assert len({thing.name.split("_")[0] for thing in wooden}) >= 4
     assert len({thing.color for thing in others}) >= 5
     assert not any(thing.name.startswith("wall_") for thing in wooden)
@@ -185,7 +185,7 @@ def is_wooden(color: tuple[int, int, int, int]) -> bool:
 def test_the_camera_sees_wood_at_every_waypoint_but_not_on_walls_and_floor(name: str):
     description = load_world_description(name)
     bare = replace(
-        description, things=tuple(thing for thing in description.things if not is_wooden(thing.color))
+        description, objects=tuple(thing for thing in description.objects if not is_wooden(thing.color))
     )
     shares = {
         place: [seen_wood(description, *place, turn) for turn in range(8)] for place in patrolled(description)

@@ -102,9 +102,9 @@ def test_frames_agree_with_the_engines_links_when_head_and_torso_move(robot_at, 
     steer(body, 4.0, None)
     frames = body.frames()
     assert {frame.stamp for frame in frames} == {body.world.now()}
-    base_place, base_turned = body.model.place()
+    base_place, base_turned = body.physics_body.pose()
     for name in ("torso_lift_link", "head_1_link", "head_2_link"):
-        place, turned = body.model.link_place(body.model.link(name))
+        place, turned = body.physics_body.link_pose(body.physics_body.link(name))
         base = Transform(quaternion=base_turned).rotation
         expected = base.T @ (np.array(place) - base_place) + (0.0, 0.0, 0.0985)
         rotation, position = pose(frames, name)
@@ -118,9 +118,9 @@ def test_the_camera_sees_from_its_optical_frame(robot_at, steer):
     body = robot_at(camera=CameraSettings(32, 24, 10.0))
     body.move_head(-0.4, 0.3)
     steer(body, 2.0, None)
-    eye, turned = body._camera.pose(body.model, body._camera_link)
+    eye, turned = body._camera.pose(body.physics_body, body._camera_link)
     rotation, position = pose(body.frames(), body.camera_info.frame)
-    base_place, base_turned = body.model.place()
+    base_place, base_turned = body.physics_body.pose()
     base = Transform(quaternion=base_turned).rotation
     assert base @ (position - (0.0, 0.0, 0.0985)) + base_place == pytest.approx(eye, abs=1e-4)
     assert (base @ rotation)[:, 2] == pytest.approx(Transform(quaternion=turned).rotation[:, 0], abs=1e-4)

@@ -71,8 +71,8 @@ def test_rays_parallel_to_a_side_have_the_right_distances(box, tiny: float):
 
 
 def sweep(outlines: RayCaster, seed: int = 0, **changes: float) -> np.ndarray:
-    facts = replace(FACTS, **changes)
-    laser = Laser(facts, outlines, np.random.default_rng(seed))
+    info = replace(FACTS, **changes)
+    laser = Laser(info, outlines, np.random.default_rng(seed))
     return laser.sweep(0.0, 0.0, HEIGHT, 0.0, 7).ranges
 
 
@@ -145,7 +145,7 @@ def test_a_movable_box_is_seen_at_its_current_place(robot_at, steer, box, noisel
         box(4.0, 0.0, (0.2, 9.0, 1.0), name="wall"),
         description=noiseless_tiago,
     )
-    ahead = noiseless_tiago.laser.facts.rays // 2
+    ahead = noiseless_tiago.laser.info.rays // 2
     assert body.scan().ranges[ahead] == pytest.approx(1.75 - 0.202, abs=0.01)
     number = body.world.movable[0]
     pybullet.resetBasePositionAndOrientation(
@@ -175,7 +175,7 @@ def test_a_movable_object_in_any_orientation_agrees_with_the_engine(
     pybullet.performCollisionDetection(physicsClientId=client)
     laser = body._laser
     ours = laser.distances(0.202, 0.0, 0.0945, 0.0)
-    angles = laser.facts.angle_min + laser.facts.angle_increment * np.arange(laser.facts.rays)
+    angles = laser.info.angle_min + laser.info.angle_increment * np.arange(laser.info.rays)
     starts = [(0.202, 0.0, 0.0945)] * len(angles)
     ends = [(0.202 + 9 * math.cos(a), 9 * math.sin(a), 0.0945) for a in angles]
     rays = pybullet.rayTestBatch(starts, ends, physicsClientId=client)

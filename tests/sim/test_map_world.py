@@ -93,7 +93,7 @@ def test_laser_physics_and_drawings_show_the_same_walls(map_file: Path):
     robot = SimulatedRobot(world, camera=None)
     boxes = description.walls.rectangles if description.walls is not None else []
     assert len(world_parts(world)) == 1 + len(boxes)
-    tops = VisibleFaces(world, robot.model).now()[: 6 * len(boxes), :, 2]
+    tops = VisibleFaces(world, robot.physics_body).now()[: 6 * len(boxes), :, 2]
     assert tops.max() == WALL_HEIGHT
     world.close()
 

@@ -52,7 +52,7 @@ def tracks(world: World, people: PeopleSimulation, seconds: int) -> list[list[tu
 
 
 def nearest(description: WorldDescription, x: float, y: float) -> float:
-    return min(thing.distance(x, y) for thing in description.things if not thing.is_kinematic) - RADIUS
+    return min(thing.distance(x, y) for thing in description.objects if not thing.is_kinematic) - RADIUS
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
@@ -121,7 +121,7 @@ def test_the_same_seed_makes_the_same_walks(stroll: Stroll):
 def test_no_person_starts_near_the_robot():
     for seed in range(20):
         description = with_people(load_world_description("house"), 4, random_generator(seed, "people"))
-        people = [thing for thing in description.things if thing.is_kinematic]
+        people = [thing for thing in description.objects if thing.is_kinematic]
         assert len(people) == 4
         assert all(person.distance(0.0, 0.0) >= 1.0 for person in people)
 

@@ -20,7 +20,7 @@ RATE = 120
 def test_a_house_makes_120_steps_a_second(name: str):
     world = World(load_world_description(name))
     steps: list[int] = []
-    world.around_steps(steps.append, lambda now: None)
+    world.add_step_callbacks(steps.append, lambda now: None)
     world.wait_until(SECOND, threading.Event())
     world.close()
     assert len(steps) == RATE

@@ -111,7 +111,7 @@ def yard(tmp_path: Path) -> WorldDescription:
 def test_laser_and_engine_see_the_same_prisms(yard: WorldDescription):
     world = World(yard)
     angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
-    caster = RayCaster.of(yard.things)
+    caster = RayCaster.of(yard.objects)
     for x, y in ((0.0, 0.0), (1.9, 2.4), (-3.0, 2.6), (2.5, -2.0)):
         assert yard.clearance_at(x, y) > 0.0
         ends = [(x + 20 * math.cos(angle), y + 20 * math.sin(angle), 0.5) for angle in angles]
@@ -125,7 +125,7 @@ def test_laser_and_engine_see_the_same_prisms(yard: WorldDescription):
 
 
 def test_clearance_and_map_follow_a_concave_outline(yard: WorldDescription):
-    outlines = [side for thing in yard.things for side in _sides(thing)]
+    outlines = [side for thing in yard.objects for side in _sides(thing)]
     map = rasterise(yard)
     random = np.random.default_rng(3)
     for x, y in random.uniform((-6, -3), (3, 3), (300, 2)):
@@ -143,7 +143,7 @@ def test_clearance_and_map_follow_a_concave_outline(yard: WorldDescription):
 @pytest.mark.parametrize("start", [(1.2, 1.25, math.pi), (1.25, 1.4, -math.pi / 2), (-0.6, 1.0, 0.0)])
 def test_the_robot_stops_at_every_side_of_a_concave_block(tmp_path: Path, robot_at, steer, start):
     """Inside the corner of the L, which its convex hull would fill, and outside."""
-    (block,) = load(tmp_path, {**POLYGON, "points": L_SHAPE}).things
+    (block,) = load(tmp_path, {**POLYGON, "points": L_SHAPE}).objects
     body = robot_at(block, pose=start)
     assert body.contacts.events == []
     steer(body, 4.0, (0.4, 0.0))

@@ -46,7 +46,7 @@ def test_no_ray_at_the_height_of_the_laser_or_the_camera_leaves_the_world(kind: 
     around = np.linspace(-math.pi, math.pi, 1440, endpoint=False)
     for seed, height in itertools.product(range(4), (0.0945, 1.07, 2.4)):
         description = random_world(kind, seed)
-        walls = RayCaster.of([thing for thing in description.things if thing.name.startswith("wall_")])
+        walls = RayCaster.of([thing for thing in description.objects if thing.name.startswith("wall_")])
         for place in description.waypoints.values():
             assert np.isfinite(walls.distances(*place, height, around)).all()
 
@@ -54,7 +54,7 @@ def test_no_ray_at_the_height_of_the_laser_or_the_camera_leaves_the_world(kind: 
 @pytest.mark.parametrize("kind", KINDS)
 def test_objects_do_not_overlap_walls_and_furniture_stands_in_most_rooms(kind: str):
     for seed in range(4):
-        things = random_world(kind, seed).things
+        things = random_world(kind, seed).objects
         walls = [thing for thing in things if thing.name.startswith("wall_")]
         furniture = [thing for thing in things if not thing.name.startswith("wall_")]
         assert len({thing.name.rpartition("_")[0] for thing in furniture}) >= 6

@@ -26,7 +26,7 @@ def test_the_tiago_has_the_figures_of_its_data_sheet():
     tiago = load_description()
     assert (tiago.base.v_min, tiago.base.v_max, tiago.base.w_max) == (-0.2, 1.0, 2.09)
     assert (tiago.base.command_timeout, tiago.base.radius) == (0.25, 0.27)
-    laser = tiago.laser.facts
+    laser = tiago.laser.info
     assert (laser.rays, laser.range_min, laser.range_max, laser.rate) == (666, 0.05, 25.0, 10.0)
     assert math.degrees(laser.angle_increment) == pytest.approx(0.3308, abs=1e-4)
     assert tiago.camera is not None

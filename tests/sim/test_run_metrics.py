@@ -134,10 +134,10 @@ def test_the_waypoints_of_the_houses_are_recognised_by_their_places(world: str):
 
 
 def test_the_tiagos_odometry_errors_are_in_the_expected_ranges():
-    facts = load_description().odometry
-    assert 0.0005 <= facts.scale_sigma <= 0.005
-    assert 0.01 <= facts.slip <= 0.04
-    assert 0.01 <= facts.slip_sigma <= 0.05
+    info = load_description().odometry
+    assert 0.0005 <= info.scale_sigma <= 0.005
+    assert 0.01 <= info.slip <= 0.04
+    assert 0.01 <= info.slip_sigma <= 0.05
 
 
 def test_odometry_is_wrong_by_some_degrees_after_turning_on_the_spot(robot_at: Any, steer: Any):

@@ -67,7 +67,7 @@ def test_the_velocity_follows_the_ramp(robot_at, rate: int):
     for tick in range(1, 11):
         body.drive(1.0, 0.0)
         body.world.wait_until(tick * SECOND // 10, threading.Event())
-        speed = pybullet.getBaseVelocity(body.model.body_id, physicsClientId=body.world.client)[0][0]
+        speed = pybullet.getBaseVelocity(body.physics_body.body_id, physicsClientId=body.world.client)[0][0]
         assert speed == pytest.approx(tick / 10, abs=0.05)
 
 
@@ -82,7 +82,7 @@ def test_without_a_command_the_robot_stops_by_itself(robot_at, steer):
 
 
 def test_the_robot_has_the_mass_of_the_data_sheet(robot_at):
-    number, client = robot_at().model.body_id, robot_at().world.client
+    number, client = robot_at().physics_body.body_id, robot_at().world.client
     masses = [
         pybullet.getDynamicsInfo(number, link, physicsClientId=client)[0]
         for link in range(-1, pybullet.getNumJoints(number, physicsClientId=client))
@@ -93,15 +93,15 @@ def test_the_robot_has_the_mass_of_the_data_sheet(robot_at):
 def test_casters_slide_and_wheels_grip(robot_at):
     body = robot_at()
     friction = {
-        name: pybullet.getDynamicsInfo(body.model.body_id, link, physicsClientId=body.world.client)[1]
-        for name, link in body.model.links.items()
+        name: pybullet.getDynamicsInfo(body.physics_body.body_id, link, physicsClientId=body.world.client)[1]
+        for name, link in body.physics_body.links.items()
     }
     assert {friction[name] for name in friction if name.startswith("caster")} == {0.0}
     assert {friction[name] for name in friction if name.startswith("wheel")} == {1.0}
 
 
 def test_the_robot_stands_upright_on_its_wheels(robot_at):
-    place, turned = robot_at().model.place()
+    place, turned = robot_at().physics_body.pose()
     roll, pitch, _ = pybullet.getEulerFromQuaternion(turned)
     assert place[2] == pytest.approx(0.0985, abs=0.001)
     assert (roll, pitch) == pytest.approx((0.0, 0.0), abs=math.radians(0.4))
@@ -132,18 +132,18 @@ def test_the_torso_lifts_at_its_speed_and_stays_within_its_limits(robot_at, stee
 
 def test_the_camera_has_the_place_of_the_data_sheet(robot_at, steer):
     body = robot_at(camera=CameraSettings(32, 24, 10.0))
-    eye, _ = body._camera.pose(body.model, body._camera_link)
+    eye, _ = body._camera.pose(body.physics_body, body._camera_link)
     assert eye == pytest.approx((0.2158, 0.022, 1.0665), abs=0.006)
     body.lift(0.2)
     steer(body, 4.0, None)
-    eye, _ = body._camera.pose(body.model, body._camera_link)
+    eye, _ = body._camera.pose(body.physics_body, body._camera_link)
     assert eye[2] == pytest.approx(1.2665, abs=0.006)
 
 
 def test_the_camera_sees_an_object_ahead(box):
     description = load_world_description("arena")
     red = replace(box(2.0, 0.0, (0.5, 1.5, 2.0), name="red"), color=(230, 20, 20, 255))
-    world = World(replace(description, things=(*description.things, red), pose=Pose2D(0.0, 0.0, 0.0)))
+    world = World(replace(description, objects=(*description.objects, red), pose=Pose2D(0.0, 0.0, 0.0)))
     body = SimulatedRobot(world, camera=CameraSettings(64, 48, 10.0))
     ahead = body.camera().rgb[24, 32].astype(int)
     assert ahead[0] > ahead[1] + 40

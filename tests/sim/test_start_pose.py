@@ -189,10 +189,10 @@ def test_noise_is_a_factor_on_the_errors_of_all_sensors():
     tiago = load_description()
     assert tiago.with_noise(1.0) == tiago
     perfect, twice = tiago.with_noise(0.0), tiago.with_noise(2.0)
-    assert (perfect.laser.facts.sigma, perfect.odometry.slip, perfect.odometry.scale_sigma) == (0.0, 0.0, 0.0)
-    assert twice.laser.facts.sigma == 2 * tiago.laser.facts.sigma
+    assert (perfect.laser.info.sigma, perfect.odometry.slip, perfect.odometry.scale_sigma) == (0.0, 0.0, 0.0)
+    assert twice.laser.info.sigma == 2 * tiago.laser.info.sigma
     assert twice.odometry.slip_sigma == 2 * tiago.odometry.slip_sigma
     assert perfect.laser.errors == LaserErrors()
-    assert twice.laser.facts.range_noise == 2 * tiago.laser.facts.range_noise
+    assert twice.laser.info.range_noise == 2 * tiago.laser.info.range_noise
     assert twice.laser.errors.latency == 2 * tiago.laser.errors.latency
     assert tiago.with_noise(1000.0).laser.errors.edge == 1.0

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from btcore_robot.robot import Phase, Pose2D
-from btcore_robot.schedule import SimulatedTime
+from btcore_robot.schedule import SimulatedSchedule
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription
@@ -93,7 +93,7 @@ def test_the_number_of_waits_does_not_change_a_run():
 
 def test_a_wake_up_ends_the_waiting_early(world):
     wake = threading.Event()
-    world.schedule.every(10, Phase.SENSORS, lambda now: wake.set(), first=SECOND // 5)
+    world.schedule.add_task(10, Phase.SENSORS, lambda now: wake.set(), first=SECOND // 5)
     assert world.wait_until(SECOND, wake) is True
     assert world.now() == SECOND // 5
 
@@ -106,20 +106,20 @@ def test_a_wake_up_that_is_due_already_stops_time(world):
 
 
 def test_at_equal_times_the_order_is_fixed():
-    schedule = SimulatedTime()
+    schedule = SimulatedSchedule()
     done: list[tuple[str, int]] = []
-    schedule.every(10, Phase.SENSORS, lambda now: done.append(("laser", now)), first=SECOND // 10)
-    schedule.every(50, Phase.SENSORS, lambda now: done.append(("wheels", now)), first=SECOND // 10)
-    schedule.every(240, Phase.PHYSICS, lambda now: done.append(("physics", now)), first=SECOND // 10)
+    schedule.add_task(10, Phase.SENSORS, lambda now: done.append(("laser", now)), first=SECOND // 10)
+    schedule.add_task(50, Phase.SENSORS, lambda now: done.append(("wheels", now)), first=SECOND // 10)
+    schedule.add_task(240, Phase.PHYSICS, lambda now: done.append(("physics", now)), first=SECOND // 10)
     for _ in range(3):
         schedule.run_next()
     assert done == [("physics", SECOND // 10), ("laser", SECOND // 10), ("wheels", SECOND // 10)]
 
 
 def test_periods_that_are_not_whole_nanoseconds_do_not_drift():
-    schedule = SimulatedTime()
+    schedule = SimulatedSchedule()
     times: list[int] = []
-    schedule.every(240, Phase.PHYSICS, times.append, first=0)
+    schedule.add_task(240, Phase.PHYSICS, times.append, first=0)
     for _ in range(240 * 60 + 1):
         schedule.run_next()
     assert times[240 * 60] == 60 * SECOND
@@ -150,7 +150,7 @@ def test_waiting_in_real_time_takes_real_time():
 def test_a_world_slower_than_real_time_warns_once_and_skips_nothing(capsys):
     world = World(EMPTY, fast=False)
     steps: list[int] = []
-    world.around_steps(lambda now: time.sleep(0.3 if now < SECOND // 50 else 0.0), steps.append)
+    world.add_step_callbacks(lambda now: time.sleep(0.3 if now < SECOND // 50 else 0.0), steps.append)
     world.wait_until(SECOND // 10, threading.Event())
     assert len(steps) == 24
     assert capsys.readouterr().err.count("the simulation is slower than real time") == 1

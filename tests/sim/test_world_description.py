@@ -42,12 +42,12 @@ def gap(one: WorldObject, other: WorldObject) -> float:
 def test_every_shipped_world_loads():
     assert {"arena", "arena_boxes"} <= set(world_names())
     for name in world_names():
-        assert load_world_description(name).things
+        assert load_world_description(name).objects
 
 
 @pytest.mark.parametrize("name", ["arena", "arena_boxes"])
 def test_walls_are_higher_than_the_robots_camera(name: str):
-    walls = [thing for thing in load_world_description(name).things if thing.name in WALLS]
+    walls = [thing for thing in load_world_description(name).objects if thing.name in WALLS]
     assert len(walls) == 4
     assert all(wall.size[2] >= 2.2 and wall.position[2] == 0.0 for wall in walls)
 
@@ -56,7 +56,7 @@ def test_walls_are_higher_than_the_robots_camera(name: str):
 def test_the_walls_close_a_square(name: str, inside: float):
     description = load_world_description(name)
     rim = np.linspace(-inside, inside, 200)
-    walls = [thing for thing in description.things if thing.name in WALLS]
+    walls = [thing for thing in description.objects if thing.name in WALLS]
     for at in rim:
         for point in ((at, inside), (at, -inside), (inside, at), (-inside, at)):
             assert min(wall.distance(*point) for wall in walls) < 1e-9
@@ -66,19 +66,19 @@ def test_the_walls_close_a_square(name: str, inside: float):
 def test_every_gap_of_arena_boxes_is_wide_enough_to_back_up_blindly():
     """Laser range 1.0 + its offset 0.2 + hull 0.27 + 0.6 of backing + margin."""
     description = load_world_description("arena_boxes")
-    obstacles = [thing for thing in description.things if thing.name not in WALLS]
+    obstacles = [thing for thing in description.objects if thing.name not in WALLS]
     assert len(obstacles) >= 5
     gaps = {
         (one.name, other.name): gap(one, other)
         for one in obstacles
-        for other in description.things
+        for other in description.objects
         if one is not other
     }
     assert {pair: width for pair, width in gaps.items() if width < 2.3} == {}
 
 
 def test_obstacles_of_arena_boxes_reach_the_floor_and_are_wide_enough_to_see():
-    for thing in load_world_description("arena_boxes").things:
+    for thing in load_world_description("arena_boxes").objects:
         if thing.name not in WALLS:
             assert min(thing.size[:2]) >= 0.3
             assert thing.position[2] == 0.0
@@ -123,7 +123,7 @@ def test_an_unknown_world_raises_with_a_suggestion_and_the_list():
 
 def test_a_table_is_a_top_on_four_legs(tmp_path: Path):
     table = {"name": "desk", "kind": "table", "size": [1.2, 0.6, 0.7], "position": [1, 2], "yaw": math.pi / 2}
-    top, *legs = load_world_description(write(tmp_path, objects=[{**table, "top": 0.05, "leg": 0.1}])).things
+    top, *legs = load_world_description(write(tmp_path, objects=[{**table, "top": 0.05, "leg": 0.1}])).objects
     assert (top.name, top.kind, top.size) == ("desk_top", "box", (1.2, 0.6, 0.05))
     assert top.position == pytest.approx((1.0, 2.0, 0.65))
     assert [leg.name for leg in legs] == [f"desk_leg_{number}" for number in (1, 2, 3, 4)]

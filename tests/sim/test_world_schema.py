@@ -108,7 +108,7 @@ def test_the_schema_has_the_keys_the_requirements_and_the_defaults_of_the_reader
     assert problems(schema, example) == []
     assert set(schema["properties"]) == keys_read(tmp_path, objects=[{**example, "zzz": 1}])
     needed = {key: example[key] for key in schema["required"]}
-    (*found,) = load(tmp_path, objects=[needed]).things
+    (*found,) = load(tmp_path, objects=[needed]).objects
     for key in schema["required"]:
         with pytest.raises(SimError, match=f"'{key}' is missing"):
             load(tmp_path, objects=[{name: value for name, value in needed.items() if name != key}])
@@ -117,7 +117,7 @@ def test_the_schema_has_the_keys_the_requirements_and_the_defaults_of_the_reader
         for key, value in schema["properties"].items()
     }
     defaults = {key: value["default"] for key, value in properties.items() if "default" in value}
-    assert list(load(tmp_path, objects=[{**defaults, **needed}]).things) == found
+    assert list(load(tmp_path, objects=[{**defaults, **needed}]).objects) == found
 
 
 def test_the_schema_has_the_keys_of_the_whole_file_and_of_the_start(tmp_path: Path):

@@ -30,7 +30,7 @@ class ForceWatcher(Process):
         self.nearest = math.inf
         self._points: NDArray[np.float64] = np.zeros((0, 2))
         self.create_subscription("vff_debug", Arrows, self.on_arrows)
-        context.schedule.every(10.0, Phase.JUDGE, self._record_nearest)
+        context.schedule.add_task(10.0, Phase.EVALUATION, self._record_nearest)
 
     def on_arrows(self, message: Arrows) -> None:
         """Store the arrows and, if the repulsion is the strongest so far, the laser's points."""

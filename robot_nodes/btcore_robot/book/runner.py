@@ -23,7 +23,7 @@ from btcore_robot.book.top_view import is_image_format_supported, save_picture
 from btcore_robot.errors import RobotError
 from btcore_robot.process.process import Executor, LogMessage, Process, ProcessContext
 from btcore_robot.robot import Phase, Robot
-from btcore_robot.schedule import RealTime, SimulatedTime
+from btcore_robot.schedule import RealTimeSchedule, SimulatedSchedule
 from btcore_robot.transforms import FrameBroadcaster
 
 Image = NDArray[np.uint8]
@@ -94,7 +94,7 @@ class BookRunner:
 
     def __init__(self, ctx: click.Context, settings: Settings, *, embodied: bool = True) -> None:
         self.settings = settings
-        self.clock: RealTime | SimulatedTime | None = None
+        self.clock: RealTimeSchedule | SimulatedSchedule | None = None
         log_sink = (lambda line: None) if settings.get("quiet") else _print
         if embodied:
             self.gathered = require_resources(ctx, settings, (Robot,))
@@ -103,10 +103,10 @@ class BookRunner:
             broadcaster = FrameBroadcaster(robot, self.context.transforms)
             # Once before the start, so that the first callbacks find the frames.
             broadcaster.step(robot.clock.now())
-            robot.schedule.every(FrameBroadcaster.RATE, Phase.TRANSFORMS, broadcaster.step)
+            robot.schedule.add_task(FrameBroadcaster.RATE, Phase.TRANSFORMS, broadcaster.step)
         else:
             self.gathered = GatheredResources([], [], [])
-            self.clock = SimulatedTime() if settings["fast"] else RealTime()
+            self.clock = SimulatedSchedule() if settings["fast"] else RealTimeSchedule()
             self.context = ProcessContext(self.clock, self.clock, _since(self.clock, log_sink))
         self.executor = Executor(self.context.schedule, self.context.clock)
 
@@ -176,7 +176,7 @@ def _print(line: LogMessage) -> None:
 
 
 def _since(
-    clock: RealTime | SimulatedTime, log_sink: Callable[[LogMessage], None]
+    clock: RealTimeSchedule | SimulatedSchedule, log_sink: Callable[[LogMessage], None]
 ) -> Callable[[LogMessage], None]:
     """Return a log sink that makes stamps relative to the present time.
 

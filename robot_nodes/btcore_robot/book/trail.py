@@ -33,7 +33,7 @@ class Trail:
         self.states: list[str] = []
         self._laser_points: dict[tuple[int, int], tuple[float, float]] = {}
         self._scans = TransformFilter[LaserScan](context.transforms, ODOM_FRAME)
-        context.schedule.every(RATE, Phase.JUDGE, self._record)
+        context.schedule.add_task(RATE, Phase.EVALUATION, self._record)
 
     def draw(
         self, colours: dict[str, Colour], title: str, extra: Sequence[tuple[float, float]] = ()

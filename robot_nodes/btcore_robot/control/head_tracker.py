@@ -156,7 +156,7 @@ class HeadTracker(LifecycleComponent):
     def on_activate(self) -> bool:
         """Start to call `step` at the rate of the tuning."""
         self._command = None
-        self._stop_steps = self.robot.schedule.every(self.tuning.rate, Phase.HEAD, self.step)
+        self._stop_steps = self.robot.schedule.add_task(self.tuning.rate, Phase.HEAD, self.step)
         return True
 
     def on_deactivate(self) -> bool:

@@ -153,7 +153,7 @@ class ObjectLocator(LifecycleComponent):
     def on_activate(self) -> bool:
         """Start to call `step` at `RATE`."""
         self._images = TransformFilter(self.transforms, self.frame)
-        self._stop_steps = self.robot.schedule.every(RATE, Phase.HEAD, self.step)
+        self._stop_steps = self.robot.schedule.add_task(RATE, Phase.HEAD, self.step)
         return True
 
     def on_deactivate(self) -> bool:

@@ -269,7 +269,7 @@ class Executor:
                 timer.callback()
                 self.spin_some()
 
-        self._cancel_functions[timer] = self._schedule.every(1.0 / timer.period, Phase.PROCESSES, due)
+        self._cancel_functions[timer] = self._schedule.add_task(1.0 / timer.period, Phase.PROCESSES, due)
 
     def cancel_timer(self, timer: Timer) -> None:
         """Stop calling *timer*."""
@@ -281,7 +281,7 @@ class Executor:
         """Schedule the delivery of pending messages at the current time, in the phase `Phase.PROCESSES`."""
         if self._cancel_wake_up is None and not self._running:
             # `spin_some` cancels this periodic task, so that it runs only once.
-            self._cancel_wake_up = self._schedule.every(
+            self._cancel_wake_up = self._schedule.add_task(
                 1.0, Phase.PROCESSES, lambda now: self.spin_some(), first=self._clock.now()
             )
 

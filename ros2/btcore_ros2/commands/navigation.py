@@ -55,7 +55,7 @@ def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> i
     stack = next(resource for resource in gathered.resources if isinstance(resource, Navigation))
     robot = stack.robot
     if robot.clock is not session.clock:
-        robot.schedule.every(DRAIN_RATE, Phase.SENSORS, lambda now: session.drain())
+        robot.schedule.add_task(DRAIN_RATE, Phase.SENSORS, lambda now: session.drain())
     navigates = not settings["without_navigators"]
     served = ServedNavigation(session, stack, navigates=navigates)
     NavigationTopics(session, stack, navigates=navigates)

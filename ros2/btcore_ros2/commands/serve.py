@@ -82,7 +82,7 @@ def serve(ctx: click.Context, /, trees: tuple[Path, ...], **settings: Any) -> in
             robot = next((resource for resource in resources if isinstance(resource, Robot)), None)
             if robot is not None and robot.clock is not session.clock:
                 clock = robot.clock
-                robot.schedule.every(DRAIN_RATE, Phase.SENSORS, lambda now: session.drain())
+                robot.schedule.add_task(DRAIN_RATE, Phase.SENSORS, lambda now: session.drain())
             server = PublishedTreeServer(session, files, nodes=nodes, resources=resources, clock=clock)
         except RosError as error:
             raise click.UsageError(str(error)) from error

@@ -72,7 +72,7 @@ def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> i
         server = LockstepServer(session, topics, settings["wait_limit"])
         robot.schedule.pace = server.pace
     else:
-        robot.schedule.every(DRAIN_RATE, Phase.PHYSICS, lambda now: session.drain())
+        robot.schedule.add_task(DRAIN_RATE, Phase.PHYSICS, lambda now: session.drain())
     waits = ", and waits for a client that requests steps" if server is not None else ""
     click.echo(f"the simulated {robot.description.name} is on ROS 2{waits}; Ctrl-C ends it", err=True)
     done = run_program(

@@ -8,7 +8,7 @@ from typing import Any, Final, Generic, TypeVar
 from btcore import NodeError, TreeNode
 from btcore.engine.node import read_clock
 from btcore_robot.robot import NS_PER_S
-from btcore_robot.schedule import SimulatedTime
+from btcore_robot.schedule import SimulatedSchedule
 from btcore_ros2.interfaces import InterfaceError, InterfaceKind, load_interface
 from btcore_ros2.session import RosSession
 from btcore_ros2.shared_entities import SharedEntity
@@ -93,7 +93,7 @@ class Endpoint(Generic[Entity]):
             is_visible: Whether the server is visible.
         """
         shared = self._shared
-        if shared is None or isinstance(self._session.clock, SimulatedTime):
+        if shared is None or isinstance(self._session.clock, SimulatedSchedule):
             return 0  # a wait in real time would let an unpredictable simulated time pass
         now = time.monotonic_ns()
         if not is_visible:

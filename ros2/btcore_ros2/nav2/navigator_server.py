@@ -76,7 +76,7 @@ class NavigatorServer:
             session, "lifecycle_manager_navigator", {"bt_navigator": ServedNode(self._set_active)}
         )
         session.node.create_subscription(PoseStamped, "goal_pose", self._take_goal_pose, 1)
-        session.clock.schedule.every(rate, Phase.CONTROLLER, self._step)
+        session.clock.schedule.add_task(rate, Phase.CONTROLLER, self._step)
 
     @property
     def is_shut_down(self) -> bool:

@@ -89,7 +89,7 @@ class ServedNavigation:
         navigator = servers if navigates else Nav2Client(session)
         follower = WaypointFollower(navigator, navigation.parameters.waypoints)
         served["follow_waypoints"] = follower
-        schedule.every(follower.RATE, Phase.CONTROLLER, follower.step)
+        schedule.add_task(follower.RATE, Phase.CONTROLLER, follower.step)
 
         def refusal(server: ActionServer[Any, Any, Any]) -> Callable[[Any], str]:
             return lambda goal: refusal_reason(server, goal) if isinstance(server, Navigator) else ""
@@ -102,7 +102,7 @@ class ServedNavigation:
         ]
         self._offer_services()
         # Before the servers take their steps, of which those of the planner come first.
-        schedule.every(RATE, Phase.COSTMAPS, self._step)
+        schedule.add_task(RATE, Phase.COSTMAPS, self._step)
         self._managers = self._offer_lifecycle(navigation, served)
 
     @property

@@ -83,7 +83,7 @@ class BagRobot(TopicRobot):
         self._time = BagTime(self._on_clock(messages) if use_clock else messages, self._receive)
         self._play_start()
         self._start = self._time.now()
-        self._time.every(SUPERVISION_RATE, Phase.SENSORS, self._supervise)
+        self._time.add_task(SUPERVISION_RATE, Phase.SENSORS, self._supervise)
 
     @property
     def clock(self) -> BagTime:

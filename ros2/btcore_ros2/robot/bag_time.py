@@ -4,13 +4,13 @@ import threading
 from collections.abc import Callable, Iterator
 
 from btcore.errors import EndOfTimeError
-from btcore_robot.schedule import SimulatedTime
+from btcore_robot.schedule import SimulatedSchedule
 
 BagMessage = tuple[str, int, bytes]
 """A message of a bag: its topic, its stamp (ns), and its content."""
 
 
-class BagTime(SimulatedTime):
+class BagTime(SimulatedSchedule):
     """The time of the messages of a bag, and the periodic tasks on it.
 
     Waiting passes on the messages up to the end of the wait, at the times of their stamps. After the last
@@ -42,9 +42,9 @@ class BagTime(SimulatedTime):
         while self._next is not None and self._next[1] <= self._now:
             self.advance()
 
-    def _play(self, now: int, moment: int, wake: threading.Event) -> bool:
-        """Pass on the messages up to *moment* (ns); see `SimulatedTime`."""
-        while self._next is not None and self._next[1] <= moment and not wake.is_set():
+    def _play(self, now: int, until: int, wake: threading.Event) -> bool:
+        """Pass on the messages up to *until* (ns); see `SimulatedSchedule`."""
+        while self._next is not None and self._next[1] <= until and not wake.is_set():
             self.advance()
         if self._next is None:
             raise EndOfTimeError("the bag has ended")

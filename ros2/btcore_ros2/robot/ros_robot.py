@@ -9,7 +9,7 @@ from typing import Any
 
 from btcore_robot import time_limits
 from btcore_robot.robot import NS_PER_S, CameraImage, CameraInfo, Odometry, Phase, RobotClock, Twist2D
-from btcore_robot.schedule import RealTime, SimulatedTime
+from btcore_robot.schedule import RealTimeSchedule, SimulatedSchedule
 from btcore_robot.time_limits import ODOMETRY, is_stale
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.description import FrameSources, RosRobotDescription, TopicSource
@@ -116,7 +116,7 @@ class RosRobot(TopicRobot):
                 "generate it with `btcore ros2 messages`, or source your ROS 2"
             ) from missing
         self._wait_for_topics()
-        self.schedule.every(SUPERVISION_RATE, Phase.SENSORS, self._supervise)
+        self.schedule.add_task(SUPERVISION_RATE, Phase.SENSORS, self._supervise)
 
     @property
     def clock(self) -> RobotClock:
@@ -124,7 +124,7 @@ class RosRobot(TopicRobot):
         return self._session.clock if self._time is self._session.clock.schedule else self._time
 
     @property
-    def schedule(self) -> RealTime | SimulatedTime:
+    def schedule(self) -> RealTimeSchedule | SimulatedSchedule:
         """The periodic tasks that run while a caller waits on `clock`."""
         return self._time
 
@@ -207,7 +207,7 @@ class RosRobot(TopicRobot):
         Raises:
             RosError: The session cannot be used. *error*: the robot is in lockstep with its simulation.
         """
-        if isinstance(self._time, SimulatedTime):
+        if isinstance(self._time, SimulatedSchedule):
             raise error
         _log.warning("%s; waiting until the robot '%s' is available", error, self.description.name)
         self._velocity.stop(self._time.now())
@@ -237,10 +237,10 @@ class RosRobot(TopicRobot):
 
     # Time
 
-    def _choose_time(self) -> RealTime | SimulatedTime:
+    def _choose_time(self) -> RealTimeSchedule | SimulatedSchedule:
         """Return the time of the simulation if the robot uses it, else that of the session."""
         session, wanted = self._session, self.description.use_sim_time
-        if isinstance(session.clock, SimulatedTime):  # in lockstep
+        if isinstance(session.clock, SimulatedSchedule):  # in lockstep
             self._stamps = StampConverter(shared=True)
             return session.clock
         if wanted is None:

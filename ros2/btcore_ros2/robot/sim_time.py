@@ -7,7 +7,7 @@ from typing import Any
 
 from btcore_robot import time_limits
 from btcore_robot.robot import NS_PER_S
-from btcore_robot.schedule import RealTime
+from btcore_robot.schedule import RealTimeSchedule
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.stamps import JUMP
 from btcore_ros2.robot.topic_report import CLOCK_REMEDY
@@ -16,7 +16,7 @@ from btcore_ros2.session import RosSession
 POLL_INTERVAL_S = 0.001
 
 
-class SimTime(RealTime):
+class SimTime(RealTimeSchedule):
     """The time of the topic `/clock`, and the periodic tasks on it; ROS's `use_sim_time`.
 
     The time is 0 before the first message. Tasks run only while a thread waits in `wait_until`. A message
@@ -119,10 +119,10 @@ class SimTime(RealTime):
         name = publishers[0] if publishers else "no ROS node now"
         return f"the simulation was reset ({name} publishes it); run the tree again"
 
-    def _rest(self, moment: int, wake: threading.Event) -> bool:
+    def _sleep_until(self, until: int, wake: threading.Event) -> bool:
         before = self._now
         self._session.drain()
         self.check()
-        if self._now >= moment or self._now > before:
+        if self._now >= until or self._now > before:
             return False
         return wake.wait(POLL_INTERVAL_S)

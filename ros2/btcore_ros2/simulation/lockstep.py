@@ -36,7 +36,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from btcore_robot.robot import NS_PER_S
-from btcore_robot.schedule import SimulatedTime
+from btcore_robot.schedule import SimulatedSchedule
 from btcore_robot.time_limits import LOCKSTEP_SENSOR
 from btcore_ros2.errors import RosError
 from btcore_ros2.session import RosSession
@@ -110,17 +110,17 @@ class LockstepServer:
         self._steps = create(SetParametersAtomically, "sim/step", self._answer_step, callback_group=group)
         create(Trigger, "sim/sync", self._answer_sync, callback_group=group)
 
-    def pace(self, now: int, moment: int, wake: threading.Event) -> bool:
-        """Wait until the world may advance; see `SimulatedTime`.
+    def pace(self, now: int, until: int, wake: threading.Event) -> bool:
+        """Wait until the world may advance; see `SimulatedSchedule`.
 
         Args:
             now: The present time of the world (ns). Everything up to it has been published.
-            moment: The time (ns) to which the world will advance.
+            until: The time (ns) to which the world will advance.
             wake: The event that ends the wait early.
         """
-        if moment > self._goal:
+        if until > self._goal:
             self._reach(max(now, self._goal))
-            self._await_request(moment, wake)
+            self._await_request(until, wake)
         return wake.is_set() or self.is_abandoned
 
     def close(self) -> None:
@@ -144,14 +144,14 @@ class LockstepServer:
     def _next_request(self) -> int:
         return min((until for until, _ in self._requests), default=self._time)
 
-    def _await_request(self, moment: int, wake: threading.Event) -> None:
+    def _await_request(self, until: int, wake: threading.Event) -> None:
         limit = time.monotonic() + self._wait_limit
-        while moment > self._goal and not (wake.is_set() or self.is_abandoned):
+        while until > self._goal and not (wake.is_set() or self.is_abandoned):
             # In slices, so that an interrupt is noticed and the pauses between drains stay short.
             if self._session.wait_for(lambda: self._requests or wake.is_set(), 0.1, self._steps):
                 self._goal = max(self._goal, self._next_request())
-                # Nothing happens in the world before *moment*.
-                self._reach(self._goal if self._goal < moment else self._time)
+                # Nothing happens in the world before *until*.
+                self._reach(self._goal if self._goal < until else self._time)
             self.is_abandoned = time.monotonic() > limit
 
     async def _answer_step(self, request: Any, response: Any) -> Any:
@@ -205,7 +205,7 @@ class LockstepServer:
         )
 
 
-class LockstepClock(SimulatedTime):
+class LockstepClock(SimulatedSchedule):
     """The clock of a world in lockstep, for a program in another process.
 
     Waiting on the clock lets the world run, and takes all messages that it publishes. A subscription of the
@@ -247,11 +247,11 @@ class LockstepClock(SimulatedTime):
         """The periodic tasks that run while a caller waits on the clock: the clock itself."""
         return self
 
-    def _step(self, now: int, moment: int, wake: threading.Event) -> bool:
-        """Let the world run from *now* to *moment* (ns); return whether *wake* is set."""
+    def _step(self, now: int, until: int, wake: threading.Event) -> bool:
+        """Let the world run from *now* to *until* (ns); return whether *wake* is set."""
         self._connect()
-        while now < moment and not wake.is_set():
-            since, now = now, min(moment, now + MAX_STEP)
+        while now < until and not wake.is_set():
+            since, now = now, min(until, now + MAX_STEP)
             # Set before the messages of the step arrive: no stamp is in the future.
             self._now = now
             numbers = {topic: self._commands.get(topic, 0) for topic in self._command_topics}

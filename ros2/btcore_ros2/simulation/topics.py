@@ -146,13 +146,13 @@ class RobotTopics:
             self._control(node, "head_controller", joints, lambda goal: robot.move_head(*goal))
         if torso is not None:
             self._control(node, "torso_controller", (torso.joint,), lambda goal: robot.lift(*goal))
-        every = robot.schedule.every
-        every(robot.laser.rate, Phase.SENSORS, self._publish_scan)
-        every(robot.description.odometry.rate, Phase.SENSORS, self._publish_motion)
-        every(BATTERY_RATE, Phase.SENSORS, self._publish_battery)
-        every(CLOCK_RATE, Phase.SENSORS, self.publish_clock)
+        add_task = robot.schedule.add_task
+        add_task(robot.laser.rate, Phase.SENSORS, self._publish_scan)
+        add_task(robot.description.odometry.rate, Phase.SENSORS, self._publish_motion)
+        add_task(BATTERY_RATE, Phase.SENSORS, self._publish_battery)
+        add_task(CLOCK_RATE, Phase.SENSORS, self.publish_clock)
         if robot.camera_info is not None:
-            every(robot.camera_info.rate, Phase.SENSORS, self._publish_camera)
+            add_task(robot.camera_info.rate, Phase.SENSORS, self._publish_camera)
 
     def published(self) -> dict[str, int]:
         """Return the number of messages so far on each topic, by resolved names."""
@@ -322,7 +322,7 @@ class RobotTopics:
                 self._logger.warning(f"{name}: ignored: {error}")
 
         self._subscribe(node, JointTrajectory, f"{name}/joint_trajectory", take)
-        self._robot.schedule.every(TRAJECTORY_RATE, Phase.HEAD, controller.step)
+        self._robot.schedule.add_task(TRAJECTORY_RATE, Phase.HEAD, controller.step)
 
 
 class TrajectoryController:

@@ -48,7 +48,7 @@ class SlowServer(ActionServer[Pose2D, None, None]):
         self.goals: list[Pose2D] = []
         self.handles: list[GoalHandle[Pose2D, None, None]] = []
         self.began = 0
-        robot.schedule.every(10.0, Phase.CONTROLLER, self.step)
+        robot.schedule.add_task(10.0, Phase.CONTROLLER, self.step)
 
     def go_to(self, goal: Pose2D) -> GoalHandle[Pose2D, None, None]:
         self.goals.append(goal)

@@ -35,7 +35,7 @@ from btcore_robot.robot import (
     TransformStamped,
     Twist2D,
 )
-from btcore_robot.schedule import SimulatedTime
+from btcore_robot.schedule import SimulatedSchedule
 from btcore_robot.transforms import FrameBroadcaster, TransformTree
 from btcore_sim.differential_drive import DifferentialDrive
 
@@ -68,7 +68,7 @@ class FloorRobot(Robot):
     def __init__(
         self, boxes: Sequence[Box] = (), start: Pose2D | None = None, seed: int = 0, sigma: float = 0.06
     ) -> None:
-        self._schedule = SimulatedTime()
+        self._schedule = SimulatedSchedule()
         self.boxes = list(boxes)
         self.people: list[Person] = []
         self.blind = False
@@ -83,27 +83,27 @@ class FloorRobot(Robot):
         """The least distance (m) of the hull to anything, so far."""
         self._random = np.random.default_rng([seed, 5])
         self._sigma = sigma
-        self.facts = BaseInfo(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
-        self._base = DifferentialDrive(self.facts, 0.0985, 0.4044)
+        self.info = BaseInfo(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
+        self._base = DifferentialDrive(self.info, 0.0985, 0.4044)
         self._scan: LaserScan | None = None
         self._odometry = Odometry(self.pose, Twist2D(0.0, 0.0), 0)
         self.sonar_readings: list[SonarReading] = []
         self._sweep(0)
-        self._schedule.every(100.0, Phase.PHYSICS, self._move)
-        self._schedule.every(50.0, Phase.SENSORS, self._count)
-        self._schedule.every(10.0, Phase.SENSORS, self._sweep)
+        self._schedule.add_task(100.0, Phase.PHYSICS, self._move)
+        self._schedule.add_task(50.0, Phase.SENSORS, self._count)
+        self._schedule.add_task(10.0, Phase.SENSORS, self._sweep)
 
     @property
-    def clock(self) -> SimulatedTime:
+    def clock(self) -> SimulatedSchedule:
         return self._schedule
 
     @property
-    def schedule(self) -> SimulatedTime:
+    def schedule(self) -> SimulatedSchedule:
         return self._schedule
 
     @property
     def base(self) -> BaseInfo:
-        return self.facts
+        return self.info
 
     @property
     def laser(self) -> LaserInfo:
@@ -153,10 +153,10 @@ class FloorRobot(Robot):
         for xmin, ymin, xmax, ymax in self.boxes:
             east = max(xmin - self.pose.x, 0.0, self.pose.x - xmax)
             north = max(ymin - self.pose.y, 0.0, self.pose.y - ymax)
-            self.nearest = min(self.nearest, math.hypot(east, north) - self.facts.radius)
+            self.nearest = min(self.nearest, math.hypot(east, north) - self.info.radius)
         for one in self.people:
-            one.walk(self.pose, self.facts.radius, 0.01)
-            gap = math.hypot(one.x - self.pose.x, one.y - self.pose.y) - self.facts.radius - PERSON
+            one.walk(self.pose, self.info.radius, 0.01)
+            gap = math.hypot(one.x - self.pose.x, one.y - self.pose.y) - self.info.radius - PERSON
             self.nearest = min(self.nearest, gap)
 
     def _count(self, now: int) -> None:
@@ -167,12 +167,12 @@ class FloorRobot(Robot):
     def _sweep(self, now: int) -> None:
         if self.blind:
             return
-        facts = self.laser
-        angles = facts.angle_min + facts.angle_increment * np.arange(facts.rays) + self.pose.yaw
+        info = self.laser
+        angles = info.angle_min + info.angle_increment * np.arange(info.rays) + self.pose.yaw
         cos, sin = np.cos(angles), np.sin(angles)
         x = self.pose.x + LASER_AHEAD * math.cos(self.pose.yaw)
         y = self.pose.y + LASER_AHEAD * math.sin(self.pose.yaw)
-        ranges = np.full(facts.rays, np.inf)
+        ranges = np.full(info.rays, np.inf)
         with np.errstate(divide="ignore"):
             for xmin, ymin, xmax, ymax in self.boxes:
                 tx = np.sort(np.stack(((xmin - x) / cos, (xmax - x) / cos)), axis=0)
@@ -186,17 +186,17 @@ class FloorRobot(Robot):
             inside = np.maximum(PERSON**2 - beside**2, 0.0)
             hit = (np.abs(beside) < PERSON) & (ahead > 0.0)
             ranges = np.where(hit, np.minimum(ranges, ahead - np.sqrt(inside)), ranges)
-        ranges += self._sigma * self._random.standard_normal(facts.rays)
-        ranges = np.where(ranges < facts.range_min, -np.inf, ranges)
-        ranges = np.where(ranges > facts.range_max, np.inf, ranges)
+        ranges += self._sigma * self._random.standard_normal(info.rays)
+        ranges = np.where(ranges < info.range_min, -np.inf, ranges)
+        ranges = np.where(ranges > info.range_max, np.inf, ranges)
         self._scan = LaserScan(
             ranges.astype(np.float32),
             now,
-            facts.angle_min,
-            facts.angle_increment,
-            facts.range_min,
-            facts.range_max,
-            facts.frame,
+            info.angle_min,
+            info.angle_increment,
+            info.range_min,
+            info.range_max,
+            info.frame,
         )
 
 
@@ -218,13 +218,13 @@ class NavigationRig:
         self.drive_on_heading = DriveOnHeadingBehaviour(robot, self.tree, self.costmap)
         self.wait = WaitBehaviour()
         self.assisted_teleop = AssistedTeleopBehaviour(robot, self.tree, self.costmap)
-        every = robot.schedule.every
-        every(50.0, Phase.TRANSFORMS, broadcaster.step)
-        every(5.0, Phase.COSTMAPS, self._see)
-        every(20.0, Phase.CONTROLLER, self.follow_path.step)
+        add_task = robot.schedule.add_task
+        add_task(50.0, Phase.TRANSFORMS, broadcaster.step)
+        add_task(5.0, Phase.COSTMAPS, self._see)
+        add_task(20.0, Phase.CONTROLLER, self.follow_path.step)
         behaviours = (self.spin, self.back_up, self.drive_on_heading, self.wait, self.assisted_teleop)
         for behaviour in behaviours:
-            every(10.0, Phase.CONTROLLER, behaviour.step)
+            add_task(10.0, Phase.CONTROLLER, behaviour.step)
 
     def map_at(self, pose: tuple[float, float, float]) -> None:
         """Set the pose of odom in the map."""

@@ -65,8 +65,8 @@ class Wanderer:
 
     def sweep(self):
         x, y, yaw = self.true
-        facts = self.laser
-        angles = yaw + facts.angle_min + facts.angle_increment * np.arange(facts.rays)
+        info = self.laser
+        angles = yaw + info.angle_min + info.angle_increment * np.arange(info.rays)
         x, y = x + LASER_AHEAD * math.cos(yaw), y + LASER_AHEAD * math.sin(yaw)
         boxes = np.array([*self.walls, *((a - 0.25, b - 0.25, a + 0.25, b + 0.25) for a, b in self.people)])
         with np.errstate(divide="ignore"):
@@ -77,17 +77,17 @@ class Wanderer:
         far = np.minimum(np.maximum(low_x, high_x), np.maximum(low_y, high_y))
         near[(near > far) | (near < 0.0)] = np.inf
         ranges = near.min(axis=0)
-        ranges += self.random.normal(0.0, 1.0, facts.rays) * facts.deviation(ranges)
-        ranges[ranges < facts.range_min] = -np.inf
-        ranges[ranges > facts.range_max] = np.inf
+        ranges += self.random.normal(0.0, 1.0, info.rays) * info.deviation(ranges)
+        ranges[ranges < info.range_min] = -np.inf
+        ranges[ranges > info.range_max] = np.inf
         self.newest = LaserScan(
             ranges.astype(np.float32),
             self.time,
-            facts.angle_min,
-            facts.angle_increment,
+            info.angle_min,
+            info.angle_increment,
             0.05,
             25.0,
-            facts.frame,
+            info.frame,
         )
 
 

@@ -25,8 +25,8 @@ class House:
         tree = TransformTree()
         frames = FrameBroadcaster(self.body, tree)
         self.localiser = Localiser(self.body, rasterise(world.description), tree, np.random.default_rng(1))
-        self.body.schedule.every(FrameBroadcaster.RATE, Phase.TRANSFORMS, frames.step)
-        self.body.schedule.every(self.body.laser.rate, Phase.LOCALISER, self.localiser.step)
+        self.body.schedule.add_task(FrameBroadcaster.RATE, Phase.TRANSFORMS, frames.step)
+        self.body.schedule.add_task(self.body.laser.rate, Phase.LOCALISER, self.localiser.step)
 
     def drive(self, v, w, seconds):
         """Drive with a velocity; return the errors (m, rad) at 10 Hz."""

@@ -49,7 +49,7 @@ def map_of(boxes) -> OccupancyMap:
 def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(floor, path, follow, radius, gap, passes):
     boxes = boxes_around_gap(gap)
     robot = floor(*boxes).robot
-    robot.facts = replace(robot.facts, radius=radius)
+    robot.info = replace(robot.info, radius=radius)
     robot._sigma = 0.01
     navigation = Navigation(robot, map_of(boxes), np.random.default_rng(1), folder())
     handle = navigation.go_to(Pose2D(3.0, 0.0, 0.0))

@@ -270,7 +270,7 @@ def test_the_waypoint_follower_lists_missed_waypoints_or_stops(flat):
         follower = WaypointFollower(
             home.navigation.servers, WaypointFollowerParameters(stop_on_failure=stops)
         )
-        home.body.schedule.every(follower.RATE, Phase.CONTROLLER, follower.step)
+        home.body.schedule.add_task(follower.RATE, Phase.CONTROLLER, follower.step)
         handle = follower.send_goal(FollowWaypointsGoal(goals, loops=1))
         home.run(60.0, partial(getattr, handle, "done"))
         missed = handle.result.value
@@ -440,7 +440,7 @@ def test_a_goal_fails_after_a_long_outage_with_its_cause(flat, monkeypatch, sens
 
 def test_a_goal_fails_with_an_empty_battery_and_another_is_reached_after_recharging(flat):
     home = flat()
-    home.body.cells.level = 0.6
+    home.body.battery_model.level = 0.6
     handle = home.navigation.go_to(Pose2D(2.5, 0.0, 0.0))
     home.run(20.0, lambda: handle.done)
     assert handle.status is GoalStatus.ABORTED

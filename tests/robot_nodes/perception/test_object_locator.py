@@ -106,7 +106,7 @@ def body() -> Iterator[SimulatedRobot]:
 def locator(body: SimulatedRobot) -> ObjectLocator:
     tree = TransformTree()
     frames = FrameBroadcaster(body, tree)
-    body.schedule.every(FrameBroadcaster.RATE, Phase.TRANSFORMS, frames.step)
+    body.schedule.add_task(FrameBroadcaster.RATE, Phase.TRANSFORMS, frames.step)
     # The robot does not move: its odometry stays at the start, which is the map's origin in the house.
     locator = ObjectLocator(body, tree, frame="odom")
     assert locator.configure()
@@ -176,7 +176,7 @@ def test_with_the_navigation_boxes_are_in_the_map_frame(body: SimulatedRobot):
 def extents(description: WorldDescription) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return the bounds (m) of each piece of furniture; a table includes its top and its legs."""
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    for thing in description.things:
+    for thing in description.objects:
         name = re.sub(r"_(top|leg_\d+|back)$", "", thing.name)
         x0, y0, x1, y1 = thing.outline()
         low, high = (

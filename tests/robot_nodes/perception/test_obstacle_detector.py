@@ -40,7 +40,7 @@ class Looking:
     def know_frames(self) -> None:
         broadcaster = FrameBroadcaster(self.robot, self.context.transforms)
         broadcaster.step(self.robot.clock.now())
-        self.robot.schedule.every(50.0, Phase.TRANSFORMS, broadcaster.step)
+        self.robot.schedule.add_task(50.0, Phase.TRANSFORMS, broadcaster.step)
 
     def add(self, kind, **parameters) -> Process:
         process = kind(self.context, ProcessOptions(parameters=parameters))

@@ -211,7 +211,7 @@ def test_a_message_is_received_at_the_time_of_its_publication(desk: Desk):
         "numbers", Int32, lambda message: moments.append(desk.clock.now() / SECOND)
     )
     desk.add(talk.listener)
-    desk.clock.every(4.0, Phase.SENSORS, lambda now: talk.send(1))
+    desk.clock.add_task(4.0, Phase.SENSORS, lambda now: talk.send(1))
     desk.clock.sleep(1.0)
     assert moments == [0.25, 0.5, 0.75, 1.0]
 

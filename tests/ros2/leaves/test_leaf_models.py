@@ -28,7 +28,7 @@ import btcore
 from btcore import Status
 from btcore.clock import NS_PER_MS
 from btcore_proof.leaf_models import model_of, resources_of
-from btcore_robot.schedule import SimulatedTime
+from btcore_robot.schedule import SimulatedSchedule
 from btcore_ros2.action_server import RosActionServer
 from btcore_ros2.session import RosSession
 from tests.robot_nodes.test_leaf_models import ROS, RUNNING, SHIPPED, Watch, records, tree_of, watch_of
@@ -52,7 +52,7 @@ class Stage:
 
     def __init__(self, ID: str, watch: type[Watch]) -> None:
         self.session, self.other = RosSession("leaf"), RosSession("other")
-        self.session.clock = SimulatedTime()
+        self.session.clock = SimulatedSchedule()
         self.sleeps = False
         self.session.after_drain(lambda: None if self.sleeps else self.other.drain())
         self._id = ID

@@ -20,7 +20,7 @@ from test_msgs.action import Fibonacci
 import btcore
 from btcore import Registry, Status
 from btcore.clock import NS_PER_S
-from btcore_robot.schedule import SimulatedTime
+from btcore_robot.schedule import SimulatedSchedule
 from btcore_ros2 import direct_take
 from btcore_ros2.action_server import RosActionServer
 from btcore_ros2.leaves import register
@@ -44,7 +44,7 @@ class Bench:
     def __init__(self) -> None:
         self.name = f"lossy{next(NUMBERS)}"  # servers of earlier tests may still be visible
         self.session, self.other = RosSession("leaf"), RosSession("other")
-        self.session.clock = SimulatedTime()
+        self.session.clock = SimulatedSchedule()
         self.session.after_drain(self.other.drain)
         self.rejects = False
         self.server = RosActionServer[Any, Any, Any](

@@ -63,7 +63,7 @@ def test_time_jumps_from_stamp_to_stamp_until_the_end(replay: Replay, tmp_path: 
         assert scan is not None
         seen.append((now - 1000 * NS_PER_S, float(scan.ranges[1]), robot.odometry().pose.x))
 
-    robot.schedule.every(10.0, Phase.CONTROLLER, look)
+    robot.schedule.add_task(10.0, Phase.CONTROLLER, look)
     wait(robot, 0.45)
     assert seen == [(10**8, 5.0, 0.1), (2 * 10**8, 5.0, 0.2), (3 * 10**8, 2.0, 0.3), (4 * 10**8, 2.0, 0.4)]
     assert robot.clock.now() == 1000 * NS_PER_S + 450_000_000

@@ -52,12 +52,12 @@ def test_tiago_has_the_facts_of_the_simulated_tiago() -> None:
     assert simulated.head is not None
     assert tiago.head is not None
     assert (tiago.head.pan, tiago.head.tilt) == (simulated.head.pan, simulated.head.tilt)
-    assert tiago.head.info == simulated.head.facts
+    assert tiago.head.info == simulated.head.info
     assert simulated.torso is not None
     assert tiago.torso is not None
-    assert tiago.torso.info == simulated.torso.facts
-    facts = simulated.laser.facts
-    assert (tiago.scan.rate, tiago.scan.sigma) == (facts.rate, facts.sigma)
+    assert tiago.torso.info == simulated.torso.info
+    info = simulated.laser.info
+    assert (tiago.scan.rate, tiago.scan.sigma) == (info.rate, info.sigma)
     assert tiago.velocity.priorities == {"cmd_vel": 10, "key_vel": 90, "joy_vel": 100}
 
 

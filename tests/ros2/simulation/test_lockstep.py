@@ -42,7 +42,7 @@ from btcore_ros2.simulation.lockstep import LockstepClock
 
 clock = LockstepClock(RosSession("dying"), 60.0)
 death = clock.now() + 300_000_000
-clock.every(10.0, 0, lambda now: os.kill(os.getpid(), 9) if now >= death else None)
+clock.add_task(10.0, 0, lambda now: os.kill(os.getpid(), 9) if now >= death else None)
 clock.wait_until(clock.now() + 10**9, threading.Event())
 """
 
@@ -158,12 +158,12 @@ def test_tasks_of_the_clock_run_at_their_times(world: Simulation) -> None:
         clock = LockstepClock(session, LIMIT)
         start = clock.now()
         times: list[int] = []
-        clock.schedule.every(20.0, Phase.CONTROLLER, times.append)
+        clock.schedule.add_task(20.0, Phase.CONTROLLER, times.append)
         assert not clock.wait_until(start + 4 * TENTH, threading.Event())
         assert times == [start + number * TENTH // 2 for number in range(1, 9)]
         assert clock.now() == start + 4 * TENTH
         wake = threading.Event()
-        clock.every(10.0, Phase.JUDGE, lambda now: wake.set())
+        clock.add_task(10.0, Phase.EVALUATION, lambda now: wake.set())
         assert clock.wait_until(start + 9 * TENTH, wake)
         assert clock.now() == start + 5 * TENTH
 

@@ -77,8 +77,8 @@ class Bench:
             course.assisted_teleop,
             self.smooth_path,
         )
-        self.robot.schedule.every(20.0, Phase.PLANNER, self.compute_path.step)
-        self.robot.schedule.every(20.0, Phase.PLANNER, self.smooth_path.step)
+        self.robot.schedule.add_task(20.0, Phase.PLANNER, self.compute_path.step)
+        self.robot.schedule.add_task(20.0, Phase.PLANNER, self.smooth_path.step)
 
     def tree(self, inside: str, **board: object) -> Tree:
         """Return a tree with the content *inside*, on a blackboard with the entries *board*."""

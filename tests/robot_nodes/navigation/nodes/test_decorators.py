@@ -277,7 +277,7 @@ def test_the_navigator_expects_no_progress_towards_a_goal_that_may_move(
     file = tmp_path / "tree.xml"
     file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="T">{inside}</BehaviorTree></root>', "utf-8")
     navigator = Navigator(bench.servers, file, clock=bench.robot.clock, resources=[bench.robot])
-    bench.robot.schedule.every(2.0, Phase.PLANNER, navigator.step)
+    bench.robot.schedule.add_task(2.0, Phase.PLANNER, navigator.step)
     handle = navigator.send_goal(NavigateGoal((THERE,)))
     bench.wait(PATIENCE + 2.0 * THERE.x / SLOWEST)
     assert handle.done == ends
