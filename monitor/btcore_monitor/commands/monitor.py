@@ -224,13 +224,13 @@ def _create_label(feed: "Feed") -> str:
 def _process_feed(
     feed: "Feed", view: "RobotView", until_end: bool, stop: threading.Event, quiet: bool
 ) -> None:
-    from btcore_monitor.commands.notices import notice
+    from btcore_monitor.commands.notices import format_notice
     from btcore_monitor.events import ConnectionEvent
 
     for events in feed.batches(until_end):
         for event in events:
             view.process_event(event)
-            text = notice(event)
+            text = format_notice(event)
             if text and not (quiet and isinstance(event, ConnectionEvent) and event.state != "lost"):
                 print_line(f"monitor: {text}", err=True)
         if not events:
@@ -253,7 +253,7 @@ def _show_recordings(recordings: list[Path], viewer: ViewerOptions, duration: fl
         check_folder("--screenshot", viewer.screenshot)
         viewer.take_screenshot(recordings)
     elif viewer.serve_web is not None:
-        viewer.open_web(viewer.serve_web).show(recordings)
+        viewer.open_web(viewer.serve_web).send_recordings(recordings)
         wait_for_stop(duration)
     else:
         open_window(viewer.memory_limit, files=recordings, verbose=viewer.verbose)

@@ -3,7 +3,7 @@
 from btcore_monitor.events import ConnectionEvent, Event, HooksEvent, LostTransitionsEvent, MissingDataEvent
 
 
-def notice(event: Event) -> str:
+def format_notice(event: Event) -> str:
     """Return the line to print about *event*, or an empty text if nothing is printed."""
     if isinstance(event, LostTransitionsEvent):
         return f"the transitions {event.first} to {event.last} are lost"

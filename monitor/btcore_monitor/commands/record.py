@@ -165,7 +165,7 @@ class _Files:
 
 
 def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool) -> None:
-    from btcore_monitor.commands.notices import notice
+    from btcore_monitor.commands.notices import format_notice
     from btcore_monitor.events import ConnectionEvent, TreeEvent
 
     shown = ""
@@ -185,7 +185,7 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
                 if isinstance(event, TreeEvent) and event.tree.tree_id != shown:
                     shown = event.tree.tree_id
                     _print_source(event, statuses_only=not files.views)
-                text = notice(event)
+                text = format_notice(event)
                 if text:
                     _print(text)
                 if isinstance(event, ConnectionEvent):

@@ -16,33 +16,33 @@ from btcore_monitor.screen.scene import Eye
 from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tree import FOLDED, TreeView
 
-_WINDOW: Final = (1920.0, 1000.0)
+_WINDOW_SIZE: Final = (1920.0, 1000.0)
 """Window size (pixels) for which the tree is laid out: full HD without the viewer's own bars."""
 _SMALL_HEIGHT: Final = 690.0
 """Height (pixels) of the window for which the lanes get their share; its width is 1280 pixels.
 
 The titles of all views beside a scene fit into this window.
 """
-_LANE: Final = 31.0
-_LANES_FRAME: Final = 60.0
+_LANE_HEIGHT: Final = 31.0
+_LANES_FRAME_HEIGHT: Final = 60.0
 """Height (pixels) of a lane with its name, and height of the title and the time axis of the lanes' view."""
-_MAX_LANES: Final = 0.57
-_SCROLLED: Final = 0.34
+_MAX_LANES_SHARE: Final = 0.57
+_SCROLLED_LANES_SHARE: Final = 0.34
 """Shares of the window's height: the maximum for lanes, and the share of lanes that need more and scroll."""
-_LEFT: Final = 0.5
-_TREE_OF_WIDE: Final = 0.58
-_PAST: Final = 24.0
-_AHEAD: Final = 1.5
+_LEFT_SHARE: Final = 0.5
+_TREE_SHARE: Final = 0.58
+_PAST_S: Final = 24.0
+_AHEAD_S: Final = 1.5
 """Time (s) that lanes and curves show before and after the time cursor of a long run."""
 LIVE_SPAN_NS: Final = 25_000_000_000
 """Time (ns) from the beginning of a run that lanes and curves show while the run is shorter."""
 MAX_WHOLE_SPAN_NS: Final = 60_000_000_000
 """Longest run (ns) that lanes and curves show as a whole."""
-_LEAST: Final = 2_000_000_000
-_TRAIL_SECONDS: Final = 120.0
-_SPEED: Final = "Speed [m/s, rad/s]"
-_BESIDE: Final = (1.35, -1.5, 1.75)
-_BESIDE_TARGET: Final = (0.0, 0.0, 0.5)
+_MIN_SPAN_NS: Final = 2_000_000_000
+_TRAIL_S: Final = 120.0
+_SPEED_TITLE: Final = "Speed [m/s, rad/s]"
+_CLOSE_UP_POSITION: Final = (1.35, -1.5, 1.75)
+_CLOSE_UP_TARGET: Final = (0.0, 0.0, 0.5)
 """Position of the close-up's eye, and the point at which it looks, relative to the robot (m).
 
 The eye is high enough to see the robot's base behind the walls, which are cut at a low height.
@@ -71,7 +71,7 @@ class Pane:
     time_span: tuple[int, int] = (0, 0)
     filled_panels: Collection[str] = ()
 
-    def at(self, entity: str) -> str:
+    def entity_path(self, entity: str) -> str:
         """Return the path of *entity* in the recording."""
         return f"{self.entity_path_prefix}/{entity}" if self.entity_path_prefix else entity
 
@@ -86,29 +86,29 @@ class Pane:
         return WALL_TIMELINE if self.entity_path_prefix else TREE_TIMELINE
 
 
-def lanes_share(lanes: int) -> float:
+def compute_lanes_share(lane_count: int) -> float:
     """Return the share of the window's height for a number of lanes below the tree.
 
     Lanes that need more than _MAX_LANES get _SCROLLED.
     """
-    needed = (lanes * _LANE * 1.31 + _LANES_FRAME) / _SMALL_HEIGHT
-    return max(0.16, needed) if needed <= _MAX_LANES else _SCROLLED
+    needed = (lane_count * _LANE_HEIGHT * 1.31 + _LANES_FRAME_HEIGHT) / _SMALL_HEIGHT
+    return max(0.16, needed) if needed <= _MAX_LANES_SHARE else _SCROLLED_LANES_SHARE
 
 
-def tree_view_size(lanes: int, has_scene: bool) -> tuple[float, float]:
+def compute_tree_view_size(lane_count: int, has_scene: bool) -> tuple[float, float]:
     """Return the width and height (pixels) of the tree's view.
 
     Args:
-        lanes: The number of lanes below the tree.
+        lane_count: The number of lanes below the tree.
         has_scene: Whether a scene is shown beside the tree.
     """
-    width, height = _WINDOW
+    width, height = _WINDOW_SIZE
     if has_scene:
-        return width * _LEFT, height * (1.0 - lanes_share(lanes)) - 30.0
-    return width, height * _TREE_OF_WIDE - 30.0
+        return width * _LEFT_SHARE, height * (1.0 - compute_lanes_share(lane_count)) - 30.0
+    return width, height * _TREE_SHARE - 30.0
 
 
-def windowed(content: rrb.Container, timeline: str) -> rrb.Blueprint:
+def create_blueprint(content: rrb.Container, timeline: str) -> rrb.Blueprint:
     """Return a window that contains only *content* and follows the newest data on *timeline*."""
     return rrb.Blueprint(
         content,
@@ -120,14 +120,14 @@ def windowed(content: rrb.Container, timeline: str) -> rrb.Blueprint:
     )
 
 
-def layout(pane: Pane, name: str | None = None) -> rrb.Container:
+def create_layout(pane: Pane, name: str | None = None) -> rrb.Container:
     """Return all views of a tree. With a scene if the pane has an eye, otherwise with a wider tree.
 
     Args:
         pane: The data for the views.
         name: The title of the tab that contains the views.
     """
-    counts = rrb.TextDocumentView(origin=pane.at(panels.STATISTICS), name="Statistics")
+    counts = rrb.TextDocumentView(origin=pane.entity_path(panels.STATISTICS), name="Statistics")
     ticks: list[rrb.View] = []
     if pane.has_ticks:
         ticks = [
@@ -135,42 +135,43 @@ def layout(pane: Pane, name: str | None = None) -> rrb.Container:
             _create_curve_view(pane, "Tick rate [Hz]", "rate"),
         ]
     if pane.eye is not None:
-        below = lanes_share(len(pane.lanes.entities))
-        lane_view = rrb.Tabs(lanes(pane), counts, *ticks)
+        below = compute_lanes_share(len(pane.lanes.entities))
+        lane_view = rrb.Tabs(create_lanes_view(pane), counts, *ticks)
         return rrb.Horizontal(
-            rrb.Vertical(trees(pane), lane_view, row_shares=[1.0 - below, below]),
-            _beside_tree(pane, pane.eye),
-            column_shares=[_LEFT, 1.0 - _LEFT],
+            rrb.Vertical(create_tree_views(pane), lane_view, row_shares=[1.0 - below, below]),
+            _create_robot_views(pane, pane.eye),
+            column_shares=[_LEFT_SHARE, 1.0 - _LEFT_SHARE],
             name=name,
         )
-    lane_view = rrb.Tabs(lanes(pane), counts)
-    words = [running(pane), *_create_table_views(pane)]
+    lane_view = rrb.Tabs(create_lanes_view(pane), counts)
+    words = [create_now_view(pane), *_create_table_views(pane)]
     narrow = 0.42 if len(words) > 1 else 0.32
-    texts = rrb.Horizontal(_stack(words), log(pane), column_shares=[narrow, 1.0 - narrow])
+    texts = rrb.Horizontal(_stack_views(words), create_log_view(pane), column_shares=[narrow, 1.0 - narrow])
     beside = rrb.Vertical(texts, rrb.Horizontal(*ticks), row_shares=[0.68, 0.32]) if ticks else texts
     return rrb.Vertical(
-        trees(pane),
+        create_tree_views(pane),
         rrb.Horizontal(lane_view, beside, column_shares=[0.44, 0.56]),
-        row_shares=[_TREE_OF_WIDE, 1.0 - _TREE_OF_WIDE],
+        row_shares=[_TREE_SHARE, 1.0 - _TREE_SHARE],
         name=name,
     )
 
 
-def trees(pane: Pane) -> rrb.View | rrb.Container:
+def create_tree_views(pane: Pane) -> rrb.View | rrb.Container:
     """Return the view of the tree; a big tree also has a view with folded subtrees, in another tab."""
     views = []
     for tree in pane.tree_views:
         x0, y0, x1, y1 = tree.bounds()
-        still: Mapping[Any, Any] = {
-            pane.at(entity): rrb.EntityBehavior(interactive=False) for entity in tree.drawn_only
+        behaviours: Mapping[Any, Any] = {
+            pane.entity_path(entity): rrb.EntityBehavior(interactive=False)
+            for entity in tree.passive_entities
         }
         views.append(
             rrb.Spatial2DView(
-                origin=pane.at(tree.origin),
+                origin=pane.entity_path(tree.origin),
                 name=f"{'Folded' if tree.origin == FOLDED else 'Behavior tree'} · {pane.name}",
                 background=pane.background,
                 visual_bounds=rrb.VisualBounds2D(x_range=[x0, x1], y_range=[y0, y1]),
-                overrides=still,
+                overrides=behaviours,
             )
         )
     return views[0] if len(views) == 1 else rrb.Tabs(*views)
@@ -185,18 +186,18 @@ def _create_axis(pane: Pane) -> rrb.TimeAxis:
     boundary = rr.TimeRangeBoundary
     if end - begin > MAX_WHOLE_SPAN_NS:
         window = rr.TimeRange(
-            start=boundary.cursor_relative(seconds=-_PAST), end=boundary.cursor_relative(seconds=_AHEAD)
+            start=boundary.cursor_relative(seconds=-_PAST_S), end=boundary.cursor_relative(seconds=_AHEAD_S)
         )
     else:
         window = rr.TimeRange(
-            start=boundary.absolute(nanos=begin), end=boundary.absolute(nanos=max(end, begin + _LEAST))
+            start=boundary.absolute(nanos=begin), end=boundary.absolute(nanos=max(end, begin + _MIN_SPAN_NS))
         )
     return rrb.TimeAxis(view_range=window)
 
 
-def lanes(pane: Pane) -> rrb.View:
+def create_lanes_view(pane: Pane) -> rrb.View:
     """Return the view of the lanes."""
-    contents = [f"+ /{pane.at(lane)}" for lane in pane.lanes.entities]
+    contents = [f"+ /{pane.entity_path(lane)}" for lane in pane.lanes.entities]
     return rrb.StateTimelineView(
         origin="/", contents=contents, name=pane.lanes.title, time_view=_create_axis(pane)
     )
@@ -204,7 +205,7 @@ def lanes(pane: Pane) -> rrb.View:
 
 def _create_curve_view(pane: Pane, name: str, origin: str, legend: bool = False) -> rrb.View:
     return rrb.TimeSeriesView(
-        origin=pane.at(origin),
+        origin=pane.entity_path(origin),
         name=name,
         axis_x=_create_axis(pane),
         plot_legend=rrb.PlotLegend(corner="LeftTop", visible=legend),
@@ -212,21 +213,23 @@ def _create_curve_view(pane: Pane, name: str, origin: str, legend: bool = False)
     )
 
 
-def running(pane: Pane) -> rrb.View:
+def create_now_view(pane: Pane) -> rrb.View:
     """Return the view of the nodes that run now."""
-    return rrb.TextDocumentView(origin=pane.at(panels.NOW), name="Now")
+    return rrb.TextDocumentView(origin=pane.entity_path(panels.NOW), name="Now")
 
 
 def _create_table_views(pane: Pane) -> list[rrb.View]:
     """Return the views of the blackboard, if there are entries."""
     tabs: list[rrb.View] = []
     if blackboard_table.BLACKBOARD in pane.filled_panels:
-        tabs.append(rrb.TextDocumentView(origin=pane.at(blackboard_table.BLACKBOARD), name="Blackboard"))
-        tabs.append(_log_view(pane, blackboard_table.HISTORY, "History"))
+        tabs.append(
+            rrb.TextDocumentView(origin=pane.entity_path(blackboard_table.BLACKBOARD), name="Blackboard")
+        )
+        tabs.append(_create_text_log_view(pane, blackboard_table.HISTORY, "History"))
     return tabs
 
 
-def _stack(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
+def _stack_views(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
     """Return the first view above tabs with the others."""
     first, *tabs = views
     if not tabs:
@@ -234,15 +237,17 @@ def _stack(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
     return rrb.Vertical(first, tabs[0] if len(tabs) == 1 else rrb.Tabs(*tabs), row_shares=[0.46, 0.54])
 
 
-def log(pane: Pane) -> rrb.View:
+def create_log_view(pane: Pane) -> rrb.View:
     """Return the log of transitions. The user can change the displayed levels in the viewer."""
     rows = None
     if pane.log_level != panels.LEVELS[0]:
         rows = rrb.TextLogRows(filter_by_log_level=panels.LEVELS[panels.LEVELS.index(pane.log_level) :])
-    return _log_view(pane, panels.LOG, "Transitions", rows)
+    return _create_text_log_view(pane, panels.LOG, "Transitions", rows)
 
 
-def _log_view(pane: Pane, entity: str, name: str, rows: rrb.TextLogRows | None = None) -> rrb.View:
+def _create_text_log_view(
+    pane: Pane, entity: str, name: str, rows: rrb.TextLogRows | None = None
+) -> rrb.View:
     columns: Sequence[TextLogColumn] = [
         TextLogColumn("Body", visible=True),
         TextLogColumn("EntityPath", visible=False),
@@ -251,8 +256,8 @@ def _log_view(pane: Pane, entity: str, name: str, rows: rrb.TextLogRows | None =
     # The viewer draws the time cursor into the list only if a column shows the cursor's timeline.
     times = [TimelineColumn(time, visible=time == pane.timeline) for time in (TREE_TIMELINE, WALL_TIMELINE)]
     return rrb.TextLogView(
-        origin=pane.at(entity),
-        contents=f"/{pane.at(entity)}",
+        origin=pane.entity_path(entity),
+        contents=f"/{pane.entity_path(entity)}",
         name=name,
         rows=rows,
         columns=rrb.TextLogColumns(timeline_columns=times, text_log_columns=columns),
@@ -260,26 +265,32 @@ def _log_view(pane: Pane, entity: str, name: str, rows: rrb.TextLogRows | None =
     )
 
 
-def _beside_tree(pane: Pane, eye: Eye) -> rrb.Container:
+def _create_robot_views(pane: Pane, eye: Eye) -> rrb.Container:
     """Return the views of a robot: its scene, its camera, the texts and the curves."""
     wide: rrb.View | rrb.Container = _create_space_view(pane, "Robot", eye.position, eye.target)
     if eye.robot_entity:
         close = _create_space_view(
-            pane, "Close up", _BESIDE, _BESIDE_TARGET, follow=f"/{pane.at(eye.robot_entity)}"
+            pane,
+            "Close up",
+            _CLOSE_UP_POSITION,
+            _CLOSE_UP_TARGET,
+            follow=f"/{pane.entity_path(eye.robot_entity)}",
         )
         wide = rrb.Horizontal(wide, close, column_shares=[0.56, 0.44])
-    now: rrb.View | rrb.Container = running(pane)
+    now: rrb.View | rrb.Container = create_now_view(pane)
     if eye.has_navigation:
-        now = rrb.Tabs(now, rrb.TextDocumentView(origin=pane.at(scene.COLOURS), name="Colours"))
+        now = rrb.Tabs(now, rrb.TextDocumentView(origin=pane.entity_path(scene.COLOURS), name="Colours"))
     tables = _create_table_views(pane)
-    texts: rrb.View | rrb.Container = rrb.Tabs(log(pane), *tables) if tables else log(pane)
+    texts: rrb.View | rrb.Container = (
+        rrb.Tabs(create_log_view(pane), *tables) if tables else create_log_view(pane)
+    )
     curves: list[rrb.View] = []
     if eye.has_battery:
         curves.append(_create_curve_view(pane, "Battery [%]", scene.BATTERY))
     if scene.SPEED in pane.filled_panels:
-        curves.append(_create_curve_view(pane, _SPEED, scene.SPEED))
+        curves.append(_create_curve_view(pane, _SPEED_TITLE, scene.SPEED))
     if eye.has_pictures:
-        origin = pane.at(camera_view.CAMERA)
+        origin = pane.entity_path(camera_view.CAMERA)
         camera = rrb.Spatial2DView(origin=origin, name="Camera", background=pane.background)
         now = rrb.Horizontal(camera, now, column_shares=[0.3, 0.7])
     elif len(curves) > 1:
@@ -299,11 +310,11 @@ def _create_space_view(
 ) -> rrb.View:
     recent = rrb.VisibleTimeRanges(
         timeline=pane.timeline,
-        start=rr.TimeRangeBoundary.cursor_relative(seconds=-_TRAIL_SECONDS),
+        start=rr.TimeRangeBoundary.cursor_relative(seconds=-_TRAIL_S),
         end=rr.TimeRangeBoundary.cursor_relative(),
     )
     return rrb.Spatial3DView(
-        origin=pane.at(scene.ORIGIN),
+        origin=pane.entity_path(scene.ORIGIN),
         name=name,
         background=pane.background,
         line_grid=rrb.LineGrid3D(visible=True, spacing=1.0, color=0xFFFFFF14, stroke_width=1.0),
@@ -314,5 +325,5 @@ def _create_space_view(
             eye_up=(0.0, 0.0, 1.0),
             tracking_entity=follow,
         ),
-        overrides={pane.at(scene.TRAIL): recent},
+        overrides={pane.entity_path(scene.TRAIL): recent},
     )

@@ -31,7 +31,7 @@ class Caption:
         return BADGE_ROOM + text + TEXT_GAP
 
 
-def captions(tree: ObservedTree, whole: ObservedTree, noted: bool) -> Mapping[int, Caption]:
+def create_captions(tree: ObservedTree, whole: ObservedTree, with_notes: bool) -> Mapping[int, Caption]:
     """Return a caption for each uid of a tree.
 
     A note has a node's registration ID if its name is different, and its ports as in the XML.
@@ -39,18 +39,18 @@ def captions(tree: ObservedTree, whole: ObservedTree, noted: bool) -> Mapping[in
     Args:
         tree: The tree, which may be a folded version of *whole*.
         whole: The complete tree.
-        noted: Whether captions have notes.
+        with_notes: Whether captions have notes.
     """
     return {
         node.uid: Caption(
             elide(node.name, style.NAME_ROOM) + _folded(node, whole),
-            _note(node, whole) if noted else "",
+            _note(node, whole) if with_notes else "",
         )
         for node in tree.nodes
     }
 
 
-def ports(node: ObservedNode) -> str:
+def format_ports(node: ObservedNode) -> str:
     """Return the ports of *node* as in the XML: `port="text"`, separated by spaces."""
     return "  ".join(f'{port}="{text}"' for port, text in node.ports.items())
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from btcore_monitor.events import RUNNING, ObservedNode, ObservedTree
 from btcore_monitor.screen import style
-from btcore_monitor.screen.legend import legend
+from btcore_monitor.screen.legend import create_legend
 from btcore_monitor.screen.row_buffer import RowBuffer, Series
 from btcore_monitor.screen.tick_states import TickStates
 from btcore_monitor.screen.tree import FOLDED, LEGEND, LINES, PILLS, TreeView
@@ -96,7 +96,7 @@ class FoldedTreeView:
     """
 
     origin = FOLDED
-    drawn_only = (f"{FOLDED}/{LINES}", f"{FOLDED}/{LEGEND}")
+    passive_entities = (f"{FOLDED}/{LINES}", f"{FOLDED}/{LEGEND}")
     """The entities that, with all entities below, do not react to the mouse."""
 
     def __init__(
@@ -128,7 +128,7 @@ class FoldedTreeView:
 
     def draw(self) -> None:
         """Draw the parts that never change."""
-        line = legend(self._palette, 0.0, self._view_size[1], 1.0, bool(self._highlighted))
+        line = create_legend(self._palette, 0.0, self._view_size[1], 1.0, bool(self._highlighted))
         self._rows.log(f"{FOLDED}/{LEGEND}", line, static=True)
 
     def colour(self, states: TickStates) -> None:

@@ -131,12 +131,12 @@ def strokes_of(text: str, x: float, y: float, height: float) -> list[Stroke]:
     drawn: list[Stroke] = []
     for character in text:
         width, strokes = glyph(character)
-        drawn += placed(strokes, x, y, scale)
+        drawn += place_strokes(strokes, x, y, scale)
         x += (width + _SPACING) * scale
     return drawn
 
 
-def placed(strokes: Iterable[Iterable[Point]], x: float, y: float, scale: float) -> list[Stroke]:
+def place_strokes(strokes: Iterable[Iterable[Point]], x: float, y: float, scale: float) -> list[Stroke]:
     """Return *strokes*, scaled, with their origin at (x, y) of a picture whose y points down."""
     return [[(x + px * scale, y - py * scale) for px, py in stroke] for stroke in strokes]
 

@@ -19,7 +19,7 @@ _DOT_LENGTH: Final = 9.0
 _GAP: Final = 18.0
 
 
-def legend(palette: Palette, left: float, bottom: float, pixel: float, has_highlights: bool) -> Any:
+def create_legend(palette: Palette, left: float, bottom: float, pixel: float, has_highlights: bool) -> Any:
     """Return the drawing of the legend.
 
     Args:

@@ -159,16 +159,16 @@ class NowPanel:
     def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
         self._rows = rows
         self._series: Series[str] = rows.create_series(NOW, create_markdown_columns)
-        self._leaf = np.array([not node.children for node in tree.nodes])
+        self._is_leaf = np.array([not node.children for node in tree.nodes])
         leaves = [node for node in tree.nodes if not node.children]
-        self._names = dict(zip(np.flatnonzero(self._leaf).tolist(), distinct_names(leaves), strict=True))
+        self._names = dict(zip(np.flatnonzero(self._is_leaf).tolist(), distinct_names(leaves), strict=True))
         self._contacts = ""
         self._notes: dict[str, str] = {}
         self._shown = ""
         self._source_lines: list[str] = []
-        self._raised = ""
+        self._exception_text = ""
         self._root = STATUS_NAMES[IDLE]
-        self._lost = self._gaps = 0
+        self._lost_transitions = self._gap_count = 0
 
     def show_source(self, source: DataSource) -> None:
         """Add lines for the data that the robot does not send."""
@@ -182,15 +182,15 @@ class NowPanel:
         The panel is updated immediately, because a tick that raises may be the last tick.
         """
         path, message = escape_markdown(event.path), escape_markdown(shorten_message(event.message))
-        self._raised = f"**{path}** raised at {self._rows.to_seconds(event.stamp):.2f} s: {message}"
+        self._exception_text = f"**{path}** raised at {self._rows.to_seconds(event.stamp):.2f} s: {message}"
         self._show(event.stamp, event.wall, states, self._root)
 
     def count_missing(self, event: LostTransitionsEvent | MissingDataEvent) -> None:
         """Count missing transitions."""
         if isinstance(event, LostTransitionsEvent):
-            self._lost += event.last - event.first + 1
+            self._lost_transitions += event.last - event.first + 1
         elif event.kind == "transitions":
-            self._gaps += 1
+            self._gap_count += 1
 
     def keep_notes(self, data: MovingScene) -> None:
         """Keep the notes and the collisions of *data* for the next update of the panel."""
@@ -208,23 +208,23 @@ class NowPanel:
 
     def _show(self, stamp: int, wall: int, states: TickStates, root: str) -> None:
         self._root = root
-        runs = states.shown == RUNNING
+        is_running = states.shown == RUNNING
         failed = (states.shown == FAILURE) | (states.shown == RESET_OFFSET + FAILURE)
         short = {name: note for name, note in self._notes.items() if len(note) <= _CELL}
         # Long texts are outside the table, because the viewer wraps only lines outside tables.
-        lines = [self._raised, ""] if self._raised else []
-        lines += [f"| runs | {self._format_leaves(runs) or '–'} |", "|:--|:--|"]
-        if (failed & self._leaf).any():
+        lines = [self._exception_text, ""] if self._exception_text else []
+        lines += [f"| runs | {self._format_leaves(is_running) or '–'} |", "|:--|:--|"]
+        if (failed & self._is_leaf).any():
             lines.append(f"| failed | {self._format_leaves(failed)} |")
         lines += [f"| {name} | {note} |" for name, note in short.items()]
         if self._contacts:
             lines.append(f"| robot | {self._contacts} |")
         lines.append(f"| root | {root} |")
         lines += self._source_lines
-        if self._lost:
-            lines.append(f"| lost | {self._lost} transitions |")
-        if self._gaps:
-            lines.append(f"| lost | transitions, {self._gaps} times |")
+        if self._lost_transitions:
+            lines.append(f"| lost | {self._lost_transitions} transitions |")
+        if self._gap_count:
+            lines.append(f"| lost | transitions, {self._gap_count} times |")
         for name, note in self._notes.items():
             lines += [] if name in short else ["", f"{name}: {note}"]
         document = "\n".join(lines)
@@ -233,7 +233,7 @@ class NowPanel:
             self._series.add(stamp, wall, document)
 
     def _format_leaves(self, chosen: NDArray[np.bool_]) -> str:
-        indices = np.flatnonzero(chosen & self._leaf).tolist()
+        indices = np.flatnonzero(chosen & self._is_leaf).tolist()
         text = ", ".join(f"**{escape_markdown(self._names[index])}**" for index in indices[:_MAX_NAMES])
         return text if len(indices) <= _MAX_NAMES else f"{text} and {len(indices) - _MAX_NAMES} more"
 

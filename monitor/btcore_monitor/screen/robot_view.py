@@ -22,7 +22,7 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.screen.blackboard_table import BLACKBOARD, BlackboardTable
-from btcore_monitor.screen.blueprint import LIVE_SPAN_NS, MAX_WHOLE_SPAN_NS, Pane, tree_view_size
+from btcore_monitor.screen.blueprint import LIVE_SPAN_NS, MAX_WHOLE_SPAN_NS, Pane, compute_tree_view_size
 from btcore_monitor.screen.folding import FoldedTreeView
 from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.lanes import Lanes
@@ -200,7 +200,9 @@ class _TreePanels:
         highlighted = {uid for uids in matches.values() for uid in uids}
         self.lanes = Lanes(self.rows, tree, palette, highlighted)
         lane_count = len(self.lanes.entities)
-        view_size = SHARED_VIEW_SIZE if self.entity_path_prefix else tree_view_size(lane_count, has_scene)
+        view_size = (
+            SHARED_VIEW_SIZE if self.entity_path_prefix else compute_tree_view_size(lane_count, has_scene)
+        )
         self.tree_view = TreeView(self.rows, tree, palette, view_size, highlighted)
         self.tree_views: list[TreeView | FoldedTreeView] = [self.tree_view]
         if len(tree.nodes) > FOLD_ABOVE_NODES:

@@ -78,7 +78,7 @@ class RecordingSinks:
     # next() of a counter is atomic: robots' threads may attach recordings at the same time.
     _numbers: Iterator[int] = field(default_factory=lambda: itertools.count(1), init=False)
     # Kept after a failure, too: the destructor of a recording that cannot be written never returns.
-    _written: list[tuple[rr.RecordingStream, Path]] = field(default_factory=list, init=False)
+    _open_files: list[tuple[rr.RecordingStream, Path]] = field(default_factory=list, init=False)
 
     @property
     def is_live(self) -> bool:
@@ -102,12 +102,12 @@ class RecordingSinks:
         if sinks:
             recording.set_sinks(*sinks)
         if file is not None:
-            self._written.append((recording, file))
+            self._open_files.append((recording, file))
         return file
 
     def check_files(self) -> None:
         """Raise RecordingError if a file can no longer be written because the disk is full."""
-        for _, file in self._written:
+        for _, file in self._open_files:
             if _is_full(file):
                 raise _create_incomplete_error(file)
 
@@ -117,7 +117,7 @@ class RecordingSinks:
         Raises:
             RecordingError: The file is incomplete.
         """
-        file = next((file for other, file in self._written if other is recording), None)
+        file = next((file for other, file in self._open_files if other is recording), None)
         is_received = self.window is None or self.window.is_open
         deadline = time.monotonic() + (FLUSH_TIMEOUT_S if is_received else FLUSH_FILE_TIMEOUT_S)
         while not _flush(recording, deadline):
@@ -130,7 +130,7 @@ class RecordingSinks:
             if is_late:
                 break
         recording.disconnect()
-        self._written = [entry for entry in self._written if entry[0] is not recording]
+        self._open_files = [entry for entry in self._open_files if entry[0] is not recording]
 
 
 def _flush(recording: rr.RecordingStream, deadline: float) -> bool:
@@ -215,7 +215,7 @@ class WebView:
     _relay: rr.RecordingStream
     _server: PageServer
 
-    def show(self, files: Sequence[Path]) -> None:
+    def send_recordings(self, files: Sequence[Path]) -> None:
         """Send the recordings in *files* to all browsers."""
         for file in files:
             self._relay.log_file_from_path(file)

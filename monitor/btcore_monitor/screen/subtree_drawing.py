@@ -113,7 +113,9 @@ class SubtreeDrawing:
                 show_labels=False,
                 draw_order=5.0,
             ),
-            hover_values({name: [column[index] for index in self.at] for name, column in hover.items()}),
+            create_hover_values(
+                {name: [column[index] for index in self.at] for name, column in hover.items()}
+            ),
             static=True,
         )
 
@@ -136,7 +138,7 @@ class SubtreeDrawing:
         self._rows.log(f"{self.entity}/{part}", fields, static=True)
 
 
-def hover_values(values: Mapping[str, Any]) -> Any:
+def create_hover_values(values: Mapping[str, Any]) -> Any:
     """Return the component with the *values* that the viewer displays for a selected entity, by name."""
     return rr.AnyValues(drop_untyped_nones=True, **values)
 

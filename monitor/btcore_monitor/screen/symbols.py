@@ -79,7 +79,7 @@ _BY_TYPE: Final[dict[str, str]] = {
 }
 
 
-def symbol(node_id: str, node_type: str) -> list[Stroke]:
+def symbol_strokes(node_id: str, node_type: str) -> list[Stroke]:
     """Return the strokes for a registration ID; an unknown *node_id* is drawn by its *node_type*."""
     drawing = _BY_ID.get(node_id)
     if drawing is None:

@@ -9,22 +9,22 @@ import rerun as rr
 
 from btcore_monitor.events import IDLE, RUNNING, ObservedNode, ObservedTree
 from btcore_monitor.screen import style
-from btcore_monitor.screen.captions import Caption, captions, ports
-from btcore_monitor.screen.font import Stroke, placed, strokes_of
+from btcore_monitor.screen.captions import Caption, create_captions, format_ports
+from btcore_monitor.screen.font import Stroke, place_strokes, strokes_of
 from btcore_monitor.screen.layout import Box, Layout, Place, lay_out
 from btcore_monitor.screen.legend import HEIGHT as LEGEND_HEIGHT
-from btcore_monitor.screen.legend import legend
+from btcore_monitor.screen.legend import create_legend
 from btcore_monitor.screen.row_buffer import RowBuffer
 from btcore_monitor.screen.subtree_drawing import (
     MAX_BRANCHES,
     PARTS,
     Strip,
     SubtreeDrawing,
-    hover_values,
+    create_hover_values,
     node_entities,
     split_by_subtree,
 )
-from btcore_monitor.screen.symbols import symbol
+from btcore_monitor.screen.symbols import symbol_strokes
 from btcore_monitor.screen.tick_states import TickStates
 
 ORIGIN: Final = "tree"
@@ -34,15 +34,15 @@ PILLS: Final = "pills"
 LEGEND: Final = "legend"
 FOLD_ABOVE_NODES: Final = 200
 """Number of nodes above which a tree also has a folded drawing."""
-_LEGIBLE: Final = 0.62
+_MIN_SCALE: Final = 0.62
 """Scale (pixels per unit) at which a tree needs no wrapping."""
-_NOTE_LEGIBLE: Final = 0.78
+_MIN_NOTE_SCALE: Final = 0.78
 """Scale (pixels per unit) below which a tree is drawn without notes."""
-_PATH_SEEN: Final = 1.2
+_MIN_PATH_RADIUS: Final = 1.2
 """Smallest radius (pixels) of the running path."""
 _MARGIN: Final = 8.0
 """Margin (pixels) around the tree."""
-_LARGEST: Final = 1.35
+_MAX_SCALE: Final = 1.35
 """Largest scale (pixels per unit), so that a tree of a few nodes does not fill the window."""
 
 
@@ -109,7 +109,7 @@ class TreeView:
             self._frames.setdefault(content, []).append(_rounded(*corners))
 
     @property
-    def drawn_only(self) -> tuple[str, ...]:
+    def passive_entities(self) -> tuple[str, ...]:
         """The entities that do not react to the mouse; only pills do."""
         parts = [f"{subtree.entity}/{part}" for subtree in self.subtrees for part in PARTS if part != "pills"]
         return (*parts, f"{self.origin}/{LEGEND}")
@@ -171,9 +171,9 @@ class TreeView:
         hover = {
             "path": [node.path for node in tree.nodes],
             "ID": [node.id for node in tree.nodes],
-            "ports": [ports(node) for node in tree.nodes],
+            "ports": [format_ports(node) for node in tree.nodes],
         }
-        stroke = min(half / 2, _PATH_SEEN * _pixel(self.layout, self.view_size))
+        stroke = min(half / 2, _MIN_PATH_RADIUS * _pixel(self.layout, self.view_size))
         # Drawing orders, from the lowest to the highest: legend and frames 1, edges 2, running path 3, halos
         # 3.4, rings 3.6, selected nodes 3.8, rims 4, pills 5, badges 6, text and symbols 7.
         for subtree in self.subtrees:
@@ -192,7 +192,9 @@ class TreeView:
             subtree.log_strips("ink", strokes, 7.0, colors=np.array(colours, dtype=np.uint32), radii=radii)
         if not self._is_folded:
             x0, _, _, y1 = self.bounds()
-            line = legend(palette, x0, y1, _pixel(self.layout, self.view_size), bool(self._highlighted))
+            line = create_legend(
+                palette, x0, y1, _pixel(self.layout, self.view_size), bool(self._highlighted)
+            )
             self._rows.log(f"{self.origin}/{LEGEND}", line, static=True)
             self._name_nodes()
 
@@ -205,7 +207,9 @@ class TreeView:
         has_shape = len(self.tree.nodes) <= FOLD_ABOVE_NODES
         for node, pill, entity in zip(self.tree.nodes, self._pills, self._entities, strict=True):
             # A single component, because each component takes a kilobyte of the file.
-            components = [hover_values({"node": f"{node.id}  {node.path}  {ports(node)}".rstrip()})]
+            components = [
+                create_hover_values({"node": f"{node.id}  {node.path}  {format_ports(node)}".rstrip()})
+            ]
             if has_shape:
                 radius = style.PILL_HEIGHT / 2 - style.RIM
                 components.append(
@@ -223,7 +227,9 @@ class TreeView:
             caption = self.captions[node.uid]
             centre = place.x + style.PILL_HEIGHT / 2
             left = centre + style.BADGE_RADIUS + 7.0
-            sign = placed(symbol(node.id, node.type), centre, place.y, style.BADGE_RADIUS * 0.066)
+            sign = place_strokes(
+                symbol_strokes(node.id, node.type), centre, place.y, style.BADGE_RADIUS * 0.066
+            )
             raise_by = style.NOTE_LIFT if caption.note else 0.0
             name = strokes_of(
                 caption.name, left, place.y + style.TEXT_HEIGHT * 0.46 - raise_by, style.TEXT_HEIGHT
@@ -254,7 +260,7 @@ def arrange(tree: ObservedTree, written: Mapping[int, Caption], view_size: tuple
         for node in tree.nodes
     ]
     across, down = view_size
-    comfort = across / _LEGIBLE / style.PILL_HEIGHT
+    comfort = across / _MIN_SCALE / style.PILL_HEIGHT
     return lay_out(boxes, style.PILL_HEIGHT, across / (down - LEGEND_HEIGHT), comfort)
 
 
@@ -263,12 +269,12 @@ def _arrange_readable(
 ) -> tuple[Mapping[int, Caption], Layout]:
     """Return captions and layout, with notes if these are readable without zooming in."""
     if len(tree.nodes) <= FOLD_ABOVE_NODES:
-        noted = captions(tree, whole, noted=True)
+        noted = create_captions(tree, whole, with_notes=True)
         layout = arrange(tree, noted, view_size)
         # _pixel is the reciprocal of the scale.
-        if _pixel(layout, view_size) * _NOTE_LEGIBLE <= 1.0:
+        if _pixel(layout, view_size) * _MIN_NOTE_SCALE <= 1.0:
             return noted, layout
-    plain = captions(tree, whole, noted=False)
+    plain = create_captions(tree, whole, with_notes=False)
     return plain, arrange(tree, plain, view_size)
 
 
@@ -278,7 +284,7 @@ def _pixel(layout: Layout, view_size: tuple[float, float]) -> float:
     margin = style.PILL_HEIGHT * 0.7
     wide = (width + margin) / (across - 2 * _MARGIN)
     high = (height + margin) / (down - LEGEND_HEIGHT - 2 * _MARGIN)
-    return max(wide, high, 1 / _LARGEST)
+    return max(wide, high, 1 / _MAX_SCALE)
 
 
 def _pill(place: Place, half: float) -> Strip:

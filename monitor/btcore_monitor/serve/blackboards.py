@@ -47,38 +47,38 @@ class BlackboardTracker:
         self._outermost = tree.subtrees[0].blackboard.root
         if all(board is not self._outermost for board in self._boards.values()):
             self._boards.setdefault(ROOT, self._outermost)
-        self._seen: dict[str, dict[str, tuple[Entry, int]]] = {path: {} for path in self._boards}
-        self._frozen: dict[str, dict[str, object]] = {path: {} for path in self._boards}
+        self._known_entries: dict[str, dict[str, tuple[Entry, int]]] = {path: {} for path in self._boards}
+        self._frozen_boards: dict[str, dict[str, object]] = {path: {} for path in self._boards}
 
     def snapshot_if_changed(self) -> Boards | None:
         """Return all blackboards, frozen, or None if no entry changed since the last call."""
         changed = False
         for path, board in self._boards.items():
             entries = board.local_entries()
-            seen = self._seen[path]
+            seen = self._known_entries[path]
             updated: dict[str, object] = {}
             for key, entry in entries.items():
                 known = seen.get(key)
                 # the entry too: a removed and recreated entry starts with the same sequence IDs again
                 if known is None or known[1] != entry.sequence_id or known[0] is not entry:
                     seen[key] = (entry, entry.sequence_id)
-                    updated[key] = frozen(entry.value)
+                    updated[key] = freeze(entry.value)
             if updated or len(seen) != len(entries):
                 changed = True
-                values = self._frozen[path]
+                values = self._frozen_boards[path]
                 if len(seen) != len(entries):
                     for key in seen.keys() - entries.keys():
                         del seen[key]
                     values = {key: value for key, value in values.items() if key in entries}
                 # a new dict: the publisher's thread may still read the old one
-                self._frozen[path] = values | updated
-        return dict(self._frozen) if changed else None
+                self._frozen_boards[path] = values | updated
+        return dict(self._frozen_boards) if changed else None
 
     def read_now(self) -> Boards:
         """Return all blackboards with their current values. Any thread may call this method."""
         return {path: _read(board) for path, board in self._boards.items()}
 
-    def for_groot(self, names: list[str], boards: Boards) -> dict[str, Mapping[str, Any] | None]:
+    def create_groot_reply(self, names: list[str], boards: Boards) -> dict[str, Mapping[str, Any] | None]:
         """Return the content of a BLACKBOARD reply. Any thread may call this method.
 
         The result also contains the outermost blackboard as `ROOT` if any other blackboard is requested.
@@ -96,7 +96,7 @@ class BlackboardTracker:
             path = self._names.get(name)
             if path is None:
                 continue
-            reply[name] = portable_board(boards.get(path, {}))
+            reply[name] = to_portable_board(boards.get(path, {}))
             nested = nested or self._boards[path] is not self._outermost
         if nested:
             if ROOT in reply:
@@ -104,7 +104,7 @@ class BlackboardTracker:
                     "a subtree is named ROOT, which is the name of the outermost blackboard"
                 )
             outermost = next(path for path, board in self._boards.items() if board is self._outermost)
-            reply[ROOT] = portable_board(boards.get(outermost, {}))
+            reply[ROOT] = to_portable_board(boards.get(outermost, {}))
         return reply
 
 
@@ -113,23 +113,23 @@ def _read(board: Blackboard) -> dict[str, object]:
     for _ in range(_ATTEMPTS):
         # A container that changes size during the iteration raises RuntimeError.
         with contextlib.suppress(RuntimeError):
-            return {key: frozen(entry.value) for key, entry in list(board.local_entries().items())}
+            return {key: freeze(entry.value) for key, entry in list(board.local_entries().items())}
     return {}
 
 
-def frozen(value: object) -> object:
+def freeze(value: object) -> object:
     """Return *value*, or a copy one level deep if it is a built-in container."""
     # By the exact type: a subclass may have any constructor.
     copy = _COPIES.get(type(value))
     return value if copy is None else copy(value)
 
 
-def portable_board(board: Mapping[str, object]) -> dict[str, Any]:
+def to_portable_board(board: Mapping[str, object]) -> dict[str, Any]:
     """Return *board* with portable values; a value that cannot be converted becomes None."""
-    return {key: _readable(value) for key, value in board.items()}
+    return {key: _to_portable_value(value) for key, value in board.items()}
 
 
-def _readable(value: object) -> Any:
+def _to_portable_value(value: object) -> Any:
     # The value may be an object of a user's class, whose attributes may raise any exception.
     for _ in range(_ATTEMPTS):
         try:

@@ -73,7 +73,7 @@ KEEPALIVE = (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3))
 """A connection to a vanished machine ends after 10 + 3 * 5 = 25 s."""
 
 _READ = 64 << 10
-_SWEEP = 0.5
+_SWEEP_INTERVAL_S = 0.5
 _PRIORITY = 5  # "nice" steps below the robot's process
 _MORE, _LONG, _COMMAND = 1, 2, 4  # bits of a frame's first byte
 _SIGNATURE_SIZE, _GREETING_SIZE_2, _GREETING_SIZE_3 = 10, 12, 64
@@ -476,7 +476,7 @@ class Forwarder:
         while True:
             now = time.monotonic()
             if now >= sweep_at:
-                sweep_at = now + _SWEEP
+                sweep_at = now + _SWEEP_INTERVAL_S
                 self._sweep(now)
             for port in self._ports:
                 self._listen(port, port.may_accept(now))

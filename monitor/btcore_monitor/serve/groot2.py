@@ -136,6 +136,6 @@ class Groot2Server:
         return str(self._recording_start_us).encode()
 
 
-def statuses_of(tree: Tree) -> dict[int, int]:
+def read_statuses(tree: Tree) -> dict[int, int]:
     """Return the current status of every node by uid. Any thread may call this function."""
     return {node.config.uid: int(node._status) for node in tree.nodes}

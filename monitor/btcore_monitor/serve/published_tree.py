@@ -9,7 +9,7 @@ from btcore.loading.tree_xml import tree_to_xml
 from btcore.tree.tree import Tree
 from btcore_monitor.serve.blackboards import BlackboardTracker
 from btcore_monitor.serve.groot1 import Groot1Server
-from btcore_monitor.serve.groot2 import Groot2Server, statuses_of
+from btcore_monitor.serve.groot2 import Groot2Server, read_statuses
 from btcore_monitor.serve.hook_controller import HookController
 from btcore_monitor.serve.queueing_observer import (
     BlackboardItem,
@@ -67,7 +67,7 @@ class PublishedTree:
         self._observer = QueueingObserver(self._blackboard_tracker, self._scene_sources)
         ending = ANNOUNCEMENT if run_channel else b""
         xml = tree_to_xml(tree).encode()
-        statuses = statuses_of(tree)
+        statuses = read_statuses(tree)
         hook_controller = None if max_heartbeat_delay is None else HookController(tree, max_heartbeat_delay)
         self.groot2_server = Groot2Server(
             tree, xml + ending, self._create_boards_reply, tree_uuid, hook_controller
@@ -132,7 +132,7 @@ class PublishedTree:
         if self.run_channel_server is not None:
             self.run_channel_server.flush()
         if self.groot2_server.dropped_transitions != dropped_before:
-            statuses = statuses_of(self.tree)
+            statuses = read_statuses(self.tree)
             self.groot2_server.correct_statuses(statuses)
             if self.groot1_server is not None:
                 self.groot1_server.correct_statuses(statuses, time.time_ns(), time.monotonic())
@@ -142,4 +142,4 @@ class PublishedTree:
         boards = self._boards
         if boards is None or time.monotonic_ns() - self._observer.boards_checked_at > _MAX_BOARDS_AGE_NS:
             boards = self._blackboard_tracker.read_now()
-        return encode_boards(self._blackboard_tracker.for_groot(names, boards))
+        return encode_boards(self._blackboard_tracker.create_groot_reply(names, boards))

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Final
 
 from btcore.status import Status
-from btcore_monitor.serve.blackboards import portable_board
+from btcore_monitor.serve.blackboards import to_portable_board
 from btcore_monitor.serve.history import History
 from btcore_monitor.serve.queueing_observer import (
     BlackboardItem,
@@ -85,7 +85,7 @@ class RunChannelServer:
         self.flush()
         seq = self.history.latest_seq + 1
         if isinstance(item, BlackboardItem):
-            boards = {path: portable_board(board) for path, board in item.boards.items()}
+            boards = {path: to_portable_board(board) for path, board in item.boards.items()}
             self._add_message(BlackboardMessage(self.tree_id, seq, item.stamp, item.wall, boards))
         elif isinstance(item, MovingSceneItem):
             self._add_message(

@@ -58,9 +58,9 @@ The first update, from which the clock is estimated, may have been delayed that 
 class Groot1Feed:
     """Converts a robot's updates to events. Use it from one thread.
 
-    The feed numbers the transitions itself, so `TreeEvent.has_transition_numbers` is false. An update that does
-    not begin with the statuses at the end of the previous update causes a MissingDataEvent, and a TreeEvent with
-    the current statuses. A disconnection counts as a restart.
+    The feed numbers the transitions itself, so `TreeEvent.has_transition_numbers` is false. If an update does
+    not begin with the statuses at the end of the previous update, this causes a MissingDataEvent, and a TreeEvent
+    with the current statuses. A disconnection counts as a restart.
 
     Args:
         address: The robot's address.

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore_monitor.screen.font import elide, glyph, legible, placed, spell, strokes_of, width_of
-from btcore_monitor.screen.symbols import symbol
+from btcore_monitor.screen.font import elide, glyph, legible, place_strokes, spell, strokes_of, width_of
+from btcore_monitor.screen.symbols import symbol_strokes
 
 BOX = glyph("漢")
 """The glyph of a character that the font does not have."""
@@ -64,17 +64,17 @@ def test_an_elided_name_fits_and_keeps_both_ends(text, room):
 )
 def test_similar_kinds_have_different_symbols(pair):
     one, other = pair
-    assert symbol(one, "control") != symbol(other, "control")
+    assert symbol_strokes(one, "control") != symbol_strokes(other, "control")
 
 
 def test_symbols_fit_the_badge_and_unknown_nodes_are_drawn_by_their_kind():
     kinds = ("action", "condition", "control", "decorator", "subtree")
     for kind in kinds:
-        for stroke in placed(symbol("SomethingOfYourOwn", kind), 100.0, 50.0, 1.0):
+        for stroke in place_strokes(symbol_strokes("SomethingOfYourOwn", kind), 100.0, 50.0, 1.0):
             for x, y in stroke:
                 assert abs(x - 100.0) <= 11.0
                 assert abs(y - 50.0) <= 11.0
-    assert len({str(symbol("SomethingOfYourOwn", kind)) for kind in kinds}) == len(kinds)
+    assert len({str(symbol_strokes("SomethingOfYourOwn", kind)) for kind in kinds}) == len(kinds)
 
 
 @pytest.mark.parametrize(

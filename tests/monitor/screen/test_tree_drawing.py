@@ -5,7 +5,7 @@ import pytest
 import rerun as rr
 
 from btcore_monitor.events import ObservedNode, ObservedTree, TreeEvent
-from btcore_monitor.screen.captions import captions
+from btcore_monitor.screen.captions import create_captions
 from btcore_monitor.screen.lanes import distinct_names
 from btcore_monitor.screen.panels import brief
 from btcore_monitor.screen.row_buffer import RowBuffer
@@ -37,7 +37,7 @@ NESTED = observed_tree(
 
 def note_of(one: ObservedNode, whole: ObservedTree | None = None) -> str:
     whole = whole or observed_tree(one)
-    return captions(whole, whole, noted=True)[one.uid].note
+    return create_captions(whole, whole, with_notes=True)[one.uid].note
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_the_note_of_a_subtree_names_its_tree():
 
 def test_long_texts_are_shortened_and_a_name_keeps_both_ends():
     long = node(1, "WouldThisVeryLongAndUnusualNameBeLegible", ports={"path": "x" * 80})
-    written = captions(observed_tree(long), observed_tree(long), noted=True)[1]
+    written = create_captions(observed_tree(long), observed_tree(long), with_notes=True)[1]
     assert len(written.name) == NAME_ROOM
     assert written.name.startswith("WouldThisVery")
     assert written.name.endswith("Legible")

@@ -274,7 +274,7 @@ def test_a_request_without_a_reply_delays_the_next_request_for_a_limited_time(st
     assert gateway_process._REQUEST_TOPIC == REQUEST_TOPIC + b"/"
     monkeypatch.setattr(gateway_process, "CLIENT_TIMEOUT_S", 60.0)
     monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT_S", 0.0)
-    monkeypatch.setattr(gateway_process, "_SWEEP", 0.05)
+    monkeypatch.setattr(gateway_process, "_SWEEP_INTERVAL_S", 0.05)
     robot, port, _ = stream()
     with subscriber(port, b"again/invalid", b"again/1/token", b"stream"):
         assert [robot.recv() for _ in range(3)] == [b"\1again/invalid", b"\1again/1/token", b"\1stream"]

@@ -23,7 +23,7 @@ from click.testing import CliRunner
 
 from btcore_monitor.commands.hook import hook
 from btcore_monitor.commands.monitor import monitor
-from btcore_monitor.commands.notices import notice
+from btcore_monitor.commands.notices import format_notice
 from btcore_monitor.commands.record import record
 from btcore_monitor.events import Event, TreeEvent
 from btcore_monitor.log_writer import LogWriter
@@ -476,7 +476,7 @@ class Outcome:
     def _step(self) -> None:
         for event in self.feed.poll(0.0):
             self.events.append(event)
-            self.lines += [line for line in [notice(event)] if line]
+            self.lines += [line for line in [format_notice(event)] if line]
             self.log.process_event(event)
             for view in self.views:
                 view.process_event(event)
