@@ -74,14 +74,8 @@ class CarryPath:
 
     def __init__(self, poses: Sequence[Pose2D], speed: float, start_time: int, height: float) -> None:
         steps = [math.hypot(end.x - start.x, end.y - start.y) for start, end in pairwise(poses)]
-        self._times = [
-            start_time + distance / speed * NS_PER_S for distance in accumulate(steps, initial=0.0)
-        ]
-        self._columns = (
-            [pose.x for pose in poses],
-            [pose.y for pose in poses],
-            np.unwrap([p.yaw for p in poses]),
-        )
+        self._times = [start_time + length / speed * NS_PER_S for length in accumulate(steps, initial=0.0)]
+        self._columns = [p.x for p in poses], [p.y for p in poses], np.unwrap([p.yaw for p in poses])
         self.end = round(self._times[-1])
         self.height = height
 
@@ -145,14 +139,12 @@ class SimulatedRobot(Robot):
                 f"because it would touch '{touched}' there: use another start pose, or --start random"
             )
         for held in self.description.held:
-            self.physics_body.hold_joint(
-                self.physics_body.joint(held.joint), held.position, held.force, held.speed
-            )
+            joint = self.physics_body.joint(held.joint)
+            self.physics_body.hold_joint(joint, held.position, held.force, held.speed)
         self._wheels = [self.physics_body.joint(wheels.left), self.physics_body.joint(wheels.right)]
         self._laser_link = self.physics_body.link(self.description.laser.link)
-        self._camera_link = (
-            self.physics_body.link(self.description.camera.link) if self.description.camera else -1
-        )
+        mount = self.description.camera
+        self._camera_link = self.physics_body.link(mount.link) if mount else -1
         for shell in self.description.shells:
             self.physics_body.link(shell.link)  # raises an error for an unknown link
         head = self.description.head
@@ -318,9 +310,8 @@ class SimulatedRobot(Robot):
         if self._camera is None:
             return None
         now = self.world.now()
-        return self._camera.picture(
-            self.physics_body, self._camera_link, now, self.faults.has_failed("camera", now)
-        )
+        has_failed = self.faults.has_failed("camera", now)
+        return self._camera.picture(self.physics_body, self._camera_link, now, has_failed)
 
     def sonars(self) -> tuple[SonarReading, ...]:
         """Return the newest reading of every sonar that has arrived."""
@@ -389,9 +380,8 @@ class SimulatedRobot(Robot):
         self._last_picture_stamp = -1  # a new viewer gets the newest picture even if it is an old picture
         lens = self.camera_info
         if lens is not None:
-            self._camera_frames = scene_messages.frame_chain(
-                lens.frame, self.frames(), self.physics_body.links
-            )
+            links = self.physics_body.links
+            self._camera_frames = scene_messages.frame_chain(lens.frame, self.frames(), links)
         return StaticScene(
             frame="map",
             parts=scene_messages.world_parts(self.world)
@@ -449,9 +439,8 @@ class SimulatedRobot(Robot):
 
     def _command_wheels(self, now: int) -> None:
         seconds = 1.0 / self.world.rate
-        self._differential_drive.step(
-            now, seconds, accepts_commands=not self.battery_model.is_empty and self._carry_path is None
-        )
+        can_drive = not self.battery_model.is_empty and self._carry_path is None
+        self._differential_drive.step(now, seconds, accepts_commands=can_drive)
         left, right = self._differential_drive.wheel_rates() if self._carry_path is None else (0.0, 0.0)
         if self.faults.has_failed("wheel", now):
             left = 0.0

@@ -120,7 +120,7 @@ def test_drawing_options_apply_to_the_recording(tmp_path):
             for name in batch.schema.names:
                 if name in ("LineStrips2D:colors", "TextLogRows:filter_by_log_level"):
                     found.setdefault(f"{chunk.entity_path} {name}", []).extend(batch.column(name).to_pylist())
-    assert found["/tree/found LineStrips2D:colors"] == [[COLOUR_BLIND.found]]
+    assert found["/tree/highlights LineStrips2D:colors"] == [[COLOUR_BLIND.highlight]]
     assert [values for name, values in found.items() if "filter" in name] == [[["WARN", "ERROR"]]]
 
 

@@ -15,7 +15,7 @@ from btcore_monitor.screen.tick_states import TickStates
 BLACKBOARD: Final = "blackboard"
 HISTORY: Final = "blackboard_history"
 
-_VALUE_ROOM: Final = 60
+_MAX_VALUE_CHARS: Final = 60
 _MAX_ENTRIES: Final = 500
 _MAX_IDLE: Final = 40
 """Greatest number of entries of subtrees that do not run."""
@@ -52,13 +52,13 @@ class BlackboardTable:
         self._main = tree.root.subtree
         self._running: Sequence[str] = (self._main,)
         self._boards: Boards | None = None
-        self._changed: dict[tuple[str, str], int] = {}
-        self._last: set[tuple[str, str]] = set()
-        self._shown = ""
+        self._changed_at: dict[tuple[str, str], int] = {}
+        self._last_changed: set[tuple[str, str]] = set()
+        self._last_document = ""
 
     def show_note(self, stamp: int, wall: int) -> None:
         """Show only the note, if no blackboard has been shown yet."""
-        if not self._shown:
+        if not self._last_document:
             self._series.add(stamp, wall, f"*{escape_markdown(self.note)}*")
 
     def show(self, stamp: int, wall: int, boards: Boards) -> None:
@@ -68,10 +68,10 @@ class BlackboardTable:
         if before is not None:
             changes = list(_list_changes(before, boards))
             if changes:
-                self._last = {(path, key) for path, key, *_ in changes}
-                self._changed |= dict.fromkeys(self._last, stamp)
-                if len(self._changed) > _MAX_TIMES:
-                    self._changed = dict.fromkeys(self._last, stamp)
+                self._last_changed = {(path, key) for path, key, *_ in changes}
+                self._changed_at |= dict.fromkeys(self._last_changed, stamp)
+                if len(self._changed_at) > _MAX_TIMES:
+                    self._changed_at = dict.fromkeys(self._last_changed, stamp)
             lines = [_format_change(*change) for change in changes[:_MAX_LINES]]
             if len(changes) > _MAX_LINES:
                 lines.append(f"… and {len(changes) - _MAX_LINES} more")
@@ -94,8 +94,8 @@ class BlackboardTable:
         document = self._format_boards(self._boards)
         if self.note:
             document = f"*{escape_markdown(self.note)}*\n\n{document}"
-        if document != self._shown:
-            self._shown = document
+        if document != self._last_document:
+            self._last_document = document
             self._series.add(stamp, wall, document)
 
     def _format_boards(self, boards: Boards) -> str:
@@ -119,11 +119,11 @@ class BlackboardTable:
         yield f"| **{escape_markdown(path)}** | | |" if path else "| key | value | changed |"
         yield "|:--|:--|--:|"
         for key, value in islice(board.items(), _MAX_ENTRIES):
-            changed = self._changed.get((path, key))
-            bold = "**" if (path, key) in self._last else ""
-            text = "–" if value is None else f"`{escape_markdown(short(value))}`"
+            changed = self._changed_at.get((path, key))
+            bold = "**" if (path, key) in self._last_changed else ""
+            text = "–" if value is None else f"`{escape_markdown(format_value(value))}`"
             time = "" if changed is None else f"{bold}{self._rows.to_seconds(changed):.1f} s{bold}"
-            yield f"| {bold}{escape_markdown(short(key))}{bold} | {text} | {time} |"
+            yield f"| {bold}{escape_markdown(format_value(key))}{bold} | {text} | {time} |"
         if len(board) > _MAX_ENTRIES:
             yield f"| and {len(board) - _MAX_ENTRIES} more entries | | |"
 
@@ -139,27 +139,27 @@ def _list_changes(before: Boards, boards: Boards) -> Iterator[tuple[str, str, An
 
 
 def _format_change(path: str, key: str, old: Any, new: Any) -> str:
-    name = f"{path}: {short(key)}" if path else short(key)
-    return f"{name}: {_format_value(old)} → {_format_value(new)}"
+    name = f"{path}: {format_value(key)}" if path else format_value(key)
+    return f"{name}: {_format_entry_value(old)} → {_format_entry_value(new)}"
 
 
-def _format_value(value: Any) -> str:
-    return "–" if value is None else short(value).replace("\n", " ")
+def _format_entry_value(value: Any) -> str:
+    return "–" if value is None else format_value(value).replace("\n", " ")
 
 
-def short(value: Any) -> str:
+def format_value(value: Any) -> str:
     """Return *value* as a short text, as scripts write values."""
     # As in scripts, not True and False as in Python.
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Mapping):
         # The class of an object is in `__type` (msgpack_values.py).
-        entries = islice(value.items(), _VALUE_ROOM)
-        parts = (f"{key}={short(part)}" for key, part in entries if key != "__type")
+        entries = islice(value.items(), _MAX_VALUE_CHARS)
+        parts = (f"{key}={format_value(part)}" for key, part in entries if key != "__type")
         text = f"{value.get('__type', '')}({', '.join(parts)})"
     elif isinstance(value, list | tuple):
-        parts = (short(part) for part in value[:_VALUE_ROOM])
+        parts = (format_value(part) for part in value[:_MAX_VALUE_CHARS])
         text = f"[{', '.join(parts)}]"
     else:
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= _VALUE_ROOM else text[: _VALUE_ROOM - 1] + "…"
+    return text if len(text) <= _MAX_VALUE_CHARS else text[: _MAX_VALUE_CHARS - 1] + "…"

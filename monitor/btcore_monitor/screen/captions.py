@@ -11,7 +11,7 @@ from btcore_monitor.events import ObservedNode, ObservedTree
 from btcore_monitor.screen import style
 from btcore_monitor.screen.font import elide, width_of
 
-BADGE_ROOM: Final = 2 * style.BADGE_RADIUS + 14.0
+BADGE_WIDTH: Final = 2 * style.BADGE_RADIUS + 14.0
 TEXT_GAP: Final = 20.0
 MAX_VALUES: Final = 28
 """Maximum length (characters) of port values that are added to a name, so that equal names differ."""
@@ -28,7 +28,7 @@ class Caption:
     def width(self) -> float:
         """The length (drawing units) of a pill with a badge (the disc of the symbol) and this caption."""
         text = max(width_of(self.name, style.TEXT_HEIGHT), width_of(self.note, style.NOTE_HEIGHT))
-        return BADGE_ROOM + text + TEXT_GAP
+        return BADGE_WIDTH + text + TEXT_GAP
 
 
 def create_captions(tree: ObservedTree, whole: ObservedTree, with_notes: bool) -> Mapping[int, Caption]:
@@ -43,7 +43,7 @@ def create_captions(tree: ObservedTree, whole: ObservedTree, with_notes: bool) -
     """
     return {
         node.uid: Caption(
-            elide(node.name, style.NAME_ROOM) + _folded(node, whole),
+            elide(node.name, style.MAX_NAME_CHARS) + _folded(node, whole),
             _note(node, whole) if with_notes else "",
         )
         for node in tree.nodes
@@ -100,7 +100,7 @@ def _note(node: ObservedNode, whole: ObservedTree) -> str:
         if text and not port.startswith("_")
     ]
     note = "  ".join(parts)
-    return note if len(note) <= style.NOTE_ROOM else note[: style.NOTE_ROOM - 1].rstrip() + "…"
+    return note if len(note) <= style.MAX_NOTE_CHARS else note[: style.MAX_NOTE_CHARS - 1].rstrip() + "…"
 
 
 def _folded(node: ObservedNode, whole: ObservedTree) -> str:

@@ -53,14 +53,14 @@ _LEVEL_OF_STATUS: Final[Mapping[int, str]] = {
 }
 """Level of a transition, by its new status. Missing data has the level WARN, an exception of a node ERROR."""
 
-_NAME_WIDTH: Final = 28
+_MAX_NAME_CHARS: Final = 28
 _MAX_NAMES: Final = 4
-_CELL: Final = 28
+_MAX_CELL_CHARS: Final = 28
 """Characters that always fit into a cell of a table; the viewer does not wrap cells."""
 UPDATE_INTERVAL_NS: Final = 1_000_000_000
 """Shortest time (ns of the tree's clock) between two updates of the statistics."""
 MAX_TABLE_ROWS: Final = 60
-_PATH_ROOM: Final = 56
+_MAX_PATH_CHARS: Final = 56
 """Characters of a displayed path; big trees show paths to distinguish their leaves."""
 _INDENT: Final = "\xa0" * 4
 
@@ -70,7 +70,7 @@ class TransitionLog:
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree, palette: Palette) -> None:
         names = distinct_names(tree.nodes)
-        width = min(_NAME_WIDTH, max(map(len, names)))
+        width = min(_MAX_NAME_CHARS, max(map(len, names)))
         self._names = {
             node.uid: f"{elide(name, width):{width}}" for node, name in zip(tree.nodes, names, strict=True)
         }
@@ -162,9 +162,9 @@ class NowPanel:
         self._is_leaf = np.array([not node.children for node in tree.nodes])
         leaves = [node for node in tree.nodes if not node.children]
         self._names = dict(zip(np.flatnonzero(self._is_leaf).tolist(), distinct_names(leaves), strict=True))
-        self._contacts = ""
+        self._collisions_text = ""
         self._notes: dict[str, str] = {}
-        self._shown = ""
+        self._last_document = ""
         self._source_lines: list[str] = []
         self._exception_text = ""
         self._root = STATUS_NAMES[IDLE]
@@ -196,7 +196,7 @@ class NowPanel:
         """Keep the notes and the collisions of *data* for the next update of the panel."""
         self._notes.update(data.notes)
         if data.collisions is not None:
-            self._contacts = f"{data.collisions} collisions · {data.grazes or 0} grazes"
+            self._collisions_text = f"{data.collisions} collisions · {data.grazes or 0} grazes"
 
     def show_tick(self, event: TickEvent, states: TickStates) -> None:
         """Show the state after a tick."""
@@ -210,15 +210,15 @@ class NowPanel:
         self._root = root
         is_running = states.shown == RUNNING
         failed = (states.shown == FAILURE) | (states.shown == RESET_OFFSET + FAILURE)
-        short = {name: note for name, note in self._notes.items() if len(note) <= _CELL}
+        short = {name: note for name, note in self._notes.items() if len(note) <= _MAX_CELL_CHARS}
         # Long texts are outside the table, because the viewer wraps only lines outside tables.
         lines = [self._exception_text, ""] if self._exception_text else []
         lines += [f"| runs | {self._format_leaves(is_running) or '–'} |", "|:--|:--|"]
         if (failed & self._is_leaf).any():
             lines.append(f"| failed | {self._format_leaves(failed)} |")
         lines += [f"| {name} | {note} |" for name, note in short.items()]
-        if self._contacts:
-            lines.append(f"| robot | {self._contacts} |")
+        if self._collisions_text:
+            lines.append(f"| robot | {self._collisions_text} |")
         lines.append(f"| root | {root} |")
         lines += self._source_lines
         if self._lost_transitions:
@@ -228,8 +228,8 @@ class NowPanel:
         for name, note in self._notes.items():
             lines += [] if name in short else ["", f"{name}: {note}"]
         document = "\n".join(lines)
-        if document != self._shown:
-            self._shown = document
+        if document != self._last_document:
+            self._last_document = document
             self._series.add(stamp, wall, document)
 
     def _format_leaves(self, chosen: NDArray[np.bool_]) -> str:
@@ -318,7 +318,9 @@ class StatisticsTable:
             seconds = running[node.uid] / 1e9
             results = f"{ended}" + (f" + {skipped} skipped" if skipped else "")
             each = f"{seconds / ended:.2f} s" if ended and seconds else "–"
-            name = _INDENT * self._depth[node.uid] + node.name if indented else elide(node.path, _PATH_ROOM)
+            name = (
+                _INDENT * self._depth[node.uid] + node.name if indented else elide(node.path, _MAX_PATH_CHARS)
+            )
             ran = f"{seconds:.1f} s" if seconds else "–"
             lines.append(f"| {escape_markdown(name)} | {results} | {rate} | {ran} | {each} |")
         if not indented:

@@ -35,7 +35,7 @@ _CLOSED: Final = (0, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP if hasattr(
 _PANIC: Final = re.compile(r"panicked at '(.*?)'$", re.MULTILINE)
 _NO_DRIVER: Final = ("adapter", "ulkan", "Failed to get render context")
 """Texts of which the viewer prints one if it finds no driver."""
-_REASON_ROOM: Final = 400
+_MAX_REASON_CHARS: Final = 400
 
 
 class ScreenError(MonitorError):
@@ -126,7 +126,7 @@ class RerunProcess:
                 "libvulkan1` installs a software driver"
             )
         panic = _PANIC.search(text)
-        return panic[1] if panic else text.strip()[-_REASON_ROOM:] or f"exit code {code}"
+        return panic[1] if panic else text.strip()[-_MAX_REASON_CHARS:] or f"exit code {code}"
 
     def kill(self) -> None:
         """Kill the process without waiting."""

@@ -15,7 +15,7 @@ CUT_AT: Final = 0.4
 
 They would hide the robot, and the laser does not detect anything above. Furniture is drawn as a whole.
 """
-_ROOM: Final = 2.1
+_ROOM_HEIGHT: Final = 2.1
 """Height (m) above which a part is as high as a room."""
 _FLAT: Final = 0.05
 """Height (m) below which a part is the floor, or lies on the floor."""
@@ -41,7 +41,9 @@ def archetypes(parts: Sequence[Part], around: bool) -> Iterator[tuple[str, Any]]
         yield kind, _create_shape(parts, "solid")
         return
     yield kind, _create_shape([_dim(_cut(part)) for part in parts], "solid")
-    high = [_light(part, _OUTLINE_LIGHT) for part in parts if _height(part) > _ROOM and not _is_wall(part)]
+    high = [
+        _light(part, _OUTLINE_LIGHT) for part in parts if _height(part) > _ROOM_HEIGHT and not _is_wall(part)
+    ]
     if high:
         yield f"{kind}_outlines", _create_shape(high, "majorwireframe")
 
@@ -129,7 +131,7 @@ def _is_wall(part: Part) -> bool:
 
 def _cut(part: Part) -> Part:
     height = _height(part)
-    if isinstance(part, Sphere) or not (height > _ROOM or _is_wall(part)):
+    if isinstance(part, Sphere) or not (height > _ROOM_HEIGHT or _is_wall(part)):
         return part
     x, y, z = part.position
     position = (x, y, z - height / 2 + CUT_AT / 2)

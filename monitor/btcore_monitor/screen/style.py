@@ -20,9 +20,9 @@ FRAME_STROKE: Final = 1.1
 RING: Final = 6.0
 HALO: Final = 7.0
 """Width of the ring around a node that raised, and of the halo around a node that `--find` found."""
-NAME_ROOM: Final = 30
+MAX_NAME_CHARS: Final = 30
 """Characters of a name in a pill; the complete name is in the hover label."""
-NOTE_ROOM: Final = 30
+MAX_NOTE_CHARS: Final = 30
 NOTE_HEIGHT: Final = 7.6
 NOTE_STROKE: Final = 0.68
 NOTE_LIFT: Final = 5.4

@@ -14,15 +14,8 @@ from typing import Final
 import rerun as rr
 import rerun.blueprint as rrb
 
-from btcore_monitor.screen.blueprint import (
-    Pane,
-    create_blueprint,
-    create_lanes_view,
-    create_layout,
-    create_log_view,
-    create_now_view,
-    create_tree_views,
-)
+from btcore_monitor.screen import blueprint
+from btcore_monitor.screen.blueprint import Pane
 from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.row_buffer import WALL_TIMELINE
 from btcore_monitor.screen.sinks import RecordingSinks
@@ -61,7 +54,7 @@ class SingleRobotWindow:
 
     def show_pane(self, recording: rr.RecordingStream, pane: Pane) -> None:
         """Show *pane* as the only content of the window."""
-        recording.send_blueprint(create_blueprint(create_layout(pane), pane.timeline))
+        recording.send_blueprint(blueprint.create_blueprint(blueprint.create_layout(pane), pane.timeline))
 
     def end_recording(self, recording: rr.RecordingStream) -> None:
         """Finish the recording."""
@@ -114,9 +107,11 @@ class SharedWindow:
                 self._earlier_panes = [*self._earlier_panes, slot.pane][-MAX_EARLIER_PANES:]
             slot.pane = pane
             panes = [each.pane for each in self.slots if each.pane is not None]
-            tabs = [create_layout(pane, pane.name) for pane in panes]
-            tabs += [create_layout(pane, f"{pane.name}, earlier") for pane in self._earlier_panes]
-            recording.send_blueprint(create_blueprint(rrb.Tabs(_side_by_side(panes), *tabs), WALL_TIMELINE))
+            tabs = [blueprint.create_layout(pane, pane.name) for pane in panes]
+            tabs += [blueprint.create_layout(pane, f"{pane.name}, earlier") for pane in self._earlier_panes]
+            recording.send_blueprint(
+                blueprint.create_blueprint(rrb.Tabs(_side_by_side(panes), *tabs), WALL_TIMELINE)
+            )
 
     def close(self) -> None:
         """Finish the recording of all robots."""
@@ -159,15 +154,19 @@ RobotWindow = SingleRobotWindow | SharedWindowSlot
 def _side_by_side(panes: Sequence[Pane]) -> rrb.Container:
     if len(panes) > _MAX_SIDE_BY_SIDE:
         small = [
-            rrb.Vertical(create_tree_views(pane), create_lanes_view(pane), row_shares=[0.68, 0.32])
+            rrb.Vertical(
+                blueprint.create_tree_views(pane), blueprint.create_lanes_view(pane), row_shares=[0.68, 0.32]
+            )
             for pane in panes
         ]
         return rrb.Grid(*small, grid_columns=math.ceil(math.sqrt(len(panes))), name="All robots")
     columns = [
         rrb.Vertical(
-            create_tree_views(pane),
-            create_lanes_view(pane),
-            rrb.Horizontal(create_now_view(pane), create_log_view(pane), column_shares=[0.38, 0.62]),
+            blueprint.create_tree_views(pane),
+            blueprint.create_lanes_view(pane),
+            rrb.Horizontal(
+                blueprint.create_now_view(pane), blueprint.create_log_view(pane), column_shares=[0.38, 0.62]
+            ),
             row_shares=[0.5, 0.28, 0.22],
         )
         for pane in panes

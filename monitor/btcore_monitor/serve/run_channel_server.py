@@ -80,34 +80,25 @@ class RunChannelServer:
             self._add_transition(item)
             return
         if isinstance(item, TickItem):
-            self._add_tick_message(item.tick, item.stamp, item.wall, item.duration_ns, int(item.status), True)
+            self._add_tick(item.tick, item.stamp, item.wall, item.duration_ns, int(item.status), True)
             return
         self.flush()
-        seq = self.history.latest_seq + 1
+        head = self.tree_id, self.history.latest_seq + 1, item.stamp, item.wall
         if isinstance(item, BlackboardItem):
             boards = {path: to_portable_board(board) for path, board in item.boards.items()}
-            self._add_message(BlackboardMessage(self.tree_id, seq, item.stamp, item.wall, boards))
+            self._add_message(BlackboardMessage(*head, boards))
         elif isinstance(item, MovingSceneItem):
-            self._add_message(
-                MovingSceneMessage(
-                    self.tree_id, seq, item.stamp, item.wall, self._convert_pictures(item.data)
-                )
-            )
+            self._add_message(MovingSceneMessage(*head, self._convert_pictures(item.data)))
         elif isinstance(item, ExceptionItem):
-            self._add_message(
-                ExceptionMessage(self.tree_id, seq, item.stamp, item.wall, item.path, item.message)
-            )
+            self._add_message(ExceptionMessage(*head, item.path, item.message))
         elif isinstance(item, EndItem):
-            status = int(item.status)
-            self._add_message(
-                EndMessage(self.tree_id, seq, item.stamp, item.wall, status, self.dropped_transitions)
-            )
+            self._add_message(EndMessage(*head, int(item.status), self.dropped_transitions))
 
     def flush(self) -> None:
         """Add a message with the transitions of an unfinished tick, so that clients show them early."""
         if self._transitions:
             stamp, wall, tick = self._transitions[-1][:3]
-            self._add_tick_message(tick, stamp, wall, 0, int(Status.IDLE), False)
+            self._add_tick(tick, stamp, wall, 0, int(Status.IDLE), False)
 
     def take_pending_frames(self) -> Iterator[Frames]:
         """Yield the messages since the last call, in few large pieces.
@@ -131,26 +122,18 @@ class RunChannelServer:
         if not self._transitions:
             self._first_number = transition.number
         self._next_number = transition.number + 1
+        previous, status = int(transition.previous), int(transition.status)
         self._transitions.append(
-            [
-                transition.stamp,
-                item.wall,
-                transition.tick,
-                transition.uid,
-                int(transition.previous),
-                int(transition.status),
-            ]
+            [transition.stamp, item.wall, transition.tick, transition.uid, previous, status]
         )
 
-    def _add_tick_message(
+    def _add_tick(
         self, tick: int, stamp: int, wall: int, duration_ns: int, status: int, is_end: bool
     ) -> None:
         transitions, self._transitions = self._transitions, []
         first = self._first_number if transitions else (self._next_number or 0)
-        seq = self.history.latest_seq + 1
-        self._add_message(
-            TickMessage(self.tree_id, seq, stamp, wall, tick, duration_ns, status, is_end, first, transitions)
-        )
+        head = self.tree_id, self.history.latest_seq + 1, stamp, wall
+        self._add_message(TickMessage(*head, tick, duration_ns, status, is_end, first, transitions))
 
     def _add_message(self, message: StreamMessage) -> None:
         data = self._try_encode(message)
@@ -205,15 +188,8 @@ class RunChannelServer:
     def _create_reply(self, request: bytes, topic: bytes) -> Iterator[Frames]:
         if request == TREE_REQUEST:
             history = self.history
-            tree = TreeMessage(
-                self.tree_id,
-                history.stamp,
-                history.wall,
-                self._xml,
-                history.oldest_seq,
-                history.latest_seq,
-                history.statuses,
-            )
+            seqs = history.oldest_seq, history.latest_seq
+            tree = TreeMessage(self.tree_id, history.stamp, history.wall, self._xml, *seqs, history.statuses)
             yield topic, encode(tree)
         if request in (TREE_REQUEST, b"static"):
             if self._static_scene_frame is not None:

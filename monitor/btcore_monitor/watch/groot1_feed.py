@@ -59,8 +59,8 @@ class Groot1Feed:
     """Converts a robot's updates to events. Use it from one thread.
 
     The feed numbers the transitions itself, so `TreeEvent.has_transition_numbers` is false. If an update does
-    not begin with the statuses at the end of the previous update, this causes a MissingDataEvent, and a TreeEvent
-    with the current statuses. A disconnection counts as a restart.
+    not begin with the statuses at the end of the previous update, a MissingDataEvent and a TreeEvent with the
+    current statuses follow. A disconnection counts as a restart.
 
     Args:
         address: The robot's address.
@@ -127,11 +127,8 @@ class Groot1Feed:
     @property
     def sockets(self) -> list[Socket]:
         """The current sockets, for a poller."""
-        return [
-            self._update_socket,
-            self._connection_events,
-            *([self._client.socket] if self._client.is_reply_pending else []),
-        ]
+        requests = [self._client.socket] if self._client.is_reply_pending else []
+        return [self._update_socket, self._connection_events, *requests]
 
     def step(self) -> list[Event]:
         """Read new messages and send the next request, without waiting. Return the new events.
@@ -257,14 +254,7 @@ class Groot1Feed:
         assert self._observed is not None
         self._is_tree_reported = True
         self._reported_up_to = stamp
-        return TreeEvent(
-            self._observed.tree,
-            stamp,
-            wall,
-            dict(self._statuses),
-            has_transition_numbers=False,
-            source=GROOT1,
-        )
+        return TreeEvent(self._observed.tree, stamp, wall, dict(self._statuses), False, GROOT1)
 
     def _is_known(self, update: Update) -> bool:
         assert self._observed is not None

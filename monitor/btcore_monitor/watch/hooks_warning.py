@@ -11,7 +11,7 @@ from btcore_monitor.watch.address import Address
 from btcore_monitor.wire.hooks import WireHook, describe_hook
 
 _MAX_NAMED: Final = 8
-_PATH_ROOM: Final = 120
+_MAX_PATH_CHARS: Final = 120
 """Characters of a path. A hostile robot may send very long names and numbers."""
 
 
@@ -23,7 +23,7 @@ def hooks_warning(hooks: Sequence[WireHook], path_of: Callable[[int], str], addr
         path_of: Returns the path of the node with a uid.
         address: The robot's address.
     """
-    named = ", ".join(describe_hook(hook, path_of(hook.uid)[:_PATH_ROOM]) for hook in hooks[:_MAX_NAMED])
+    named = ", ".join(describe_hook(hook, path_of(hook.uid)[:_MAX_PATH_CHARS]) for hook in hooks[:_MAX_NAMED])
     more = f" and {len(hooks) - _MAX_NAMED} more" if len(hooks) > _MAX_NAMED else ""
     return (
         f"warning: other clients left hooks in the robot: {named}{more}. A breakpoint stops the tree while a "

@@ -168,7 +168,7 @@ def test_the_observed_tree_of_a_format_3_log_has_ports_and_subtrees() -> None:
     tree = observed_tree(read_fbl(LOGS[2]))
     assert tree.by_uid[5].ports == {"ticks": "3", "out": "{val}"}
     assert (tree.by_uid[8].parent, tree.by_uid[8].subtree) == (7, "Sub::6")
-    assert tree.by_uid[6].kind == "subtree"
+    assert tree.by_uid[6].type == "subtree"
     assert list(tree.subtrees.values())[1:] == ["Sub", "Sub"]
 
 

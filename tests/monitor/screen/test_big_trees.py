@@ -179,7 +179,7 @@ def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run):
 
 
 def test_found_nodes_are_highlighted_and_have_the_lanes(run, tmp_path, recorded):
-    recording = recorded(run(70), tmp_path / "run.rrd", find=["escape", "Turn", "nowhere"])
+    recording = recorded(run(70), tmp_path / "run.rrd", find_patterns=["escape", "Turn", "nowhere"])
     halos = recording.of("/tree/highlights", "LineStrips2D:strips")[0][1]
     pills = recording.of("/tree/pills", "LineStrips2D:strips") or recording.of(
         "/tree/rims", "LineStrips2D:strips"

@@ -54,7 +54,7 @@ def test_levels_rise_from_idle_to_exceptions(tmp_path, recorded):
 )
 def test_the_window_shows_the_selected_levels_and_the_recording_has_all(level, shown, tmp_path, read):
     path = tmp_path / "x.rrd"
-    screen = RobotView(RecordingSinks(save=path), level=level)
+    screen = RobotView(RecordingSinks(save=path), log_level=level)
     for event in events():
         screen.process_event(event)
     screen.close()

@@ -75,7 +75,7 @@ def recording(run, tmp_path):
     events = run(70)
     for event in events:
         screen.process_event(event)
-    view = screen.tree
+    view = screen.tree_view
     screen.close()
     return path, view
 
@@ -135,10 +135,10 @@ def test_the_laser_and_the_trail_are_in_the_scene(vulkan, recording, tmp_path):
 
 
 def test_texts_in_any_script_are_drawn_in_a_window_of_the_requested_size(vulkan, tmp_path):
-    screen = RobotView(RecordingSinks(save=tmp_path / "run.rrd"), find=["充电"])
+    screen = RobotView(RecordingSinks(save=tmp_path / "run.rrd"), find_patterns=["充电"])
     for event in _foreign_events():
         screen.process_event(event)
-    view = screen.tree
+    view = screen.tree_view
     screen.close()
     write_screenshot(tmp_path / "run.rrd", tmp_path / "window.png", size=(1280, 800))
     with Image.open(tmp_path / "window.png") as image:

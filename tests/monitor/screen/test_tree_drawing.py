@@ -7,9 +7,9 @@ import rerun as rr
 from btcore_monitor.events import ObservedNode, ObservedTree, TreeEvent
 from btcore_monitor.screen.captions import create_captions
 from btcore_monitor.screen.lanes import distinct_names
-from btcore_monitor.screen.panels import brief
+from btcore_monitor.screen.panels import shorten_message
 from btcore_monitor.screen.row_buffer import RowBuffer
-from btcore_monitor.screen.style import GROOT, NAME_ROOM, NOTE_ROOM
+from btcore_monitor.screen.style import GROOT, MAX_NAME_CHARS, MAX_NOTE_CHARS
 from btcore_monitor.screen.subtree_drawing import MAX_BRANCHES, PARTS, node_entities, split_by_subtree
 from btcore_monitor.screen.tree import FOLD_ABOVE_NODES, TreeView
 
@@ -17,7 +17,7 @@ ROOM = (1000.0, 500.0)
 
 
 def node(uid: int, name: str, parent: int = 0, children=(), **more) -> ObservedNode:
-    defaults = {"id": name, "kind": "control" if children else "action", "path": f"{name}::{uid}"}
+    defaults = {"id": name, "type": "control" if children else "action", "path": f"{name}::{uid}"}
     return ObservedNode(uid, name, parent=parent, children=tuple(children), **{**defaults, **more})
 
 
@@ -61,10 +61,10 @@ def test_the_note_of_a_subtree_names_its_tree():
 def test_long_texts_are_shortened_and_a_name_keeps_both_ends():
     long = node(1, "WouldThisVeryLongAndUnusualNameBeLegible", ports={"path": "x" * 80})
     written = create_captions(observed_tree(long), observed_tree(long), with_notes=True)[1]
-    assert len(written.name) == NAME_ROOM
+    assert len(written.name) == MAX_NAME_CHARS
     assert written.name.startswith("WouldThisVery")
     assert written.name.endswith("Legible")
-    assert len(written.note) == NOTE_ROOM
+    assert len(written.note) == MAX_NOTE_CHARS
     assert written.note.endswith("…")
 
 
@@ -190,4 +190,4 @@ def test_nodes_of_one_name_are_told_apart_by_their_subtrees_or_their_uids():
     ],
 )
 def test_an_error_is_shortened_to_its_message(message, said):
-    assert brief(message) == said
+    assert shorten_message(message) == said

@@ -98,8 +98,8 @@ def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
     for event in (seen, TransitionEvent(1, 5 * MS, 5 * MS, 0, 2, IDLE, RUNNING)):
         screen.process_event(event)
     screen.flush()
-    assert screen._display is not None
-    assert screen._display.states._before.tolist() == [IDLE, RUNNING]
+    assert screen._panels is not None
+    assert screen._panels.states._shown_before.tolist() == [IDLE, RUNNING]
     screen.close()
 
 
