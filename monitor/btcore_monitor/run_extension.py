@@ -211,11 +211,12 @@ class MonitorExtension(RunExtension):
             if publisher.watch_address:
                 print_message(f"watching without keys: {publisher.watch_address}")
             # Groot cannot use keys, so it connects to the ports for watching without keys.
-            updates = publisher.groot1_port if keys is None else publisher.watch_groot1_port
-            if updates is not None:
+            updates_port = publisher.groot1_port if keys is None else publisher.watch_groot1_port
+            if updates_port is not None:
                 reason = f", since Groot 2 has {publisher.port}" if groot2_port is not None else ""
                 print_message(
-                    f"Groot 1 finds it at publisher port {updates} and server port {updates + 1}{reason}"
+                    f"Groot 1 finds it at publisher port {updates_port} and server port "
+                    f"{updates_port + 1}{reason}"
                 )
             options = [*key_options, *DrawingOptions.from_settings(settings).arguments()]
             options.append("--verbose" if verbose else "--quiet")

@@ -117,10 +117,10 @@ class Feed(Closeable):
         self._groot1_feed: Groot1Feed | None = None
         self._groot1_events: list[Event] = []
         self._stopped = threading.Event()
-        self._state: ConnectionState | None = None
+        self._connection_state: ConnectionState | None = None
         self._uses_run_channel = False
         self._groot_replied_at = 0.0
-        self._run_channel_announced = False
+        self._is_run_channel_announced = False
         # Why Groot's protocol is used, if the robot has announced a run channel.
         self._groot_reason = ""
         self._next_number: int | None = None
@@ -144,7 +144,7 @@ class Feed(Closeable):
     def events(self, until_end: bool = False) -> Iterator[Event]:
         """Yield events until `stop`.
 
-        With *until_end*, also stop when the robot reports the end of its run, or ABANDONED_AFTER_S is over.
+        With *until_end*, also stop when the robot reports the end of its run, or is away for long.
         """
         return chain.from_iterable(self.batches(until_end))
 
@@ -179,28 +179,26 @@ class Feed(Closeable):
 
     def _collect_events(self) -> list[Event]:
         events: list[Event] = []
-        if self._state is None:
+        if self._connection_state is None:
             self._report_connection(events, "waiting", f"waiting for the robot at {self.address}")
         for message in self._run_channel_client.read():
             self._add_events(message, events)
         now = time.monotonic()
         self._report_errors(now, events)
         # The run channel comes first, because only it has all data. Groot's protocols are used without it.
-        if (
-            now - self._run_channel_client.last_message_at < SILENT_AFTER_S
-            and self._run_channel_client.tree_id
-        ):
+        silence = now - self._run_channel_client.last_message_at
+        if silence < SILENT_AFTER_S and self._run_channel_client.tree_id:
             self._uses_run_channel = True
             self._close_groot1()
-            if self._state == "lost":
+            if self._connection_state == "lost":
                 self._report_connection(events, "connected", f"{self.address} is back")
         # The run channel went silent: the robot may come back with another protocol.
         elif self._uses_run_channel:
             self._uses_run_channel = False
             self._groot2_feed.reset()
             self._groot_replied_at = 0.0
-            self._run_channel_announced = False
-            if self._state == "connected":
+            self._is_run_channel_announced = False
+            if self._connection_state == "connected":
                 self._report_connection(
                     events, "lost", f"no sign of life from {self.address} for {SILENT_AFTER_S:g} s"
                 )
@@ -213,8 +211,8 @@ class Feed(Closeable):
         return events
 
     def _report_connection(self, events: list[Event], state: ConnectionState, detail: str) -> None:
-        if state != self._state:
-            self._state = state
+        if state != self._connection_state:
+            self._connection_state = state
             events.append(ConnectionEvent(state, _shorten(detail)))
 
     def _report_errors(self, now: float, events: list[Event]) -> None:
@@ -246,7 +244,7 @@ class Feed(Closeable):
         elif isinstance(message, wire.StaticSceneMessage):
             events.append(StaticSceneEvent(message.data))
         elif isinstance(message, wire.TickMessage):
-            self._add_ticks(message, events)
+            self._add_tick(message, events)
         elif isinstance(message, wire.MovingSceneMessage):
             events.append(MovingSceneEvent(message.stamp, message.wall, message.data))
         elif isinstance(message, wire.BlackboardMessage):
@@ -256,7 +254,7 @@ class Feed(Closeable):
         elif isinstance(message, wire.EndMessage):
             self._report_connection(events, "ended", f"the run at {self.address} is over")
 
-    def _add_ticks(self, message: wire.TickMessage, events: list[Event]) -> None:
+    def _add_tick(self, message: wire.TickMessage, events: list[Event]) -> None:
         number = message.first
         if message.transitions:
             if self._next_number is not None and number > self._next_number:
@@ -273,16 +271,16 @@ class Feed(Closeable):
     def _note_groot_reply(self, reply: bytes, now: float) -> None:
         """Note that the robot replied to a request of Groot with its tree, *reply*."""
         self._groot_replied_at = now
-        self._run_channel_announced = reply.endswith(wire.ANNOUNCEMENT)
+        self._is_run_channel_announced = reply.endswith(wire.ANNOUNCEMENT)
         self._groot_reason = ""
 
     def _awaits_run_channel(self, now: float) -> bool:
         """Return whether the robot has announced a run channel that may still connect."""
-        if not self._run_channel_announced:
+        if not self._is_run_channel_announced:
             return False
         if now - self._groot_replied_at < ANNOUNCED_RUN_CHANNEL_WAIT_S:
             return True
-        self._run_channel_announced = False
+        self._is_run_channel_announced = False
         port = self.address.at(wire.PORT_OFFSET)
         self._groot_reason = f", because there is no reply from its run channel, {port}"
         # If the run channel connects later, it begins with the tree.
@@ -293,7 +291,7 @@ class Feed(Closeable):
         """Send requests of Groot 2, and return events only after the run channel had time to connect."""
         if not self._groot_replied_at and self._groot2_feed.tree is not None:
             self._note_groot_reply(self._groot2_feed.tree.xml, now)
-            if self._run_channel_announced:
+            if self._is_run_channel_announced:
                 return
         # At least a round trip: over a slow network the run channel needs longer than RUN_CHANNEL_WAIT_S.
         wait = max(RUN_CHANNEL_WAIT_S, self._groot2_client.round_trip)
@@ -304,7 +302,7 @@ class Feed(Closeable):
             self._groot2_feed.reset()
             self._note_groot_reply(detected.reply, now)
             self._groot1_feed = Groot1Feed(self.address, MAX_REPLY_TIMEOUT_S, self._keys)
-            if self._state == "connected":
+            if self._connection_state == "connected":
                 self._report_connection(events, "lost", str(detected))
             return
         except (NoReplyError, ProtocolError) as error:
@@ -312,7 +310,7 @@ class Feed(Closeable):
             self._groot2_feed.reset(_PAUSE_AFTER_ERROR_S if is_invalid else 0.0)
             self._groot_replied_at = 0.0
             # A robot that has not answered yet may be starting.
-            if self._state == "connected" or is_invalid:
+            if self._connection_state == "connected" or is_invalid:
                 self._report_connection(events, "lost", str(error))
             return
         if self._groot2_feed.is_following:
@@ -321,12 +319,12 @@ class Feed(Closeable):
             )
         events.extend(sampled)
 
-    def _read_groot1(self, robot: Groot1Feed, now: float, events: list[Event]) -> None:
+    def _read_groot1(self, feed: Groot1Feed, now: float, events: list[Event]) -> None:
         """Read updates of Groot 1, and return events only after the run channel had time to connect."""
         try:
-            self._groot1_events += robot.step()
+            self._groot1_events += feed.step()
         except NoReplyError as error:
-            if self._state == "connected":
+            if self._connection_state == "connected":
                 self._report_connection(events, "lost", str(error))
         except ProtocolError as error:
             self._close_groot1()
@@ -334,8 +332,8 @@ class Feed(Closeable):
             return
         if now - self._groot_replied_at < RUN_CHANNEL_WAIT_S:
             return
-        if self._groot1_events or robot.is_back:
-            self._report_connection(events, "connected", f"{robot}{self._groot_reason}")
+        if self._groot1_events or feed.is_back:
+            self._report_connection(events, "connected", f"{feed}{self._groot_reason}")
         events += self._groot1_events
         self._groot1_events = []
 
@@ -349,7 +347,7 @@ class Feed(Closeable):
     def _wait(self, seconds: float) -> None:
         poller = zmq.Poller()
         poller.register(self._run_channel_client.socket, zmq.POLLIN)
-        if self._run_channel_announced:
+        if self._is_run_channel_announced:
             pass
         elif self._groot1_feed is not None:
             for socket in self._groot1_feed.sockets:

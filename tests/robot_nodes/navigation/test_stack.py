@@ -400,7 +400,7 @@ def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(flat, c
     if during == "carried to another room":
         home.body.teleport(Pose2D(-2.2, -0.5, 2.5))
     elif during == "restarted at zero":
-        home.body._dead_reckoning.x = home.body._dead_reckoning.y = home.body._dead_reckoning.yaw = 0.0
+        home.body._wheel_odometry.x = home.body._wheel_odometry.y = home.body._wheel_odometry.yaw = 0.0
     home.run(2.35)
     assert not handle.done
     driven = home.body.distance
