@@ -92,7 +92,7 @@ class Lanes:
             for entity in self.entities[: len(self._running_lanes)]:
                 log(entity, look, static=True)
 
-    def show(self, states: TickStates, changed: Iterable[int]) -> None:
+    def show_states(self, states: TickStates, changed: Iterable[int]) -> None:
         """Add a state to the lane of each node in *changed* (indices of nodes)."""
         for at in changed:
             series = self._series.get(at)

@@ -112,7 +112,7 @@ class RobotView:
         """Process a moment without events: a viewer receives the buffered rows now, a file later."""
         self._draw_new_tree()
         if self._panels is not None:
-            self._panels.end_open_tick()
+            self._panels.end_unreported_tick()
         self._send_if_due(0.0)
 
     def _send_if_due(self, live_interval: float) -> None:
@@ -132,7 +132,7 @@ class RobotView:
         self._buffered_events = 0
         self._draw_new_tree()
         if self._panels is not None:
-            self._panels.end_open_tick()
+            self._panels.end_unreported_tick()
             self._panels.send()
 
     def close(self) -> None:
@@ -149,8 +149,8 @@ class RobotView:
         new, self._undrawn_tree = self._undrawn_tree, None
         if new is None:
             return
-        if self._panels is not None and self._panels.has_tree_of(new):
-            self._panels.continue_with(new)
+        if self._panels is not None and self._panels.is_same_tree(new):
+            self._panels.resume(new)
         else:
             self._close_panels()
             has_scene = self._scene is not None
@@ -231,22 +231,22 @@ class _TreePanels:
         self._handlers: dict[type, Callable[..., None]] = {
             TransitionEvent: self._show_transition,
             TickEvent: self._show_tick,
-            BlackboardEvent: self._show_blackboards,
+            BlackboardEvent: self._show_blackboard,
             StaticSceneEvent: self._show_static_scene,
             MovingSceneEvent: self._show_moving_scene,
             ExceptionEvent: self._show_exception,
-            LostTransitionsEvent: self._show_gap,
+            LostTransitionsEvent: self._show_lost_transitions,
             MissingDataEvent: self._show_missing_data,
             HooksEvent: self.transition_log.add_hooks,
             ConnectionEvent: self._show_connection,
         }
 
-    def continue_with(self, event: TreeEvent) -> None:
+    def resume(self, event: TreeEvent) -> None:
         """Continue the same tree with the statuses in *event*. The transitions before it are unknown."""
         self._move_to(event.stamp, event.wall)
         self._restart(event)
 
-    def has_tree_of(self, event: TreeEvent) -> bool:
+    def is_same_tree(self, event: TreeEvent) -> bool:
         """Return whether *event* has this tree, and comes from a source with the same clock and numbering."""
         return (
             self.tree_id == event.tree.tree_id and self.has_transition_numbers == event.has_transition_numbers
@@ -257,7 +257,7 @@ class _TreePanels:
         self.states.begin(event.stamp, event.wall, event.statuses)
         self._colour()
         self.blackboard_table.show_running(self.states)
-        self.lanes.show(self.states, range(len(self.states.shown)))
+        self.lanes.show_states(self.states, range(len(self.states.shown)))
         self.statistics_table.begin(event.stamp, event.wall, event.statuses)
         if "ticks" in self.source.unavailable:
             self.now_panel.show_states(self.states)
@@ -277,7 +277,7 @@ class _TreePanels:
         if self.blackboard_table.note:
             self.blackboard_table.show_note(stamp, wall)
 
-    def end_open_tick(self) -> None:
+    def end_unreported_tick(self) -> None:
         """Show the last changes of a robot that does not report the end of a tick."""
         if "ticks" in self.source.unavailable and self.states.has_open_tick:
             self._end_tick(self._stamp, self._wall)
@@ -316,7 +316,7 @@ class _TreePanels:
         if changed:
             self._colour()
             self.blackboard_table.show_running(self.states)
-            self.lanes.show(self.states, changed)
+            self.lanes.show_states(self.states, changed)
             if "ticks" in self.source.unavailable:
                 self.now_panel.show_states(self.states)
 
@@ -336,7 +336,7 @@ class _TreePanels:
         if self.states.is_of_later_tick(event):
             self._end_tick(self._stamp, self._wall)
         self._move_to(event.stamp, event.wall)
-        self.states.apply(event)
+        self.states.apply_transition(event)
         self.transition_log.add_transition(event)
         self.statistics_table.count_transition(event)
         self.statistics_table.update_if_due(event.stamp, event.wall)
@@ -349,7 +349,7 @@ class _TreePanels:
         self.now_panel.show_tick(event, self.states)
         self.statistics_table.update_if_due(event.stamp, event.wall)
 
-    def _show_blackboards(self, event: BlackboardEvent) -> None:
+    def _show_blackboard(self, event: BlackboardEvent) -> None:
         self._move_to(event.stamp, event.wall)
         self.blackboard_table.show(event.stamp, event.wall, event.boards)
         self._update_filled_panels()
@@ -376,7 +376,7 @@ class _TreePanels:
             for view in self.tree_views:
                 view.mark_exception(uid, event.stamp, event.wall)
 
-    def _show_gap(self, event: LostTransitionsEvent) -> None:
+    def _show_lost_transitions(self, event: LostTransitionsEvent) -> None:
         self.transition_log.add_gap(event, self._stamp, self._wall)
         self.now_panel.count_missing(event)
 

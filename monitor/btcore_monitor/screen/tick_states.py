@@ -81,7 +81,7 @@ class TickStates:
             event.stamp - self.stamp >= MAX_PAUSE_IN_TICK_NS or event.stamp - self._tick_start >= MAX_TICK_NS
         )
 
-    def apply(self, event: TransitionEvent) -> None:
+    def apply_transition(self, event: TransitionEvent) -> None:
         """Apply a transition."""
         if self._tick is None:
             self._tick_start = event.stamp

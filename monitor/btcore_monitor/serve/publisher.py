@@ -105,10 +105,10 @@ class Publisher(Closeable):
         )
         self._replacement_trees: deque[PublishedTree] = deque()
         self._context: zmq.Context[Socket] = zmq.Context()
-        self._request_socket = RequestSocket(self._context, _MAX_REQUEST_BYTES)
+        self._groot2_requests = RequestSocket(self._context, _MAX_REQUEST_BYTES)
         self._notifications_socket = self._context.socket(zmq.PUB)
         # Requests of clients without keys, if other clients have keys.
-        self._watch_request_socket = RequestSocket(self._context, _MAX_REQUEST_BYTES)
+        self._watch_requests = RequestSocket(self._context, _MAX_REQUEST_BYTES)
         # An XPUB socket receives the subscriptions, which are the clients' requests.
         self._run_channel_socket = self._context.socket(zmq.XPUB)
         for socket in (self._notifications_socket, self._run_channel_socket):
@@ -141,7 +141,7 @@ class Publisher(Closeable):
                     self.watch_address = f"tcp://{host}:{requests_port}"
                 for socket in self._list_sockets():
                     keys.secure(socket)
-            self.port, self.groot1_port = self._bind(self._request_socket, groot2_port, groot1_port, bind)
+            self.port, self.groot1_port = self._bind(self._groot2_requests, groot2_port, groot1_port, bind)
             self._gateway.start()
         except BaseException:
             self._context.destroy(linger=0)
@@ -161,7 +161,7 @@ class Publisher(Closeable):
         """Return the sockets to which clients with keys connect, if there are keys."""
         groot1_sockets = self._groot1_sockets
         return [
-            self._request_socket.socket,
+            self._groot2_requests.socket,
             self._notifications_socket,
             self._run_channel_socket,
             *([] if groot1_sockets is None else [groot1_sockets.updates, groot1_sockets.requests.socket]),
@@ -224,9 +224,7 @@ class Publisher(Closeable):
                 watch_groot1_port = (
                     first and groot2_port and groot1_port and first + groot1_port - groot2_port
                 )
-        return self._bind(
-            self._watch_request_socket, watch_groot2_port, watch_groot1_port, host, "--watch-port"
-        )
+        return self._bind(self._watch_requests, watch_groot2_port, watch_groot1_port, host, "--watch-port")
 
     @property
     def tree_id(self) -> str:
@@ -324,7 +322,7 @@ class Publisher(Closeable):
 
     def _run(self) -> None:
         poller = zmq.Poller()
-        for requests in (self._request_socket, self._watch_request_socket):
+        for requests in (self._groot2_requests, self._watch_requests):
             poller.register(requests.socket, zmq.POLLIN)
         if self._authenticator is not None:
             poller.register(self._authenticator.socket, zmq.POLLIN)
@@ -340,10 +338,10 @@ class Publisher(Closeable):
                 ready = dict(poller.poll(0 if has_more else _POLL_MS))
                 if self._authenticator is not None and self._authenticator.socket in ready:
                     self._authenticator.answer()
-                if self._request_socket.socket in ready:
-                    self._answer(self._request_socket)
-                if self._watch_request_socket.socket in ready:
-                    self._answer(self._watch_request_socket, may_control=False)
+                if self._groot2_requests.socket in ready:
+                    self._answer(self._groot2_requests)
+                if self._watch_requests.socket in ready:
+                    self._answer(self._watch_requests, may_control=False)
                 self._serve_groot1(ready)
                 run_channel = self._served_tree.run_channel_server
                 if run_channel is not None and self._run_channel_socket in ready:
@@ -365,8 +363,8 @@ class Publisher(Closeable):
             self._ticking_tree.remove_hooks()
             # 200 ms for the last message to clients that read; closing does not wait for other clients.
             self._run_channel_socket.close(linger=200)
-            self._request_socket.socket.close(linger=200)
-            self._watch_request_socket.socket.close(linger=200)
+            self._groot2_requests.socket.close(linger=200)
+            self._watch_requests.socket.close(linger=200)
             self._notifications_socket.close(linger=0)
             if self._groot1_sockets is not None:
                 self._groot1_sockets.close(linger=200)
