@@ -68,16 +68,16 @@ class MonitorProcess:
             env=os.environ | {"PYTHONPATH": path},
         )
 
-    def finish(self, interrupted: bool) -> str:
+    def finish(self, is_interrupted: bool) -> str:
         """Wait until the process has received all data and written its files, within this module's limits.
 
-        A process that stays after the run is ended on a signal, or immediately if the run was *interrupted*.
+        A process that stays after the run is ended on a signal, or at once if *is_interrupted*.
 
         Returns:
             The reason why the file that the process writes is incomplete, or "".
         """
         if self.stays_open:
-            self._keep_open(interrupted)
+            self._keep_open(is_interrupted)
             return ""
         timeout = WRITE_TIMEOUT_S if self.writes_file else VIEWER_GRACE_S
         if self.takes_screenshot:
@@ -112,10 +112,10 @@ class MonitorProcess:
             print_message(f"{self.label}: waiting until {waiting}")
             return self.process.wait(max(0.0, deadline - time.monotonic()))
 
-    def _keep_open(self, interrupted: bool) -> None:
+    def _keep_open(self, is_interrupted: bool) -> None:
         stop = threading.Event()
         with stop_on_signals(stop):
-            if not interrupted and self.process.poll() is None:
+            if not is_interrupted and self.process.poll() is None:
                 print_message(f"the run is over; {self.label} stays open until Ctrl-C")
                 while self.process.poll() is None and not stop.wait(_CHECK_INTERVAL_S):
                     pass

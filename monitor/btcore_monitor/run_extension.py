@@ -113,7 +113,7 @@ class MonitorExtension(RunExtension):
 
     def __init__(self) -> None:
         self._publisher: Publisher | None = None
-        self._interrupted = False
+        self._is_interrupted = False
 
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
@@ -163,7 +163,7 @@ class MonitorExtension(RunExtension):
 
     def on_interrupt(self) -> None:
         """Don't wait for viewers at the end."""
-        self._interrupted = True
+        self._is_interrupted = True
 
     @contextmanager
     def attach(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> Iterator[None]:
@@ -239,14 +239,14 @@ class MonitorExtension(RunExtension):
                 yield
             # After an error, do not wait for viewers.
             except BaseException:
-                self._interrupted = True
+                self._is_interrupted = True
                 raise
             finally:
                 self._publisher = None
                 # Before waiting: a monitor process ends when it has received the end of the stream.
                 publisher.end_stream()
-                failures += filter(None, [monitor.finish(self._interrupted) for monitor in monitors])
-                if self._interrupted:
+                failures += filter(None, [monitor.finish(self._is_interrupted) for monitor in monitors])
+                if self._is_interrupted:
                     publisher.close(INTERRUPTED_GRACE_S)
             if failures:
                 raise OutputError("; ".join(failures))

@@ -88,20 +88,20 @@ class _Age:
             f"{CAMERA}/ages/{name}", self._create_caption_columns
         )
         self._seen = 0
-        self._faint = False
+        self._is_faint = False
 
     def renew(self, stamp: int, wall: int) -> None:
         """Show a new picture without fading."""
         self._seen = stamp
-        if self._faint:
-            self._faint = False
+        if self._is_faint:
+            self._is_faint = False
             self._opacity.add(stamp, wall, 1.0)
             self._captions.add(stamp, wall, "")
 
     def update(self, stamp: int, wall: int) -> None:
         """Fade the picture if it is too old at *stamp*."""
-        if not self._faint and stamp - self._seen > _OLD:
-            self._faint = True
+        if not self._is_faint and stamp - self._seen > _OLD:
+            self._is_faint = True
             self._opacity.add(stamp, wall, _FAINT)
             self._captions.add(stamp, wall, f"as of {self._rows.to_seconds(self._seen):.1f} s")
 

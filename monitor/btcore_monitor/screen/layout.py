@@ -51,7 +51,7 @@ class Box:
 
     width: float
     children: tuple[int, ...]
-    framed: bool = False
+    has_frame: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ class _Shape:
     """A way to draw a node and all nodes below it.
 
     *width* and *height* are the size of its area, and *anchor* is the distance from the area's left edge to
-    the pill. *groups* are the shapes of the children: in rows if *hung* from the spine, otherwise in columns.
+    the pill. *groups* are the shapes of the children: in rows if they hang from the spine (*is_hung*), otherwise in columns.
     The first column begins *shift* to the right of the area's left edge.
     """
 
@@ -99,7 +99,7 @@ class _Shape:
     height: float
     anchor: float
     groups: tuple[tuple["_Shape", ...], ...] = ()
-    hung: bool = False
+    is_hung: bool = False
     shift: float = 0.0
 
 
@@ -143,7 +143,7 @@ def _offers(boxes: Sequence[Box], height: float, wrap: bool) -> list[_Shape]:
             shapes = [_in_columns(box, height, widths, [[offers[0]] for offers in below])]
         else:
             shapes = _best(_wrapped(box, height, widths, below))
-        offered[index] = [_framed(shape) for shape in shapes] if box.framed else shapes
+        offered[index] = [_framed(shape) for shape in shapes] if box.has_frame else shapes
     return offered[0]
 
 
@@ -233,7 +233,7 @@ def _best(shapes: Iterable[_Shape]) -> list[_Shape]:
     """Return the Pareto-optimal shapes (by width and height), narrowest first, thinned to _OFFERS."""
     front: list[_Shape] = []
     # By width: a wider shape is only useful if it is lower.
-    for shape in sorted(shapes, key=lambda shape: (shape.width, shape.height, shape.hung)):
+    for shape in sorted(shapes, key=lambda shape: (shape.width, shape.height, shape.is_hung)):
         if not front or shape.height < front[-1].height - 0.01:
             front.append(shape)
     return _spread(front, _OFFERS)
@@ -303,19 +303,19 @@ class _Drawing:
             index, shape, left, top = waiting.pop()
             box = self._boxes[index]
             pad = self._pad(index)
-            if box.framed:
+            if box.has_frame:
                 inset = 2.0
                 right, bottom = left + shape.width - inset, top + shape.height - inset
                 self._frames.append((index, left + inset, top + inset, right, bottom))
             place = Place(left + shape.anchor, top + pad + self._height / 2, box.width)
             self._places[index] = place
-            lay = self._hang if shape.hung else self._columns
+            lay = self._hang if shape.is_hung else self._columns
             waiting.extend(lay(box, shape, place, left + pad))
         self._frames.sort()
         return Layout(tuple(self._places), tuple(self._edges), tuple(self._frames), (root.width, root.height))
 
     def _pad(self, index: int) -> float:
-        return FRAME_PAD if self._boxes[index].framed else 0.0
+        return FRAME_PAD if self._boxes[index].has_frame else 0.0
 
     def _top(self, child: int, shape: _Shape, x: float, y: float) -> tuple[float, float]:
         """Return the point where a line from above meets the pill of *child*, whose area begins at (x, y)."""
@@ -383,7 +383,7 @@ class _Drawing:
 
         Nodes on a spine begin at the left, and a line from there to the middle of a wide shape would be long.
         """
-        if shape.hung or not shape.groups:
+        if shape.is_hung or not shape.groups:
             return shape
         box, first, start = self._boxes[index], shape.groups[0], self._pad(index) + shape.shift
         if len(box.children) == 1:

@@ -255,7 +255,7 @@ class StatisticsTable:
         self._since: dict[int, int] = {}
         self._next_update: int | None = None
         self._last_update_stamp = 0
-        self._changed = False
+        self._has_changed = False
 
     def begin(self, stamp: int, wall: int, statuses: Mapping[int, int]) -> None:
         """Begin with known statuses. Transitions before *stamp* are unknown.
@@ -266,7 +266,7 @@ class StatisticsTable:
             statuses: The nodes' statuses by uid.
         """
         self._since = {uid: stamp for uid, status in statuses.items() if status == RUNNING}
-        self._changed = True
+        self._has_changed = True
         self.update(stamp, wall)
 
     def count_transition(self, event: TransitionEvent) -> None:
@@ -274,7 +274,7 @@ class StatisticsTable:
         counts = self._results.get(event.uid)
         if counts is None:
             return
-        self._changed = True
+        self._has_changed = True
         since = self._since.pop(event.uid, None)
         if since is not None:
             self._running_ns[event.uid] += max(0, event.stamp - since)
@@ -290,8 +290,8 @@ class StatisticsTable:
 
     def update(self, stamp: int, wall: int) -> None:
         """Update the table at *stamp* (ns) if a status has changed or a node is RUNNING."""
-        if self._changed or (self._since and stamp != self._last_update_stamp):
-            self._changed = False
+        if self._has_changed or (self._since and stamp != self._last_update_stamp):
+            self._has_changed = False
             self._last_update_stamp = stamp
             self._next_update = stamp + UPDATE_INTERVAL_NS
             self._series.add(stamp, wall, self.format_table(stamp))

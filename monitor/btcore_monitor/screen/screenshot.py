@@ -126,7 +126,7 @@ class _HeadlessViewer:
     def __init__(self, process: RerunProcess) -> None:
         from rerun.experimental import ViewerClient
 
-        self.silent = False
+        self.is_silent = False
         """Whether the viewer was killed because it did not answer."""
         self._process = process
         self._watchdog = self._start_watchdog()
@@ -177,7 +177,7 @@ class _HeadlessViewer:
         return watchdog
 
     def _kill(self) -> None:
-        self.silent = True
+        self.is_silent = True
         self._process.kill()
 
 
@@ -192,7 +192,7 @@ def _open_viewer(size: tuple[int, int]) -> Iterator[_HeadlessViewer]:
         viewer = _HeadlessViewer(process)
         yield viewer
     except ConnectionError as error:
-        if viewer is not None and viewer.silent:
+        if viewer is not None and viewer.is_silent:
             reason = f"it did not answer for {_ANSWER_TIMEOUT_S:.0f} s, and was killed"
         else:
             reason = process.failure() or "it does not answer"

@@ -255,7 +255,7 @@ def arrange(tree: ObservedTree, written: Mapping[int, Caption], view_size: tuple
         Box(
             width=written[node.uid].width,
             children=tuple(index[child] for child in node.children),
-            framed=node.type == "subtree" and bool(node.children),
+            has_frame=node.type == "subtree" and bool(node.children),
         )
         for node in tree.nodes
     ]

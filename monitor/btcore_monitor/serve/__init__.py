@@ -90,7 +90,7 @@ def serve(
         tree=tree,
         groot2_port=groot2_port,
         bind=bind,
-        run_channel=run_channel,
+        serves_run_channel=run_channel,
         resources=resources,
         grace=grace,
         groot1_port=groot1_port,

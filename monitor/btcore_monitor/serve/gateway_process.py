@@ -106,9 +106,9 @@ class ClientStream:
         self._size = size
         self._head = bytearray()  # the greeting, then the beginning of each frame
         self._greeting_size = 0  # 0: unknown yet
-        self._in_greeting = True
+        self._is_in_greeting = True
         self._has_identity = False  # in ZMTP 2.0, the first frame is the client's identity
-        self._encrypted = False
+        self._is_encrypted = False
         self._flags = 0
         self._left = 0  # bytes of the current frame's body
         self._body: bytearray | None = None
@@ -138,7 +138,7 @@ class ClientStream:
                 continue
             self._head.append(data[at])
             at += 1
-            if self._in_greeting:
+            if self._is_in_greeting:
                 self._check_greeting()
             elif len(self._head) == (9 if self._head[0] & _LONG else 2):
                 self._begin_frame()
@@ -159,8 +159,8 @@ class ClientStream:
             self._greeting_size = _GREETING_SIZE_2 if self._has_identity else _GREETING_SIZE_3
         if len(head) == self._greeting_size:
             mechanism = bytes(head[12:32])
-            self._encrypted = not self._has_identity and mechanism != _WITHOUT_ENCRYPTION
-            self._in_greeting = False
+            self._is_encrypted = not self._has_identity and mechanism != _WITHOUT_ENCRYPTION
+            self._is_in_greeting = False
             self._head = bytearray()
 
     def _begin_frame(self) -> None:
@@ -172,17 +172,17 @@ class ClientStream:
         self._check_limit(flags, size)
         self._left = size
         # Bodies of requests are not read.
-        is_read = not self._encrypted and (flags & _COMMAND or self._takes_topics)
+        is_read = not self._is_encrypted and (flags & _COMMAND or self._takes_topics)
         self._body = bytearray() if is_read else None
         if not size:
             self._end_frame()
 
     def _check_limit(self, flags: int, size: int) -> None:
         if self._takes_topics:
-            most = MAX_COMMAND_BYTES if self._encrypted or flags & _COMMAND else MAX_TOPIC_BYTES + 1
+            most = MAX_COMMAND_BYTES if self._is_encrypted or flags & _COMMAND else MAX_TOPIC_BYTES + 1
             if self._has_identity:
                 most = 255
-            if self._encrypted:
+            if self._is_encrypted:
                 self._total += size
                 if self._total > MAX_ENCRYPTED_TOPICS_BYTES:
                     raise ConnectionAbortedError("too many subscriptions")
@@ -246,7 +246,7 @@ class Port:
         # A request of the maximum size and its envelope, or the maximum topics.
         self.bytes_ahead = max(size, 2 * MAX_TOPICS * MAX_TOPIC_BYTES) + _READ
         self.connections = 0
-        self.listens = False
+        self.is_listening = False
         self.requesting: dict[Connection, float] = {}
         """Connections that wait for a reply to a request of the run channel, and since when."""
         self.waiting: deque[Connection] = deque()
@@ -287,7 +287,7 @@ class Connection:
         self.port = port
         self.client = client
         self.server: socket.socket | None = None
-        self.closed = False
+        self.is_closed = False
         self._forwarder = forwarder
         self._stream = ClientStream(port.takes_topics, port.size)
         self._unchecked = b""  # bytes of the client
@@ -296,10 +296,10 @@ class Connection:
         self.held = 0
         """The number of bytes that wait for the client."""
         self._frames_ahead, self._bytes_ahead = port.frames_ahead, port.bytes_ahead
-        self._in_queue = False  # whether `_to_server` ends with a request that waits
+        self._is_in_queue = False  # whether `_to_server` ends with a request that waits
         self._request = b""  # the topic of the request until the reply begins
         self._received = b""  # the last bytes before the reply begins
-        self._server_ended = False
+        self._has_server_ended = False
         self._waits_since: float | None = None
         self._opened = now
 
@@ -320,7 +320,7 @@ class Connection:
         except OSError:
             self.close()
             return
-        if self._server_ended and not self.held:
+        if self._has_server_ended and not self.held:
             self.close()
             return
         self._watch(now)
@@ -333,8 +333,8 @@ class Connection:
 
     def close(self) -> None:
         """Close both connections."""
-        if not self.closed:
-            self.closed = True
+        if not self.is_closed:
+            self.is_closed = True
             self.port.connections -= 1
             self.port.requesting.pop(self, None)
             self._forwarder.held -= self.held
@@ -365,13 +365,13 @@ class Connection:
             self._to_server, self._unchecked = self._unchecked[:checked], self._unchecked[checked:]
             if self._stream.request:
                 self._request, self._received = self._stream.request, b""
-                self._in_queue = True
+                self._is_in_queue = True
                 self.port.waiting.append(self)
             self._send_to_server()
 
     def send_request(self, now: float) -> None:
         """Send the request that waited for the requests of other connections."""
-        self._in_queue = False
+        self._is_in_queue = False
         self.port.requesting[self] = now
         self.serve(self.client, 0, now)
 
@@ -392,7 +392,7 @@ class Connection:
             del self.port.requesting[self]
 
     def _send_to_server(self) -> None:
-        if self.server is not None and self._to_server and not self._in_queue:
+        if self.server is not None and self._to_server and not self._is_in_queue:
             self._to_server = self._to_server[_send(self.server, self._to_server) :]
 
     def _receive_from_server(self) -> None:
@@ -400,7 +400,7 @@ class Connection:
             return
         data = _receive(self.server)
         if data == b"":
-            self._server_ended = True
+            self._has_server_ended = True
             self._unchecked = self._to_server = b""
         elif data:
             # The bytes of a slow client wait here, because they would wait in the robot's process otherwise.
@@ -439,12 +439,12 @@ class Connection:
         elif self._waits_since is None:
             self._waits_since = now
         events = selectors.EVENT_WRITE if self.held else 0
-        if not waits and not self._server_ended:
+        if not waits and not self._has_server_ended:
             events |= selectors.EVENT_READ
         self._forwarder.watch(self.client, events, self)
         if self.server is not None:
-            events = selectors.EVENT_WRITE if self._to_server and not self._in_queue else 0
-            if not self._server_ended:
+            events = selectors.EVENT_WRITE if self._to_server and not self._is_in_queue else 0
+            if not self._has_server_ended:
                 events |= selectors.EVENT_READ
             self._forwarder.watch(self.server, events, self)
 
@@ -488,7 +488,7 @@ class Forwarder:
                     return
                 if isinstance(key.data, Port):
                     self._accept(key.data, now)
-                elif not key.data.closed:
+                elif not key.data.is_closed:
                     self._serve(key.data, key.fileobj, events, now)
             for port in self._ports:
                 self._send_requests(port, now)
@@ -512,12 +512,12 @@ class Forwarder:
 
     def _limit_timeout(self, seconds: float) -> float:
         # A port that does not listen may get a permit soon.
-        waits = any(not port.listens and port.connections < MAX_CONNECTIONS for port in self._ports)
+        waits = any(not port.is_listening and port.connections < MAX_CONNECTIONS for port in self._ports)
         return max(0.0, min(seconds, 1 / MAX_CONNECTIONS_PER_SECOND) if waits else seconds)
 
     def _listen(self, port: Port, listens: bool) -> None:
-        if listens is not port.listens:
-            port.listens = listens
+        if listens is not port.is_listening:
+            port.is_listening = listens
             self.watch(port.listener, selectors.EVENT_READ if listens else 0, port)
 
     def _accept(self, port: Port, now: float) -> None:
@@ -535,13 +535,13 @@ class Forwarder:
             most = max(self._connections, key=lambda each: each.held)
             most.close()
             self._connections.discard(most)
-        if connection.closed:
+        if connection.is_closed:
             self._connections.discard(connection)
 
     def _send_requests(self, port: Port, now: float) -> None:
         while port.waiting and len(port.requesting) < MAX_PIECES_AT_ONCE:
             connection = port.waiting.popleft()
-            if not connection.closed:
+            if not connection.is_closed:
                 connection.send_request(now)
 
     def _sweep(self, now: float) -> None:
@@ -549,7 +549,7 @@ class Forwarder:
             for connection, since in list(port.requesting.items()):
                 if now - since > PIECE_TIMEOUT_S:
                     connection.end_request(now)
-        for connection in {each for each in self._connections if each.closed or each.is_overdue(now)}:
+        for connection in {each for each in self._connections if each.is_closed or each.is_overdue(now)}:
             connection.close()
             self._connections.discard(connection)
 
@@ -564,7 +564,7 @@ class Forwarder:
         deadline = time.monotonic() + FLUSH_TIMEOUT_S
         while self._connections and (now := time.monotonic()) < deadline:
             for key, events in self._selector.select(deadline - now):
-                if not key.data.closed:
+                if not key.data.is_closed:
                     self._serve(key.data, key.fileobj, events, now)
         for connection in self._connections:
             connection.close()

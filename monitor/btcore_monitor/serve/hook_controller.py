@@ -57,14 +57,14 @@ class HookController:
         self._random = random.Random()
         self._fired_uids: deque[int] = deque(maxlen=_MAX_NOTIFICATIONS)
         self._lock = threading.Lock()
-        self._closed = False
+        self._is_closed = False
         self._unsubscribe = self._hooks.subscribe(lambda hook: self._fired_uids.append(hook.uid))
 
     def close(self) -> None:
         """Remove all hooks and reject later requests. Any thread may call this method."""
         with self._lock:
-            if not self._closed:
-                self._closed = True
+            if not self._is_closed:
+                self._is_closed = True
                 self._unsubscribe()
                 self._hooks.remove_all()
 
@@ -103,7 +103,7 @@ class HookController:
             JsonError: *body* is invalid (`JsonError`).
         """
         with self._lock:
-            if self._closed:
+            if self._is_closed:
                 raise RequestRejectedError(groot2.HOOKS_DISABLED)
             if kind is Request.HOOKS_DUMP:
                 return encode_dump(map(_to_wire_hook, self._hooks.all()))

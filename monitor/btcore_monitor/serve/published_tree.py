@@ -39,7 +39,7 @@ class PublishedTree:
     Args:
         tree: The tree to serve.
         resources: Objects of the robot. Only scene sources among them are used.
-        run_channel: Whether the run channel is served.
+        serves_run_channel: Whether the run channel is served.
         previous_uid: The last uid of the previous tree in Groot 1's protocol (0: no previous tree), or None
             if Groot 1 is not served.
         max_heartbeat_delay: The maximum heartbeat delay of hooks in s, or None without hooks.
@@ -50,7 +50,7 @@ class PublishedTree:
         self,
         tree: Tree,
         resources: Sequence[object],
-        run_channel: bool,
+        serves_run_channel: bool,
         previous_uid: int | None = None,
         max_heartbeat_delay: float | None = None,
         *,
@@ -60,12 +60,12 @@ class PublishedTree:
         tree_uuid = uuid.uuid4()
         self.tree_id = tree_uuid.hex
         self._scene_sources = (
-            [source for source in resources if isinstance(source, SceneSource)] if run_channel else []
+            [source for source in resources if isinstance(source, SceneSource)] if serves_run_channel else []
         )
         self._blackboard_tracker = BlackboardTracker(tree)
         self._boards: Boards | None = None
         self._observer = QueueingObserver(self._blackboard_tracker, self._scene_sources)
-        ending = ANNOUNCEMENT if run_channel else b""
+        ending = ANNOUNCEMENT if serves_run_channel else b""
         xml = tree_to_xml(tree).encode()
         statuses = read_statuses(tree)
         hook_controller = None if max_heartbeat_delay is None else HookController(tree, max_heartbeat_delay)
@@ -78,7 +78,7 @@ class PublishedTree:
             else Groot1Server(tree, previous_uid, ending=b"" if serves_groot2 else ending)
         )
         self.run_channel_server: RunChannelServer | None = None
-        if run_channel:
+        if serves_run_channel:
             parts = [source.static_scene() for source in self._scene_sources]
             static = merge_scenes(StaticScene, parts) if parts else None
             self.run_channel_server = RunChannelServer(self.tree_id, xml, static, statuses, tree.clock.now())

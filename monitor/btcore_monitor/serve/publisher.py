@@ -61,7 +61,7 @@ class Publisher(Closeable):
         tree: The tree to publish.
         groot2_port: The port for Groot 2's requests; 0 = a free port, None = no support for Groot 2.
         bind: The interface (`*`: all interfaces).
-        run_channel: Whether to publish the run channel.
+        serves_run_channel: Whether to publish the run channel.
         resources: Objects of the robot; those with `static_scene` and `moving_scene` are shown in 3D.
         grace: Maximum time (s, wall clock) that closing waits for clients that have not received the end.
         groot1_port: The port for Groot 1's updates; 0 = a free port, None = no support for Groot 1.
@@ -76,7 +76,7 @@ class Publisher(Closeable):
         tree: Tree,
         groot2_port: int | None,
         bind: str,
-        run_channel: bool,
+        serves_run_channel: bool,
         resources: Sequence[object],
         grace: float,
         groot1_port: int | None = None,
@@ -91,14 +91,14 @@ class Publisher(Closeable):
                 f"{PORT_BESIDE_GROOT2} for Groot 1"
             )
         self._grace = grace
-        self._serves_run_channel = run_channel
+        self._serves_run_channel = serves_run_channel
         self._max_heartbeat_delay = max_heartbeat_delay
         self._serves_groot2 = groot2_port is not None
         # The publisher's thread serves the previous tree until it has drained the queue of that tree.
         self._ticking_tree = self._served_tree = PublishedTree(
             tree,
             resources,
-            run_channel,
+            serves_run_channel,
             previous_uid=None if groot1_port is None else 0,
             max_heartbeat_delay=max_heartbeat_delay,
             serves_groot2=self._serves_groot2,
@@ -151,7 +151,7 @@ class Publisher(Closeable):
         """The address of the tree for a client on this machine."""
         self._clients_changed = threading.Condition()
         self._client_count = 0
-        self._finished = False
+        self._has_ended = False
         self._stopping = threading.Event()
         self._ticking_tree.subscribe()
         self._thread = threading.Thread(target=self._run, name="btcore-publisher", daemon=True)
@@ -263,7 +263,7 @@ class Publisher(Closeable):
             tree: The new tree.
             resources: Objects of the robot, as for `serve`.
         """
-        if self._finished:
+        if self._has_ended:
             return
         # Groot 1 notices the new tree by its uids, so they continue after the previous tree.
         groot1_server = self._ticking_tree.groot1_server
@@ -283,9 +283,9 @@ class Publisher(Closeable):
 
     def end_stream(self) -> None:
         """End the stream, but continue to reply to requests, for example while a recording is written."""
-        if self._finished:
+        if self._has_ended:
             return
-        self._finished = True
+        self._has_ended = True
         self._ticking_tree.end_stream()
 
     def close(self, grace: float | None = None) -> None:

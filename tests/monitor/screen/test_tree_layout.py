@@ -122,7 +122,7 @@ def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspe
 def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect):
     layout = lay_out(boxes, HEIGHT, aspect)
     drawn = pills(layout)
-    assert {frame[0] for frame in layout.frames} == {at for at, box in enumerate(boxes) if box.framed}
+    assert {frame[0] for frame in layout.frames} == {at for at, box in enumerate(boxes) if box.has_frame}
     for index, x0, y0, x1, y1 in layout.frames:
         inside = below(boxes, index)
         for at, pill in enumerate(drawn):
