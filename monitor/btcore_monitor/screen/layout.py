@@ -91,7 +91,7 @@ class _Shape:
     """A way to draw a node and all nodes below it.
 
     *width* and *height* are the size of its area, and *anchor* is the distance from the area's left edge to
-    the pill. *groups* are the shapes of the children: in rows if they hang from the spine (*is_hung*), otherwise in columns.
+    the pill. *groups* are the shapes of the children, in rows if *is_hung*, otherwise in columns.
     The first column begins *shift* to the right of the area's left edge.
     """
 
