@@ -19,7 +19,7 @@ import numpy as np
 from btcore.clock import NS_PER_MS
 from btcore_sim.laser import Floats, Laser, MovableObstacles, RayCaster
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.robot_description import load_description
+from btcore_sim.robot_description import load_robot_description
 from btcore_sim.world import World
 from btcore_sim.worlds import load_world_description
 from measure.paired_timing import Work, measure_rounds
@@ -50,7 +50,7 @@ def peer_rays(world: World, place: Point, angles: Floats, reach: float) -> Calla
 
 def scans(world: World, count: int) -> Iterator[Mapping[str, Work]]:
     """Yield *count* pairs of the reference and a scan, after a pair for the warm-up."""
-    info = load_description().laser.info
+    info = load_robot_description().laser.info
     still = RayCaster.of([thing for thing in world.description.objects if thing.is_static])
     moved = MovableObstacles(world.client, {body: world.bodies[body] for body in world.movable})
     laser = Laser(info, still, np.random.default_rng(0), moved)
@@ -73,7 +73,7 @@ def main() -> None:
     parser = arguments(__doc__ or "", pairs=15)
     parser.add_argument("--worlds", nargs="+", default=["house", "aws_house"])
     given = parser.parse_args()
-    info = load_description().laser.info
+    info = load_robot_description().laser.info
     period = 1000 / info.rate
     question = f"The time for a scan of {info.rays} rays, compared with pybullet's rays"
     report = Report("laser", question, given.pairs)

@@ -276,7 +276,7 @@ PERFECT = OdometryInfo(50.0, 0.0, 0.0, 0.0)
 """The odometry of a robot whose description has no `odometry`: 50 Hz, without errors."""
 
 
-def load_description(path: Path = TIAGO) -> RobotDescription:
+def load_robot_description(path: Path = TIAGO) -> RobotDescription:
     """Return the robot described by the JSON file at *path*.
 
     Raises:

@@ -207,18 +207,18 @@ class SimExtension:
             )
             _check_files(settings)
             return ()
-        robot = any(Robot in getattr(kind, "__mro__", ()) for kind in wanted)
+        needs_robot = any(Robot in getattr(type_, "__mro__", ()) for type_ in wanted)
         # A leaf that needs a map has imported this module already, so that an import here is not necessary.
-        maps = getattr(sys.modules.get("btcore_robot.occupancy_map"), "OccupancyMap", None)
-        needs_map = maps is not None and maps in wanted
-        if not (robot or needs_map):
+        map_type = getattr(sys.modules.get("btcore_robot.occupancy_map"), "OccupancyMap", None)
+        needs_map = map_type is not None and map_type in wanted
+        if not (needs_robot or needs_map):
             _check_files(settings)
             return ()
         resources: list[object] = []
         with _convert_errors():
-            description = _load_world(settings)
-            if robot:
-                self._robot, self.events = _create_robot(description, settings)
+            world_description = _load_world(settings)
+            if needs_robot:
+                self._robot, self.events = _create_robot(world_description, settings)
                 resources.append(self._robot)
                 if Waypoints in wanted:
                     resources.append(self._robot.world.description.waypoint_poses())
@@ -226,7 +226,7 @@ class SimExtension:
                     is_unknown = settings.get("start") == UNKNOWN_START
                     resources.append(InitialPose(None if is_unknown else self._robot.start_pose))
             if needs_map:
-                resources.append(_create_map(description))
+                resources.append(_create_map(world_description))
         return resources
 
     @contextmanager
@@ -311,13 +311,13 @@ def _check_files(settings: Mapping[str, Any]) -> None:
 
 
 def _load_world(settings: Mapping[str, Any]) -> "WorldDescription":
-    from btcore_sim.robot_description import TIAGO, load_description
+    from btcore_sim.robot_description import TIAGO, load_robot_description
     from btcore_sim.scenario import with_start
     from btcore_sim.world import random_generator
     from btcore_sim.worlds import load_world_description
 
     seed = settings.get("seed", 0)
-    radius = load_description(settings.get("robot") or TIAGO).base.radius
+    radius = load_robot_description(settings.get("robot") or TIAGO).base.radius
     description = load_world_description(
         settings.get("world", _WORLD),
         seed=seed,
@@ -330,20 +330,20 @@ def _load_world(settings: Mapping[str, Any]) -> "WorldDescription":
     return with_start(description, start, random_generator(seed, "start"), radius)
 
 
-def _create_map(description: "WorldDescription") -> object:
+def _create_map(world_description: "WorldDescription") -> object:
     from btcore_sim.map_rasteriser import rasterise
 
-    return rasterise(description)
+    return rasterise(world_description)
 
 
 def _create_robot(
-    description: "WorldDescription", settings: Mapping[str, Any]
+    world_description: "WorldDescription", settings: Mapping[str, Any]
 ) -> "tuple[SimulatedRobot, EventRunner | None]":
     # Imported here, because a tree without a robot must not load the physics engine.
     from btcore_sim.camera import parse_camera
     from btcore_sim.events import check_events, parse_event
     from btcore_sim.faults import parse_fault
-    from btcore_sim.robot_description import TIAGO, load_description
+    from btcore_sim.robot_description import TIAGO, load_robot_description
     from btcore_sim.scenario import Scenario
     from btcore_sim.simulated_robot import SimulatedRobot
     from btcore_sim.world import World
@@ -351,8 +351,8 @@ def _create_robot(
     noise = settings.get("noise", 1.0)
     if not math.isfinite(noise):
         raise SimError(f"--noise {noise}: the factor has to be a finite number of at least 0")
-    robot = load_description(settings.get("robot") or TIAGO).with_noise(noise)
-    _check_rate(settings.get("rate"), robot.base)
+    robot_description = load_robot_description(settings.get("robot") or TIAGO).with_noise(noise)
+    _check_rate(settings.get("rate"), robot_description.base)
     camera = parse_camera(settings.get("camera", "off"))
     faults = [parse_fault(text) for text in settings.get("fault", ())]
     events = [parse_event(text) for text in settings.get("event", ())]
@@ -360,14 +360,16 @@ def _create_robot(
         settings.get("people", 0), settings.get("obstacles", 0), events, settings.get("spare_boxes", 0)
     )
     seed = settings.get("seed", 0)
-    check_events(events, description, settings.get("duration"))
-    description = scenario.add_to(description, seed, robot.base.radius)
-    world = World(description, seed=seed, fast=settings.get("fast", False), gui=settings.get("gui", False))
+    check_events(events, world_description, settings.get("duration"))
+    world_description = scenario.add_to(world_description, seed, robot_description.base.radius)
+    world = World(
+        world_description, seed=seed, fast=settings.get("fast", False), gui=settings.get("gui", False)
+    )
     level = settings.get("battery", 100.0)
     if math.isnan(level):
         raise SimError("--battery nan: the level has to be a number from 0 to 100")
-    simulated = SimulatedRobot(world, robot, camera=camera, faults=faults, battery=level)
-    return simulated, scenario.begin(world, simulated, robot.base.radius)
+    simulated = SimulatedRobot(world, robot_description, camera=camera, faults=faults, battery=level)
+    return simulated, scenario.begin(world, simulated, robot_description.base.radius)
 
 
 def _check_rate(rate: float | None, base: BaseInfo) -> None:

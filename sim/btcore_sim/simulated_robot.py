@@ -48,7 +48,7 @@ from btcore_sim.laser import Laser, MovableObstacles, RayCaster
 from btcore_sim.latency import DelayedReadings
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.robot_description import RobotDescription, load_description
+from btcore_sim.robot_description import RobotDescription, load_robot_description
 from btcore_sim.sonar import Sonars
 from btcore_sim.visible_faces import VisibleFaces
 from btcore_sim.world import World
@@ -123,7 +123,7 @@ class SimulatedRobot(Robot):
     ) -> None:
         world.add_robot()
         self.world = world
-        self.description = description if description is not None else load_description()
+        self.description = description if description is not None else load_robot_description()
         self.faults = FaultSchedule(faults)
         """The parts that fail, with the periods."""
         self.battery_model = BatteryModel(battery)

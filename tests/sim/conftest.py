@@ -7,7 +7,7 @@ import pytest
 from btcore_robot.robot import Pose2D
 from btcore_sim.camera import CameraSettings
 from btcore_sim.faults import Fault
-from btcore_sim.robot_description import PERFECT, TIAGO, LaserErrors, RobotDescription, load_description
+from btcore_sim.robot_description import PERFECT, TIAGO, LaserErrors, RobotDescription, load_robot_description
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription, WorldObject
@@ -55,7 +55,7 @@ def robot_at() -> Iterator[Stand]:
             "test", "", things, (-5, -5, 5, 5), 0.0, Pose2D(*pose), WHITE, physics_rate=physics_rate
         )
         worlds.append(World(world, seed=seed))
-        robot = description or load_description(TIAGO)
+        robot = description or load_robot_description(TIAGO)
         return SimulatedRobot(worlds[-1], robot, camera=camera, faults=faults, battery=battery)
 
     yield make
@@ -66,7 +66,7 @@ def robot_at() -> Iterator[Stand]:
 @pytest.fixture
 def noiseless_tiago() -> RobotDescription:
     """Return the description of a Tiago without errors of laser and odometry."""
-    tiago = load_description(TIAGO)
+    tiago = load_robot_description(TIAGO)
     info = replace(tiago.laser.info, sigma=0.0, range_noise=0.0)
     return replace(tiago, odometry=PERFECT, laser=replace(tiago.laser, info=info, errors=LaserErrors()))
 

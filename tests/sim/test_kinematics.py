@@ -14,7 +14,7 @@ from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import NS_PER_S
 from btcore_sim.errors import SimError
 from btcore_sim.kinematics import FOOTPRINT, Kinematics, complete_urdf, from_rpy
-from btcore_sim.robot_description import TIAGO, load_description
+from btcore_sim.robot_description import TIAGO, load_robot_description
 
 LEVEL = {"base_link", "base_laser_link", "torso_fixed_link"}
 
@@ -132,12 +132,12 @@ def described(folder: Path, change: Any) -> Any:
     change(data)
     path = folder / "mine.json"
     path.write_text(json.dumps(data))
-    return load_description(path)
+    return load_robot_description(path)
 
 
 def test_a_sensor_has_a_frame_even_without_a_description_of_it(tmp_path: Path):
     bare = Kinematics(described(tmp_path, lambda data: data.pop("frames")))
-    told = Kinematics(load_description())
+    told = Kinematics(load_robot_description())
     zeros = [0.0] * len(told.joints)
     name = "head_front_camera_rgb_optical_frame"
     for one, other in zip(pose(bare.frames(zeros, 0), name), pose(told.frames(zeros, 0), name), strict=True):
@@ -165,7 +165,7 @@ def test_turns_about_fixed_axes_are_applied_in_the_order_x_y_z():
 
 
 def test_complete_urdf_has_a_link_for_each_frame():
-    description = load_description()
+    description = load_robot_description()
     robot = ElementTree.fromstring(complete_urdf(description))
     kinematics = Kinematics(description)
     frames = kinematics.frames([0.0] * len(kinematics.joints), 0)

@@ -15,13 +15,13 @@ from btcore_robot.robot import NS_PER_S
 from btcore_sim.camera import CameraSettings
 from btcore_sim.latency import DelayedReadings
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.robot_description import load_description
+from btcore_sim.robot_description import load_robot_description
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.worlds import load_world_description
 
 TREES = Path(__file__).parents[2] / "trees"
-TIAGO = load_description()
+TIAGO = load_robot_description()
 
 
 def test_a_reading_arrives_after_the_latency():

@@ -12,7 +12,7 @@ import pytest
 
 from btcore_sim.errors import SimError
 from btcore_sim.mesh_files import MAX_TRIANGLES, read_triangles
-from btcore_sim.robot_description import load_description
+from btcore_sim.robot_description import load_robot_description
 
 CORNERS = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 3.0))
 FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
@@ -77,7 +77,7 @@ def test_a_mesh_that_cannot_be_drawn_is_an_error(tmp_path: Path, name: str, data
 
 
 def test_the_meshes_of_a_urdf_are_drawn_in_their_place_and_size(tmp_path: Path, robot_at: Any, caplog: Any):
-    tiago = load_description()
+    tiago = load_robot_description()
     (tmp_path / "hat.stl").write_bytes(binary_stl(TETRAHEDRON))
     text = tiago.urdf.read_text(encoding="utf-8")
     hat = (

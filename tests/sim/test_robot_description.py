@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from btcore_sim.errors import SimError
-from btcore_sim.robot_description import TIAGO, load_description
+from btcore_sim.robot_description import TIAGO, load_robot_description
 
 
 def write(folder: Path, change: Any = None) -> Path:
@@ -23,7 +23,7 @@ def write(folder: Path, change: Any = None) -> Path:
 
 
 def test_the_tiago_has_the_figures_of_its_data_sheet():
-    tiago = load_description()
+    tiago = load_robot_description()
     assert (tiago.base.v_min, tiago.base.v_max, tiago.base.w_max) == (-0.2, 1.0, 2.09)
     assert (tiago.base.command_timeout, tiago.base.radius) == (0.25, 0.27)
     laser = tiago.laser.info
@@ -38,7 +38,7 @@ def test_another_robot_has_the_limits_of_its_own_description(tmp_path: Path, rob
         data["base"]["v_max"] = 0.1
         del data["camera"]
 
-    body = robot_at(description=load_description(write(tmp_path, slow)))
+    body = robot_at(description=load_robot_description(write(tmp_path, slow)))
     steer(body, 2.0, (0.5, 0.0))
     assert body.true_pose().x == pytest.approx(0.2, abs=0.02)
     assert body.camera() is None
@@ -49,7 +49,7 @@ def test_a_minimal_description_gives_a_robot_without_optional_parts(tmp_path: Pa
         for part in ("head", "torso", "camera", "sonars", "frames", "odometry"):
             del data[part]
 
-    body = robot_at(description=load_description(write(tmp_path, bare)))
+    body = robot_at(description=load_robot_description(write(tmp_path, bare)))
     body.lift(0.3)
     assert (body.torso, body.torso_height(), body.camera_info, body.camera()) == (None, None, None, None)
     assert body.sonars() == ()
@@ -68,12 +68,12 @@ def test_a_robot_without_joints_except_its_wheels_has_fixed_frames(tmp_path: Pat
         for part in ("head", "torso"):
             del data[part]
 
-    body = robot_at(description=load_description(write(tmp_path, rigid)))
+    body = robot_at(description=load_robot_description(write(tmp_path, rigid)))
     assert {"base_link", "base_laser_link", "head_2_link"} <= {frame.child for frame in body.frames()}
 
 
 def test_a_description_without_a_head_gives_a_robot_without_a_head(tmp_path: Path, robot_at: Any):
-    body = robot_at(description=load_description(write(tmp_path, lambda data: data.pop("head"))))
+    body = robot_at(description=load_robot_description(write(tmp_path, lambda data: data.pop("head"))))
     body.move_head(0.3, 0.0)
     assert body.head_info is None
     assert body.head() is None
@@ -110,7 +110,7 @@ def test_a_description_without_a_head_gives_a_robot_without_a_head(tmp_path: Pat
 )
 def test_an_error_in_a_description_raises(tmp_path: Path, change: Any, said: str):
     with pytest.raises(SimError, match=said) as caught:
-        load_description(write(tmp_path, change))
+        load_robot_description(write(tmp_path, change))
     assert "mine.json: " in str(caught.value)
 
 
@@ -126,16 +126,16 @@ def test_an_error_in_a_description_raises(tmp_path: Path, change: Any, said: str
 )
 def test_a_name_that_the_urdf_does_not_have_raises(tmp_path: Path, robot_at: Any, change: Any, said: str):
     with pytest.raises(SimError, match=said):
-        robot_at(description=load_description(write(tmp_path, change)))
+        robot_at(description=load_robot_description(write(tmp_path, change)))
 
 
 def test_a_urdf_that_the_engine_cannot_read_raises(tmp_path: Path, robot_at: Any):
     (tmp_path / "broken.urdf").write_text("<robot name='x'></robot>")
     path = write(tmp_path, lambda data: data.update(urdf="broken.urdf"))
     with pytest.raises(SimError, match=r"broken.urdf: the physics engine cannot read this URDF"):
-        robot_at(description=load_description(path))
+        robot_at(description=load_robot_description(path))
 
 
 def test_a_missing_description_raises():
     with pytest.raises(SimError, match=r"nowhere\.json: no such file"):
-        load_description(Path("nowhere.json"))
+        load_robot_description(Path("nowhere.json"))

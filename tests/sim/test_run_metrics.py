@@ -9,7 +9,7 @@ import pytest
 
 from btcore_robot.robot import GoalOutcome, NavigationReporter, Odometry, Pose2D
 from btcore_sim.faults import parse_fault
-from btcore_sim.robot_description import load_description
+from btcore_sim.robot_description import load_robot_description
 from btcore_sim.run_metrics import RunMetrics, navigator_among, odometry_error
 from btcore_sim.worlds import load_world_description
 
@@ -134,7 +134,7 @@ def test_the_waypoints_of_the_houses_are_recognised_by_their_places(world: str):
 
 
 def test_the_tiagos_odometry_errors_are_in_the_expected_ranges():
-    info = load_description().odometry
+    info = load_robot_description().odometry
     assert 0.0005 <= info.scale_sigma <= 0.005
     assert 0.01 <= info.slip <= 0.04
     assert 0.01 <= info.slip_sigma <= 0.05

@@ -16,7 +16,7 @@ from btcore_navigation.stack import Navigation
 from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap
 from btcore_sim.errors import SimError
-from btcore_sim.robot_description import LaserErrors, load_description
+from btcore_sim.robot_description import LaserErrors, load_robot_description
 from btcore_sim.run_extension import SimExtension
 from btcore_sim.scenario import with_start
 from btcore_sim.simulated_robot import SimulatedRobot
@@ -186,7 +186,7 @@ def test_a_robot_with_an_unknown_start_stands_until_it_has_found_its_pose(yard: 
 
 
 def test_noise_is_a_factor_on_the_errors_of_all_sensors():
-    tiago = load_description()
+    tiago = load_robot_description()
     assert tiago.with_noise(1.0) == tiago
     perfect, twice = tiago.with_noise(0.0), tiago.with_noise(2.0)
     assert (perfect.laser.info.sigma, perfect.odometry.slip, perfect.odometry.scale_sigma) == (0.0, 0.0, 0.0)

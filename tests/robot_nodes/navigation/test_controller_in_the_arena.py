@@ -8,7 +8,7 @@ import pytest
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.behaviours import BackUpGoal, SpinGoal
 from btcore_robot.robot import Pose2D
-from btcore_sim.robot_description import load_description
+from btcore_sim.robot_description import load_robot_description
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.worlds import load_world_description
@@ -25,7 +25,7 @@ def arena(course_of):
         description = replace(load_world_description("arena_boxes"), pose=Pose2D(*at))
         worlds.append(World(description, seed=seed))
         # There is no localiser here: with the slip of Tiago's wheels, the path would drift into the boxes.
-        tiago = load_description()
+        tiago = load_robot_description()
         milder = replace(tiago, odometry=replace(tiago.odometry, slip=slip, slip_sigma=slip_sigma))
         course = course_of(SimulatedRobot(worlds[-1], milder))
         course.map_at(at)

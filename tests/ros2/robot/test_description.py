@@ -10,7 +10,7 @@ from btcore_robot.robot import BaseInfo
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot import description
 from btcore_ros2.robot.description import bundled_robots, load_robot
-from btcore_sim.robot_description import load_description
+from btcore_sim.robot_description import load_robot_description
 from tests.ros2.robot.conftest import DESCRIPTION, PARTS
 
 BUNDLED = {
@@ -47,7 +47,7 @@ def test_names_of_bundled_robots_are_relative(name: str) -> None:
 
 
 def test_tiago_has_the_facts_of_the_simulated_tiago() -> None:
-    tiago, simulated = load_robot("tiago"), load_description()
+    tiago, simulated = load_robot("tiago"), load_robot_description()
     assert tiago.base == simulated.base
     assert simulated.head is not None
     assert tiago.head is not None

@@ -11,7 +11,7 @@ from btcore_ros2.robot.frames import FrameStore
 from btcore_ros2.robot.urdf import read_shapes, read_urdf
 from btcore_scene import Cylinder
 from btcore_sim.kinematics import Kinematics, complete_urdf
-from btcore_sim.robot_description import load_description
+from btcore_sim.robot_description import load_robot_description
 
 
 def poses(frames: list[TransformStamped]) -> dict[str, tuple[str, list[float]]]:
@@ -58,7 +58,7 @@ def test_invalid_poses_are_ignored() -> None:
 
 
 def test_urdf_has_the_poses_of_the_simulator() -> None:
-    description = load_description()
+    description = load_robot_description()
     kinematics = Kinematics(description)
     positions = dict(zip(kinematics.joints, (0.3, -0.4, 0.2, 0.1), strict=False))
     expected = poses(kinematics.frames(list(positions.values()), 7))
@@ -92,7 +92,7 @@ def test_invalid_urdf_is_reported(text: str, message: str) -> None:
 
 
 def test_shapes_of_a_urdf() -> None:
-    shapes = read_shapes(complete_urdf(load_description()))
+    shapes = read_shapes(complete_urdf(load_robot_description()))
     assert {"box", "cylinder"} <= {shape.kind for shape in shapes}
     assert {"base_link", "wheel_left_link", "torso_lift_link"} <= {shape.frame for shape in shapes}
     body = shapes[0]
