@@ -86,7 +86,7 @@ class Camera:
         """Return the newest picture that has arrived; render a picture first if the camera's rate allows it.
 
         Args:
-            model: The robot's body in the physics engine.
+            physics_body: The robot's body in the physics engine.
             link: PyBullet's index of the link that carries the camera.
             now: The simulated time (ns).
             has_failed: Whether the camera has failed; then no new picture is rendered.
@@ -117,7 +117,7 @@ class Camera:
         """Return the camera's pose in the world frame.
 
         Args:
-            model: The robot's body in the physics engine.
+            physics_body: The robot's body in the physics engine.
             link: PyBullet's index of the link that carries the camera.
 
         Returns:

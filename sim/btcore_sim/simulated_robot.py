@@ -355,7 +355,7 @@ class SimulatedRobot(Robot):
         counted. Laser and camera show the way.
 
         Args:
-            way: The poses of the base, from the present pose on.
+            poses: The poses of the base, from the present pose on.
             speed: The speed (m/s).
         """
         now = self.world.now()
