@@ -112,28 +112,27 @@ class RunChannelServer:
             yield STREAM_TOPIC, encode(piece)
 
     def _add_transition(self, item: TransitionItem) -> None:
-        transition = item.transition
+        number, stamp, tick, uid, previous, status = item.transition
         # A message's transitions have consecutive numbers, so a gap starts a new message.
-        if self._next_number is not None and transition.number != self._next_number:
+        if self._next_number is not None and number != self._next_number:
             self.flush()
-            self.dropped_transitions += transition.number - self._next_number
+            self.dropped_transitions += number - self._next_number
         if len(self._transitions) >= _MAX_TRANSITIONS:
             self.flush()
         if not self._transitions:
-            self._first_number = transition.number
-        self._next_number = transition.number + 1
-        previous, status = int(transition.previous), int(transition.status)
-        self._transitions.append(
-            [transition.stamp, item.wall, transition.tick, transition.uid, previous, status]
-        )
+            self._first_number = number
+        self._next_number = number + 1
+        self._transitions.append([stamp, item.wall, tick, uid, int(previous), int(status)])
 
     def _add_tick(
         self, tick: int, stamp: int, wall: int, duration_ns: int, status: int, is_end: bool
     ) -> None:
         transitions, self._transitions = self._transitions, []
         first = self._first_number if transitions else (self._next_number or 0)
-        head = self.tree_id, self.history.latest_seq + 1, stamp, wall
-        self._add_message(TickMessage(*head, tick, duration_ns, status, is_end, first, transitions))
+        seq = self.history.latest_seq + 1
+        self._add_message(
+            TickMessage(self.tree_id, seq, stamp, wall, tick, duration_ns, status, is_end, first, transitions)
+        )
 
     def _add_message(self, message: StreamMessage) -> None:
         data = self._try_encode(message)
