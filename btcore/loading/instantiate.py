@@ -34,7 +34,7 @@ def instantiate(
     assert main is not None, "a missing main tree is an error"
     creator = NodeCreator(plans, resources, clock or _find_clock(resources), blackboard)
     creator.create_tree(main)
-    creator.found.collected().raise_errors()
+    creator.collector.diagnostics.raise_errors()
     return Tree(
         main.id,
         creator.format,

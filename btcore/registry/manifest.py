@@ -199,12 +199,12 @@ class Manifest:
             if port.writes and not port.reads:
                 # Without an output in the XML, calling it raises NodeError.
                 return node.config.outputs.get(port.name) or partial(node.set_output, port.name)
-            bound = node.config.inputs.get(port.name)
-            if bound is None:
+            input = node.config.inputs.get(port.name)
+            if input is None:
                 if port.value is not UNSET:
                     return port.value
                 return _MissingInput(port, node)
-            return bound
+            return input
         value = self._resource(parameter, node, context, resources)
         if value is UNSET:
             message = f"<{self.id}> needs a {parameter.type_name} for its parameter '{parameter.name}': "

@@ -320,8 +320,8 @@ class Tree:
     def _repeating_node(self) -> TreeNode:
         """Return the first node that repeats without a limit, else the last node that requested a tick."""
         for node in self.nodes:
-            for name, bound in node.config.inputs.items():
-                forever = bound.port.role is PortRole.REPETITIONS and input_or(node, name, 0) == -1
+            for name, input in node.config.inputs.items():
+                forever = input.port.role is PortRole.REPETITIONS and input_or(node, name, 0) == -1
                 if forever and node._status is RUNNING:
                     return node
         woken_by = self.context.woken_by
