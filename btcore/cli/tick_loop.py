@@ -166,7 +166,7 @@ class TickLoop:
         elif self.end is not None:
             context.wait_until(self.end)
         else:
-            context.doze(POLL_INTERVAL_S)
+            context.wait_real_time(POLL_INTERVAL_S)
 
     def _wait(self, moment: int) -> bool:
         """Wait until *moment*, a wake-up, a stop or a save; return whether the file was saved."""

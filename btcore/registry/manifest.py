@@ -11,7 +11,7 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import UNSET, Input, Port
 from btcore.clock import Clock
 from btcore.engine.context import TreeContext, TreeState
-from btcore.engine.control import ControlNode, DecoratorNode, watch_child
+from btcore.engine.control import ControlNode, DecoratorNode, enable_child_reset
 from btcore.engine.functions import (
     BoundFunction,
     FunctionAction,
@@ -165,7 +165,7 @@ class Manifest:
             positional, keywords = self._arguments(node, context, resources)
             _initialiser(cls)(node, *positional, **keywords)
         if isinstance(node, DecoratorNode):
-            watch_child(node)
+            enable_child_reset(node)
         if self._prepares:
             node.prepare()
         return node

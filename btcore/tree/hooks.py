@@ -286,7 +286,7 @@ class Hooks:
                 self._change.wait(LOOK_EVERY)
         finally:
             hook.waiting = hook.ready = False
-            self._context.extend_tick(time.monotonic_ns() - began)
+            self._context.add_stopped_time(time.monotonic_ns() - began)
 
     def _forget(self, hook: Hook) -> None:
         hook.enabled = False
