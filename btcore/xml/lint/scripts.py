@@ -59,7 +59,7 @@ def parse_statements(text: str, enums: Mapping[str, int]) -> list[Expression]:
     Raises:
         ScriptError: *text* is not a valid script.
     """
-    return Parser(text, enums).statements()
+    return Parser(text, enums).parse()
 
 
 def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
