@@ -12,7 +12,7 @@ from click.core import ParameterSource
 from btcore import entry_points
 from btcore.cli import initial_blackboard, node_libraries, stub_results, substitute, terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.extension import GROUP, LoadedExtensions, gather_resources, load_extensions
+from btcore.cli.extension import LoadedExtensions, gather_resources, load_extensions
 from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
 from btcore.cli.tree_source import (
@@ -115,7 +115,9 @@ class TreeRunCommand(RunCommand):
             The arguments that remain.
         """
         words = list(args)  # click's parser removes the arguments from its list
-        may_defer = not ctx.resilient_parsing and not entry_points.installed(GROUP, own=False)
+        may_defer = not ctx.resilient_parsing and not entry_points.installed(
+            entry_points.RUN_EXTENSIONS_GROUP, own=False
+        )
         ctx.meta[_EXTENSIONS_DEFERRED] = may_defer
         if may_defer:
             try:
@@ -149,11 +151,11 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
     try:
         yield
     except click.NoSuchOption as error:
-        missing = load_extensions(ctx).missing
-        if not missing:
+        unavailable = load_extensions(ctx).unavailable
+        if not unavailable:
             raise
         text = error.format_message().rstrip(".")
-        packages = "; ".join(f"{names}: {remedy}" for remedy, names in names_by_remedy(missing).items())
+        packages = "; ".join(f"{names}: {remedy}" for remedy, names in names_by_remedy(unavailable).items())
         raise click.UsageError(
             f"{text}. The option may belong to an extension that cannot be loaded: {packages}", ctx
         ) from error
@@ -238,13 +240,13 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
 def create_session(
     ctx: click.Context,
     settings: Mapping[str, Any],
-    joining: Sequence[RunExtension] = (),
+    extra_extensions: Sequence[RunExtension] = (),
     installed: node_libraries.NodeLibraries | None = None,
 ) -> RunSession:
     """Return a run, before its first tick.
 
     Args:
-        joining: Extensions besides those of the installed packages; they are attached last.
+        extra_extensions: Extensions besides those of the installed packages; they are attached last.
         installed: The installed nodes, for a process that loads them once for many runs. They are copied,
             not changed.
 
@@ -255,23 +257,23 @@ def create_session(
         ExtensionError: An installed extension cannot be used.
     """
     # The watcher looks at the files before they are read: a save in between is not missed.
-    saves = None
+    save_watcher = None
     if settings["watch"]:
         file = find_source(settings["source"])
         if file == STDIN:
             raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
-        saves = SaveWatcher(file, settings["confined"])
+        save_watcher = SaveWatcher(file, settings["confined"])
     source, plans = read_source_and_plans(settings, installed)
     # Determined before the tree is built: an extension such as a simulator provides only what is needed.
     wanted = plans.required_resources()
-    (installed_extensions, missing), settings = _load_needed_extensions(ctx, settings, wanted)
+    (installed_extensions, unavailable), settings = _load_needed_extensions(ctx, settings, wanted)
     resources, extensions, without_resources = gather_resources(installed_extensions, settings, wanted)
     clock = choose_clock(resources, settings["fast"])
     resources += [random.Random(settings["seed"]), StubResults(settings["stub_letters"])]
     try:
         tree = instantiate(plans, resources, clock=clock, tick_limit=settings["tick_limit"])
     except TreeError as error:
-        for remedy, names in names_by_remedy(missing if wanted else ()).items():
+        for remedy, names in names_by_remedy(unavailable if wanted else ()).items():
             error.add_note(f"extensions that may provide it cannot be loaded ({names}): {remedy}")
         missing_kinds = [
             kind for kind in wanted if not any(isinstance(resource, kind) for resource in resources)
@@ -287,7 +289,7 @@ def create_session(
     terminal.print_diagnostics(plans.diagnostics.warnings)
     substitute.warn_unused_rules(tree)
     warn_unused_options(ctx, without_resources)
-    return RunSession(tree, source, settings, [*extensions, *joining], resources, saves)
+    return RunSession(tree, source, settings, [*extensions, *extra_extensions], resources, save_watcher)
 
 
 def read_source_and_plans(
@@ -313,7 +315,7 @@ def read_source_and_plans(
         partial = not settings["models"] and not settings["substitutes"]
         libraries = node_libraries.load_libraries(settings["plugins"], partial=partial)
     else:
-        libraries = node_libraries.NodeLibraries(installed.nodes.copy(), installed.absent)
+        libraries = node_libraries.NodeLibraries(installed.nodes.copy(), installed.unavailable)
     confined = settings["confined"]
     libraries.add_models(settings["models"], confined)
     source = TreeSource(path, settings["tree"], libraries, settings["format"], confined)

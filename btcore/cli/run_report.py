@@ -44,23 +44,25 @@ class RunReport:
     Attributes:
         status: The status after the last tick.
         error: The exception that a leaf raised, or None.
-        elapsed: The duration of the whole run in s of the tree's clock.
-        wall: The duration of the whole run in s of real time.
+        elapsed_s: The duration of the whole run (s) by the tree's clock.
+        wall_s: The duration of the whole run (s) in real time.
     """
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.status = Status.IDLE
         self.error: NodeExecutionError | None = None
-        self.elapsed = 0.0
-        self.wall = 0.0
+        self.elapsed_s = 0.0
+        self.wall_s = 0.0
 
     @property
-    def factor(self) -> float:
+    def real_time_factor(self) -> float:
         """The speed of the run as a multiple of real time."""
-        return self.elapsed / self.wall if self.wall > 0 else 0.0
+        return self.elapsed_s / self.wall_s if self.wall_s > 0 else 0.0
 
-    def print_summary(self, tree: Tree, ending: EndReason, extension_reports: Mapping[str, object]) -> None:
+    def print_summary(
+        self, tree: Tree, end_reason: EndReason, extension_reports: Mapping[str, object]
+    ) -> None:
         """Print the summary on stderr.
 
         Args:
@@ -86,20 +88,20 @@ class RunReport:
             name.truncate(room, overflow="ellipsis")
             columns = [str(counts[key] or "·") for key in _COUNTS]
             table.add_row(name, *columns, style="dim" if never_ticked else "")
-        console.print(self._format_heading(tree, ending), soft_wrap=True)
+        console.print(self._format_heading(tree, end_reason), soft_wrap=True)
         console.print()
         console.print(table)
         if len(tree.nodes) > _MAX_NODES:
             console.print(f"  … and {len(tree.nodes) - _MAX_NODES} more nodes; --json lists all", style="dim")
         print_reports(extension_reports)
 
-    def _format_heading(self, tree: Tree, ending: EndReason) -> Text:
+    def _format_heading(self, tree: Tree, end_reason: EndReason) -> Text:
         """Return a line with the result, the time, the number of ticks, and the reason why the run ended."""
         raised = Text("✘ RAISED", style="bold red")
         result = terminal.format_status(self.status) if self.error is None else raised
         ticks = terminal.counted(tree.ticks, "tick")
-        took = f"{self.elapsed:.1f} s, {ticks}, ×{self.factor:.1f} real time{END_REASON_TEXT[ending]}"
-        return Text.assemble(result, "  ", (self.name, "bold"), "  ", took)
+        duration = f"{self.elapsed_s:.1f} s, {ticks}, ×{self.real_time_factor:.1f} real time"
+        return Text.assemble(result, "  ", (self.name, "bold"), "  ", duration, END_REASON_TEXT[end_reason])
 
     def tick_counts(self, tree: Tree) -> dict[str, dict[str, object]]:
         """Return the ID and the tick counts of each node, by full path.
@@ -122,8 +124,8 @@ class RunReport:
         data: dict[str, object] = {
             "status": self.status.name,
             "ticks": tree.ticks,
-            "time_s": self.elapsed,
-            "real_time_factor": round(self.factor, 3),
+            "time_s": self.elapsed_s,
+            "real_time_factor": round(self.real_time_factor, 3),
             "nodes": self.tick_counts(tree),
             **extension_reports,
         }

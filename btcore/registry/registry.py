@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple, overload
 from btcore.engine.functions import MARK, camel_case
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.entry_points import UnavailableEntryPoint, distribution_of, installed
+from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, distribution_of, installed
 from btcore.errors import RegistrationError
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manifest
@@ -23,7 +23,6 @@ from btcore.suggestions import did_you_mean, similar_file
 from btcore.values import TypeRegistry
 from btcore.xml.read.read import Document, parse_file, parse_text
 
-ENTRY_POINTS = "btcore.nodes"
 MOVED_MODULES: Final = {
     "btcore.agents": "btcore_studio.agents",
     "btcore.batch": "btcore_batch",
@@ -391,7 +390,7 @@ class Registry:
             The libraries that cannot be registered.
         """
         unavailable = []
-        for point in installed(ENTRY_POINTS, own):
+        for point in installed(NODES_GROUP, own):
             distribution = distribution_of(point)
             self._installing = self.types.installing = True
             try:

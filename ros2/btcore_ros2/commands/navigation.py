@@ -77,7 +77,7 @@ def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> i
         settings,
         end,
         clock=robot.clock,
-        goes_on=lambda: not served.is_shut_down,
+        keep_running=lambda: not served.is_shut_down,
     )
     print_result("navigation", done, {})
     return done.code

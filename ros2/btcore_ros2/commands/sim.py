@@ -81,7 +81,7 @@ def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> i
         settings,
         server.close if server is not None else lambda: None,
         clock=robot.clock,
-        goes_on=lambda: server is None or not server.is_abandoned,
+        keep_running=lambda: server is None or not server.is_abandoned,
     )
     if settings["as_json"]:
         print_json({"time_s": round(done.seconds, 3), **done.report})
