@@ -105,15 +105,7 @@ class TreeRunCommand(RunCommand):
         super().format_help(ctx, formatter)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse *args*, first without the options of extensions if possible: see the class.
-
-        Args:
-            ctx: The context of the command.
-            args: The arguments.
-
-        Returns:
-            The arguments that remain.
-        """
+        """Parse *args*, first without the options of extensions if possible: see the class."""
         words = list(args)  # click's parser removes the arguments from its list
         may_defer = not ctx.resilient_parsing and not entry_points.installed(
             entry_points.RUN_EXTENSIONS_GROUP, own=False

@@ -32,13 +32,9 @@ from btcore.xml.read.diagnostics import DiagnosticCollector
 
 
 class TreeInstance:
-    """An instance of a tree, which becomes a `btcore.Subtree`: the main tree, or the content of a SubTree.
+    """The nodes of one tree while they are created; loading makes a `btcore.Subtree` of it.
 
-    Attributes:
-        plan: The plan of the tree.
-        path: The path of the SubTree node; "" for the main tree.
-        blackboard: The scope of the instance.
-        nodes: The nodes of the instance in pre-order, with its SubTree nodes but without their content.
+    *plan* is the plan of the tree. The other attributes are those of `Subtree`.
     """
 
     __slots__ = ("blackboard", "document", "nodes", "path", "plan", "prefix")

@@ -13,14 +13,7 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition, define
-from btcore.xml.plan.tree_plan import (
-    NodePlan,
-    PlanContext,
-    SubtreeCall,
-    TreePlan,
-    TreePlanner,
-    check_structures,
-)
+from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner, check_trees
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.read import Document, Sources
@@ -114,7 +107,7 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
     """
     collector = DiagnosticCollector(definitions.diagnostics)
     context = PlanContext(definitions, registry, collector)
-    structures = check_structures(context)
+    structures = check_trees(context)
     trees: dict[str, TreePlan] = {}
     by_id, main = definitions.by_id, definitions.main
     pending: list[TreeDefinition] = [*by_id.values()][::-1] if every_tree else []

@@ -83,7 +83,7 @@ class SubtreeCall:
 
 
 class NodePlan:
-    """One node of a tree definition. `check_structures` creates it, and `TreePlanner` adds ports and scripts.
+    """One node of a tree definition. `check_trees` creates it, and `TreePlanner` adds ports and scripts.
 
     *depth* counts from the `<BehaviorTree>`, which has depth 0. *bindings* holds the ports that the
     document sets, in its order, then the other ports that have a default. *attributes* holds the attributes
@@ -207,7 +207,7 @@ def count_text(count: int) -> str:
     return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
 
 
-def check_structures(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
+def check_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
     """Check the structure of all trees of the documents, whether they are used or not.
 
     Returns:
