@@ -213,7 +213,7 @@ class Blackboard:
             return entry
         if only_read and previous.is_related(declared):
             return entry
-        raise self._type_change_error(key, previous, declared)
+        raise self._type_error(key, previous, declared)
 
     def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
         """Write *value* to the entry of *key* after remapping. Create it if it does not exist.
@@ -416,7 +416,7 @@ class Blackboard:
                     and not previous.same(declared)
                     and (value is None or not previous.accepts(value))
                 ):
-                    raise board._type_change_error(key, previous, declared)
+                    raise board._type_error(key, previous, declared)
                 return entry
             outside = board._remaps.get(key)
             if outside is None and (not board.autoremap or key.startswith("_")):
@@ -464,7 +464,7 @@ class Blackboard:
                 f"it cannot be replaced by {fitted!r}: {error}"
             ) from error
 
-    def _type_change_error(self, key: str, previous: ValueType, declared: ValueType) -> BlackboardError:
+    def _type_error(self, key: str, previous: ValueType, declared: ValueType) -> BlackboardError:
         return BlackboardError(
             f"the type of the entry '{key}' cannot change from {previous.name} to {declared.name}"
         )

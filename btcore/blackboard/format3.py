@@ -45,7 +45,7 @@ class LegacyBlackboard(Blackboard):
         if kind.strong and not kind.accepts(value):
             if not isinstance(value, str) or entry.inferred:
                 is_unknown = declared is None or not declared.strong or isinstance(value, str)
-                raise self._type_change_error(
+                raise self._type_error(
                     key, kind, type_of(value) if is_unknown or declared is None else declared
                 )
             try:
@@ -85,7 +85,7 @@ class LegacyBlackboard(Blackboard):
             if entry is not None:
                 previous = entry.declared
                 if previous.strong and declared.strong and not previous.same(declared):
-                    raise self._type_change_error(key, previous, declared)
+                    raise self._type_error(key, previous, declared)
                 break
             way.append((board, key))
             outside = board._remaps.get(key)

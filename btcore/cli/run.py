@@ -9,7 +9,6 @@ from typing import Any, Final, cast
 import click
 from click.core import ParameterSource
 
-from btcore import entry_points
 from btcore.cli import initial_blackboard, node_libraries, stub_results, substitute, terminal
 from btcore.cli.completion import complete_tree
 from btcore.cli.extension import LoadedExtensions, gather_resources, load_extensions
@@ -24,7 +23,7 @@ from btcore.cli.tree_source import (
 )
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.diagnostic_codes import NODE_NOT_CREATED
-from btcore.entry_points import names_by_remedy
+from btcore.entry_points import RUN_EXTENSIONS_GROUP, installed, names_by_remedy
 from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.run_extension import RunExtension
@@ -107,9 +106,7 @@ class TreeRunCommand(RunCommand):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse *args*, first without the options of extensions if possible: see the class."""
         words = list(args)  # click's parser removes the arguments from its list
-        may_defer = not ctx.resilient_parsing and not entry_points.installed(
-            entry_points.RUN_EXTENSIONS_GROUP, own=False
-        )
+        may_defer = not ctx.resilient_parsing and not installed(RUN_EXTENSIONS_GROUP, own=False)
         ctx.meta[_EXTENSIONS_DEFERRED] = may_defer
         if may_defer:
             try:
@@ -233,14 +230,14 @@ def create_session(
     ctx: click.Context,
     settings: Mapping[str, Any],
     extra_extensions: Sequence[RunExtension] = (),
-    installed: node_libraries.NodeLibraries | None = None,
+    installed_nodes: node_libraries.NodeLibraries | None = None,
 ) -> RunSession:
     """Return a run, before its first tick.
 
     Args:
         extra_extensions: Extensions besides those of the installed packages; they are attached last.
-        installed: The installed nodes, for a process that loads them once for many runs. They are copied,
-            not changed.
+        installed_nodes: The installed nodes, for a process that loads them once for many runs. They are
+            copied, not changed.
 
     Raises:
         click.ClickException: An option has an invalid value.
@@ -255,7 +252,7 @@ def create_session(
         if file == STDIN:
             raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
         save_watcher = SaveWatcher(file, settings["confined"])
-    source, plans = read_source_and_plans(settings, installed)
+    source, plans = read_source_and_plans(settings, installed_nodes)
     # Determined before the tree is built: an extension such as a simulator provides only what is needed.
     wanted = plans.required_resources()
     (installed_extensions, unavailable), settings = _load_needed_extensions(ctx, settings, wanted)
@@ -285,12 +282,12 @@ def create_session(
 
 
 def read_source_and_plans(
-    settings: Mapping[str, Any], installed: node_libraries.NodeLibraries | None = None
+    settings: Mapping[str, Any], installed_nodes: node_libraries.NodeLibraries | None = None
 ) -> tuple[TreeSource, Plans]:
     """Read and check the document of a run's tree, before extensions create resources such as a simulator.
 
     Args:
-        installed: The installed nodes, or None to load them.
+        installed_nodes: The installed nodes, or None to load them.
 
     Returns:
         The source of the tree, and its plans.
@@ -301,13 +298,13 @@ def read_source_and_plans(
         RegistrationError: A node library cannot be loaded.
     """
     path = find_source(settings["source"])
-    if installed is None or settings["plugins"]:
+    if installed_nodes is None or settings["plugins"]:
         # Models and rules may name nodes of the installed libraries. Also, they would be lost when
         # `NodeLibraries.load_for` loads what is missing, because it begins anew.
         partial = not settings["models"] and not settings["substitutes"]
         libraries = node_libraries.load_libraries(settings["plugins"], partial=partial)
     else:
-        libraries = node_libraries.NodeLibraries(installed.nodes.copy(), installed.unavailable)
+        libraries = node_libraries.NodeLibraries(installed_nodes.nodes.copy(), installed_nodes.unavailable)
     confined = settings["confined"]
     libraries.add_models(settings["models"], confined)
     source = TreeSource(path, settings["tree"], libraries, settings["format"], confined)

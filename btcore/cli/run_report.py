@@ -60,13 +60,11 @@ class RunReport:
         """The speed of the run as a multiple of real time."""
         return self.elapsed_s / self.wall_s if self.wall_s > 0 else 0.0
 
-    def print_summary(
-        self, tree: Tree, end_reason: EndReason, extension_reports: Mapping[str, object]
-    ) -> None:
+    def print_summary(self, tree: Tree, end_reason: EndReason, reports: Mapping[str, object]) -> None:
         """Print the summary on stderr.
 
         Args:
-            extension_reports: The reports of the extensions, such as a simulated robot's.
+            reports: The reports of the extensions, such as a simulated robot's.
         """
         console = terminal.stderr_console()
         table = terminal.new_table()
@@ -93,7 +91,7 @@ class RunReport:
         console.print(table)
         if len(tree.nodes) > _MAX_NODES:
             console.print(f"  … and {len(tree.nodes) - _MAX_NODES} more nodes; --json lists all", style="dim")
-        print_reports(extension_reports)
+        print_reports(reports)
 
     def _format_heading(self, tree: Tree, end_reason: EndReason) -> Text:
         """Return a line with the result, the time, the number of ticks, and the reason why the run ended."""
@@ -115,11 +113,11 @@ class RunReport:
             rows[key] = {"id": node.config.id, **{name: getattr(counts, name) for name in _COUNTS}}
         return rows
 
-    def as_data(self, tree: Tree, extension_reports: Mapping[str, object]) -> dict[str, object]:
+    def as_data(self, tree: Tree, reports: Mapping[str, object]) -> dict[str, object]:
         """Return the object of `--json`.
 
         Args:
-            extension_reports: The reports of the extensions, which are added to the object.
+            reports: The reports of the extensions, which are added to the object.
         """
         data: dict[str, object] = {
             "status": self.status.name,
@@ -127,7 +125,7 @@ class RunReport:
             "time_s": self.elapsed_s,
             "real_time_factor": round(self.real_time_factor, 3),
             "nodes": self.tick_counts(tree),
-            **extension_reports,
+            **reports,
         }
         if self.error is not None:
             frame = _find_leaf_frame(self.error.cause)

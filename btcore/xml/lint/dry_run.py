@@ -124,7 +124,7 @@ class DryRun(NodeCreator):
         super().bind_ports(node_plan, config, instance)
         document, blackboard = instance.document, instance.blackboard
         for port, text, is_explicit in node_plan.ports:
-            self._recorded += self._uses_of_port(node_plan, port, text, is_explicit, document, blackboard)
+            self._recorded += self._uses_of_port(node_plan, port, text, is_explicit, instance)
         for attribute, text in node_plan.scripts.items():
             self._script(node_plan, attribute, text, document, blackboard)
         if node_plan.manifest is not None:
@@ -132,14 +132,9 @@ class DryRun(NodeCreator):
             self.has_stubs = self.has_stubs or is_stub(node_plan.manifest.cls)
 
     def _uses_of_port(
-        self,
-        node_plan: NodePlan,
-        port: Port,
-        text: str,
-        is_explicit: bool,
-        document: Document,
-        board: Blackboard,
+        self, node_plan: NodePlan, port: Port, text: str, is_explicit: bool, instance: TreeInstance
     ) -> Iterator[EntryUse]:
+        document, board = instance.document, instance.blackboard
         key = remapped_key(text, port.name, self.format)
         is_script = port.role in SCRIPT_ROLES
         # A loop takes items out of its queue, but never fills it.
