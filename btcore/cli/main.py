@@ -1,6 +1,6 @@
 """The `btcore` command: a click group whose commands are imported when they are used.
 
-Each command of btcore is a file in this folder. Other packages add commands by entry points.
+Each command of btcore is a file in `btcore/cli/commands`. Other packages add commands by entry points.
 """
 
 # Modules that only errors or single commands need (rich, traceback, importlib.metadata, dataclasses by way
@@ -44,7 +44,7 @@ class CommandLine(click.Group):
         A command that cannot be imported is replaced by a command that explains what to install.
         """
         if cmd_name in OWN_COMMANDS:
-            own: click.Command = getattr(import_module(f"btcore.cli.{cmd_name}"), cmd_name)
+            own: click.Command = getattr(import_module(f"btcore.cli.commands.{cmd_name}"), cmd_name)
             return own
         loaded, unavailable = entry_points.load(entry_points.COMMANDS_GROUP, cmd_name)
         if loaded:
@@ -70,7 +70,7 @@ class CommandLine(click.Group):
 
     def _make_outlines(self, ctx: click.Context) -> dict[str, click.Command]:
         """Return commands that have the help of the real commands, by name."""
-        targets = {name: f"btcore.cli.{name}:{name}" for name in OWN_COMMANDS}
+        targets = {name: f"btcore.cli.commands.{name}:{name}" for name in OWN_COMMANDS}
         for point in entry_points.installed(entry_points.COMMANDS_GROUP):
             targets.setdefault(point.name, point.value)
         return {name: _make_outline(name, target) for name, target in targets.items()}

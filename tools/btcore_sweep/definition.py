@@ -12,7 +12,7 @@ import click
 
 import btcore
 from btcore.cli import terminal
-from btcore.cli.run import read_source_and_plans, run
+from btcore.cli.commands.run import read_source_and_plans, run
 from btcore.cli.tree_source import find_tree
 from btcore.input_files import read_file
 from btcore.suggestions import join_names

@@ -16,7 +16,7 @@ import pytest
 from click.testing import Result
 
 from btcore import Tree, builds
-from btcore.cli.run import run as run_command
+from btcore.cli.commands.run import run as run_command
 from btcore.testing import Harness
 
 Cli = Callable[..., Result]

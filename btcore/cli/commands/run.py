@@ -31,7 +31,7 @@ from btcore.suggestions import join_names
 from btcore.xml.models.stand_ins import StubResults
 from btcore.xml.plan.plan import Plans
 
-_EXTENSIONS_DEFERRED: Final = "btcore.cli.run.extensions_deferred"
+_EXTENSIONS_DEFERRED: Final = "btcore.cli.commands.run.extensions_deferred"
 """The key in the context's `meta`: whether the command line is parsed without the extensions so far."""
 
 
