@@ -68,12 +68,12 @@ given_option = click.option(
 
 
 def find_source(name: str) -> Path:
-    """Return the file for *name* as `find_tree` does, or `STDIN` for `-`.
+    """Return the file for *name* as `find_tree_file` does, or `STDIN` for `-`.
 
     Raises:
         click.UsageError: There is no such file or tree; the message suggests the nearest name.
     """
-    return STDIN if name == str(STDIN) else find_tree(name)
+    return STDIN if name == str(STDIN) else find_tree_file(name)
 
 
 def parse_source(path: Path, confined: bool) -> Document:
@@ -99,7 +99,7 @@ def parse_source(path: Path, confined: bool) -> Document:
     return document
 
 
-def find_tree(name: str) -> Path:
+def find_tree_file(name: str) -> Path:
     """Return the file for *name*, which is the path of a file or the name of a bundled tree.
 
     Raises:

@@ -313,12 +313,12 @@ class Registry:
         for format in (3, 4) if only is None else (only,):
             known = self.get(manifest.id, format)
             if known is not None and known.is_overridable and not self._installing:
-                if known.same_thing(manifest):
+                if known.has_same_origin(manifest):
                     return
                 self.remove(manifest.id)
                 self.overridden_nodes.append((known, manifest))
                 known = None
-            if known is not None and known.same_thing(manifest):
+            if known is not None and known.has_same_origin(manifest):
                 raise RegistrationError(
                     f"'{manifest.id}' is registered already, from the same place: {known.origin}; add it once"
                 )

@@ -94,7 +94,7 @@ def define(sources: Sources, tree: str | None = None, format: int | None = None)
             )
     dialect = DIALECTS[format or 4]
     are_complete = not collector.errors
-    every: list[TreeDefinition] = []
+    definitions: list[TreeDefinition] = []
     by_id: dict[str, TreeDefinition] = {}
     unnamed = 0
     for document in sources.documents:
@@ -118,7 +118,7 @@ def define(sources: Sources, tree: str | None = None, format: int | None = None)
                 name = f"BehaviorTree_{unnamed}"
                 unnamed += 1
             definition = TreeDefinition(name, document, element)
-            every.append(definition)
+            definitions.append(definition)
             earlier = by_id.setdefault(name, definition)
             if earlier is not definition:
                 replaces = dialect.last_tree_wins or earlier.document in sources.libraries
@@ -127,10 +127,10 @@ def define(sources: Sources, tree: str | None = None, format: int | None = None)
                 _warn_duplicate(definition, earlier, replaces, collector)
     main = None
     if main_document.root.tag == "root":
-        main = _main(main_document, tree, every, by_id, are_complete, collector)
-    models = _subtree_models(sources.documents, dialect, collector)
+        main = _find_main(main_document, tree, definitions, by_id, are_complete, collector)
+    models = _read_subtree_models(sources.documents, dialect, collector)
     return Definitions(
-        sources, dialect, tuple(every), by_id, main, models, are_complete, collector.diagnostics
+        sources, dialect, tuple(definitions), by_id, main, models, are_complete, collector.diagnostics
     )
 
 
@@ -147,10 +147,10 @@ def _warn_duplicate(
     )
 
 
-def _main(
+def _find_main(
     document: Document,
     requested: str | None,
-    every: list[TreeDefinition],
+    definitions: list[TreeDefinition],
     by_id: Mapping[str, TreeDefinition],
     are_complete: bool,
     collector: DiagnosticCollector,
@@ -175,13 +175,13 @@ def _main(
             )
         return by_id.get(written)
     # Trees of the document itself take precedence over included trees.
-    own = [definition for definition in every if definition.document is document]
+    own = [definition for definition in definitions if definition.document is document]
     for candidates in (own, list(by_id.values())):
         if len(candidates) == 1:
             return by_id[candidates[0].id]
     if not are_complete:
         return None
-    if not every:
+    if not definitions:
         message = "missing <BehaviorTree>: the document has no tree"
         hint = EXAMPLE
     else:
@@ -206,7 +206,7 @@ def tree_hint(name: str, known: Iterable[str]) -> str:
     return f"the trees are: {join_names(names)}" if names else "no tree has an ID"
 
 
-def _subtree_models(
+def _read_subtree_models(
     documents: Iterable[Document], dialect: Dialect, collector: DiagnosticCollector
 ) -> dict[str, dict[str, str | None]]:
     """Return the ports that subtree models declare. Models of other nodes are ignored."""

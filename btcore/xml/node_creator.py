@@ -150,9 +150,7 @@ class NodeCreator:
                 try:
                     entry = blackboard.create(key, port.type, not port.writes)
                 except (BlackboardError, ConversionError) as error:
-                    self.collector.add(
-                        self._type_conflict(node_plan, port, instance, blackboard.find(key), error)
-                    )
+                    self._report_type_conflict(node_plan, port, instance, blackboard.find(key), error)
                 else:
                     # The first port with a type declares the type; later ports are compared with it.
                     if entry not in self._declared and port.type.strong:
@@ -174,13 +172,13 @@ class NodeCreator:
         binding, config = self._declared[entry]
         return f"'{binding.port.name}' of <{config.id}> ({config.where})"
 
-    def _type_conflict(
+    def _report_type_conflict(
         self, node_plan: NodePlan, port: Port, instance: TreeInstance, entry: Entry | None, error: BtcoreError
-    ) -> Diagnostic:
-        """Return the diagnostic for a port whose type differs from the declared type of its entry."""
-        document = instance.document
+    ) -> None:
+        """Add the error for a port whose type differs from the declared type of its entry."""
         if entry is None or entry.declared.same(port.type):
-            return document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, port.name)
+            self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, instance, port.name)
+            return
         own, declared = port.type.name, entry.declared.name
         if own == declared:
             own += f" of {library_of(port.type.python_type)}"
@@ -194,7 +192,7 @@ class NodeCreator:
             hint = (
                 f"{origin}; an output needs exactly this type, so declare the port as {entry.declared.name}"
             )
-        return document.diagnostic(CONFLICTING_ENTRY_TYPES, message, node_plan.element, port.name, hint=hint)
+        self._report(CONFLICTING_ENTRY_TYPES, message, node_plan, instance, port.name, hint)
 
     def create_node(
         self,
@@ -215,7 +213,7 @@ class NodeCreator:
         try:
             return manifest.make(config, self.context, instance.blackboard, self._resources, created)
         except ScriptError as error:
-            self.collector.add(self._script_diagnostic(node_plan, instance, error))
+            self._report_script(node_plan, instance, error)
         except (NodeError, BlackboardError, ConversionError) as error:
             self._report(_code_of(error, node_plan), str(error), node_plan, instance)
         except BtcoreError:
@@ -253,15 +251,12 @@ class NodeCreator:
             self._report(NODE_NOT_CREATED, str(error), node_plan, instance)
             return None
 
-    def _script_diagnostic(
-        self, node_plan: NodePlan, instance: TreeInstance, error: ScriptError
-    ) -> Diagnostic:
+    def _report_script(self, node_plan: NodePlan, instance: TreeInstance, error: ScriptError) -> None:
         texts = {key: text for key, text in node_plan.element.attributes.items() if text == error.text}
         if texts:
-            return script_diagnostic(instance.document, node_plan, next(iter(texts)), error)
-        return instance.document.diagnostic(
-            SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan.element
-        )
+            self.collector.add(script_diagnostic(instance.document, node_plan, next(iter(texts)), error))
+        else:
+            self._report(SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan, instance)
 
     # --- SubTree elements
 

@@ -178,9 +178,8 @@ class DryRun(NodeCreator):
         for attribute, text in node_plan.scripts.items():
             self._script(node_plan, attribute, text, document, outer)
         if inner is not outer:
-            self.entrances[inner] = EntryUse(
-                AccessKind.MENTIONS, call.tree_id, outer, document, node_plan, "ID"
-            )
+            use = EntryUse(AccessKind.MENTIONS, call.tree_id, outer, document, node_plan, "ID")
+            self.entrances[inner] = use
             for key in call.constants:
                 self._recorded.append(EntryUse(AccessKind.WRITES, key, inner, document, node_plan, key))
             for key, outside in call.remaps.items():
@@ -204,5 +203,5 @@ def uses_whole_blackboard(manifest: Manifest) -> bool:
     """Return whether the leaf gets the blackboard itself as a resource, so that it may use any entry."""
     return any(
         isinstance(parameter.resource_type, type) and issubclass(parameter.resource_type, Blackboard)
-        for parameter in manifest.resources
+        for parameter in manifest.resource_parameters
     )

@@ -349,15 +349,15 @@ def read(
     for library in libraries:
         # The same file may be a library and the document itself, or an include of an earlier library.
         if library is not document and not (library.file and real_path(library.file) in seen):
-            _gather(library, collector, packages, documents, seen, [])
-    _gather(document, collector, packages, documents, seen, [])
+            _add_with_includes(library, collector, packages, documents, seen, [])
+    _add_with_includes(document, collector, packages, documents, seen, [])
     for each in documents:
         for warning in each.warnings:
             collector.add(warning)
     return Sources(tuple(documents), libraries, collector.diagnostics)
 
 
-def _gather(
+def _add_with_includes(
     document: Document,
     collector: DiagnosticCollector,
     packages: PackageResolver | None,
@@ -369,7 +369,7 @@ def _gather(
     files = [*chain, real_path(document.file)] if document.file else chain
     seen.update(files)
     for element in document.root.iterchildren("include"):
-        path = _path_of(document, element, collector, packages)
+        path = _include_path(document, element, collector, packages)
         if path is None:
             continue
         resolved = real_path(path)
@@ -398,7 +398,7 @@ def _gather(
                 seen.add(resolved)  # its errors are reported once
             else:
                 included.confined_to = document.confined_to
-                _gather(included, collector, packages, documents, seen, files)
+                _add_with_includes(included, collector, packages, documents, seen, files)
     documents.append(document)
 
 
@@ -413,7 +413,7 @@ def _add_errors(
         collector.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=cause.hint))
 
 
-def _path_of(
+def _include_path(
     document: Document, element: Element, collector: DiagnosticCollector, packages: PackageResolver | None
 ) -> Path | None:
     written = element.get("path")
