@@ -22,7 +22,7 @@ from btcore.diagnostic_codes import (
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import BlackboardError, BtcoreError, ConversionError, Diagnostic, NodeError, ScriptError
+from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, ScriptError
 from btcore.registry.manifest import Manifest, Resources, takes_children
 from btcore.registry.registry import library_of
 from btcore.values import parse_constant, type_of
