@@ -85,10 +85,10 @@ class LoadedEntryPoint(NamedTuple):
 
 def names(group: str) -> list[str]:
     """Return the sorted names of the entry points of *group*, without loading them."""
-    return sorted({point.name for point in installed(group)})
+    return sorted({point.name for point in find(group)})
 
 
-def installed(group: str, own: bool = True) -> "list[EntryPoint]":
+def find(group: str, own: bool = True) -> "list[EntryPoint]":
     """Return the installed entry points of *group* that `LIMIT_VARIABLE` permits, sorted by name.
 
     Args:
@@ -130,7 +130,7 @@ def load(group: str, name: str | None = None) -> tuple[list[LoadedEntryPoint], l
     """
     loaded: list[LoadedEntryPoint] = []
     unavailable: list[UnavailableEntryPoint] = []
-    for point in installed(group):
+    for point in find(group):
         if name is not None and point.name != name:
             continue
         try:

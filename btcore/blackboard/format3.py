@@ -5,7 +5,7 @@ from btcore.errors import BlackboardError, ConversionError
 from btcore.values import ANY, ValueType, to_builtin_number, type_of
 
 
-class LegacyBlackboard(Blackboard):
+class Format3Blackboard(Blackboard):
     """A scope of a tree of format 3.
 
     The differences from `Blackboard`: `@` and `_` have no meaning at the start of a key. An entry

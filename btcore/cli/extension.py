@@ -11,7 +11,7 @@ from btcore.extras import describe_missing
 from btcore.run_extension import ExtensionError, RunExtension
 from btcore.suggestions import nearest_name
 
-_META: Final = "btcore.cli.extension.loaded"
+_META_KEY: Final = "btcore.cli.extension.loaded"
 # The methods and their parameters are read from the protocol itself, so that the check stays up to date.
 _ATTRIBUTES: Final = tuple(RunExtension.__annotations__)
 _METHODS: Final = {
@@ -34,10 +34,10 @@ def load_extensions(ctx: click.Context) -> LoadedExtensions:
     Raises:
         ExtensionError: An extension does not conform to `RunExtension`.
     """
-    if _META not in ctx.meta:
+    if _META_KEY not in ctx.meta:
         loaded_points, unavailable = entry_points.load(entry_points.RUN_EXTENSIONS_GROUP)
-        ctx.meta[_META] = LoadedExtensions([_create(point) for point in loaded_points], unavailable)
-    loaded: LoadedExtensions = ctx.meta[_META]
+        ctx.meta[_META_KEY] = LoadedExtensions([_create(point) for point in loaded_points], unavailable)
+    loaded: LoadedExtensions = ctx.meta[_META_KEY]
     return loaded
 
 

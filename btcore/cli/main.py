@@ -71,7 +71,7 @@ class CommandLine(click.Group):
     def _make_outlines(self, ctx: click.Context) -> dict[str, click.Command]:
         """Return commands that have the help of the real commands, by name."""
         targets = {name: f"btcore.cli.commands.{name}:{name}" for name in OWN_COMMANDS}
-        for point in entry_points.installed(entry_points.COMMANDS_GROUP):
+        for point in entry_points.find(entry_points.COMMANDS_GROUP):
             targets.setdefault(point.name, point.value)
         return {name: _make_outline(name, target) for name, target in targets.items()}
 

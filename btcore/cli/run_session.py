@@ -124,7 +124,7 @@ class RunSession:
         until = cast(Until, settings["until"])
         was_saved = None if self.save_watcher is None else self.save_watcher.was_saved
         loop = TickLoop(
-            self.tree, settings["rate"], duration, until, progress.ticked, was_saved, settings["fast"]
+            self.tree, settings["rate"], duration, until, progress.on_tick, was_saved, settings["fast"]
         )
         began = time.perf_counter()
         end_reason: EndReason = "done"
@@ -171,7 +171,7 @@ class RunSession:
                 with progress.suspend():
                     if self._reload():
                         loop.tree = self.tree
-                        progress.follow(self.tree)
+                        progress.set_tree(self.tree)
                         waiting = False
             else:
                 return end_reason

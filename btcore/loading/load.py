@@ -35,14 +35,14 @@ class PausedGarbageCollection:
         # A new tree goes to the oldest generation at once: scanning it on its way there takes a fifth of the
         # time of loading. Only freeze() moves objects there, and it moves all young objects of the process;
         # therefore the other young objects are collected first. An application's frozen objects stay frozen.
-        self._moves = self._was_enabled and not gc.get_freeze_count()
-        if self._moves:
+        self._freezes = self._was_enabled and not gc.get_freeze_count()
+        if self._freezes:
             gc.collect(1)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._moves:
+        if self._freezes:
             gc.freeze()
             gc.unfreeze()
         if self._was_enabled:

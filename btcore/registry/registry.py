@@ -11,10 +11,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, NamedTuple, overload
 
+from btcore import entry_points
 from btcore.engine.functions import MARK, camel_case
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, distribution_of, installed
+from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, distribution_of
 from btcore.errors import RegistrationError
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manifest
@@ -390,7 +391,7 @@ class Registry:
             The libraries that cannot be registered.
         """
         unavailable = []
-        for point in installed(NODES_GROUP, own):
+        for point in entry_points.find(NODES_GROUP, own):
             distribution = distribution_of(point)
             self._installing = self.types.installing = True
             try:

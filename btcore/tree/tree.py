@@ -226,7 +226,7 @@ class Tree:
         try:
             while True:
                 hooks = self._hooks
-                if hooks is not None and hooks.may_pause:
+                if hooks is not None and hooks.has_active_breakpoint:
                     status = await hooks.tick_in_thread(self.tick_once)
                 else:
                     status = self.tick_once()

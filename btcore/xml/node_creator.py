@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard, Entry
-from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.blackboard.format3 import Format3Blackboard
 from btcore.blackboard.ports import Binding, Input, Output, Port
 from btcore.clock import Clock
 from btcore.diagnostic_codes import (
@@ -79,13 +79,13 @@ class NodeCreator:
         self._enums = registry.types.enums
         self._resources = Resources(resources)
         self.context = TreeContext(clock)
-        self._scopes = Blackboard if self.format == 4 else LegacyBlackboard
-        self.blackboard = blackboard if blackboard is not None else self._scopes(clock=clock)
+        self._scope_class = Blackboard if self.format == 4 else Format3Blackboard
+        self.blackboard = blackboard if blackboard is not None else self._scope_class(clock=clock)
         self.instances: list[TreeInstance] = []
         self.nodes: list[TreeNode] = []
         # The main tree's path is the empty text, as in BehaviorTree.CPP.
         self._paths: set[str] = {""}
-        self._declared: dict[Entry, tuple[Binding, NodeConfig]] = {}
+        self._declarations: dict[Entry, tuple[Binding, NodeConfig]] = {}
         self._uid = 0
         self.collector = DiagnosticCollector()
 
@@ -126,14 +126,14 @@ class NodeCreator:
                 instance.nodes.append(leaf)
             return leaf
         # Nodes are listed in pre-order, but a parent is created after its children: keep its place.
-        at, own_at = len(self.nodes), len(instance.nodes)
+        index, own_index = len(self.nodes), len(instance.nodes)
         self.nodes.append(_PLACEHOLDER)
         instance.nodes.append(_PLACEHOLDER)
-        below = node_plan.children if not self._rules or takes_children(manifest) else ()
-        children = [self._create_with_children(child, instance) for child in below]
+        child_plans = node_plan.children if not self._rules or takes_children(manifest) else ()
+        children = [self._create_with_children(child, instance) for child in child_plans]
         node = self.create_node(node_plan, manifest, config, instance, children)
         if node is not None:
-            self.nodes[at] = instance.nodes[own_at] = node
+            self.nodes[index] = instance.nodes[own_index] = node
         return node
 
     def bind_ports(self, node_plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> None:
@@ -153,8 +153,8 @@ class NodeCreator:
                     self._report_type_conflict(node_plan, port, instance, blackboard.find(key), error)
                 else:
                     # The first port with a type declares the type; later ports are compared with it.
-                    if entry not in self._declared and port.type.strong:
-                        self._declared[entry] = (binding, config)
+                    if entry not in self._declarations and port.type.strong:
+                        self._declarations[entry] = (binding, config)
             if isinstance(binding, Input):
                 is_bound = binding.blackboard is blackboard
                 inputs[port.name] = binding if is_bound else binding.bind_or_copy(blackboard)
@@ -167,9 +167,9 @@ class NodeCreator:
 
     def declared_by(self, entry: Entry) -> str:
         """Return the port that declared the type of *entry*, with its place, or ""."""
-        if entry not in self._declared:
+        if entry not in self._declarations:
             return ""
-        binding, config = self._declared[entry]
+        binding, config = self._declarations[entry]
         return f"'{binding.port.name}' of <{config.id}> ({config.where})"
 
     def _report_type_conflict(
@@ -275,7 +275,7 @@ class NodeCreator:
             hint = "give them different names, or remove the names"
             self._report(DUPLICATE_SUBTREE_PATH, message, node_plan, instance, "name", hint)
         self._paths.add(config.path)
-        at, own_at = len(self.nodes), len(instance.nodes)
+        index, own_index = len(self.nodes), len(instance.nodes)
         self.nodes.append(_PLACEHOLDER)
         instance.nodes.append(_PLACEHOLDER)
         manifest = self._substitute(node_plan, config, instance) if self._rules else node_plan.manifest
@@ -285,7 +285,7 @@ class NodeCreator:
             children.append(self._create_instance(self._plans.trees[call.tree_id], config.path, inner))
         node = self.create_node(node_plan, manifest, config, instance, children)
         if node is not None:
-            self.nodes[at] = instance.nodes[own_at] = node
+            self.nodes[index] = instance.nodes[own_index] = node
         return node
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, instance: TreeInstance) -> Blackboard:
@@ -293,7 +293,7 @@ class NodeCreator:
         outer = instance.blackboard
         if call.shares_blackboard:
             return outer
-        inner = self._scopes(outer)
+        inner = self._scope_class(outer)
         for key, outer_key in call.remaps.items():
             inner.remap(key, outer_key)
         for key, text in call.constants.items():

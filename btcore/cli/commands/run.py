@@ -9,6 +9,7 @@ from typing import Any, Final, cast
 import click
 from click.core import ParameterSource
 
+from btcore import entry_points
 from btcore.cli import initial_blackboard, node_libraries, stub_results, substitute, terminal
 from btcore.cli.completion import complete_tree
 from btcore.cli.extension import LoadedExtensions, gather_resources, load_extensions
@@ -23,7 +24,7 @@ from btcore.cli.tree_source import (
 )
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.diagnostic_codes import NODE_NOT_CREATED
-from btcore.entry_points import RUN_EXTENSIONS_GROUP, installed, names_by_remedy
+from btcore.entry_points import RUN_EXTENSIONS_GROUP, names_by_remedy
 from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.run_extension import RunExtension
@@ -106,7 +107,7 @@ class TreeRunCommand(RunCommand):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse *args*, first without the options of extensions if possible: see the class."""
         words = list(args)  # click's parser removes the arguments from its list
-        may_defer = not ctx.resilient_parsing and not installed(RUN_EXTENSIONS_GROUP, own=False)
+        may_defer = not ctx.resilient_parsing and not entry_points.find(RUN_EXTENSIONS_GROUP, own=False)
         ctx.meta[_EXTENSIONS_DEFERRED] = may_defer
         if may_defer:
             try:
