@@ -126,7 +126,7 @@ class TreeContext:
         clock = self.clock
         now = clock.now()
         # The system clock never stands still, but may have a low resolution.
-        stands_still = schedule.step == 0 and now == schedule.due and not isinstance(clock, SystemClock)
+        stands_still = schedule.period_ns == 0 and now == schedule.due and not isinstance(clock, SystemClock)
         if stands_still and self.deadlines:
             schedule.due = max(min(self.deadlines.values()), now)
             return schedule.due

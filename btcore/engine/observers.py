@@ -99,7 +99,7 @@ class Observers(TransitionRecorder):
         try:
             # An observer may cause further transitions: all observers get them afterwards, in order.
             while self.has_records:
-                changes = self.take()
+                changes = self.take_transitions()
                 for observer in self._batch_observers:
                     try:
                         observer.transitions(changes)

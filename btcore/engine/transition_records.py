@@ -128,10 +128,10 @@ class TransitionRecorder:
 
     @property
     def has_records(self) -> bool:
-        """Whether transitions were recorded since the last call of `take`."""
+        """Whether transitions were recorded since the last call of `take_transitions`."""
         return bool(self._records)
 
-    def take(self) -> Transitions:
+    def take_transitions(self) -> Transitions:
         """Return the transitions that were recorded since the last call."""
         count = len(self._records) // 2 + self._surplus
         changes = Transitions(self._first, self.tick, self._records, count)

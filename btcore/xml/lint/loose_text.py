@@ -13,7 +13,7 @@ from btcore.xml.read.tinyxml2_compat import iter_markup
 _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)
 
 
-def check_stray_text(document: Document, collector: DiagnosticCollector) -> None:
+def check_loose_text(document: Document, collector: DiagnosticCollector) -> None:
     """Warn about each text between the elements of *document*, in its trees and between them."""
     lines = LineIndex(document.text)
     for start, text in _iter_loose_text(document.text):

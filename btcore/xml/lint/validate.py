@@ -18,7 +18,7 @@ from btcore.xml.lint.children import check_child_count, check_reachable_children
 from btcore.xml.lint.dry_run import DryRun
 from btcore.xml.lint.endless_ticks import EndlessTickCheck
 from btcore.xml.lint.entry_types import check_value_types
-from btcore.xml.lint.loose_text import check_stray_text
+from btcore.xml.lint.loose_text import check_loose_text
 from btcore.xml.lint.ports import (
     check_ignored_attributes,
     check_literals_of_class,
@@ -105,7 +105,7 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
     results = _check_nodes(plans, models, reporter)
     EndlessTickCheck(plans, results, reporter).check(roots)
     for document in definitions.sources.documents:
-        check_stray_text(document, collector)
+        check_loose_text(document, collector)
     if main is not None and names_main and not is_selected:
         check_unused_trees(plans, main, reporter)
     harmless = _HARMLESS_IN_FORMAT_3 if plans.dialect.format == 3 else _HARMLESS
