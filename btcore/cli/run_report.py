@@ -22,7 +22,7 @@ END_REASON_TEXT: Final[dict[EndReason, str]] = {
     "done": "",
     "saved": "",
     "duration": ", stopped by --duration",
-    "ended": ", until the end of the recording",
+    "end_of_time": ", until the end of the recording",
     "interrupted": ", interrupted",
 }
 """The end of a heading, by the reason why the run ended."""

@@ -19,7 +19,7 @@ from btcore.status import Status
 from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
-EndReason = Literal["done", "duration", "ended", "interrupted", "saved"]
+EndReason = Literal["done", "duration", "end_of_time", "interrupted", "saved"]
 
 POLL_INTERVAL_S: Final = 0.05
 """The longest time (s) between two checks whether the file was saved."""
@@ -86,13 +86,13 @@ class TickLoop:
         fast: bool = False,
     ) -> None:
         self.tree = tree
-        self.period = round(NS_PER_S / rate)
+        self.period_ns = round(NS_PER_S / rate)
         self.end_statuses = _STATUSES_THAT_END[until]
         self.on_tick = on_tick
         self.was_saved = was_saved
         self.fast = fast
-        self.start = tree.clock.now()
-        self.end = None if duration is None else self.start + round(duration * NS_PER_S)
+        self.start_ns = tree.clock.now()
+        self.end_ns = None if duration is None else self.start_ns + round(duration * NS_PER_S)
         self.status = Status.IDLE
         self.skipped_ticks = 0
         self.received_signal = 0
@@ -102,7 +102,7 @@ class TickLoop:
     @property
     def elapsed_ns(self) -> int:
         """The time since the start of the run, in ns of the tree's clock."""
-        return self.tree.clock.now() - self.start
+        return self.tree.clock.now() - self.start_ns
 
     def run(self) -> EndReason:
         """Tick until the tree's status, the duration, a save or a signal ends the loop; return the reason.
@@ -120,16 +120,16 @@ class TickLoop:
             now = self.tree.clock.now()
             # An additional tick before `due` leaves the due time unchanged.
             if now >= due:
-                missed = (now - due) // self.period
+                missed = (now - due) // self.period_ns
                 self.skipped_ticks += missed
-                due += (missed + 1) * self.period
+                due += (missed + 1) * self.period_ns
             try:
-                saved = self._wait_until(due if self.end is None else min(due, self.end))
+                saved = self._wait_until(due if self.end_ns is None else min(due, self.end_ns))
             except EndOfTimeError:
-                return "ended"
+                return "end_of_time"
             if self._is_stopping:
                 return "interrupted"
-            if self.end is not None and self.tree.clock.now() >= self.end:
+            if self.end_ns is not None and self.tree.clock.now() >= self.end_ns:
                 return "duration"
             if saved:
                 return "saved"
@@ -143,7 +143,7 @@ class TickLoop:
         """
         while not self._is_stopping:
             now = self.tree.clock.now()
-            if self.end is not None and now >= self.end:
+            if self.end_ns is not None and now >= self.end_ns:
                 return "duration"
             if self.was_saved is not None and self.was_saved():
                 return "saved"
@@ -153,7 +153,7 @@ class TickLoop:
                 if not self._is_stopping:
                     self._wait_poll_interval(now)
             except EndOfTimeError:
-                return "ended"
+                return "end_of_time"
             finally:
                 self._is_waiting = False
         return "interrupted"
@@ -162,9 +162,9 @@ class TickLoop:
         context = self.tree.context
         if not self.fast:
             deadline = now + round(POLL_INTERVAL_S * NS_PER_S)
-            context.wait_until(deadline if self.end is None else min(deadline, self.end))
-        elif self.end is not None:
-            context.wait_until(self.end)
+            context.wait_until(deadline if self.end_ns is None else min(deadline, self.end_ns))
+        elif self.end_ns is not None:
+            context.wait_until(self.end_ns)
         else:
             context.wait_real_time(POLL_INTERVAL_S)
 
