@@ -145,7 +145,7 @@ class TickSchedule:
     def __init__(self, period: float, now: int) -> None:
         if not 0 <= period < inf:  # also False for NaN
             raise ValueError(f"invalid period {period!r}: use a number of seconds between ticks, 0 or more")
-        self.step = round(period * NS_PER_S)
+        self.period_ns = round(period * NS_PER_S)
         self.due = now
 
     def next(self, now: int) -> int:
@@ -157,5 +157,5 @@ class TickSchedule:
             now: The current time (ns).
         """
         if now >= self.due:
-            self.due = max(self.due + self.step, now)
+            self.due = max(self.due + self.period_ns, now)
         return self.due

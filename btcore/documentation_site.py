@@ -26,10 +26,10 @@ def node_url(ID: str, distribution: str) -> str | None:
     Returns:
         The address. None if it is unknown, or if the documentation has no pages for the package's nodes.
     """
-    from btcore.entry_points import own_packages
+    from btcore.entry_points import NODES_GROUP, own_packages
 
     # The nodes of btcore and of its own node libraries have pages.
-    if distribution != "btcore" and distribution not in own_packages("btcore.nodes"):
+    if distribution != "btcore" and distribution not in own_packages(NODES_GROUP):
         return None
     return documentation_url(f"reference/nodes/{ID}.html")
 

@@ -1,10 +1,7 @@
 """Loading the entry points by which packages extend btcore.
 
-The group `btcore.nodes` holds node libraries, `btcore.commands` click commands, `btcore.run_extensions`
-extensions of `btcore run`, `btcore.logs` formats of log files, and `btcore.preview` what connects the preview
-with running trees. An entry point that cannot be loaded,
-because an extra is not installed or broken, does not raise: it is returned together with the error, so that
-the rest of the command line works without it.
+An entry point that cannot be loaded, because an extra is not installed or broken, does not raise: it is
+returned together with the error, so that the rest of the command line works without it.
 """
 
 # importlib.metadata is imported inside the functions: importing it takes as long as importing click, and
@@ -20,6 +17,11 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 OWN_DISTRIBUTION = "btcore"
+
+NODES_GROUP: Final = "btcore.nodes"  # node libraries
+COMMANDS_GROUP: Final = "btcore.commands"  # click commands
+RUN_EXTENSIONS_GROUP: Final = "btcore.run_extensions"  # extensions of `btcore run`
+LOGS_GROUP: Final = "btcore.logs"  # formats of log files
 
 LIMIT_VARIABLE: Final = "BTCORE_ENTRY_POINTS"
 """The environment variable that limits the entry points.
@@ -73,7 +75,7 @@ def unsearched_libraries(unavailable: Iterable[UnavailableEntryPoint]) -> list[s
     ]
 
 
-class Loaded(NamedTuple):
+class LoadedEntryPoint(NamedTuple):
     """The object that an entry point names, and the distribution that declares the entry point."""
 
     name: str
@@ -83,10 +85,10 @@ class Loaded(NamedTuple):
 
 def names(group: str) -> list[str]:
     """Return the sorted names of the entry points of *group*, without loading them."""
-    return sorted({point.name for point in installed(group)})
+    return sorted({point.name for point in find(group)})
 
 
-def installed(group: str, own: bool = True) -> "list[EntryPoint]":
+def find(group: str, own: bool = True) -> "list[EntryPoint]":
     """Return the installed entry points of *group* that `LIMIT_VARIABLE` permits, sorted by name.
 
     Args:
@@ -116,7 +118,7 @@ def own_packages(group: str) -> frozenset[str]:
     return frozenset(point.module.partition(".")[0] for point in own)
 
 
-def load(group: str, name: str | None = None) -> tuple[list[Loaded], list[UnavailableEntryPoint]]:
+def load(group: str, name: str | None = None) -> tuple[list[LoadedEntryPoint], list[UnavailableEntryPoint]]:
     """Load the entry points of a group, sorted by name.
 
     Args:
@@ -126,13 +128,13 @@ def load(group: str, name: str | None = None) -> tuple[list[Loaded], list[Unavai
     Returns:
         The loaded entry points, and those that could not be loaded.
     """
-    loaded: list[Loaded] = []
+    loaded: list[LoadedEntryPoint] = []
     unavailable: list[UnavailableEntryPoint] = []
-    for point in installed(group):
+    for point in find(group):
         if name is not None and point.name != name:
             continue
         try:
-            loaded.append(Loaded(point.name, distribution_of(point), point.load()))
+            loaded.append(LoadedEntryPoint(point.name, distribution_of(point), point.load()))
         except Exception as error:
             unavailable.append(UnavailableEntryPoint(point.name, distribution_of(point), error))
     return loaded, unavailable

@@ -15,10 +15,10 @@ import click
 from rich.text import Text
 
 from btcore.cli import terminal
+from btcore.cli.commands.run import FiniteRange, RunCommand, choose_clock, warn_unused_options
 from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.cli.extension import GatheredResources, gather_resources, load_extensions, merge_reports
 from btcore.cli.node_libraries import load_libraries
-from btcore.cli.run import FiniteRange, RunCommand, choose_clock, warn_unused_options
 from btcore.cli.run_report import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
 from btcore.cli.tick_loop import EndReason, TickLoop, ending_signals, signal_handlers
@@ -52,13 +52,13 @@ class ProgramResult(NamedTuple):
     """The result of a program.
 
     Attributes:
-        ending: The reason why the program ended.
+        end_reason: The reason why the program ended.
         code: The exit code.
         seconds: The duration (s) by the world's clock.
         report: The reports of the extensions.
     """
 
-    ending: EndReason
+    end_reason: EndReason
     code: ExitCode
     seconds: float
     report: dict[str, object]
@@ -116,12 +116,12 @@ def require_resources(
     """
     gathered = provide_resources(ctx, settings, (*wanted, *optional))
     warn_unused_options(ctx, gathered.without_resources, "this command", used)
-    missing = load_extensions(ctx).missing
+    unavailable = load_extensions(ctx).unavailable
     for kind in wanted:
         if not any(isinstance(resource, kind) for resource in gathered.resources):
             unloaded = "".join(
                 f"; extensions that may provide it cannot be loaded ({names}): {remedy}"
-                for remedy, names in names_by_remedy(missing).items()
+                for remedy, names in names_by_remedy(unavailable).items()
             )
             raise click.UsageError(f"no extension provides a {kind.__name__}{unloaded}")
     return gathered
@@ -131,24 +131,24 @@ def run_program(
     name: str,
     gathered: GatheredResources,
     settings: Mapping[str, Any],
-    end: Callable[[], None],
+    on_end: Callable[[], None],
     *,
     clock: Clock | None = None,
-    shown: Sequence[object] = (),
-    goes_on: Callable[[], bool] = lambda: True,
+    extra_resources: Sequence[object] = (),
+    keep_running: Callable[[], bool] = lambda: True,
 ) -> ProgramResult:
-    """Run a program: advance the time of the world until *goes_on* returns False or the duration has passed.
+    """Run a program: advance the world's time until *keep_running* returns False or the duration has passed.
 
-    The work of the program is done in *goes_on*, or in tasks that were added to the robot's schedule before.
+    The work of the program is done in *keep_running*, or in tasks that were added to the robot's schedule.
 
     Args:
         name: The ID, in CamelCase, that viewers show for the program.
         gathered: The result of `require_resources`.
         settings: The options of the command, including `duration` (s, or None) and `fast`.
-        end: Called once at the end, while the world still exists.
+        on_end: Called once at the end, while the world still exists.
         clock: The clock of a program without a world; by default the clock of the resources.
-        shown: Further objects that viewers draw.
-        goes_on: Called ten times a second of the clock; the program ends when it returns False.
+        extra_resources: Further resources, such as objects that viewers draw.
+        keep_running: Called ten times a second of the clock; the program ends when it returns False.
     """
 
     class Work(StatefulAction):
@@ -156,38 +156,38 @@ def run_program(
             return self.on_running()
 
         def on_running(self) -> Status:
-            return Status.RUNNING if goes_on() else Status.SUCCESS
+            return Status.RUNNING if keep_running() else Status.SUCCESS
 
     nodes = Registry.standard()
     nodes.add(Work, ID=name)
     text = f'<root BTCPP_format="4"><BehaviorTree ID="{name}Alone"><{name}/></BehaviorTree></root>'
-    resources = [*gathered.resources, *shown]
+    resources = [*gathered.resources, *extra_resources]
     clock = clock if clock is not None else choose_clock(resources, settings["fast"])
     tree = loads(text, nodes=nodes, resources=resources, clock=clock)
     loop = TickLoop(tree, RATE, settings["duration"], "done", lambda status: None, fast=settings["fast"])
-    ending: EndReason = "done"
+    end_reason: EndReason = "done"
     is_complete = True
     try:
         with ExitStack() as attached:
             for extension in gathered.extensions:
                 attached.enter_context(extension.attach(tree, resources, settings))
             try:
-                with loop.signals():
-                    ending = loop.run()
-                if ending == "interrupted":
+                with loop.handle_signals():
+                    end_reason = loop.run()
+                if end_reason == "interrupted":
                     for extension in gathered.extensions:
                         extension.on_interrupt()
-                end()
+                on_end()
             finally:
                 tree.halt()
     except OutputError as error:
         is_complete = False
         terminal.print_error(str(error))
     report = merge_reports(gathered.extensions)
-    code = code_of_signal(loop.signal) if ending == "interrupted" else ExitCode.SUCCESS
+    code = code_of_signal(loop.received_signal) if end_reason == "interrupted" else ExitCode.SUCCESS
     if not is_complete:
         code = ExitCode.INCOMPLETE_OUTPUT
-    return ProgramResult(ending, code, loop.elapsed / NS_PER_S, report)
+    return ProgramResult(end_reason, code, loop.elapsed_ns / NS_PER_S, report)
 
 
 def run_server(
@@ -247,6 +247,6 @@ def print_result(name: str, result: ProgramResult, own_report: Mapping[str, obje
         result: The result of `run_program`, with the reports of the extensions.
         own_report: The program's own report.
     """
-    took = f"{result.seconds:.1f} s{END_REASON_TEXT[result.ending]}"
+    took = f"{result.seconds:.1f} s{END_REASON_TEXT[result.end_reason]}"
     terminal.stderr_console().print(Text.assemble(("■ ", "dim"), (name, "bold"), "  ", took), soft_wrap=True)
     print_reports({**({name: own_report} if own_report else {}), **result.report})

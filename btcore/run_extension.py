@@ -12,7 +12,7 @@ it against `RunExtension` before they use it.
 
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypedDict
 
 from btcore.errors import BtcoreError
 from btcore.tree.tree import Tree
@@ -29,14 +29,27 @@ class OutputError(BtcoreError):
     """Raised when an output of a run, such as a recording, is incomplete, for example on a full disk."""
 
 
+class ProgramSettings(TypedDict, total=False):
+    """Settings that are not options, but are added by btcore's ROS 2 commands.
+
+    Attributes:
+        port_hint: The end of the error message for a port that is in use.
+        ros_session: The `RosSession` that the command has created already.
+        spare_boxes: The number of boxes for events that are triggered during the run.
+    """
+
+    port_hint: str
+    ros_session: object
+    spare_boxes: int
+
+
 class RunExtension(Protocol):
     """An extension of `btcore run`: its options, the resources that it provides, and its part in a run.
 
     The methods are called in the order in which they are listed here. *settings* are the options of
-    the command by their click names, including those of all extensions. Programs may add keys: `ros_session`,
-    `port_hint` and `spare_boxes` come from btcore's ROS 2 commands. A method may raise `click.UsageError`
-    for an error in the options: the message is printed and the exit code is 2. Any other exception counts
-    as an internal error.
+    the command by their click names, including those of all extensions, and `ProgramSettings`. A method may
+    raise `click.UsageError` for an error in the options: the message is printed and the exit code is 2. Any
+    other exception counts as an internal error.
 
     This is a Protocol instead of an abstract base class so that a package can implement an extension without
     importing btcore; it must then define every member. A class that inherits from `RunExtension` overrides

@@ -130,7 +130,7 @@ class Blackboard:
         self.now: Callable[[], int] = FAST_NOW.get(type(clock), clock.now)
         self._entries: dict[str, Entry] = {}
         # The keys of the parent to which keys of this scope are remapped.
-        self._outside: dict[str, str] = {}
+        self._remaps: dict[str, str] = {}
 
     @property
     def root(self) -> "Blackboard":
@@ -147,7 +147,7 @@ class Blackboard:
             internal: The key in this scope.
             external: The key in the parent scope.
         """
-        self._outside.setdefault(internal, external)
+        self._remaps.setdefault(internal, external)
 
     def local_entries(self) -> dict[str, Entry]:
         """Return the entries that are stored in this scope itself."""
@@ -168,7 +168,7 @@ class Blackboard:
             parent = board.parent
             if parent is None:
                 return None
-            outside = board._outside.get(key)
+            outside = board._remaps.get(key)
             if outside is not None:
                 key = outside
             elif not board.autoremap or key.startswith("_"):
@@ -189,16 +189,16 @@ class Blackboard:
                 entry is a string, which is converted when it is read, or if its inferred type may change.
             ConversionError: The inferred type of the entry may change, but its value does not fit *declared*.
         """
-        if self.parent is None and not self._outside and not self.autoremap and key[:1] != "@":
+        if self.parent is None and not self._remaps and not self.autoremap and key[:1] != "@":
             # By far the most frequent case: no remapping to follow.
             entry = self._entries.get(key)
             if entry is None:
                 self._entries[key] = entry = Entry(declared)
                 return entry
         else:
-            entry = self._known(key)
+            entry = self._find_declared(key)
             if entry is None:
-                return self._created(key, declared)
+                return self._create_entry(key, declared)
         previous = entry.declared
         if not previous.strong or not declared.strong or previous.same(declared) or previous is STRING:
             if entry.inferred and previous.same(declared):
@@ -213,7 +213,7 @@ class Blackboard:
             return entry
         if only_read and previous.is_related(declared):
             return entry
-        raise self._clash(key, previous, declared)
+        raise self._type_error(key, previous, declared)
 
     def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
         """Write *value* to the entry of *key* after remapping. Create it if it does not exist.
@@ -242,7 +242,7 @@ class Blackboard:
             entry.inferred = declared is None
             entry.value_type = None
         elif entry.value_type is not None or not kind.accepts(value):
-            value = self._fitted(key, entry, value)
+            value = self._convert_to_entry(key, entry, value)
         entry.put(value, self.now())
 
     @overload
@@ -277,9 +277,9 @@ class Blackboard:
             if default is not _NOT_GIVEN:
                 return default
             if is_typed:
-                raise self._missing(key, entry)
+                raise self._missing_entry_error(key, entry)
             return kind
-        return _converted(key, entry.value, kind) if is_typed else entry.value
+        return _convert_to_kind(key, entry.value, kind) if is_typed else entry.value
 
     def unset(self, key: str) -> None:
         """Remove the entry *key*, with its type, from this scope itself, if there is such an entry."""
@@ -309,7 +309,7 @@ class Blackboard:
         keys = set(self._entries)
         if self.parent is not None:
             seen = self.parent.visible_keys()
-            keys.update(inside for inside, outside in self._outside.items() if outside in seen)
+            keys.update(inside for inside, outside in self._remaps.items() if outside in seen)
             if self.autoremap:
                 keys.update(key for key in seen if not key.startswith("_"))
         return sorted(keys)
@@ -321,7 +321,7 @@ class Blackboard:
     def __getitem__(self, key: str) -> object:
         entry = self.find(key)
         if entry is None or entry.value is None:
-            raise self._missing(key, entry)
+            raise self._missing_entry_error(key, entry)
         return entry.value
 
     def __setitem__(self, key: str, value: object) -> None:
@@ -367,7 +367,7 @@ class Blackboard:
         more = len(self) - len(values)
         return f"<Blackboard {{{', '.join(values)}{f', … and {more} more' if more else ''}}}>"
 
-    def _missing(self, key: str, entry: Entry | None) -> MissingEntryError:
+    def _missing_entry_error(self, key: str, entry: Entry | None) -> MissingEntryError:
         """Return the error for a key without a value."""
         problem = f"the entry '{key}' is declared but was never written"
         if entry is None:
@@ -376,31 +376,31 @@ class Blackboard:
         error.unwritten_key = key
         return error
 
-    def _known(self, key: str) -> Entry | None:
+    def _find_declared(self, key: str) -> Entry | None:
         """Return the entry whose type must agree with a new declaration of *key*, or None."""
         return self.find(key)
 
-    def _created(self, key: str, declared: ValueType) -> Entry:
+    def _create_entry(self, key: str, declared: ValueType) -> Entry:
         """Create and return the entry of *key* in the scope where its remappings end."""
         if not key.startswith("@"):
-            return self._route(key, declared, False)
+            return self._find_or_create(key, declared, False)
         bare = key[1:]
         if "@" in bare:
             raise BlackboardError(f"the key '{key}' has more than one '@'; only the first means the root")
-        return self.root._route(bare, declared, False)
+        return self.root._find_or_create(bare, declared, False)
 
     def _set_new(self, key: str, value: object, declared: ValueType | None) -> None:
         """Write a key that is not stored in this scope itself."""
         kind = declared or type_of(value)
         if kind is STRING and declared is None:
             kind = ANY
-        entry = self._route(key, kind, declared is None and kind.strong, value)
+        entry = self._find_or_create(key, kind, declared is None and kind.strong, value)
         entry.value_type = (
             None if declared is None or not declared.strong or declared is entry.declared else declared
         )
         entry.put(value, self.now())
 
-    def _route(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
+    def _find_or_create(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
         """Return the entry at the end of the remappings of *key*; create it if it does not exist.
 
         Unlike in `find`, an `@` in a remapped key is a part of the key.
@@ -416,9 +416,9 @@ class Blackboard:
                     and not previous.same(declared)
                     and (value is None or not previous.accepts(value))
                 ):
-                    raise board._clash(key, previous, declared)
+                    raise board._type_error(key, previous, declared)
                 return entry
-            outside = board._outside.get(key)
+            outside = board._remaps.get(key)
             if outside is None and (not board.autoremap or key.startswith("_")):
                 entry = Entry(declared, inferred)
                 board._entries[key] = entry
@@ -429,7 +429,7 @@ class Blackboard:
                 key = outside
             board = board.parent
 
-    def _fitted(self, key: str, entry: Entry, value: object) -> object:
+    def _convert_to_entry(self, key: str, entry: Entry, value: object) -> object:
         """Return *value* converted to the type of *entry*, and then to the type of the number that it holds.
 
         A number that a script has written first keeps its type, as in BehaviorTree.CPP: an entry of doubles
@@ -464,7 +464,7 @@ class Blackboard:
                 f"it cannot be replaced by {fitted!r}: {error}"
             ) from error
 
-    def _clash(self, key: str, previous: ValueType, declared: ValueType) -> BlackboardError:
+    def _type_error(self, key: str, previous: ValueType, declared: ValueType) -> BlackboardError:
         return BlackboardError(
             f"the type of the entry '{key}' cannot change from {previous.name} to {declared.name}"
         )
@@ -493,7 +493,7 @@ def copy_scopes(scopes: Sequence[Blackboard]) -> list[Blackboard]:
     return copies
 
 
-def _converted(key: str, value: object, kind: Any) -> object:
+def _convert_to_kind(key: str, value: object, kind: Any) -> object:
     """Return *value* as a value of the type *kind*, by the rules of an input port."""
     if type(value) is kind:
         return value

@@ -5,7 +5,7 @@ from btcore.errors import BlackboardError, ConversionError
 from btcore.values import ANY, ValueType, to_builtin_number, type_of
 
 
-class LegacyBlackboard(Blackboard):
+class Format3Blackboard(Blackboard):
     """A scope of a tree of format 3.
 
     The differences from `Blackboard`: `@` and `_` have no meaning at the start of a key. An entry
@@ -21,7 +21,7 @@ class LegacyBlackboard(Blackboard):
             entry = board._entries.get(key)
             if entry is not None:
                 return entry
-            outside = board._outside.get(key)
+            outside = board._remaps.get(key)
             if board.parent is None or (outside is None and not board.autoremap):
                 return None
             if outside is not None:
@@ -45,7 +45,9 @@ class LegacyBlackboard(Blackboard):
         if kind.strong and not kind.accepts(value):
             if not isinstance(value, str) or entry.inferred:
                 is_unknown = declared is None or not declared.strong or isinstance(value, str)
-                raise self._clash(key, kind, type_of(value) if is_unknown or declared is None else declared)
+                raise self._type_error(
+                    key, kind, type_of(value) if is_unknown or declared is None else declared
+                )
             try:
                 value = kind.from_text(value, 3)
             except ConversionError as error:
@@ -68,13 +70,13 @@ class LegacyBlackboard(Blackboard):
             entry.inferred = True
         return entry
 
-    def _known(self, key: str) -> Entry | None:
+    def _find_declared(self, key: str) -> Entry | None:
         return self._entries.get(key)
 
-    def _created(self, key: str, declared: ValueType) -> Entry:
-        return self._route(key, declared, False)
+    def _create_entry(self, key: str, declared: ValueType) -> Entry:
+        return self._find_or_create(key, declared, False)
 
-    def _route(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
+    def _find_or_create(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
         """Return the entry where the remappings of *key* end, and store it in every scope that they pass."""
         way: list[tuple[Blackboard, str]] = []
         board: Blackboard = self
@@ -83,10 +85,10 @@ class LegacyBlackboard(Blackboard):
             if entry is not None:
                 previous = entry.declared
                 if previous.strong and declared.strong and not previous.same(declared):
-                    raise self._clash(key, previous, declared)
+                    raise self._type_error(key, previous, declared)
                 break
             way.append((board, key))
-            outside = board._outside.get(key)
+            outside = board._remaps.get(key)
             if outside is None and not board.autoremap:
                 entry = Entry(declared, inferred)
                 break

@@ -164,16 +164,18 @@ class Binding:
         key: The blackboard key; None for a literal.
         literal: The value of a literal; None if it does not convert.
         error: Why the literal does not convert, or "".
-        shared: Whether several nodes may use the same binding: False for a literal that a leaf could modify.
+        is_shareable: Whether several nodes may use the binding: False for a literal that a leaf could modify.
     """
 
-    __slots__ = ("blackboard", "error", "format", "is_explicit", "key", "literal", "port", "shared", "text")
+    __slots__ = (
+        "blackboard", "error", "format", "is_explicit", "is_shareable", "key", "literal", "port", "text",
+    )  # fmt: skip
 
-    def __init__(self, port: Port, text: str, format: int = 4, written: bool = True) -> None:
+    def __init__(self, port: Port, text: str, format: int = 4, is_explicit: bool = True) -> None:
         self.port: Port = port
         self.text: str = text
         self.format: int = format
-        self.is_explicit: bool = written
+        self.is_explicit: bool = is_explicit
         self.blackboard: Blackboard = UNBOUND_BLACKBOARD
         if text[:1] == "{" and text[-1:] == "}" and len(text) > 3:
             key: str | None = text[1:-1]  # the result of remapped_key() for most texts, without the call
@@ -182,7 +184,7 @@ class Binding:
         self.key = key
         self.error: str = ""
         self.literal: object = None
-        self.shared: bool = True
+        self.is_shareable: bool = True
         if key is None:
             if port.value is not UNSET and text == port.default:
                 self.literal = port.value
@@ -193,7 +195,7 @@ class Binding:
                     self.literal = port.type.from_text(text, format)
                 except ConversionError as error:
                     self.error = str(error)
-                self.shared = isinstance(self.literal, _CONSTANTS)
+                self.is_shareable = isinstance(self.literal, _CONSTANTS)
 
     @property
     def name(self) -> str:
@@ -211,22 +213,22 @@ class Input(Binding):
 
     __slots__ = ()
 
-    def bind_to(self, blackboard: Blackboard) -> "Input":
-        """Return an input with the same text that is bound to *blackboard*.
+    def bind_or_copy(self, blackboard: Blackboard) -> "Input":
+        """Bind this input to *blackboard* if possible, else a copy. Return the bound input.
 
         The first call returns this object, unless it holds a literal that a leaf could modify. All other
         calls return a copy.
         """
-        if self.shared and self.blackboard is UNBOUND_BLACKBOARD:
+        if self.is_shareable and self.blackboard is UNBOUND_BLACKBOARD:
             self.blackboard = blackboard
             return self
-        if not self.shared:
+        if not self.is_shareable:
             own = Input(self.port, self.text, self.format, self.is_explicit)
         else:
             own = Input.__new__(Input)
             own.port, own.text, own.format, own.key = self.port, self.text, self.format, self.key
             own.is_explicit, own.literal = self.is_explicit, self.literal
-            own.error, own.shared = self.error, True
+            own.error, own.is_shareable = self.error, True
         own.blackboard = blackboard
         return own
 

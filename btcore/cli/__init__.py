@@ -1,1 +1,1 @@
-"""The command line: a file for each command; `main` also loads the commands of other packages."""
+"""The command line: `commands` has a file for each command; the other files are shared by commands."""

@@ -11,8 +11,7 @@ from btcore.extras import describe_missing
 from btcore.run_extension import ExtensionError, RunExtension
 from btcore.suggestions import nearest_name
 
-GROUP: Final = "btcore.run_extensions"
-_META: Final = "btcore.cli.extension.loaded"
+_META_KEY: Final = "btcore.cli.extension.loaded"
 # The methods and their parameters are read from the protocol itself, so that the check stays up to date.
 _ATTRIBUTES: Final = tuple(RunExtension.__annotations__)
 _METHODS: Final = {
@@ -23,10 +22,10 @@ _METHODS: Final = {
 
 
 class LoadedExtensions(NamedTuple):
-    """The *extensions* of a run, and the *missing* entry points: those that could not be imported."""
+    """The *extensions* of a run, and the *unavailable* entry points: those that could not be imported."""
 
     extensions: list[RunExtension]
-    missing: list[entry_points.UnavailableEntryPoint]
+    unavailable: list[entry_points.UnavailableEntryPoint]
 
 
 def load_extensions(ctx: click.Context) -> LoadedExtensions:
@@ -35,14 +34,14 @@ def load_extensions(ctx: click.Context) -> LoadedExtensions:
     Raises:
         ExtensionError: An extension does not conform to `RunExtension`.
     """
-    if _META not in ctx.meta:
-        loaded_points, missing = entry_points.load(GROUP)
-        ctx.meta[_META] = LoadedExtensions([_create(point) for point in loaded_points], missing)
-    loaded: LoadedExtensions = ctx.meta[_META]
+    if _META_KEY not in ctx.meta:
+        loaded_points, unavailable = entry_points.load(entry_points.RUN_EXTENSIONS_GROUP)
+        ctx.meta[_META_KEY] = LoadedExtensions([_create(point) for point in loaded_points], unavailable)
+    loaded: LoadedExtensions = ctx.meta[_META_KEY]
     return loaded
 
 
-def _create(loaded: entry_points.Loaded) -> RunExtension:
+def _create(loaded: entry_points.LoadedEntryPoint) -> RunExtension:
     """Create an extension from its loaded entry point, and check its members."""
     try:
         extension: RunExtension = loaded.value()

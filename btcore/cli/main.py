@@ -1,6 +1,6 @@
 """The `btcore` command: a click group whose commands are imported when they are used.
 
-Each command of btcore is a file in this folder. Other packages add commands by entry points.
+Each command of btcore is a file in `btcore/cli/commands`. Other packages add commands by entry points.
 """
 
 # Modules that only errors or single commands need (rich, traceback, importlib.metadata, dataclasses by way
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from click.shell_completion import CompletionItem
 
-COMMAND_GROUP = "btcore.commands"
 OWN_COMMANDS = ("run", "validate", "show", "convert", "nodes", "stats", "diff")
 
 _LOADED_COMMAND = "btcore.cli.main.loaded_command"
@@ -36,7 +35,7 @@ class CommandLine(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of btcore's commands, then those that installed packages add."""
-        added = entry_points.names(COMMAND_GROUP)
+        added = entry_points.names(entry_points.COMMANDS_GROUP)
         return [*OWN_COMMANDS, *(name for name in added if name not in OWN_COMMANDS)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -45,9 +44,9 @@ class CommandLine(click.Group):
         A command that cannot be imported is replaced by a command that explains what to install.
         """
         if cmd_name in OWN_COMMANDS:
-            own: click.Command = getattr(import_module(f"btcore.cli.{cmd_name}"), cmd_name)
+            own: click.Command = getattr(import_module(f"btcore.cli.commands.{cmd_name}"), cmd_name)
             return own
-        loaded, unavailable = entry_points.load(COMMAND_GROUP, cmd_name)
+        loaded, unavailable = entry_points.load(entry_points.COMMANDS_GROUP, cmd_name)
         if loaded:
             ctx.meta[_LOADED_COMMAND] = loaded[0]
             command: click.Command = loaded[0].value
@@ -71,8 +70,8 @@ class CommandLine(click.Group):
 
     def _make_outlines(self, ctx: click.Context) -> dict[str, click.Command]:
         """Return commands that have the help of the real commands, by name."""
-        targets = {name: f"btcore.cli.{name}:{name}" for name in OWN_COMMANDS}
-        for point in entry_points.installed(COMMAND_GROUP):
+        targets = {name: f"btcore.cli.commands.{name}:{name}" for name in OWN_COMMANDS}
+        for point in entry_points.find(entry_points.COMMANDS_GROUP):
             targets.setdefault(point.name, point.value)
         return {name: _make_outline(name, target) for name, target in targets.items()}
 

@@ -11,9 +11,9 @@ import click
 
 from btcore.cli import terminal
 from btcore.diagnostic_codes import UNKNOWN_NODE
-from btcore.entry_points import UnavailableEntryPoint, own_packages, unsearched_libraries
+from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, own_packages, unsearched_libraries
 from btcore.errors import Diagnostic
-from btcore.registry.registry import ENTRY_POINTS, Plugin, Registry, import_plugin, library_of
+from btcore.registry.registry import Plugin, Registry, import_plugin, library_of
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.read import Document, read
@@ -49,14 +49,14 @@ class NodeLibraries:
 
     Attributes:
         nodes: The registry of the available nodes.
-        absent: The libraries that are installed but cannot be imported.
+        unavailable: The libraries that are installed but cannot be imported.
         has_models: Whether nodes were declared by models, and need no code.
         plugins: The libraries of the user, which are loaded after the installed libraries.
         is_partial: Whether the libraries of btcore's own packages are not loaded yet.
     """
 
     nodes: Registry
-    absent: list[UnavailableEntryPoint] = field(default_factory=list)
+    unavailable: list[UnavailableEntryPoint] = field(default_factory=list)
     has_models: bool = False
     plugins: Sequence[Plugin] = ()
     is_partial: bool = False
@@ -71,11 +71,11 @@ class NodeLibraries:
         Raises:
             RegistrationError: A plugin cannot be registered.
         """
-        self.nodes, self.absent, self.is_partial = Registry.standard(), [], not own
+        self.nodes, self.unavailable, self.is_partial = Registry.standard(), [], not own
         for unavailable in self.nodes.add_installed(own):
             if unavailable.missing_module is None:
                 self._warn(str(unavailable.error))
-            self.absent.append(unavailable)
+            self.unavailable.append(unavailable)
         for plugin in self.plugins:
             self.nodes.add_plugin(plugin)
         for installed, added in self.nodes.overridden_nodes:
@@ -137,11 +137,11 @@ class NodeLibraries:
         return nodes
 
     def missing_library_notes(self, diagnostics: Iterable[Diagnostic]) -> list[str]:
-        """Return notes about absent libraries, if *diagnostics* report an unknown node without them."""
+        """Return notes about unavailable libraries, if *diagnostics* report an unknown node without them."""
         hints = [diagnostic.hint or "" for diagnostic in diagnostics if diagnostic.code == UNKNOWN_NODE]
         return [
             note
-            for note in unsearched_libraries(self.absent if hints else ())
+            for note in unsearched_libraries(self.unavailable if hints else ())
             if not any(note in hint for hint in hints)
         ]
 
@@ -152,7 +152,7 @@ def load_libraries(
     """Load all installed node libraries, *plugins* and *models*.
 
     An installed library that cannot be imported is not an error, since the tree may not use it. It is added
-    to `NodeLibraries.absent`; unless a missing module is the cause, a warning is printed as well.
+    to `NodeLibraries.unavailable`; unless a missing module is the cause, a warning is printed as well.
 
     Args:
         plugins: Modules and Python files with nodes.
@@ -175,7 +175,7 @@ def load_libraries(
         seen.add(module_or_file)
         imported.append(import_plugin(plugin))
     libraries = NodeLibraries(Registry(), plugins=imported)
-    libraries.load(own=not partial or not own_packages(ENTRY_POINTS).isdisjoint(sys.modules))
+    libraries.load(own=not partial or not own_packages(NODES_GROUP).isdisjoint(sys.modules))
     libraries.add_models(models, confined)
     return libraries
 

@@ -53,7 +53,7 @@ class Progress:
             self.live.start()
             sys.breakpointhook = self._start_debugger
 
-    def ticked(self, status: Status) -> None:
+    def on_tick(self, status: Status) -> None:
         """Update the line after a tick that returned *status*, unless the last update is too recent."""
         now = time.perf_counter()
         if now - self.updated < (_LIVE_INTERVAL_S if self.live is not None else _PLAIN_INTERVAL_S):
@@ -61,7 +61,7 @@ class Progress:
         self.updated = now
         self._show(self._format_line(status, now - self.began))
 
-    def follow(self, tree: Tree) -> None:
+    def set_tree(self, tree: Tree) -> None:
         """Show *tree*, which replaces the previous tree of the run."""
         self.tree = tree
         self.line = Text()

@@ -22,7 +22,7 @@ END_REASON_TEXT: Final[dict[EndReason, str]] = {
     "done": "",
     "saved": "",
     "duration": ", stopped by --duration",
-    "ended": ", until the end of the recording",
+    "end_of_time": ", until the end of the recording",
     "interrupted": ", interrupted",
 }
 """The end of a heading, by the reason why the run ended."""
@@ -44,27 +44,27 @@ class RunReport:
     Attributes:
         status: The status after the last tick.
         error: The exception that a leaf raised, or None.
-        elapsed: The duration of the whole run in s of the tree's clock.
-        wall: The duration of the whole run in s of real time.
+        elapsed_s: The duration of the whole run (s) by the tree's clock.
+        wall_s: The duration of the whole run (s) in real time.
     """
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.status = Status.IDLE
         self.error: NodeExecutionError | None = None
-        self.elapsed = 0.0
-        self.wall = 0.0
+        self.elapsed_s = 0.0
+        self.wall_s = 0.0
 
     @property
-    def factor(self) -> float:
+    def real_time_factor(self) -> float:
         """The speed of the run as a multiple of real time."""
-        return self.elapsed / self.wall if self.wall > 0 else 0.0
+        return self.elapsed_s / self.wall_s if self.wall_s > 0 else 0.0
 
-    def print_summary(self, tree: Tree, ending: EndReason, extension_reports: Mapping[str, object]) -> None:
+    def print_summary(self, tree: Tree, end_reason: EndReason, reports: Mapping[str, object]) -> None:
         """Print the summary on stderr.
 
         Args:
-            extension_reports: The reports of the extensions, such as a simulated robot's.
+            reports: The reports of the extensions, such as a simulated robot's.
         """
         console = terminal.stderr_console()
         table = terminal.new_table()
@@ -86,20 +86,20 @@ class RunReport:
             name.truncate(room, overflow="ellipsis")
             columns = [str(counts[key] or "·") for key in _COUNTS]
             table.add_row(name, *columns, style="dim" if never_ticked else "")
-        console.print(self._format_heading(tree, ending), soft_wrap=True)
+        console.print(self._format_heading(tree, end_reason), soft_wrap=True)
         console.print()
         console.print(table)
         if len(tree.nodes) > _MAX_NODES:
             console.print(f"  … and {len(tree.nodes) - _MAX_NODES} more nodes; --json lists all", style="dim")
-        print_reports(extension_reports)
+        print_reports(reports)
 
-    def _format_heading(self, tree: Tree, ending: EndReason) -> Text:
+    def _format_heading(self, tree: Tree, end_reason: EndReason) -> Text:
         """Return a line with the result, the time, the number of ticks, and the reason why the run ended."""
         raised = Text("✘ RAISED", style="bold red")
         result = terminal.format_status(self.status) if self.error is None else raised
         ticks = terminal.counted(tree.ticks, "tick")
-        took = f"{self.elapsed:.1f} s, {ticks}, ×{self.factor:.1f} real time{END_REASON_TEXT[ending]}"
-        return Text.assemble(result, "  ", (self.name, "bold"), "  ", took)
+        duration = f"{self.elapsed_s:.1f} s, {ticks}, ×{self.real_time_factor:.1f} real time"
+        return Text.assemble(result, "  ", (self.name, "bold"), "  ", duration, END_REASON_TEXT[end_reason])
 
     def tick_counts(self, tree: Tree) -> dict[str, dict[str, object]]:
         """Return the ID and the tick counts of each node, by full path.
@@ -113,19 +113,19 @@ class RunReport:
             rows[key] = {"id": node.config.id, **{name: getattr(counts, name) for name in _COUNTS}}
         return rows
 
-    def as_data(self, tree: Tree, extension_reports: Mapping[str, object]) -> dict[str, object]:
+    def as_data(self, tree: Tree, reports: Mapping[str, object]) -> dict[str, object]:
         """Return the object of `--json`.
 
         Args:
-            extension_reports: The reports of the extensions, which are added to the object.
+            reports: The reports of the extensions, which are added to the object.
         """
         data: dict[str, object] = {
             "status": self.status.name,
             "ticks": tree.ticks,
-            "time_s": self.elapsed,
-            "real_time_factor": round(self.factor, 3),
+            "time_s": self.elapsed_s,
+            "real_time_factor": round(self.real_time_factor, 3),
             "nodes": self.tick_counts(tree),
-            **extension_reports,
+            **reports,
         }
         if self.error is not None:
             frame = _find_leaf_frame(self.error.cause)

@@ -28,7 +28,7 @@ class RunSession:
     Args:
         source: The file of the tree, from which the tree is reloaded.
         extensions: The extensions in the order in which they are attached.
-        saves: Detects that the tree's file was saved; None without `--watch`.
+        save_watcher: Detects that the tree's file was saved; None without `--watch`.
 
     Attributes:
         report: The result of the run, for the summary and `--json`.
@@ -42,14 +42,14 @@ class RunSession:
         settings: Mapping[str, Any],
         extensions: Sequence[RunExtension],
         resources: Sequence[object],
-        saves: SaveWatcher | None = None,
+        save_watcher: SaveWatcher | None = None,
     ) -> None:
         self.tree = tree
         self.source = source
         self.settings = settings
         self.extensions = extensions
         self.resources = resources
-        self.saves = saves
+        self.save_watcher = save_watcher
         self.logs = Logs(settings["logs"])
         tree_id = settings["tree"]
         self.report = RunReport(source.name if tree_id is None else f"{source.name}:{tree_id}")
@@ -65,9 +65,9 @@ class RunSession:
             LogError: A log cannot be written.
             click.UsageError: An extension rejects the options of the run.
         """
-        ending, code, extension_reports = self.execute()
+        end_reason, code, extension_reports = self.execute()
         report = self.report
-        report.print_summary(self.tree, ending, extension_reports)
+        report.print_summary(self.tree, end_reason, extension_reports)
         if report.error is not None and report.error is not self._printed_error:
             self._print_execution_error(report.error)
         if self.settings["as_json"]:
@@ -85,7 +85,7 @@ class RunSession:
             click.UsageError: An extension rejects the options of the run.
         """
         self.tree.count_ticks()  # before the first tick: the report contains the counts
-        ending: EndReason = "done"
+        end_reason: EndReason = "done"
         try:
             with ExitStack() as attached:
                 with log_to_console(terminal.stderr_console()):
@@ -94,26 +94,26 @@ class RunSession:
                 # An ExitStack unwinds in reverse order: the logs are closed before extensions are detached.
                 attached.callback(self.logs.close)
                 self.logs.open(self.tree)
-                ending = self._run_loop()
-                if ending == "interrupted":
+                end_reason = self._run_loop()
+                if end_reason == "interrupted":
                     for extension in self.extensions:
                         extension.on_interrupt()
         except OutputError as error:
             self._is_output_incomplete = True
             terminal.print_error(str(error))
         extension_reports = merge_reports(self.extensions)
-        if self.saves is not None:
+        if self.save_watcher is not None:
             extension_reports = {"reloads": self.reloads, **extension_reports}
-        return ending, self._choose_exit_code(ending), extension_reports
+        return end_reason, self._choose_exit_code(end_reason), extension_reports
 
-    def _choose_exit_code(self, ending: EndReason) -> ExitCode:
+    def _choose_exit_code(self, end_reason: EndReason) -> ExitCode:
         if self.report.error is not None:
             return ExitCode.LEAF_ERROR
         if self._is_output_incomplete or self.logs.are_incomplete:
             return ExitCode.INCOMPLETE_OUTPUT
-        if ending == "interrupted":
+        if end_reason == "interrupted":
             return code_of_signal(self._signal)
-        failed = ending == "done" and self.report.status is Status.FAILURE
+        failed = end_reason == "done" and self.report.status is Status.FAILURE
         return ExitCode.FAILURE if failed else ExitCode.SUCCESS
 
     def _run_loop(self) -> EndReason:
@@ -122,14 +122,15 @@ class RunSession:
         duration = settings["duration"]
         progress = Progress(self.tree, self.report.name, duration)
         until = cast(Until, settings["until"])
+        was_saved = None if self.save_watcher is None else self.save_watcher.was_saved
         loop = TickLoop(
-            self.tree, settings["rate"], duration, until, progress.ticked, self.saves, settings["fast"]
+            self.tree, settings["rate"], duration, until, progress.on_tick, was_saved, settings["fast"]
         )
         began = time.perf_counter()
-        ending: EndReason = "done"
+        end_reason: EndReason = "done"
         try:
-            with loop.signals(), log_to_console(progress.console):
-                ending = loop.run() if self.saves is None else self._run_and_reload(loop, progress)
+            with loop.handle_signals(), log_to_console(progress.console):
+                end_reason = loop.run() if self.save_watcher is None else self._run_and_reload(loop, progress)
             self.tree.halt()
         except NodeExecutionError as error:
             self.report.error = error
@@ -138,41 +139,42 @@ class RunSession:
             raise
         finally:
             self.report.status = loop.status if self.report.error is None else Status.IDLE
-            self.report.elapsed = loop.elapsed / NS_PER_S
-            self._signal = loop.signal
-            self.report.wall = time.perf_counter() - began
+            self.report.elapsed_s = loop.elapsed_ns / NS_PER_S
+            self._signal = loop.received_signal
+            self.report.wall_s = time.perf_counter() - began
             progress.close()
-        if loop.late:
-            skipped = f"{terminal.counted(loop.late, 'tick')} {'was' if loop.late == 1 else 'were'} skipped"
+        count = loop.skipped_ticks
+        if count:
+            skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
             terminal.print_warning(
                 f"{skipped}, because the previous tick took longer than "
                 f"{1000 / settings['rate']:g} ms; use a lower --rate"
             )
-        return ending
+        return end_reason
 
     def _run_and_reload(self, loop: TickLoop, progress: Progress) -> EndReason:
         """Tick the tree, and reload it after each save; when it has ended, wait for the next save."""
         waiting = False
         while True:
             try:
-                ending = loop.wait_for_save() if waiting else loop.run()
+                end_reason = loop.wait_for_save() if waiting else loop.run()
             except NodeExecutionError as error:
                 self.report.error = self._printed_error = error
                 with progress.suspend():
                     self._print_execution_error(error)
-                ending = "done"
-            if ending == "done":
+                end_reason = "done"
+            if end_reason == "done":
                 waiting = True
                 raised = self.report.error is not None
                 progress.show_waiting(None if raised else loop.status, self.source.path.name)
-            elif ending == "saved":
+            elif end_reason == "saved":
                 with progress.suspend():
                     if self._reload():
                         loop.tree = self.tree
-                        progress.follow(self.tree)
+                        progress.set_tree(self.tree)
                         waiting = False
             else:
-                return ending
+                return end_reason
 
     def _print_execution_error(self, error: NodeExecutionError) -> None:
         print_leaf_error(error)

@@ -19,7 +19,7 @@ from btcore.status import Status
 from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
-EndReason = Literal["done", "duration", "ended", "interrupted", "saved"]
+EndReason = Literal["done", "duration", "end_of_time", "interrupted", "saved"]
 
 POLL_INTERVAL_S: Final = 0.05
 """The longest time (s) between two checks whether the file was saved."""
@@ -66,13 +66,13 @@ class TickLoop:
         duration: The limit of the run in s of the tree's clock, or None.
         until: The result of the tree that ends the run.
         on_tick: Called with the tree's status after every tick.
-        saved: Called between ticks; the loop ends when it returns True.
+        was_saved: Called between ticks; the loop ends when it returns True.
         fast: Whether the tree's clock is simulated instead of real.
 
     Attributes:
         status: The tree's status after the last tick.
-        late: The number of ticks that were skipped because an earlier tick was still in progress.
-        signal: The number of the signal that ended the loop, or 0.
+        skipped_ticks: The number of ticks that were skipped because an earlier tick was still in progress.
+        received_signal: The number of the signal that ended the loop, or 0.
     """
 
     def __init__(
@@ -82,27 +82,27 @@ class TickLoop:
         duration: float | None,
         until: Until,
         on_tick: Callable[[Status], None],
-        saved: Callable[[], bool] | None = None,
+        was_saved: Callable[[], bool] | None = None,
         fast: bool = False,
     ) -> None:
         self.tree = tree
-        self.period = round(NS_PER_S / rate)
-        self.endings = _STATUSES_THAT_END[until]
+        self.period_ns = round(NS_PER_S / rate)
+        self.end_statuses = _STATUSES_THAT_END[until]
         self.on_tick = on_tick
-        self.saved = saved
+        self.was_saved = was_saved
         self.fast = fast
-        self.start = tree.clock.now()
-        self.end = None if duration is None else self.start + round(duration * NS_PER_S)
+        self.start_ns = tree.clock.now()
+        self.end_ns = None if duration is None else self.start_ns + round(duration * NS_PER_S)
         self.status = Status.IDLE
-        self.late = 0
-        self.signal = 0
-        self._stop = False
-        self._waiting = False
+        self.skipped_ticks = 0
+        self.received_signal = 0
+        self._is_stopping = False
+        self._is_waiting = False
 
     @property
-    def elapsed(self) -> int:
+    def elapsed_ns(self) -> int:
         """The time since the start of the run, in ns of the tree's clock."""
-        return self.tree.clock.now() - self.start
+        return self.tree.clock.now() - self.start_ns
 
     def run(self) -> EndReason:
         """Tick until the tree's status, the duration, a save or a signal ends the loop; return the reason.
@@ -113,23 +113,23 @@ class TickLoop:
         while True:
             self.status = self.tree.tick_once()
             self.on_tick(self.status)
-            if self._stop:
+            if self._is_stopping:
                 return "interrupted"
-            if self.status in self.endings:
+            if self.status in self.end_statuses:
                 return "done"
             now = self.tree.clock.now()
             # An additional tick before `due` leaves the due time unchanged.
             if now >= due:
-                missed = (now - due) // self.period
-                self.late += missed
-                due += (missed + 1) * self.period
+                missed = (now - due) // self.period_ns
+                self.skipped_ticks += missed
+                due += (missed + 1) * self.period_ns
             try:
-                saved = self._wait(due if self.end is None else min(due, self.end))
+                saved = self._wait_until(due if self.end_ns is None else min(due, self.end_ns))
             except EndOfTimeError:
-                return "ended"
-            if self._stop:
+                return "end_of_time"
+            if self._is_stopping:
                 return "interrupted"
-            if self.end is not None and self.tree.clock.now() >= self.end:
+            if self.end_ns is not None and self.tree.clock.now() >= self.end_ns:
                 return "duration"
             if saved:
                 return "saved"
@@ -141,61 +141,61 @@ class TickLoop:
         can happen any more: the clock advances to the end of the duration at once, or stands still without a
         duration.
         """
-        while not self._stop:
+        while not self._is_stopping:
             now = self.tree.clock.now()
-            if self.end is not None and now >= self.end:
+            if self.end_ns is not None and now >= self.end_ns:
                 return "duration"
-            if self.saved is not None and self.saved():
+            if self.was_saved is not None and self.was_saved():
                 return "saved"
-            self._waiting = True
-            # Checked again, because a signal that arrived before `_waiting` was set does not end the wait.
+            self._is_waiting = True
+            # Checked again, because a signal that arrived before `_is_waiting` was set does not end the wait.
             try:
-                if not self._stop:
-                    self._rest_until(now)
+                if not self._is_stopping:
+                    self._wait_poll_interval(now)
             except EndOfTimeError:
-                return "ended"
+                return "end_of_time"
             finally:
-                self._waiting = False
+                self._is_waiting = False
         return "interrupted"
 
-    def _rest_until(self, now: int) -> None:
+    def _wait_poll_interval(self, now: int) -> None:
         context = self.tree.context
         if not self.fast:
-            moment = now + round(POLL_INTERVAL_S * NS_PER_S)
-            context.wait_until(moment if self.end is None else min(moment, self.end))
-        elif self.end is not None:
-            context.wait_until(self.end)
+            deadline = now + round(POLL_INTERVAL_S * NS_PER_S)
+            context.wait_until(deadline if self.end_ns is None else min(deadline, self.end_ns))
+        elif self.end_ns is not None:
+            context.wait_until(self.end_ns)
         else:
-            context.doze(POLL_INTERVAL_S)
+            context.wait_real_time(POLL_INTERVAL_S)
 
-    def _wait(self, moment: int) -> bool:
-        """Wait until *moment*, a wake-up, a stop or a save; return whether the file was saved."""
-        saved = self.saved is not None and self.saved()
-        self._waiting = True
+    def _wait_until(self, deadline: int) -> bool:
+        """Wait until *deadline*, a wake-up, a stop or a save; return whether the file was saved."""
+        saved = self.was_saved is not None and self.was_saved()
+        self._is_waiting = True
         try:
-            while not (self._stop or saved):
-                step = moment
-                if self.saved is not None:
-                    step = min(moment, self.tree.clock.now() + round(POLL_INTERVAL_S * NS_PER_S))
-                if self.tree.context.wait_until(step) or step == moment:
+            while not (self._is_stopping or saved):
+                step = deadline
+                if self.was_saved is not None:
+                    step = min(deadline, self.tree.clock.now() + round(POLL_INTERVAL_S * NS_PER_S))
+                if self.tree.context.wait_until(step) or step == deadline:
                     break
-                saved = self.saved is not None and self.saved()
+                saved = self.was_saved is not None and self.was_saved()
         finally:
-            self._waiting = False
+            self._is_waiting = False
         return saved
 
-    def signals(self) -> AbstractContextManager[None]:
+    def handle_signals(self) -> AbstractContextManager[None]:
         """Return a context in which SIGINT, SIGTERM and SIGHUP end the loop instead of the process."""
         return signal_handlers(ending_signals(), self._handle_signal)
 
     def _handle_signal(self, number: int, frame: FrameType | None) -> None:
-        if self._stop:
+        if self._is_stopping:
             raise KeyboardInterrupt
-        self._stop = True
-        self.signal = number
+        self._is_stopping = True
+        self.received_signal = number
         self.tree.context.interrupt()
         # In threads, since the handler may have interrupted code that holds the locks that these calls need.
         # The lambda matters: the access to `hooks` takes a lock, too.
         threading.Thread(target=lambda: self.tree.hooks.ignore_breakpoints(), daemon=True).start()
-        if self._waiting:
+        if self._is_waiting:
             threading.Thread(target=self.tree.context.wake_up, daemon=True).start()

@@ -68,12 +68,12 @@ given_option = click.option(
 
 
 def find_source(name: str) -> Path:
-    """Return the file for *name* as `find_tree` does, or `STDIN` for `-`.
+    """Return the file for *name* as `find_tree_file` does, or `STDIN` for `-`.
 
     Raises:
         click.UsageError: There is no such file or tree; the message suggests the nearest name.
     """
-    return STDIN if name == str(STDIN) else find_tree(name)
+    return STDIN if name == str(STDIN) else find_tree_file(name)
 
 
 def parse_source(path: Path, confined: bool) -> Document:
@@ -99,7 +99,7 @@ def parse_source(path: Path, confined: bool) -> Document:
     return document
 
 
-def find_tree(name: str) -> Path:
+def find_tree_file(name: str) -> Path:
     """Return the file for *name*, which is the path of a file or the name of a bundled tree.
 
     Raises:
@@ -168,22 +168,22 @@ class TreeSource:
 class SaveWatcher:
     """Detects that a tree's file, or a file that it includes, was saved.
 
-    Calling it often is cheap: the files are checked at most every `POLL_INTERVAL_S` seconds.
+    Calling `was_saved` often is cheap: the files are checked at most every `POLL_INTERVAL_S` seconds.
     """
 
     def __init__(self, path: Path, confined: bool) -> None:
-        self._watch = FileWatcher(path, confined)
-        self._next = time.monotonic() + POLL_INTERVAL_S
-        self._written = False
+        self._files = FileWatcher(path, confined)
+        self._next_check = time.monotonic() + POLL_INTERVAL_S
+        self._had_changed = False
 
-    def __call__(self) -> bool:
+    def was_saved(self) -> bool:
         """Return True once after each save, at the first check that finds no further change.
 
         This second check avoids reading a file that an editor is still writing.
         """
         now = time.monotonic()
-        if now < self._next:
+        if now < self._next_check:
             return False
-        self._next = now + POLL_INTERVAL_S
-        before, self._written = self._written, self._watch.has_changed()
-        return before and not self._written
+        self._next_check = now + POLL_INTERVAL_S
+        before, self._had_changed = self._had_changed, self._files.has_changed()
+        return before and not self._had_changed

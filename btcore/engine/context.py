@@ -44,12 +44,12 @@ class TreeContext:
     Attributes:
         observers: None while nothing is subscribed, so that a transition costs one comparison.
         deadlines: For each node that requested a tick, by uid: the time (ns) at which the tick is due.
-        on_wake: Called by each wake-up, on any thread; set by an event loop that runs the tree.
+        on_wake_up: Called by each wake-up, on any thread; set by an event loop that runs the tree.
         lock: Held while the callbacks and counters of a node change, which any thread may do.
         woken_by: The last node that requested another tick at once.
         is_interrupted: Whether ticks that repeat nodes end as soon as possible.
-        watches_ticks: Whether nodes that repeat others call `must_end_tick` after each repetition.
-        has_timed_out: Whether the limit of `limit_tick` ended the tick.
+        may_end_tick: Whether nodes that repeat others call `must_end_tick` after each repetition.
+        has_timed_out: Whether the limit of `set_tick_limit` ended the tick.
         stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
         tick_start: The time (ns) at which the present tick began, by which its timers are judged; -1 = not
@@ -58,15 +58,15 @@ class TreeContext:
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
-        self.wake = threading.Event()
-        self._woken = False  # mirrors `wake`, because Event.is_set() takes much longer than an attribute
+        self.wake_event = threading.Event()
+        self._is_woken = False  # mirrors `wake_event`: Event.is_set() takes much longer than an attribute
         self.lock = threading.Lock()
         self.observers: Observers | None = None
         self.deadlines: dict[int, int] = {}
-        self.on_wake: Callable[[], object] | None = None
+        self.on_wake_up: Callable[[], object] | None = None
         self.woken_by: NodeConfig | None = None
         self.is_interrupted = False
-        self.watches_ticks = False
+        self.may_end_tick = False
         self.has_timed_out = False
         self.stopped_ns = 0
         self.uses_time = False  # most trees without timers never read the clock, which takes time
@@ -76,48 +76,48 @@ class TreeContext:
     @property
     def in_event_loop(self) -> bool:
         """Whether an event loop runs the tree, so that leaves may await asyncio's functions."""
-        return self.on_wake is not None
+        return self.on_wake_up is not None
 
     @property
     def is_woken(self) -> bool:
         """Whether a wake-up is pending."""
-        return self._woken
+        return self._is_woken
 
     def wake_up(self) -> None:
         """Request a tick as soon as possible. Thread-safe."""
-        self._woken = True
-        self.wake.set()
+        self._is_woken = True
+        self.wake_event.set()
         # Read once: the event loop's thread may set it to None at any time.
-        on_wake = self.on_wake
-        if on_wake is not None:
-            on_wake()
+        on_wake_up = self.on_wake_up
+        if on_wake_up is not None:
+            on_wake_up()
 
-    def first_deadline(self, moment: int) -> int:
-        """Return the earlier of *moment* (ns) and the first deadline."""
-        return min(min(self.deadlines.values(), default=moment), moment)
+    def first_deadline(self, deadline: int) -> int:
+        """Return the earlier of *deadline* (ns) and the first deadline of a node."""
+        return min(min(self.deadlines.values(), default=deadline), deadline)
 
-    def take_wake_up(self) -> bool:
+    def consume_wake_up(self) -> bool:
         """Return whether a wake-up was pending, by a signal or a deadline that has passed. Consume it."""
         if self.deadlines:
-            self._expire()
-        return self._woken and self._take()
+            self._expire_deadlines()
+        return self._is_woken and self._clear_wake_up()
 
-    def wait_until(self, moment: int) -> bool:
-        """Wait until *moment* (ns), the first deadline or a wake-up, and consume the wake-up.
+    def wait_until(self, deadline: int) -> bool:
+        """Wait until *deadline* (ns), the first deadline or a wake-up, and consume the wake-up.
 
         Returns:
             Whether a wake-up was pending, by a signal or a deadline that has passed.
         """
         if self.deadlines:
-            self._expire()
-            moment = self.first_deadline(moment)
-        woken = self._woken or self.clock.wait_until(moment, self.wake)
+            self._expire_deadlines()
+            deadline = self.first_deadline(deadline)
+        woken = self._is_woken or self.clock.wait_until(deadline, self.wake_event)
         if not woken and self.deadlines:
-            self._expire()
-        # A wake-up that arrives here is consumed now if `_woken` is set already, else by the next call.
-        return (woken or self._woken) and self._take()
+            self._expire_deadlines()
+        # A wake-up that arrives here is consumed now if `_is_woken` is set already, else by the next call.
+        return (woken or self._is_woken) and self._clear_wake_up()
 
-    def next_tick(self, schedule: TickSchedule) -> int:
+    def next_tick_time(self, schedule: TickSchedule) -> int:
         """Return the time (ns) of the next tick: the due time of *schedule* or the first deadline before it.
 
         Without a period, a clock that advances only by waiting would stand still, so that no deadline would
@@ -126,33 +126,33 @@ class TreeContext:
         clock = self.clock
         now = clock.now()
         # The system clock never stands still, but may have a low resolution.
-        stands_still = schedule.step == 0 and now == schedule.due and not isinstance(clock, SystemClock)
+        stands_still = schedule.period_ns == 0 and now == schedule.due and not isinstance(clock, SystemClock)
         if stands_still and self.deadlines:
             schedule.due = max(min(self.deadlines.values()), now)
             return schedule.due
         return self.first_deadline(schedule.next(now))
 
-    def doze(self, seconds: float) -> None:
+    def wait_real_time(self, seconds: float) -> None:
         """Wait at most *seconds* (s, real time even with another clock) for a wake-up, and consume it."""
-        if not self._woken:
-            self.wake.wait(seconds)
-        self._take()
+        if not self._is_woken:
+            self.wake_event.wait(seconds)
+        self._clear_wake_up()
 
-    def limit_tick(self, seconds: float) -> None:
+    def set_tick_limit(self, seconds: float) -> None:
         """Limit the tick that begins now to *seconds* of real time, whatever clock the tree has.
 
         Only nodes that repeat other nodes check the limit, by `must_end_tick`.
         """
         self._tick_end = time.monotonic_ns() + round(seconds * NS_PER_S)
         self.has_timed_out = False
-        self.watches_ticks = True
+        self.may_end_tick = True
 
-    def lift_limit(self) -> None:
-        """End the effect of `limit_tick`."""
+    def clear_tick_limit(self) -> None:
+        """End the effect of `set_tick_limit`."""
         self._tick_end = 0
-        self.watches_ticks = self.is_interrupted
+        self.may_end_tick = self.is_interrupted
 
-    def extend_tick(self, nanoseconds: int) -> None:
+    def add_stopped_time(self, nanoseconds: int) -> None:
         """Do not count *nanoseconds*, during which the tick was stopped at a breakpoint."""
         self.stopped_ns += nanoseconds
         if self._tick_end:
@@ -161,7 +161,7 @@ class TreeContext:
     def interrupt(self) -> None:
         """Let ticks that repeat nodes end as soon as possible. Thread-safe."""
         self.is_interrupted = True
-        self.watches_ticks = True
+        self.may_end_tick = True
 
     def must_end_tick(self) -> bool:
         """Return whether the tick must end now. Nodes call it between two repetitions within one tick."""
@@ -172,20 +172,20 @@ class TreeContext:
             return True
         # Python handles signals (Ctrl-C) only in interpreted functions, such as this method of Event. A tick
         # of compiled nodes might call none.
-        self.wake.is_set()
+        self.wake_event.is_set()
         return self.is_interrupted
 
-    def _take(self) -> bool:
+    def _clear_wake_up(self) -> bool:
         # A wake-up that another thread sends between these lines may count twice, but is never lost.
-        self._woken = False
-        self.wake.clear()
+        self._is_woken = False
+        self.wake_event.clear()
         return True
 
-    def _expire(self) -> None:
+    def _expire_deadlines(self) -> None:
         now = self.clock.now()
         due = [uid for uid, deadline in self.deadlines.items() if deadline <= now]
         for uid in due:
             del self.deadlines[uid]
         if due:
-            self._woken = True
-            self.wake.set()
+            self._is_woken = True
+            self.wake_event.set()

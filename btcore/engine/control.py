@@ -27,14 +27,14 @@ MIN_CHILDREN_FOR_BATCH_RESET: Final = 6
 
 
 def results_in_order(
-    children: list[PossibleResults], continue_on: Status, yields: bool = False
+    children: list[PossibleResults], continue_on: Status, is_async: bool = False
 ) -> PossibleResults:
     """Return the possible results of a node that ticks its children in order.
 
     Args:
         children: The possible results of the children.
         continue_on: The result of a child after which the next child is ticked. SKIPPED has the same effect.
-        yields: Whether the node returns RUNNING after a child, except the last, completed in its first tick.
+        is_async: Whether the node returns RUNNING after a child, but the last, completed in its first tick.
     """
     stop = FAILURE if continue_on is SUCCESS else SUCCESS
     in_first_tick: set[Status] = set()
@@ -51,7 +51,7 @@ def results_in_order(
                 after_running.add(stop)
         if stop in child.after_running:
             after_running.add(stop)
-        pauses = yields and index + 1 < len(children) and continue_on in child.in_first_tick
+        pauses = is_async and index + 1 < len(children) and continue_on in child.in_first_tick
         may_run = may_run or child.may_run or pauses
         passes = SKIPPED in child.in_first_tick or (continue_on in child.in_first_tick and not pauses)
         passes_late = continue_on in child.after_running or SKIPPED in child.after_running or pauses
@@ -144,7 +144,7 @@ class ControlNode(TreeNode):
         if _reset_unobserved(self._children) if observers is None else self._batch_reset(observers):
             return
         first: NodeExecutionError | None = None
-        moment: object = None
+        stamp: object = None
         for child in self._children:
             status = child._status
             if status is RUNNING:
@@ -156,15 +156,15 @@ class ControlNode(TreeNode):
                     else:
                         first.later_errors.append(error)
                 status = child._status
-                moment = None
+                stamp = None
             if status is not IDLE:
                 child._status = IDLE
                 child._status_before_reset = status
                 if observers is not None:
-                    if moment is None:
+                    if stamp is None:
                         # Children that are reset together get the same time stamp.
-                        moment = observers.now()
-                    observers.record_transition(moment, child.config, status, IDLE)
+                        stamp = observers.now()
+                    observers.record_transition(stamp, child.config, status, IDLE)
         if first is not None:
             raise first
 
@@ -201,7 +201,7 @@ class ControlNode(TreeNode):
         self.reset_children()
         self.reset_status()
 
-    def idle_child(self, index: int) -> NodeError:
+    def idle_child_error(self, index: int) -> NodeError:
         """Return the error for a child that returned IDLE."""
         return NodeError(f"child {index + 1} returned IDLE")
 
@@ -294,7 +294,7 @@ class DecoratorNode(TreeNode):
         self.reset_status()
 
 
-def watch_child(node: DecoratorNode) -> None:
+def enable_child_reset(node: DecoratorNode) -> None:
     """Let `execute_tick` reset the child of *node* when the child has completed.
 
     Call it once, after `set_children` and `__init__`, which a class may override to change the child.

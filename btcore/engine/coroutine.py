@@ -125,8 +125,8 @@ class CoroutineAction(StatefulAction):
                 self.wake_at(self._until)
         elif yielded is None:
             # A coroutine yields None for asyncio.sleep(0): continue after one cycle of the event loop.
-            if self._context.on_wake is not None and hasattr(self._body, "cr_await"):
-                self._context.on_wake()
+            if self._context.on_wake_up is not None and hasattr(self._body, "cr_await"):
+                self._context.on_wake_up()
         elif yielded is not RUNNING:
             if not self._context.in_event_loop or not hasattr(yielded, "_asyncio_future_blocking"):
                 body, self._body = self._body, None

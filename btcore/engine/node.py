@@ -76,6 +76,8 @@ class TreeNode:
         child_count_at_load=(0, 0),
         child_roles="",
         continue_on=None,
+        is_async=False,
+        has_memory=False,
         runs_one_child=False,
         branch_results=(),
         handler_port=None,
@@ -290,23 +292,23 @@ class TreeNode:
         """Return the time (ns) of the tree's clock. To check a deadline, use `has_passed`."""
         return read_clock(self)
 
-    def has_passed(self, moment: int) -> bool:
-        """Return whether *moment* (ns, tree's clock) had passed when the present tick began.
+    def has_passed(self, deadline: int) -> bool:
+        """Return whether *deadline* (ns, tree's clock) had passed when the present tick began.
 
         All nodes of a tick judge their deadlines by the same time, however long the tick takes. Set a
         deadline by `now`, so that no duration is shorter than requested.
         """
         start = self._context.tick_start
-        return (start if start >= 0 else read_clock(self)) >= moment
+        return (start if start >= 0 else read_clock(self)) >= deadline
 
     def wake_up(self) -> None:
         """Request another tick of the tree as soon as possible. Thread-safe."""
         self._context.woken_by = self.config
         self._context.wake_up()
 
-    def wake_at(self, moment: int) -> None:
-        """Request a tick at *moment* (ns, tree's clock). This replaces an earlier request of the node."""
-        self._context.deadlines[self.config.uid] = moment
+    def wake_at(self, deadline: int) -> None:
+        """Request a tick at *deadline* (ns, tree's clock). This replaces an earlier request of the node."""
+        self._context.deadlines[self.config.uid] = deadline
 
     def cancel_wake_up(self) -> None:
         """Cancel the request of `wake_at`."""

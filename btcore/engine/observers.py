@@ -77,19 +77,19 @@ class Observers(TransitionRecorder):
 
     def __init__(self, clock: Clock) -> None:
         super().__init__(clock)
-        self.listeners: list[Observer] = []
+        self.observers: list[Observer] = []
         # The observers that override `Observer.transition`, and those that override `Observer.transitions`.
-        self._immediate_listeners: list[Observer] = []
-        self._batch_listeners: list[Observer] = []
+        self._immediate_observers: list[Observer] = []
+        self._batch_observers: list[Observer] = []
         self._flushing = False
 
     def notify_at_once(self, change: Transition) -> None:
         """Notify the observers that override `Observer.transition`."""
-        for listener in self._immediate_listeners:
+        for observer in self._immediate_observers:
             try:
-                listener.transition(change)
+                observer.transition(change)
             except Exception as error:
-                self._drop(listener, error)
+                self._unsubscribe_after_error(observer, error)
 
     def flush(self) -> None:
         """Notify the observers of all recorded transitions."""
@@ -97,18 +97,18 @@ class Observers(TransitionRecorder):
             return
         self._flushing = True
         try:
-            # A listener may cause further transitions: all listeners get them afterwards, in order.
+            # An observer may cause further transitions: all observers get them afterwards, in order.
             while self.has_records:
-                changes = self.take()
-                for listener in self._batch_listeners:
+                changes = self.take_transitions()
+                for observer in self._batch_observers:
                     try:
-                        listener.transitions(changes)
+                        observer.transitions(changes)
                     except Exception as error:
-                        self._drop(listener, error)
+                        self._unsubscribe_after_error(observer, error)
         finally:
             self._flushing = False
 
-    def begin(self, tick: int) -> None:
+    def begin_tick(self, tick: int) -> None:
         """Notify the observers of the recorded transitions, then start tick number *tick* of the root."""
         self.flush()
         self.tick = tick
@@ -117,47 +117,47 @@ class Observers(TransitionRecorder):
         """Notify the observers of the end of a tick, which took *duration_ns* (ns, real time)."""
         self.flush()
         stamp: int = self.now()
-        for listener in self.listeners:
+        for observer in self.observers:
             try:
-                listener.ticked(self.tick, stamp, duration_ns, status)
+                observer.ticked(self.tick, stamp, duration_ns, status)
             except Exception as error:
-                self._drop(listener, error)
+                self._unsubscribe_after_error(observer, error)
 
     def notify_error(self, error: NodeExecutionError) -> None:
         """Notify the observers that a node raised *error*."""
         self.flush()
         stamp: int = self.now()
-        for listener in self.listeners:
+        for observer in self.observers:
             try:
-                listener.raised(error, stamp)
+                observer.raised(error, stamp)
             except Exception as problem:
-                self._drop(listener, problem)
+                self._unsubscribe_after_error(observer, problem)
 
-    def add(self, listener: Observer) -> Callable[[], None]:
-        """Subscribe *listener*. Return a function that unsubscribes it; further calls have no effect."""
+    def add(self, observer: Observer) -> Callable[[], None]:
+        """Subscribe *observer*. Return a function that unsubscribes it; further calls have no effect."""
         self.flush()
-        self._set_listeners([*self.listeners, listener])
-        return partial(self.remove, listener)
+        self._set_observers([*self.observers, observer])
+        return partial(self.remove, observer)
 
-    def remove(self, listener: Observer) -> None:
-        """Unsubscribe *listener*, after it was notified of all recorded transitions."""
-        if any(other is listener for other in self.listeners):
+    def remove(self, observer: Observer) -> None:
+        """Unsubscribe *observer*, after it was notified of all recorded transitions."""
+        if any(other is observer for other in self.observers):
             self.flush()
-            self._set_listeners([other for other in self.listeners if other is not listener])
+            self._set_observers([other for other in self.observers if other is not observer])
 
-    def _set_listeners(self, listeners: list[Observer]) -> None:
+    def _set_observers(self, observers: list[Observer]) -> None:
         # New lists, because a caller may be iterating over the old lists.
-        self.listeners = listeners
-        self._immediate_listeners = [
-            listener for listener in listeners if type(listener).transition is not Observer.transition
+        self.observers = observers
+        self._immediate_observers = [
+            observer for observer in observers if type(observer).transition is not Observer.transition
         ]
-        self.notifies_at_once = bool(self._immediate_listeners)
-        self._batch_listeners = [
-            listener for listener in listeners if type(listener).transitions is not Observer.transitions
+        self.notifies_at_once = bool(self._immediate_observers)
+        self._batch_observers = [
+            observer for observer in observers if type(observer).transitions is not Observer.transitions
         ]
 
-    def _drop(self, listener: Observer, error: Exception) -> None:
-        self._set_listeners([other for other in self.listeners if other is not listener])
+    def _unsubscribe_after_error(self, observer: Observer, error: Exception) -> None:
+        self._set_observers([other for other in self.observers if other is not observer])
         import logging
 
-        logging.getLogger("btcore").warning("observer %r raised and is unsubscribed: %r", listener, error)
+        logging.getLogger("btcore").warning("observer %r raised and is unsubscribed: %r", observer, error)

@@ -87,26 +87,26 @@ class TransitionRecorder:
 
     def record_success(self, config: NodeConfig) -> None:
         """Record the transition from IDLE to SUCCESS of the node with *config*."""
-        moment = self.now()
+        stamp = self.now()
         records = self._records
-        records.append(moment)
+        records.append(stamp)
         records.append(config)
         if self.notifies_at_once:
-            self.notify_at_once(self._latest(moment, config, IDLE, SUCCESS))
+            self.notify_at_once(self._latest(stamp, config, IDLE, SUCCESS))
 
-    def record_transition(self, moment: object, config: NodeConfig, previous: Status, status: Status) -> None:
-        """Record a transition of the node with *config*, at *moment* (ns).
+    def record_transition(self, stamp: object, config: NodeConfig, previous: Status, status: Status) -> None:
+        """Record a transition of the node with *config*, at *stamp* (ns).
 
-        *moment* is typed as object because mypyc would unbox and box an int again.
+        *stamp* is typed as object because mypyc would unbox and box an int again.
         """
         records = self._records
-        records.append(moment)
+        records.append(stamp)
         records.append(config)
         records.append(previous)
         records.append(status)
         self._surplus -= 1
         if self.notifies_at_once:
-            self.notify_at_once(self._latest(moment, config, previous, status))
+            self.notify_at_once(self._latest(stamp, config, previous, status))
 
     def record_reset(self, configs: list[NodeConfig], before: list[Status], count: int) -> None:
         """Record a reset of several nodes. Call it only if *notifies_at_once* is False.
@@ -128,10 +128,10 @@ class TransitionRecorder:
 
     @property
     def has_records(self) -> bool:
-        """Whether transitions were recorded since the last call of `take`."""
+        """Whether transitions were recorded since the last call of `take_transitions`."""
         return bool(self._records)
 
-    def take(self) -> Transitions:
+    def take_transitions(self) -> Transitions:
         """Return the transitions that were recorded since the last call."""
         count = len(self._records) // 2 + self._surplus
         changes = Transitions(self._first, self.tick, self._records, count)
@@ -140,10 +140,10 @@ class TransitionRecorder:
         self._surplus = 0
         return changes
 
-    def _latest(self, moment: object, config: NodeConfig, previous: Status, status: Status) -> Transition:
+    def _latest(self, stamp: object, config: NodeConfig, previous: Status, status: Status) -> Transition:
         """Return the transition that was recorded last."""
         number = self._first + len(self._records) // 2 + self._surplus - 1
-        return _transition(number, moment, self.tick, config, previous, status)
+        return _transition(number, stamp, self.tick, config, previous, status)
 
 
 def _decode(number: int, tick: int, records: list[object]) -> list[Transition]:
@@ -151,27 +151,27 @@ def _decode(number: int, tick: int, records: list[object]) -> list[Transition]:
     transitions: list[Transition] = []
     at = 0
     while at < len(records):
-        moment, config = records[at], records[at + 1]
+        stamp, config = records[at], records[at + 1]
         previous = records[at + 2] if at + 2 < len(records) else None
         following = number + len(transitions)
         if isinstance(previous, Status):
-            transitions.append(_transition(following, moment, tick, config, previous, records[at + 3]))
+            transitions.append(_transition(following, stamp, tick, config, previous, records[at + 3]))
             at += 4
         elif isinstance(previous, list):
             for node, status in zip(cast(list[object], config), cast(list[object], previous), strict=False):
                 if status is not IDLE:
-                    transitions.append(_transition(following, moment, tick, node, status, IDLE))
+                    transitions.append(_transition(following, stamp, tick, node, status, IDLE))
                     following += 1
             at += 4
         else:
-            transitions.append(_transition(following, moment, tick, config, IDLE, SUCCESS))
+            transitions.append(_transition(following, stamp, tick, config, IDLE, SUCCESS))
             at += 2
     return transitions
 
 
 def _transition(
-    number: int, moment: object, tick: int, config: object, previous: object, status: object
+    number: int, stamp: object, tick: int, config: object, previous: object, status: object
 ) -> Transition:
-    values = (number, moment, tick, cast(NodeConfig, config).uid, previous, status)
+    values = (number, stamp, tick, cast(NodeConfig, config).uid, previous, status)
     transition: Transition = _new_tuple(Transition, values)
     return transition

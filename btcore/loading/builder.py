@@ -25,7 +25,7 @@ from btcore.diagnostic_codes import (
 )
 from btcore.errors import ConversionError, Diagnostic, PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
-from btcore.loading.load import PausedCollector
+from btcore.loading.load import PausedGarbageCollection
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import nearest_name
@@ -169,7 +169,7 @@ class Builder:
             TreeError: The tree has errors; each has the file and line of the code that created the draft.
         """
         document = _Writer(main, id, subtrees, "").document()
-        with PausedCollector():
+        with PausedGarbageCollection():
             plans = define_and_plan(read(document, self._nodes.documents), self._nodes, id)
             return instantiate(plans, resources, blackboard, clock)
 

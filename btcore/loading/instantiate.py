@@ -34,7 +34,7 @@ def instantiate(
     assert main is not None, "a missing main tree is an error"
     creator = NodeCreator(plans, resources, clock or _find_clock(resources), blackboard)
     creator.create_tree(main)
-    creator.found.collected().raise_errors()
+    creator.collector.diagnostics.raise_errors()
     return Tree(
         main.id,
         creator.format,
@@ -50,7 +50,7 @@ def _find_clock(resources: Sequence[object]) -> Clock:
     """Return the first of *resources* that is a clock, or else the system clock.
 
     An attribute `clock` of a resource is not used: in an arbitrary object it may be anything. `btcore run`
-    does use it, since all its resources are made by extensions; see `btcore.cli.run.choose_clock`.
+    does use it, since all its resources are made by extensions; see `btcore.cli.commands.run.choose_clock`.
     """
     for resource in resources:
         if hasattr(resource, "now") and hasattr(resource, "wait_until"):

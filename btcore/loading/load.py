@@ -9,7 +9,7 @@ from typing import Any, TypedDict, TypeVar, Unpack
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
-from btcore.diagnostic_codes import AMBIGUOUS_MAIN_TREE
+from btcore.diagnostic_codes import UNDETERMINED_MAIN_TREE
 from btcore.errors import Diagnostic, TreeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
@@ -23,7 +23,7 @@ __all__ = ["LoadOptions"]  # `btcore` has the functions
 S = TypeVar("S")
 
 
-class PausedCollector:
+class PausedGarbageCollection:
     """A context in which Python's cyclic garbage collector is disabled, because a tree is created.
 
     The collector would scan the growing tree again and again, although no part of it is garbage.
@@ -35,14 +35,14 @@ class PausedCollector:
         # A new tree goes to the oldest generation at once: scanning it on its way there takes a fifth of the
         # time of loading. Only freeze() moves objects there, and it moves all young objects of the process;
         # therefore the other young objects are collected first. An application's frozen objects stay frozen.
-        self._moves = self._was_enabled and not gc.get_freeze_count()
-        if self._moves:
+        self._freezes = self._was_enabled and not gc.get_freeze_count()
+        if self._freezes:
             gc.collect(1)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._moves:
+        if self._freezes:
             gc.freeze()
             gc.unfreeze()
         if self._was_enabled:
@@ -108,7 +108,7 @@ def load(path: str | PathLike[str], *more: str | PathLike[str], **options: Unpac
         >>> btcore.load("tree.xml").tick_while_running()
         <Status.SUCCESS: 2>
     """
-    with PausedCollector():
+    with PausedGarbageCollection():
         return _load(_parse(parse_file, options, path, *more), options)
 
 
@@ -131,7 +131,7 @@ def loads(text: str, *more: str, **options: Unpack[LoadOptions]) -> Tree:
         >>> btcore.loads(xml).tick_while_running()
         <Status.SUCCESS: 2>
     """
-    with PausedCollector():
+    with PausedGarbageCollection():
         return _load(_parse(parse_text, options, text, *more), options)
 
 
@@ -160,10 +160,10 @@ def make(ID: str, /, **options: Unpack[LoadOptions]) -> Tree:
     documents = _registry(options.get("nodes")).documents
     if not documents:
         hint = "register it: nodes.add_trees(…)"
-        raise TreeError([Diagnostic(AMBIGUOUS_MAIN_TREE, f"unknown tree '{ID}'", hint=hint)])
+        raise TreeError([Diagnostic(UNDETERMINED_MAIN_TREE, f"unknown tree '{ID}'", hint=hint)])
     # The document of the tree; the last document if the tree is in an included file.
     main = next((document for document in reversed(documents) if _defines(document, ID)), documents[-1])
-    with PausedCollector():
+    with PausedGarbageCollection():
         return _load([main], {**options, "tree": ID})
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
 
-from btcore.entry_points import load
+from btcore import entry_points
 from btcore.logs.btlog import BtLog, read_btlog
 from btcore.logs.console import ConsoleLog
 from btcore.logs.fbl import read_fbl
@@ -113,7 +113,7 @@ def read_log(path: str | os.PathLike[str]) -> Recording:
 
 def _by_extension(path: Path, choices: dict[str, T], field: str, what: str) -> T:
     if path.suffix not in choices:
-        formats, unavailable = load("btcore.logs")
+        formats, unavailable = entry_points.load(entry_points.LOGS_GROUP)
         choices = choices | {f".{each.name}": getattr(each.value, field) for each in formats}
         for each in unavailable:
             if path.suffix == f".{each.name}":

@@ -29,8 +29,7 @@ class SequenceStar(OrderedNode):
     with this child. After a halt it begins with the first child.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="→", continue_on=SUCCESS, formats=(3,))
-    remembers: ClassVar[bool] = True
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="→", continue_on=SUCCESS, has_memory=True, formats=(3,))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -75,7 +74,7 @@ class Parallel3(ParallelNode):
                 if failures > count - needed or failures == allowed:
                     return self.finish(FAILURE)
             elif status is not RUNNING:
-                raise self.idle_child(index)
+                raise self.idle_child_error(index)
         return RUNNING
 
 
@@ -119,8 +118,7 @@ class Repeat3(Repeat):
     With 0 cycles it succeeds without ticking the child.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,), id="Repeat")
-    yields: ClassVar[bool] = False
+    spec: ClassVar[NodeSpec] = NodeSpec(is_async=False, formats=(3,), id="Repeat")
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -131,8 +129,7 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
     tick. With 0 attempts it fails without ticking the child.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,), id="RetryUntilSuccessful")
-    yields: ClassVar[bool] = False
+    spec: ClassVar[NodeSpec] = NodeSpec(is_async=False, formats=(3,), id="RetryUntilSuccessful")
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

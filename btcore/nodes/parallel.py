@@ -129,7 +129,7 @@ class Parallel(ParallelNode):
                 elif status is SKIPPED:
                     skipped += 1
                 elif status is IDLE:
-                    raise self.idle_child(index)
+                    raise self.idle_child_error(index)
             if self._successes >= needed or (given < 0 and self._successes + skipped >= needed):
                 return self.finish(SUCCESS)
             # Not ">= allowed", as in BehaviorTree.CPP: if a later tick reads a lower limit, it is missed.
@@ -173,7 +173,7 @@ class ParallelAll(ParallelNode):
             elif status is SKIPPED:
                 skipped += 1
             elif status is IDLE:
-                raise self.idle_child(index)
+                raise self.idle_child_error(index)
         if skipped == count:
             return SKIPPED
         # A child that is skipped in the tick in which the last child completes is not waited for.

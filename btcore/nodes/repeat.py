@@ -19,18 +19,20 @@ class RepeatedNode(DecoratorNode):
     """Ticks its child until it has returned *repeat_on* as often as required, and returns *repeat_on*.
 
     *repeat_on* is SUCCESS or FAILURE. The port called *limit* gives the required number; −1 = forever. If the
-    child returns the opposite of *repeat_on*, the node returns this result at once. If *yields* is true, the
+    child returns the opposite of *repeat_on*, the node returns this result at once. If the node is async, the
     child returns *repeat_on* in its first tick and repetitions remain, the node wakes the tree and returns
     RUNNING; the next tick starts the child again. A skipped child makes the node SKIPPED and does not change
     the count.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↺", state_fields=("_count",), never_pauses=True)
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        symbol="↺", state_fields=("_count",), never_pauses=True, is_async=True
+    )
     repeat_on: ClassVar[Status] = SUCCESS
     limit: ClassVar[str] = "num_cycles"
-    yields: ClassVar[bool] = True
 
     _count: int = 0
+    _is_async: bool = True  # a copy of the field of the spec, as in OrderedNode
 
     @classmethod
     def possible_results(
@@ -45,12 +47,16 @@ class RepeatedNode(DecoratorNode):
         if limit == 1:
             return child
         results = child.results - {again} if limit < 0 else child.results
-        pauses = cls.yields and again in child.in_first_tick
+        pauses = cls.spec.is_async and again in child.in_first_tick
         first = child.in_first_tick & results
         if pauses and SKIPPED not in child.results:
             first -= {again}
         may_run = child.may_run or pauses
         return PossibleResults(first, results if may_run else NO_RESULT, may_run or limit < 0)
+
+    def prepare(self) -> None:
+        """Copy the field of the spec."""
+        self._is_async = self.spec.is_async
 
     def tick(self) -> Status:
         """Tick the child until it is RUNNING, the limit is reached, or the result is known."""
@@ -72,9 +78,9 @@ class RepeatedNode(DecoratorNode):
                     and (self._count < limit or limit == -1)
                     # Without a tick limit, the call only handles signals, which may wait some repetitions.
                     and (
-                        self.yields
+                        self._is_async
                         or (
-                            (self._context.watches_ticks or not self._count & 15)
+                            (self._context.may_end_tick or not self._count & 15)
                             and self._context.must_end_tick()
                         )
                     )

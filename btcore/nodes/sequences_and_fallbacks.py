@@ -20,55 +20,52 @@ class OrderedNode(ControlNode):
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(
-        state_fields=("_current_child", "_skipped"), never_pauses=True, continue_on=SUCCESS
+        state_fields=("_current_child_index", "_skipped_count"), never_pauses=True, continue_on=SUCCESS
     )
-    yields: ClassVar[bool] = False
-    """Whether the node returns RUNNING after a child that completed in its first tick."""
-    remembers: ClassVar[bool] = False
-    """Whether the next start begins with the child that ended the node; the children before are not reset."""
 
-    _current_child: int = 0  # the index of the child with which the next tick continues
-    _skipped: int = 0  # the number of children that were skipped since the start
-    # Copies of fields of the class, set by prepare(): a tick reads an attribute of the node faster.
+    _current_child_index: int = 0  # of the child with which the next tick continues
+    _skipped_count: int = 0  # the number of children that were skipped since the start
+    # Copies of fields of the spec, set by prepare(): a tick reads an attribute of the node faster.
     _continue_on: Status = SUCCESS
-    _yields: bool = False
-    _remembers: bool = False
+    _is_async: bool = False
+    _has_memory: bool = False
 
     @classmethod
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return the results that follow from the order of the children, for each possible first child."""
-        continue_on = cast(Status, cls.spec.continue_on)
-        whole = results_in_order(children, continue_on, cls.yields)
+        is_async, continue_on = cls.spec.is_async, cast(Status, cls.spec.continue_on)
+        whole = results_in_order(children, continue_on, is_async)
         first = whole.in_first_tick
-        if cls.remembers:
+        if cls.spec.has_memory:
             # The node may start at any child. A start at the last child needs the fewest results to pass.
             stop = FAILURE if continue_on is SUCCESS else SUCCESS
             if any(stop in child.in_first_tick for child in children):
                 first |= {stop}
-            first |= results_in_order(children[-1:], continue_on, cls.yields).in_first_tick
+            first |= results_in_order(children[-1:], continue_on, is_async).in_first_tick
         return PossibleResults(first, whole.after_running, whole.may_run)
 
     def prepare(self) -> None:
-        """Copy the fields of the class."""
-        self._continue_on = cast(Status, self.spec.continue_on)
-        self._yields = self.yields
-        self._remembers = self.remembers
+        """Copy the fields of the spec."""
+        spec = self.spec
+        self._continue_on = cast(Status, spec.continue_on)
+        self._is_async = spec.is_async
+        self._has_memory = spec.has_memory
 
     def tick(self) -> Status:
         """Tick the children, starting with the current child."""
         children = self._children
         count = len(children)
-        before = self._status
-        if before is not RUNNING:
+        previous = self._status
+        if previous is not RUNNING:
             # BehaviorTree.CPP's !isStatusActive(): a node that completed and was not reset keeps its count.
-            if before is IDLE or before is SKIPPED:
-                self._skipped = 0
+            if previous is IDLE or previous is SKIPPED:
+                self._skipped_count = 0
             self.set_status(RUNNING)
         continue_on = self._continue_on
         # A copy, because a loop that reads the attribute makes the benchmark's tree `deep` 2 % slower (pure).
-        index = self._current_child
+        index = self._current_child_index
         while index < count:
             child = children[index]
             was_idle = child._status is IDLE
@@ -76,35 +73,35 @@ class OrderedNode(ControlNode):
             if status is RUNNING:
                 return RUNNING
             if status is continue_on:
-                self._current_child = index = index + 1
+                self._current_child_index = index = index + 1
                 # Only after a first tick: parents could already halt the node while a child was RUNNING.
-                if self._yields and was_idle and index < count:
+                if self._is_async and was_idle and index < count:
                     self.wake_up()
                     return RUNNING
             elif status is SKIPPED:
-                self._current_child = index = index + 1
-                self._skipped += 1
+                self._current_child_index = index = index + 1
+                self._skipped_count += 1
             elif status is IDLE:
-                raise self.idle_child(index)
-            elif self._remembers:
+                raise self.idle_child_error(index)
+            elif self._has_memory:
                 # The children before keep their statuses, and the next start begins with this child.
                 for later in range(index, count):
                     self.halt_child(later)
                 return status
             else:
-                self._current_child = 0
+                self._current_child_index = 0
                 self.reset_children()
                 return status
-        all_skipped = self._skipped == count and count > 0
-        self._current_child = 0
-        self._skipped = 0
+        all_skipped = self._skipped_count == count and count > 0
+        self._current_child_index = 0
+        self._skipped_count = 0
         self.reset_children()
         return SKIPPED if all_skipped else continue_on
 
     def halt(self) -> None:
         """Halt the children. The next start begins with the first child."""
-        self._current_child = 0
-        self._skipped = 0
+        self._current_child_index = 0
+        self._skipped_count = 0
         super().halt()
 
 
@@ -142,7 +139,7 @@ class ReactiveNode(ControlNode):
                 # SKIPPED is not stored. Reset the child, so that its pre-conditions are checked again.
                 self.halt_child(index)
             elif status is IDLE:
-                raise self.idle_child(index)
+                raise self.idle_child_error(index)
             else:
                 self.reset_children()
                 return status
@@ -170,8 +167,7 @@ class AsyncSequence(Sequence):
     the tree; the next tick continues with the next child. Everything else is as in Sequence.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
-    yields: ClassVar[bool] = True
+    spec: ClassVar[NodeSpec] = NodeSpec(is_async=True, formats=(4,))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -183,9 +179,7 @@ class SequenceWithMemory(Sequence):
     the last, that succeeded in its first tick.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
-    remembers: ClassVar[bool] = True
-    yields: ClassVar[bool] = True
+    spec: ClassVar[NodeSpec] = NodeSpec(is_async=True, has_memory=True, formats=(4,))
 
     def halt(self) -> None:
         """Halt the children. The next start begins with the current child."""
@@ -225,8 +219,7 @@ class AsyncFallback(Fallback):
     tree; the next tick continues with the next child. Everything else is as in Fallback.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
-    yields: ClassVar[bool] = True
+    spec: ClassVar[NodeSpec] = NodeSpec(is_async=True, formats=(4,))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

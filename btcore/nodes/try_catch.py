@@ -26,7 +26,7 @@ class TryCatch(ControlNode):
 
     spec: ClassVar[NodeSpec] = NodeSpec(
         symbol="↩",
-        state_fields=("_next", "_skipped", "_catching"),
+        state_fields=("_next", "_skipped_count", "_catching"),
         skips_alone=False,
         child_count=(2, None),
         child_count_at_load=(2, None),
@@ -37,7 +37,7 @@ class TryCatch(ControlNode):
     )
 
     _next: int = 0
-    _skipped: int = 0
+    _skipped_count: int = 0
     _catching: bool = False
 
     @staticmethod
@@ -49,7 +49,7 @@ class TryCatch(ControlNode):
 
     def _begin(self) -> None:
         self._next = 0
-        self._skipped = 0
+        self._skipped_count = 0
         self._catching = False
 
     def tick(self) -> Status:
@@ -57,7 +57,7 @@ class TryCatch(ControlNode):
         if len(self._children) < 2:
             raise NodeError("<TryCatch> needs at least one child and a handler")
         if self._status is IDLE or self._status is SKIPPED:
-            self._skipped = 0
+            self._skipped_count = 0
             self._catching = False
         self.set_status(RUNNING)
         last = len(self._children) - 1
@@ -69,13 +69,13 @@ class TryCatch(ControlNode):
                 self._next += 1
             elif status is SKIPPED:
                 self._next += 1
-                self._skipped += 1
+                self._skipped_count += 1
             elif status is FAILURE:
                 self._next = 0
                 self._catching = True
                 self.reset_children()
             else:
-                raise self.idle_child(self._next)
+                raise self.idle_child_error(self._next)
         # In the tick in which a child failed, the handler is ticked too.
         if self._catching:
             if execute_tick(self._children[last]) is RUNNING:
@@ -84,7 +84,7 @@ class TryCatch(ControlNode):
             self._catching = False
             self.reset_children()
             return FAILURE
-        all_skipped = self._skipped == last
+        all_skipped = self._skipped_count == last
         self._begin()
         self.reset_children()
         return SKIPPED if all_skipped else SUCCESS

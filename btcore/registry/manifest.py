@@ -11,7 +11,7 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import UNSET, Input, Port
 from btcore.clock import Clock
 from btcore.engine.context import TreeContext, TreeState
-from btcore.engine.control import ControlNode, DecoratorNode, watch_child
+from btcore.engine.control import ControlNode, DecoratorNode, enable_child_reset
 from btcore.engine.functions import (
     BoundFunction,
     FunctionAction,
@@ -57,7 +57,7 @@ class Manifest:
         type: The node type.
         ports: The ports by name, in the order of their declaration.
         parameters: The parameters of the function or of `__init__`.
-        attributes: The attributes of a class that are filled with resources.
+        resource_attributes: The attributes of a class that are filled with resources.
         distribution: The package that registered the node.
         function: The function that the nodes call; None for a node class.
         metadata: Texts by name for other tools, such as an editor. They are written to the TreeNodesModel.
@@ -75,7 +75,7 @@ class Manifest:
         parameters: Sequence[Parameter],
         distribution: str,
         function: Callable[..., object] | None = None,
-        attributes: Sequence[Parameter] = (),
+        resource_attributes: Sequence[Parameter] = (),
     ) -> None:
         self.id = id
         self.cls = cls
@@ -83,13 +83,13 @@ class Manifest:
         self.type: NodeType = self.spec.node_type
         self.ports = {port.name: port for port in ports}
         self.parameters = list(parameters)
-        self.attributes = list(attributes)
+        self.resource_attributes = list(resource_attributes)
         self.distribution = distribution
         self.function = function
         self.metadata = _class_metadata(cls)
         self._has_init = bool(self.parameters) or _has_own_init(cls)
-        self._adopts = issubclass(cls, (ControlNode, DecoratorNode))
-        self._prepares = cls.prepare is not TreeNode.prepare
+        self._has_children = issubclass(cls, (ControlNode, DecoratorNode))
+        self._overrides_prepare = cls.prepare is not TreeNode.prepare
 
     @property
     def description(self) -> str:
@@ -99,22 +99,23 @@ class Manifest:
         return inspect.cleandoc(self.cls.__doc__ or builds.written_docstring(self.cls))
 
     @property
-    def resources(self) -> list[Parameter]:
+    def resource_parameters(self) -> list[Parameter]:
         """The parameters and the attributes that are filled with resources."""
-        return [*(parameter for parameter in self.parameters if parameter.port is None), *self.attributes]
+        parameters = [parameter for parameter in self.parameters if parameter.port is None]
+        return [*parameters, *self.resource_attributes]
 
     @property
     def required_resources(self) -> list[Any]:
         """The types of the resources that the caller of load() must pass for a node."""
         return [
             parameter.resource_type
-            for parameter in self.resources
+            for parameter in self.resource_parameters
             if parameter.default is UNSET
             and parameter.resource_type not in (Clock, Blackboard)
             and not is_tree_state(parameter.resource_type)
         ]
 
-    def same_thing(self, other: "Manifest") -> bool:
+    def has_same_origin(self, other: "Manifest") -> bool:
         """Return whether *other* has the same class or function, even if it was imported twice."""
         mine, its = self.function or self.cls, other.function or other.cls
         return mine is its or self.origin == other.origin
@@ -150,10 +151,10 @@ class Manifest:
         # __init__ is called below, when the node has its ports, blackboard and children.
         node: TreeNode = cls.__new__(cls)
         attach_to_tree(node, config, context, blackboard)
-        if self._adopts:
+        if self._has_children:
             assert isinstance(node, (ControlNode, DecoratorNode))
             node.set_children(children)
-        for attribute in self.attributes:
+        for attribute in self.resource_attributes:
             value = self._resource(attribute, node, context, resources)
             if value is not UNSET:
                 setattr(node, attribute.name, value)
@@ -165,8 +166,8 @@ class Manifest:
             positional, keywords = self._arguments(node, context, resources)
             _initialiser(cls)(node, *positional, **keywords)
         if isinstance(node, DecoratorNode):
-            watch_child(node)
-        if self._prepares:
+            enable_child_reset(node)
+        if self._overrides_prepare:
             node.prepare()
         return node
 
@@ -182,14 +183,14 @@ class Manifest:
             # By far the most frequent case: an input port that the tree gives.
             value: object = inputs.get(port.name) if port is not None and port.reads else None
             if value is None:
-                value = self._fill(parameter, node, context, resources)
+                value = self._argument(parameter, node, context, resources)
             if parameter.keyword:
                 keywords[parameter.name] = value
             else:
                 positional.append(value)
         return positional, keywords
 
-    def _fill(
+    def _argument(
         self, parameter: Parameter, node: TreeNode, context: TreeContext, resources: "Resources"
     ) -> object:
         port = parameter.port
@@ -199,12 +200,12 @@ class Manifest:
             if port.writes and not port.reads:
                 # Without an output in the XML, calling it raises NodeError.
                 return node.config.outputs.get(port.name) or partial(node.set_output, port.name)
-            bound = node.config.inputs.get(port.name)
-            if bound is None:
+            input = node.config.inputs.get(port.name)
+            if input is None:
                 if port.value is not UNSET:
                     return port.value
                 return _MissingInput(port, node)
-            return bound
+            return input
         value = self._resource(parameter, node, context, resources)
         if value is UNSET:
             message = f"<{self.id}> needs a {parameter.type_name} for its parameter '{parameter.name}': "
@@ -224,7 +225,7 @@ class Manifest:
         if parameter.resource_type is Blackboard:
             return node._blackboard
         try:
-            return resources.of(parameter, self.id)
+            return resources.find(parameter, self.id)
         except TypeError:
             raise NodeError(
                 f"the parameter '{parameter.name}' of <{self.id}> has the type {parameter.type_name}, which "
@@ -237,9 +238,9 @@ class Resources(list[object]):
 
     def __init__(self, given: Sequence[object]) -> None:
         super().__init__(given)
-        self._found: dict[Parameter, object] = {}
+        self._cache: dict[Parameter, object] = {}
 
-    def of(self, parameter: Parameter, id: str) -> object:
+    def find(self, parameter: Parameter, id: str) -> object:
         """Return the first resource of the parameter's type, else the default of the parameter, or UNSET.
 
         A missing `TreeState` is created.
@@ -251,11 +252,11 @@ class Resources(list[object]):
             NodeError: Several resources of one class fit the parameter.
             TypeError: isinstance() does not support the type.
         """
-        if parameter not in self._found:
-            self._found[parameter] = self._look_for(parameter, id)
-        return self._found[parameter]
+        if parameter not in self._cache:
+            self._cache[parameter] = self._search(parameter, id)
+        return self._cache[parameter]
 
-    def _look_for(self, parameter: Parameter, id: str) -> object:
+    def _search(self, parameter: Parameter, id: str) -> object:
         resource = find_resource(self, parameter.resource_type, f"'{parameter.name}' of <{id}>")
         if resource is not UNSET:
             return resource
@@ -365,7 +366,7 @@ def create_manifest(
         parameters = []
         if _has_own_init(thing):
             parameters = function_parameters(_initialiser(thing), types, names, skip_first=True)
-        return Manifest(ID, thing, ports, parameters, distribution, attributes=attributes)
+        return Manifest(ID, thing, ports, parameters, distribution, resource_attributes=attributes)
     if inspect.isasyncgenfunction(thing):
         raise RegistrationError(
             f"{thing.__qualname__} is an async def that yields; await running() instead of the yield, "

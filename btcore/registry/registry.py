@@ -11,10 +11,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, NamedTuple, overload
 
+from btcore import entry_points
 from btcore.engine.functions import MARK, camel_case
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.entry_points import UnavailableEntryPoint, distribution_of, installed
+from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, distribution_of
 from btcore.errors import RegistrationError
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manifest
@@ -23,7 +24,6 @@ from btcore.suggestions import did_you_mean, similar_file
 from btcore.values import TypeRegistry
 from btcore.xml.read.read import Document, parse_file, parse_text
 
-ENTRY_POINTS = "btcore.nodes"
 MOVED_MODULES: Final = {
     "btcore.agents": "btcore_studio.agents",
     "btcore.batch": "btcore_batch",
@@ -314,12 +314,12 @@ class Registry:
         for format in (3, 4) if only is None else (only,):
             known = self.get(manifest.id, format)
             if known is not None and known.is_overridable and not self._installing:
-                if known.same_thing(manifest):
+                if known.has_same_origin(manifest):
                     return
                 self.remove(manifest.id)
                 self.overridden_nodes.append((known, manifest))
                 known = None
-            if known is not None and known.same_thing(manifest):
+            if known is not None and known.has_same_origin(manifest):
                 raise RegistrationError(
                     f"'{manifest.id}' is registered already, from the same place: {known.origin}; add it once"
                 )
@@ -391,7 +391,7 @@ class Registry:
             The libraries that cannot be registered.
         """
         unavailable = []
-        for point in installed(ENTRY_POINTS, own):
+        for point in entry_points.find(NODES_GROUP, own):
             distribution = distribution_of(point)
             self._installing = self.types.installing = True
             try:

@@ -21,16 +21,16 @@ from btcore.values.numbers import MAX_INT64, leading_float
 
 _NO_ENUMS: Final[dict[str, int]] = {}
 # The operators by precedence: level 1 binds the loosest, the last level the tightest.
-_LEVELS: Final = (":= = += -= *= /=", "?", "||", "&&", "== != < > <= >=", "| ^", "&", "+ - ..", "* /")
-_BINDING: Final[dict[str, int]] = {
-    operator: level for level, operators in enumerate(_LEVELS, start=1) for operator in operators.split()
+_OPERATORS: Final = (":= = += -= *= /=", "?", "||", "&&", "== != < > <= >=", "| ^", "&", "+ - ..", "* /")
+_PRECEDENCE: Final[dict[str, int]] = {
+    operator: level for level, operators in enumerate(_OPERATORS, start=1) for operator in operators.split()
 }
-_LOOSEST: Final = 0
-_ASSIGNING: Final = 1
-_CHOOSING: Final = 2
-_COMPARING: Final = 5
+_LOWEST: Final = 0
+_ASSIGNMENT: Final = 1
+_CONDITIONAL: Final = 2
+_COMPARISON: Final = 5
 # Bounds the recursion of the parser and of the evaluation.
-_DEEPEST: Final = 200
+_MAX_DEPTH: Final = 200
 
 
 class Parser:
@@ -40,82 +40,84 @@ class Parser:
         self.text: str = text
         self.enums: Mapping[str, int] = enums
         self.tokens: list[Token] = tokenize(text)
-        self.at: int = 0
+        self.position: int = 0
         self.depth: int = 0
 
-    def statements(self) -> list[Expression]:
+    def parse(self) -> list[Expression]:
         """Parse all statements, each followed by any number of `;`. Raise ScriptError."""
         statements: list[Expression] = []
-        while self._next().kind != END:
-            statements.append(self._expression(_LOOSEST))
+        while self._peek().kind != END:
+            statements.append(self._parse_expression(_LOWEST))
             # As in BehaviorTree.CPP, a statement may also follow without a semicolon.
-            while self._next().kind == ";":
-                self.at += 1
+            while self._peek().kind == ";":
+                self.position += 1
         if not statements:
             raise ScriptError("the script is empty; write an expression, such as a := 1", self.text)
         return statements
 
-    def _next(self) -> Token:
-        return self.tokens[self.at]
+    def _peek(self) -> Token:
+        return self.tokens[self.position]
 
-    def _take(self) -> Token:
-        token = self.tokens[self.at]
+    def _advance(self) -> Token:
+        token = self.tokens[self.position]
         if token.kind != END:
-            self.at += 1
+            self.position += 1
         return token
 
-    def _expression(self, least: int) -> Expression:
-        """Parse a value, and the operators after the value whose precedence level is at least *least*."""
+    def _parse_expression(self, min_precedence: int) -> Expression:
+        """Parse a value, and the operators after the value of at least *min_precedence*."""
         self.depth += 1
-        if self.depth > _DEEPEST:
-            raise self._error(self._next(), f"the expression is nested more than {_DEEPEST} deep")
-        left = self._prefixed()
+        if self.depth > _MAX_DEPTH:
+            raise self._error(self._peek(), f"the expression is nested more than {_MAX_DEPTH} deep")
+        left = self._parse_unary()
         while True:
-            token = self._next()
-            binding = _BINDING.get(token.kind, -1)
-            if binding < least:
+            token = self._peek()
+            precedence = _PRECEDENCE.get(token.kind, -1)
+            if precedence < min_precedence:
                 break
-            if binding == _COMPARING:
-                left = self._comparison(left)
+            if precedence == _COMPARISON:
+                left = self._parse_comparison(left)
                 continue
-            self.at += 1
-            if binding == _ASSIGNING:
-                left = Assignment(self.text, token, left, self._expression(_LOOSEST), self.enums)
+            self.position += 1
+            if precedence == _ASSIGNMENT:
+                left = Assignment(self.text, token, left, self._parse_expression(_LOWEST), self.enums)
                 break
-            if binding == _CHOOSING:
-                left = self._choice(token, left)
+            if precedence == _CONDITIONAL:
+                left = self._parse_conditional(token, left)
                 break
             chain = left if isinstance(left, OperatorChain) else OperatorChain(self.text, token, left)
             # A tighter level for the right operand, because equal levels are evaluated from left to right.
-            chain.extend(token, self._expression(binding + 1))
+            chain.extend(token, self._parse_expression(precedence + 1))
             left = chain
         self.depth -= 1
         return left
 
-    def _comparison(self, first: Expression) -> Expression:
-        comparison = Comparison(self.text, self._next(), first, self.enums)
-        while _BINDING.get(self._next().kind, -1) == _COMPARING:
-            token = self._take()
-            comparison.extend(token, self._expression(_COMPARING + 1))
+    def _parse_comparison(self, first: Expression) -> Expression:
+        comparison = Comparison(self.text, self._peek(), first, self.enums)
+        while _PRECEDENCE.get(self._peek().kind, -1) == _COMPARISON:
+            token = self._advance()
+            comparison.extend(token, self._parse_expression(_COMPARISON + 1))
         return comparison
 
-    def _choice(self, question: Token, condition: Expression) -> Expression:
-        then = self._expression(_LOOSEST)
-        colon = self._take()
+    def _parse_conditional(self, question: Token, condition: Expression) -> Expression:
+        then = self._parse_expression(_LOWEST)
+        colon = self._advance()
         if colon.kind != ":":
             raise self._unexpected(colon, f"expected ':' to follow the '?' in column {question.start + 1}")
-        return ConditionalExpression(self.text, question, condition, then, self._expression(_CHOOSING))
+        return ConditionalExpression(
+            self.text, question, condition, then, self._parse_expression(_CONDITIONAL)
+        )
 
-    def _prefixed(self) -> Expression:
-        first = self._next()
+    def _parse_unary(self) -> Expression:
+        first = self._peek()
         signs: list[str] = []
-        while self._next().kind in ("-", "~", "!"):
-            signs.append(self._take().kind)
-        value = self._value()
+        while self._peek().kind in ("-", "~", "!"):
+            signs.append(self._advance().kind)
+        value = self._parse_value()
         return UnaryOperation(self.text, first, signs, value) if signs else value
 
-    def _value(self) -> Expression:
-        token = self._take()
+    def _parse_value(self) -> Expression:
+        token = self._advance()
         kind = token.kind
         if kind == NAME:
             return Name(self.text, token, self.enums)
@@ -131,8 +133,8 @@ class Parser:
             except ConversionError as error:
                 raise self._error(token, str(error)) from None
         if kind == "(":
-            inner = self._expression(_LOOSEST)
-            close = self._take()
+            inner = self._parse_expression(_LOWEST)
+            close = self._advance()
             if close.kind != ")":
                 raise self._unexpected(close, f"expected ')' to close the '(' in column {token.start + 1}")
             return inner
@@ -206,7 +208,7 @@ def compile_script(text: str, enums: Mapping[str, int] | None = None) -> Program
         >>> btcore.compile_script("n * 2 + 1").run(board)
         7.0
     """
-    return Program(text, Parser(text, _NO_ENUMS if enums is None else enums).statements())
+    return Program(text, Parser(text, _NO_ENUMS if enums is None else enums).parse())
 
 
 def condition_result(value: object) -> bool:

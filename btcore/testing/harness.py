@@ -164,7 +164,7 @@ class Harness:
                 return status
             left -= 1
             # A node has requested an additional tick, before which no time passes.
-            if status is RUNNING and context.take_wake_up():
+            if status is RUNNING and context.consume_wake_up():
                 continue
             if clock.now() >= end:
                 return None

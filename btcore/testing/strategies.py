@@ -21,7 +21,7 @@ from hypothesis.errors import InvalidArgument
 from hypothesis.strategies import DrawFn, SearchStrategy
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.blackboard.format3 import Format3Blackboard
 from btcore.clock import SimClock
 from btcore.loading.load import loads
 from btcore.registry.manifest import Manifest
@@ -213,7 +213,7 @@ def trees(
 
     def load(text: str) -> Tree:
         clock = SimClock()
-        board = Blackboard(clock=clock) if format == 4 else LegacyBlackboard(clock=clock)
+        board = Blackboard(clock=clock) if format == 4 else Format3Blackboard(clock=clock)
         for key in SCRIPT_KEYS if scripts or conditions else ():
             board[key] = 0
         return loads(text, nodes=known, blackboard=board, clock=clock)

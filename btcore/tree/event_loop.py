@@ -20,12 +20,12 @@ class EventLoopWait:
         self._loop = asyncio.get_running_loop()
         self._woken = asyncio.Event()
         self._schedule = schedule
-        context.on_wake = self._wake
+        context.on_wake_up = self._wake
 
     async def until_next_tick(self) -> None:
         """Wait for the next tick of the schedule, a deadline of the tree or a wake-up."""
         context = self._context
-        due = context.next_tick(self._schedule)
+        due = context.next_tick_time(self._schedule)
         if isinstance(context.clock, SystemClock):
             duration = max(due - context.clock.now(), 0) / NS_PER_S
             # Not asyncio.wait_for(), which in Python 3.11 drops a cancellation that comes with a wake-up.
@@ -41,7 +41,7 @@ class EventLoopWait:
 
     def close(self) -> None:
         """Stop forwarding wake-ups to the event loop."""
-        self._context.on_wake = None
+        self._context.on_wake_up = None
 
     def _wake(self) -> None:
         if not self._loop.is_closed():

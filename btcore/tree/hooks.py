@@ -19,7 +19,7 @@ from btcore.tree.tick_thread import TickThread
 
 __all__ = ["Hook", "HookMode", "HookPosition", "Hooks"]
 
-LOOK_EVERY: Final = 0.1
+SIGNAL_CHECK_S: Final = 0.1
 """The longest time (s, wall clock) for which a thread at a breakpoint ignores signals (Ctrl-C)."""
 
 
@@ -95,7 +95,7 @@ class Hooks:
     def __init__(self, nodes: Sequence[TreeNode], context: TreeContext) -> None:
         self._nodes = {node.config.uid: node for node in nodes}
         self._context = context
-        self._change = threading.Condition()
+        self._condition = threading.Condition()
         self._hooks: dict[tuple[HookPosition, int], Hook] = {}
         self._listeners: list[Callable[[Hook], object]] = []
         self._ignoring_breakpoints = False
@@ -112,20 +112,20 @@ class Hooks:
         node = self._nodes.get(hook.uid)
         if node is None:
             return False
-        with self._change:
+        with self._condition:
             known = self._hooks.get((hook.position, hook.uid))
             if known is not None:
                 if known.waiting and hook.mode is HookMode.REPLACE:
                     known.ready = True
                 known.mode, known.once, known.enabled = hook.mode, hook.once, hook.enabled
                 known.desired_status = hook.desired_status
-                self._change.notify_all()
+                self._condition.notify_all()
                 return True
             self._hooks[hook.position, hook.uid] = _copy(hook)
             if hook.position is HookPosition.PRE:
-                node.set_pre_tick_function(self._before)
+                node.set_pre_tick_function(self._on_pre_tick)
             else:
-                node.set_post_tick_function(self._after)
+                node.set_post_tick_function(self._on_post_tick)
         return True
 
     def unlock(
@@ -146,7 +146,7 @@ class Hooks:
         Returns:
             Whether there is such a hook.
         """
-        with self._change:
+        with self._condition:
             hook = self._hooks.get((position, uid))
             if hook is None:
                 return False
@@ -154,7 +154,7 @@ class Hooks:
             hook.once = hook.once or remove_when_done
             if hook.mode is HookMode.BREAKPOINT:
                 hook.ready = True
-                self._change.notify_all()
+                self._condition.notify_all()
         return True
 
     def remove(self, uid: int, position: HookPosition = HookPosition.PRE) -> bool:
@@ -167,39 +167,39 @@ class Hooks:
         Returns:
             Whether there was such a hook.
         """
-        with self._change:
+        with self._condition:
             hook = self._hooks.get((position, uid))
             if hook is None:
                 return False
-            self._forget(hook)
-            self._change.notify_all()
+            self._remove(hook)
+            self._condition.notify_all()
         return True
 
     def remove_all(self) -> None:
         """Remove all hooks. A tick that is stopped at a hook continues."""
-        with self._change:
+        with self._condition:
             for hook in list(self._hooks.values()):
-                self._forget(hook)
-            self._change.notify_all()
+                self._remove(hook)
+            self._condition.notify_all()
 
     def enable_all(self, enabled: bool) -> None:
         """Enable or disable all hooks. A tick that is stopped at a disabled hook continues."""
-        with self._change:
+        with self._condition:
             for hook in self._hooks.values():
                 hook.enabled = enabled
-            self._change.notify_all()
+            self._condition.notify_all()
 
-    def ignore_breakpoints(self, free: bool = True) -> None:
-        """Ignore all breakpoints, and release a stopped tick. If *free* is False, respect them again."""
-        with self._change:
-            self._ignoring_breakpoints = free
-            self._change.notify_all()
+    def ignore_breakpoints(self, ignore: bool = True) -> None:
+        """Ignore all breakpoints, and release a stopped tick. If *ignore* is False, respect them again."""
+        with self._condition:
+            self._ignoring_breakpoints = ignore
+            self._condition.notify_all()
 
     # --- listing and subscribing
 
     def all(self) -> list[Hook]:
         """Return copies of all hooks: first those with position PRE, then those with position POST."""
-        with self._change:
+        with self._condition:
             return [_copy(hook) for hook in sorted(self._hooks.values(), key=lambda hook: hook.position)]
 
     def subscribe(self, listener: Callable[[Hook], object]) -> Callable[[], None]:
@@ -208,11 +208,11 @@ class Hooks:
         The listener runs on the thread that ticks, before a breakpoint stops it. It must return quickly and
         must not raise.
         """
-        with self._change:
+        with self._condition:
             self._listeners = [*self._listeners, listener]
 
         def unsubscribe() -> None:
-            with self._change:
+            with self._condition:
                 self._listeners = [other for other in self._listeners if other is not listener]
 
         return unsubscribe
@@ -220,9 +220,9 @@ class Hooks:
     # --- ticking
 
     @property
-    def may_pause(self) -> bool:
+    def has_active_breakpoint(self) -> bool:
         """Whether a breakpoint is set that could stop the next tick."""
-        with self._change:
+        with self._condition:
             return not self._ignoring_breakpoints and any(
                 hook.enabled and hook.mode is HookMode.BREAKPOINT for hook in self._hooks.values()
             )
@@ -239,10 +239,10 @@ class Hooks:
         if tick_thread is not None:
             tick_thread.close()
 
-    def _before(self, node: TreeNode) -> Status:
+    def _on_pre_tick(self, node: TreeNode) -> Status:
         return self._fire(self._hooks.get((HookPosition.PRE, node.config.uid)))
 
-    def _after(self, node: TreeNode, status: Status) -> Status:
+    def _on_post_tick(self, node: TreeNode, status: Status) -> Status:
         return self._fire(self._hooks.get((HookPosition.POST, node.config.uid)))
 
     def _fire(self, hook: Hook | None) -> Status:
@@ -251,7 +251,7 @@ class Hooks:
             return SKIPPED
         tick_thread = self._tick_thread if self._context.in_event_loop else None
         stops = False
-        with self._change:
+        with self._condition:
             if not hook.enabled:
                 return SKIPPED
             if hook.mode is HookMode.BREAKPOINT:
@@ -268,11 +268,11 @@ class Hooks:
         if stops and tick_thread is not None:
             # Without the lock: the event loop may need it before it yields to this thread.
             tick_thread.wait_for_turn()
-        with self._change:
+        with self._condition:
             if not hook.enabled or (stops and self._ignoring_breakpoints):
                 return SKIPPED
             if hook.once:
-                self._forget(hook)
+                self._remove(hook)
             return hook.desired_status
 
     def _stop_at(self, hook: Hook, tick_thread: TickThread | None) -> None:
@@ -283,12 +283,12 @@ class Hooks:
         began = time.monotonic_ns()
         try:
             while hook.enabled and not hook.ready and not self._ignoring_breakpoints:
-                self._change.wait(LOOK_EVERY)
+                self._condition.wait(SIGNAL_CHECK_S)
         finally:
             hook.waiting = hook.ready = False
-            self._context.extend_tick(time.monotonic_ns() - began)
+            self._context.add_stopped_time(time.monotonic_ns() - began)
 
-    def _forget(self, hook: Hook) -> None:
+    def _remove(self, hook: Hook) -> None:
         hook.enabled = False
         del self._hooks[hook.position, hook.uid]
         node = self._nodes[hook.uid]

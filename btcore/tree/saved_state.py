@@ -131,7 +131,7 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
         held.update((key, entries[index]) for key, index in keys.items())
     tree.context.uses_time = True  # the restored deadlines count from the next tick on
     tree.context.deadlines.clear()
-    tree.context.take_wake_up()
+    tree.context.consume_wake_up()
     tree.context.deadlines.update(saved.deadlines)
     if saved.is_woken:
         tree.context.wake_up()

@@ -160,7 +160,7 @@ class Tree:
         if self.tick_limit is not None:
             return self._tick_within(self.tick_limit, once=False)
         status = self._tick_root()
-        while status is RUNNING and self.context.take_wake_up() and not self.context.is_interrupted:
+        while status is RUNNING and self.context.consume_wake_up() and not self.context.is_interrupted:
             status = self._tick_root()
         self.status = status
         return status
@@ -192,7 +192,7 @@ class Tree:
                 if status is not RUNNING:
                     return status
                 if waits:
-                    self.context.wait_until(self.context.next_tick(schedule))
+                    self.context.wait_until(self.context.next_tick_time(schedule))
         finally:
             self._in_loop = False
 
@@ -226,7 +226,7 @@ class Tree:
         try:
             while True:
                 hooks = self._hooks
-                if hooks is not None and hooks.may_pause:
+                if hooks is not None and hooks.has_active_breakpoint:
                     status = await hooks.tick_in_thread(self.tick_once)
                 else:
                     status = self.tick_once()
@@ -250,13 +250,15 @@ class Tree:
             once: Whether to tick the root only once, also if a node requests another tick at once.
         """
         context = self.context
-        context.limit_tick(limit)
+        context.set_tick_limit(limit)
         try:
             status = self._tick_root()
-            while not once and status is RUNNING and context.take_wake_up() and not context.must_end_tick():
+            while (
+                not once and status is RUNNING and context.consume_wake_up() and not context.must_end_tick()
+            ):
                 status = self._tick_root()
         finally:
-            context.lift_limit()
+            context.clear_tick_limit()
         if context.has_timed_out:
             self._raise_timeout()
         self.status = status
@@ -281,7 +283,7 @@ class Tree:
                 if status is SUCCESS or status is FAILURE:
                     reset_status(root)
             else:
-                observers.begin(self.ticks)
+                observers.begin_tick(self.ticks)
                 context.stopped_ns = 0
                 start = time.perf_counter_ns()
                 status = execute_tick(root)
@@ -320,8 +322,8 @@ class Tree:
     def _repeating_node(self) -> TreeNode:
         """Return the first node that repeats without a limit, else the last node that requested a tick."""
         for node in self.nodes:
-            for name, bound in node.config.inputs.items():
-                forever = bound.port.role is PortRole.REPETITIONS and input_or(node, name, 0) == -1
+            for name, input in node.config.inputs.items():
+                forever = input.port.role is PortRole.REPETITIONS and input_or(node, name, 0) == -1
                 if forever and node._status is RUNNING:
                     return node
         woken_by = self.context.woken_by

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import (
-    AMBIGUOUS_MAIN_TREE,
     DUPLICATE_TREE_ID,
     INVALID_NAME,
     MISSING_ID,
     NOT_A_ROOT,
     TOO_LARGE,
     TREE_WITHOUT_ID,
+    UNDETERMINED_MAIN_TREE,
     UNKNOWN_FORMAT,
 )
 from btcore.names import model_port_name_error
@@ -79,7 +79,7 @@ def define(sources: Sources, tree: str | None = None, format: int | None = None)
         tree: ID of the main tree; by default the main document determines it.
         format: 3 or 4, overriding the main document's `BTCPP_format`.
     """
-    found = DiagnosticCollector(sources.diagnostics)
+    collector = DiagnosticCollector(sources.diagnostics)
     main_document = sources.main
     if format is None:
         written = main_document.root.get("BTCPP_format")
@@ -87,14 +87,14 @@ def define(sources: Sources, tree: str | None = None, format: int | None = None)
         if format is None:
             message = f"unknown BTCPP_format '{written}'"
             hint = 'write BTCPP_format="4", or "3" for a tree of Groot 1'
-            found.add(
+            collector.add(
                 main_document.diagnostic(
                     UNKNOWN_FORMAT, message, main_document.root, "BTCPP_format", hint=hint
                 )
             )
     dialect = DIALECTS[format or 4]
-    are_complete = not found.errors
-    every: list[TreeDefinition] = []
+    are_complete = not collector.errors
+    definitions: list[TreeDefinition] = []
     by_id: dict[str, TreeDefinition] = {}
     unnamed = 0
     for document in sources.documents:
@@ -104,52 +104,56 @@ def define(sources: Sources, tree: str | None = None, format: int | None = None)
             hint = EXAMPLE
             if str(root.tag).lower() == "root":
                 hint = "did you mean <root>? XML is case-sensitive"
-            found.add(document.diagnostic(NOT_A_ROOT, message, root, hint=hint))
+            collector.add(document.diagnostic(NOT_A_ROOT, message, root, hint=hint))
             continue
         only_child = len(root.children) == 1
         for element in root.iterchildren("BehaviorTree"):
             name = element.get("ID")
-            if not name and not only_child and dialect.tree_ids_checked:
+            if not name and not only_child and dialect.checks_names:
                 message = "missing ID of the <BehaviorTree>"
                 hint = 'write <BehaviorTree ID="…">'
-                found.add(document.diagnostic(TREE_WITHOUT_ID, message, element, hint=hint))
+                collector.add(document.diagnostic(TREE_WITHOUT_ID, message, element, hint=hint))
             if name is None:
                 # The name that BehaviorTree.CPP gives to a tree without an ID. An empty ID remains empty.
                 name = f"BehaviorTree_{unnamed}"
                 unnamed += 1
             definition = TreeDefinition(name, document, element)
-            every.append(definition)
+            definitions.append(definition)
             earlier = by_id.setdefault(name, definition)
             if earlier is not definition:
                 replaces = dialect.last_tree_wins or earlier.document in sources.libraries
                 if replaces:
                     by_id[name] = definition
-                _warn_duplicate(definition, earlier, replaces, found)
+                _warn_duplicate(definition, earlier, replaces, collector)
     main = None
     if main_document.root.tag == "root":
-        main = _main(main_document, tree, every, by_id, are_complete, found)
-    models = _subtree_models(sources.documents, dialect, found)
-    return Definitions(sources, dialect, tuple(every), by_id, main, models, are_complete, found.collected())
+        main = _find_main(main_document, tree, definitions, by_id, are_complete, collector)
+    models = _read_subtree_models(sources.documents, dialect, collector)
+    return Definitions(
+        sources, dialect, tuple(definitions), by_id, main, models, are_complete, collector.diagnostics
+    )
 
 
 def _warn_duplicate(
-    definition: TreeDefinition, earlier: TreeDefinition, replaces: bool, found: DiagnosticCollector
+    definition: TreeDefinition, earlier: TreeDefinition, replaces: bool, collector: DiagnosticCollector
 ) -> None:
     place = earlier.document.source_map.span(earlier.element, "ID")
     where = f"{earlier.document.file or '<text>'}:{place.line}" if place else earlier.document.file
     effect = f"it replaces the tree at {where}" if replaces else f"it is ignored, the tree at {where} is used"
     message = f"duplicate tree '{definition.id}': {effect}"
     hint = "rename or remove one of the two trees"
-    found.add(definition.document.diagnostic(DUPLICATE_TREE_ID, message, definition.element, "ID", hint=hint))
+    collector.add(
+        definition.document.diagnostic(DUPLICATE_TREE_ID, message, definition.element, "ID", hint=hint)
+    )
 
 
-def _main(
+def _find_main(
     document: Document,
     requested: str | None,
-    every: list[TreeDefinition],
+    definitions: list[TreeDefinition],
     by_id: Mapping[str, TreeDefinition],
     are_complete: bool,
-    found: DiagnosticCollector,
+    collector: DiagnosticCollector,
 ) -> TreeDefinition | None:
     """Return the main tree: *requested*, or the document's main tree or only tree; None on error."""
     root = document.root
@@ -159,32 +163,32 @@ def _main(
             if not hint.startswith("did you mean"):
                 hint = f"--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; {hint}"
             message = f"unknown main tree '{requested}'"
-            found.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, message, root, hint=hint))
+            collector.add(document.diagnostic(UNDETERMINED_MAIN_TREE, message, root, hint=hint))
         return by_id.get(requested)
     written = root.get("main_tree_to_execute")
     if written is not None:
         if written not in by_id and are_complete:
             message = f"unknown main tree '{written}' in main_tree_to_execute"
             hint = tree_hint(written, by_id)
-            found.add(
-                document.diagnostic(AMBIGUOUS_MAIN_TREE, message, root, "main_tree_to_execute", hint=hint)
+            collector.add(
+                document.diagnostic(UNDETERMINED_MAIN_TREE, message, root, "main_tree_to_execute", hint=hint)
             )
         return by_id.get(written)
     # Trees of the document itself take precedence over included trees.
-    own = [definition for definition in every if definition.document is document]
+    own = [definition for definition in definitions if definition.document is document]
     for candidates in (own, list(by_id.values())):
         if len(candidates) == 1:
             return by_id[candidates[0].id]
     if not are_complete:
         return None
-    if not every:
+    if not definitions:
         message = "missing <BehaviorTree>: the document has no tree"
         hint = EXAMPLE
     else:
         message = "ambiguous main tree: the document has several trees"
         names = join_names(sorted(by_id), "or")
         hint = f'write main_tree_to_execute="…" in <root>, or select a tree when loading: {names}'
-    found.add(document.diagnostic(AMBIGUOUS_MAIN_TREE, message, root, hint=hint))
+    collector.add(document.diagnostic(UNDETERMINED_MAIN_TREE, message, root, hint=hint))
     return None
 
 
@@ -202,8 +206,8 @@ def tree_hint(name: str, known: Iterable[str]) -> str:
     return f"the trees are: {join_names(names)}" if names else "no tree has an ID"
 
 
-def _subtree_models(
-    documents: Iterable[Document], dialect: Dialect, found: DiagnosticCollector
+def _read_subtree_models(
+    documents: Iterable[Document], dialect: Dialect, collector: DiagnosticCollector
 ) -> dict[str, dict[str, str | None]]:
     """Return the ports that subtree models declare. Models of other nodes are ignored."""
     models_by_id: dict[str, dict[str, str | None]] = {}
@@ -214,16 +218,16 @@ def _subtree_models(
                 if id is None:
                     message = "missing ID in the model of a subtree"
                     hint = 'write <SubTree ID="…">'
-                    found.add(document.diagnostic(MISSING_ID, message, model, hint=hint))
+                    collector.add(document.diagnostic(MISSING_ID, message, model, hint=hint))
                     continue
                 ports = models_by_id.setdefault(id, {})
                 for port in model.iterchildren(*PORT_TAGS):
                     if len(ports) >= MAX_MODEL_PORTS:
                         # Every call of the tree has all ports: a short document could fill the memory.
                         message = f"the model of '{id}' has more than {MAX_MODEL_PORTS:,} ports"
-                        found.add(document.diagnostic(TOO_LARGE, message, model, "ID"))
+                        collector.add(document.diagnostic(TOO_LARGE, message, model, "ID"))
                         break
-                    _add_model_port(document, port, ports, dialect, found)
+                    _add_model_port(document, port, ports, dialect, collector)
     return models_by_id
 
 
@@ -232,15 +236,15 @@ def _add_model_port(
     port: Element,
     ports: dict[str, str | None],
     dialect: Dialect,
-    found: DiagnosticCollector,
+    collector: DiagnosticCollector,
 ) -> None:
     name = port.get("name")
     if name is None:
         message = f"missing name of the <{port.tag}>"
-        found.add(document.diagnostic(MISSING_ID, message, port, hint=f'write <{port.tag} name="…"/>'))
+        collector.add(document.diagnostic(MISSING_ID, message, port, hint=f'write <{port.tag} name="…"/>'))
         return
-    error = model_port_name_error(name) if dialect.tree_ids_checked else ""
+    error = model_port_name_error(name) if dialect.checks_names else ""
     if error:
         message = f"invalid port name '{name}' in the model of a subtree: {error}"
-        found.add(document.diagnostic(INVALID_NAME, message, port, "name"))
+        collector.add(document.diagnostic(INVALID_NAME, message, port, "name"))
     ports[name] = port.get("default")

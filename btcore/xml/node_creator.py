@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard, Entry
-from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.blackboard.format3 import Format3Blackboard
 from btcore.blackboard.ports import Binding, Input, Output, Port
 from btcore.clock import Clock
 from btcore.diagnostic_codes import (
@@ -22,7 +22,7 @@ from btcore.diagnostic_codes import (
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import BlackboardError, BtcoreError, ConversionError, Diagnostic, NodeError, ScriptError
+from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, ScriptError
 from btcore.registry.manifest import Manifest, Resources, takes_children
 from btcore.registry.registry import library_of
 from btcore.values import parse_constant, type_of
@@ -32,13 +32,9 @@ from btcore.xml.read.diagnostics import DiagnosticCollector
 
 
 class TreeInstance:
-    """An instance of a tree, which becomes a `btcore.Subtree`: the main tree, or the content of a SubTree.
+    """The nodes of one tree while they are created; loading makes a `btcore.Subtree` of it.
 
-    Attributes:
-        plan: The plan of the tree.
-        path: The path of the SubTree node; "" for the main tree.
-        blackboard: The scope of the instance.
-        nodes: The nodes of the instance in pre-order, with its SubTree nodes but without their content.
+    *plan* is the plan of the tree. The other attributes are those of `Subtree`.
     """
 
     __slots__ = ("blackboard", "document", "nodes", "path", "plan", "prefix")
@@ -56,7 +52,7 @@ class TreeInstance:
 class NodeCreator:
     """Creates the nodes of a planned tree and of its subtrees, depth-first.
 
-    A subclass may override `bind_ports`, `open_scope` and `create_node`. The dry run of `btcore validate`
+    A subclass may override `bind_ports`, `create_scope` and `create_node`. The dry run of `btcore validate`
     does; therefore the class belongs to the documents, not to the trees.
 
     Attributes:
@@ -65,7 +61,7 @@ class NodeCreator:
         blackboard: The main tree's blackboard.
         instances: The instances of trees, the main tree first.
         nodes: All nodes in depth-first pre-order; the content of a SubTree node follows it.
-        found: Collects the errors.
+        collector: Collects the errors.
     """
 
     def __init__(
@@ -83,19 +79,19 @@ class NodeCreator:
         self._enums = registry.types.enums
         self._resources = Resources(resources)
         self.context = TreeContext(clock)
-        self._scopes = Blackboard if self.format == 4 else LegacyBlackboard
-        self.blackboard = blackboard if blackboard is not None else self._scopes(clock=clock)
+        self._scope_class = Blackboard if self.format == 4 else Format3Blackboard
+        self.blackboard = blackboard if blackboard is not None else self._scope_class(clock=clock)
         self.instances: list[TreeInstance] = []
         self.nodes: list[TreeNode] = []
         # The main tree's path is the empty text, as in BehaviorTree.CPP.
         self._paths: set[str] = {""}
-        self._declared: dict[Entry, tuple[Binding, NodeConfig]] = {}
+        self._declarations: dict[Entry, tuple[Binding, NodeConfig]] = {}
         self._uid = 0
-        self.found = DiagnosticCollector()
+        self.collector = DiagnosticCollector()
 
     def create_tree(self, tree_plan: TreePlan) -> None:
         """Create the nodes of *tree_plan*, which is neither recursive nor too large."""
-        allow_depth(self._plans.sizes[tree_plan.id].depth)
+        ensure_recursion_limit(self._plans.sizes[tree_plan.id].depth)
         self._create_instance(tree_plan, "", self.blackboard)
 
     def _create_instance(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
@@ -105,90 +101,90 @@ class NodeCreator:
         assert tree_plan.root is not None
         return self._create_with_children(tree_plan.root, instance)
 
-    def _create_with_children(self, plan: NodePlan, instance: TreeInstance) -> TreeNode | None:
+    def _create_with_children(self, node_plan: NodePlan, instance: TreeInstance) -> TreeNode | None:
         """Create a node and the nodes below it. Return None if the node could not be created."""
         document = instance.document
-        line = plan.element.line if document.knows_lines else document.line(plan.element)
+        line = node_plan.element.line if document.knows_lines else document.line(node_plan.element)
         self._uid = uid = self._uid + 1
-        id = plan.id
-        name = id if plan.name is None else plan.name
-        config = NodeConfig(
-            id, name, uid, self.format, document.file, line, plan.scripts, plan.attributes, self._enums
-        )
-        if plan.call is not None:
-            return self._create_call(plan, plan.call, config, instance)
+        id = node_plan.id
+        name = id if node_plan.name is None else node_plan.name
+        scripts, attributes = node_plan.scripts, node_plan.attributes
+        config = NodeConfig(id, name, uid, self.format, document.file, line, scripts, attributes, self._enums)
+        if node_plan.call is not None:
+            return self._create_call(node_plan, node_plan.call, config, instance)
         if name == id:
             # BehaviorTree.CPP appends the uid to the path of a node without a name.
             config.path = f"{instance.prefix}{name}::{uid}"
         elif instance.prefix:
             config.path = instance.prefix + name
-        self.bind_ports(plan, config, instance)
-        manifest = self._substituted(plan, config, instance) if self._rules else plan.manifest
-        if not plan.children:
-            leaf = self.create_node(plan, manifest, config, instance, ())
+        self.bind_ports(node_plan, config, instance)
+        manifest = self._substitute(node_plan, config, instance) if self._rules else node_plan.manifest
+        if not node_plan.children:
+            leaf = self.create_node(node_plan, manifest, config, instance, ())
             if leaf is not None:
                 self.nodes.append(leaf)
                 instance.nodes.append(leaf)
             return leaf
         # Nodes are listed in pre-order, but a parent is created after its children: keep its place.
-        at, own_at = len(self.nodes), len(instance.nodes)
-        self.nodes.append(_PLACE_HOLDER)
-        instance.nodes.append(_PLACE_HOLDER)
-        below = plan.children if not self._rules or takes_children(manifest) else ()
-        children = [self._create_with_children(child, instance) for child in below]
-        node = self.create_node(plan, manifest, config, instance, children)
+        index, own_index = len(self.nodes), len(instance.nodes)
+        self.nodes.append(_PLACEHOLDER)
+        instance.nodes.append(_PLACEHOLDER)
+        child_plans = node_plan.children if not self._rules or takes_children(manifest) else ()
+        children = [self._create_with_children(child, instance) for child in child_plans]
+        node = self.create_node(node_plan, manifest, config, instance, children)
         if node is not None:
-            self.nodes[at] = instance.nodes[own_at] = node
+            self.nodes[index] = instance.nodes[own_index] = node
         return node
 
-    def bind_ports(self, plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> None:
+    def bind_ports(self, node_plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> None:
         """Bind the ports, and declare the entries that the ports point to."""
-        if not plan.bindings:
+        if not node_plan.bindings:
             return
         blackboard = instance.blackboard
         inputs: dict[str, Input] = {}
         outputs: dict[str, Output] = {}
-        for bound in plan.bindings:
-            port = bound.port
-            key = bound.key
-            if key is not None and bound.is_explicit:
+        for binding in node_plan.bindings:
+            port = binding.port
+            key = binding.key
+            if key is not None and binding.is_explicit:
                 try:
                     entry = blackboard.create(key, port.type, not port.writes)
                 except (BlackboardError, ConversionError) as error:
-                    self.found.add(self._clash(plan, port, instance, blackboard.find(key), error))
+                    self._report_type_conflict(node_plan, port, instance, blackboard.find(key), error)
                 else:
                     # The first port with a type declares the type; later ports are compared with it.
-                    if entry not in self._declared and port.type.strong:
-                        self._declared[entry] = (bound, config)
-            if isinstance(bound, Input):
-                inputs[port.name] = bound if bound.blackboard is blackboard else bound.bind_to(blackboard)
+                    if entry not in self._declarations and port.type.strong:
+                        self._declarations[entry] = (binding, config)
+            if isinstance(binding, Input):
+                is_bound = binding.blackboard is blackboard
+                inputs[port.name] = binding if is_bound else binding.bind_or_copy(blackboard)
             # In format 3 the default of an output port is not connected.
-            if port.writes and (bound.is_explicit or (key is not None and bound.format == 4)):
-                outputs[port.name] = Output(bound, blackboard)
+            if port.writes and (binding.is_explicit or (key is not None and binding.format == 4)):
+                outputs[port.name] = Output(binding, blackboard)
         config.inputs = inputs
         if outputs:
             config.outputs = outputs
 
     def declared_by(self, entry: Entry) -> str:
         """Return the port that declared the type of *entry*, with its place, or ""."""
-        if entry not in self._declared:
+        if entry not in self._declarations:
             return ""
-        bound, config = self._declared[entry]
-        return f"'{bound.port.name}' of <{config.id}> ({config.where})"
+        binding, config = self._declarations[entry]
+        return f"'{binding.port.name}' of <{config.id}> ({config.where})"
 
-    def _clash(
-        self, plan: NodePlan, port: Port, instance: TreeInstance, entry: Entry | None, error: BtcoreError
-    ) -> Diagnostic:
-        """Return the diagnostic for a port whose type differs from the declared type of its entry."""
-        document = instance.document
+    def _report_type_conflict(
+        self, node_plan: NodePlan, port: Port, instance: TreeInstance, entry: Entry | None, error: BtcoreError
+    ) -> None:
+        """Add the error for a port whose type differs from the declared type of its entry."""
         if entry is None or entry.declared.same(port.type):
-            return document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, port.name)
+            self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, instance, port.name)
+            return
         own, declared = port.type.name, entry.declared.name
         if own == declared:
             own += f" of {library_of(port.type.python_type)}"
             declared += f" of {library_of(entry.declared.python_type)}"
         types = f"has the type {own}, but its entry has the type {declared}"
-        message = f"the port '{port.name}' of <{plan.id}> {types}"
+        message = f"the port '{port.name}' of <{node_plan.id}> {types}"
         first = self.declared_by(entry)
         origin = f"declared by {first}" if first else "it was on the blackboard before the tree was built"
         hint = f"{origin}; the type of an entry never changes"
@@ -196,11 +192,11 @@ class NodeCreator:
             hint = (
                 f"{origin}; an output needs exactly this type, so declare the port as {entry.declared.name}"
             )
-        return document.diagnostic(CONFLICTING_ENTRY_TYPES, message, plan.element, port.name, hint=hint)
+        self._report(CONFLICTING_ENTRY_TYPES, message, node_plan, instance, port.name, hint)
 
     def create_node(
         self,
-        plan: NodePlan,
+        node_plan: NodePlan,
         manifest: Manifest | None,
         config: NodeConfig,
         instance: TreeInstance,
@@ -217,75 +213,87 @@ class NodeCreator:
         try:
             return manifest.make(config, self.context, instance.blackboard, self._resources, created)
         except ScriptError as error:
-            self.found.add(self._script_diagnostic(plan, instance, error))
+            self._report_script(node_plan, instance, error)
         except (NodeError, BlackboardError, ConversionError) as error:
-            self.found.add(instance.document.diagnostic(_code_of(error, plan), str(error), plan.element))
+            self._report(_code_of(error, node_plan), str(error), node_plan, instance)
         except BtcoreError:
             raise  # an error of the program, not of the document
         except Exception as error:
-            message = f"<{plan.id}> raised while it was created: {type(error).__name__}: {error}"
+            message = f"<{node_plan.id}> raised while it was created: {type(error).__name__}: {error}"
             hint = ""
             if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
                 hint = "call super().__init__() without arguments: a node has its name and config already"
-            self.found.add(instance.document.diagnostic(LEAF_INIT_RAISED, message, plan.element, hint=hint))
+            self._report(LEAF_INIT_RAISED, message, node_plan, instance, hint=hint)
         return None
 
-    def _substituted(self, plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> Manifest | None:
+    def _report(
+        self,
+        code: DiagnosticCode,
+        message: str,
+        node_plan: NodePlan,
+        instance: TreeInstance,
+        attribute: str = "",
+        hint: str = "",
+    ) -> None:
+        self.collector.add(
+            instance.document.diagnostic(code, message, node_plan.element, attribute, hint=hint)
+        )
+
+    def _substitute(self, node_plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> Manifest | None:
         """Return the manifest after the registry's substitution rules, or None after an error."""
-        if plan.manifest is None:
+        if node_plan.manifest is None:
             return None
         # A SubTree node has the root of the called tree as its only child.
-        children = len(plan.children) if plan.call is None else 1
+        children = len(node_plan.children) if node_plan.call is None else 1
         try:
-            return self._registry.apply_substitutions(config, plan.manifest, children)
+            return self._registry.apply_substitutions(config, node_plan.manifest, children)
         except NodeError as error:
-            self.found.add(instance.document.diagnostic(NODE_NOT_CREATED, str(error), plan.element))
+            self._report(NODE_NOT_CREATED, str(error), node_plan, instance)
             return None
 
-    def _script_diagnostic(self, plan: NodePlan, instance: TreeInstance, error: ScriptError) -> Diagnostic:
-        texts = {key: text for key, text in plan.element.attributes.items() if text == error.text}
+    def _report_script(self, node_plan: NodePlan, instance: TreeInstance, error: ScriptError) -> None:
+        texts = {key: text for key, text in node_plan.element.attributes.items() if text == error.text}
         if texts:
-            return script_diagnostic(instance.document, plan, next(iter(texts)), error)
-        return instance.document.diagnostic(SCRIPT_SYNTAX, f"a script of <{plan.id}>: {error}", plan.element)
+            self.collector.add(script_diagnostic(instance.document, node_plan, next(iter(texts)), error))
+        else:
+            self._report(SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan, instance)
 
     # --- SubTree elements
 
     def _create_call(
-        self, plan: NodePlan, call: SubtreeCall, config: NodeConfig, instance: TreeInstance
+        self, node_plan: NodePlan, call: SubtreeCall, config: NodeConfig, instance: TreeInstance
     ) -> TreeNode | None:
-        config.name = plan.name if plan.name is not None else call.tree_id
+        config.name = node_plan.name if node_plan.name is not None else call.tree_id
         # Format 3 ignores the name of a SubTree node in paths.
-        own_name = plan.name if self.format == 4 else None
+        own_name = node_plan.name if self.format == 4 else None
         config.path = instance.prefix + (
             own_name if own_name is not None else f"{call.tree_id}::{config.uid}"
         )
-        config.attributes = {**call.written, **plan.attributes}
+        config.attributes = {**call.port_texts, **node_plan.attributes}
         if config.path in self._paths:
             message = f"two SubTree nodes have the path '{config.path}'"
             hint = "give them different names, or remove the names"
-            self.found.add(
-                instance.document.diagnostic(DUPLICATE_SUBTREE_PATH, message, plan.element, "name", hint=hint)
-            )
+            self._report(DUPLICATE_SUBTREE_PATH, message, node_plan, instance, "name", hint)
         self._paths.add(config.path)
-        at, own_at = len(self.nodes), len(instance.nodes)
-        self.nodes.append(_PLACE_HOLDER)
-        instance.nodes.append(_PLACE_HOLDER)
-        manifest = self._substituted(plan, config, instance) if self._rules else plan.manifest
+        index, own_index = len(self.nodes), len(instance.nodes)
+        self.nodes.append(_PLACEHOLDER)
+        instance.nodes.append(_PLACEHOLDER)
+        manifest = self._substitute(node_plan, config, instance) if self._rules else node_plan.manifest
         children = []
         if takes_children(manifest):
-            inner = self.open_scope(plan, call, instance)
+            inner = self.create_scope(node_plan, call, instance)
             children.append(self._create_instance(self._plans.trees[call.tree_id], config.path, inner))
-        node = self.create_node(plan, manifest, config, instance, children)
+        node = self.create_node(node_plan, manifest, config, instance, children)
         if node is not None:
-            self.nodes[at] = instance.nodes[own_at] = node
+            self.nodes[index] = instance.nodes[own_index] = node
         return node
 
-    def open_scope(self, plan: NodePlan, call: SubtreeCall, instance: TreeInstance) -> Blackboard:
+    def create_scope(self, node_plan: NodePlan, call: SubtreeCall, instance: TreeInstance) -> Blackboard:
         """Return the blackboard of the called tree, connected with that of *instance*, which calls it."""
         outer = instance.blackboard
-        if call.shared:
+        if call.shares_blackboard:
             return outer
-        inner = self._scopes(outer)
+        inner = self._scope_class(outer)
         for key, outer_key in call.remaps.items():
             inner.remap(key, outer_key)
         for key, text in call.constants.items():
@@ -294,27 +302,25 @@ class NodeCreator:
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
             except BlackboardError as error:
-                self.found.add(
-                    instance.document.diagnostic(CONFLICTING_ENTRY_TYPES, str(error), plan.element, key)
-                )
+                self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, instance, key)
         inner.autoremap = call.autoremap
         return inner
 
 
-def _code_of(error: Exception, plan: NodePlan) -> DiagnosticCode:
+def _code_of(error: Exception, node_plan: NodePlan) -> DiagnosticCode:
     if not isinstance(error, NodeError):
         return INCONVERTIBLE_TEXT
-    given = {port.name for port, _, _ in plan.ports}
-    ports = plan.manifest.ports.values() if plan.manifest is not None else ()
+    given = {port.name for port, _, _ in node_plan.ports}
+    ports = node_plan.manifest.ports.values() if node_plan.manifest is not None else ()
     # If a node can't be created and lacks an input port, the message names the port.
     missing = any(port.reads and port.name not in given for port in ports)
     return MISSING_PORT if missing else NODE_NOT_CREATED
 
 
-def allow_depth(depth: int) -> None:
+def ensure_recursion_limit(depth: int) -> None:
     """Raise Python's recursion limit, if a tree of *depth* levels needs it."""
     # Nodes are created, checked and ticked recursively, with at most six Python calls per level.
     sys.setrecursionlimit(max(sys.getrecursionlimit(), 6 * depth + 1000))
 
 
-_PLACE_HOLDER = TreeNode()
+_PLACEHOLDER = TreeNode()

@@ -18,7 +18,8 @@ from mentions import PAGES, links_to_mentions
 
 from btcore.cli import exit_codes
 from btcore.cli.extension import load_extensions
-from btcore.cli.main import COMMAND_GROUP, OWN_COMMANDS, main
+from btcore.cli.main import OWN_COMMANDS, main
+from btcore.entry_points import COMMANDS_GROUP
 
 ROOT: Final = Path(__file__).parents[2]
 EXAMPLES: Final[dict[str, Any]] = tomllib.loads(
@@ -26,7 +27,7 @@ EXAMPLES: Final[dict[str, Any]] = tomllib.loads(
 )
 PROJECT: Final = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 # Without the commands of other packages that are installed here.
-OWN: Final = (*OWN_COMMANDS, *PROJECT["entry-points"][COMMAND_GROUP])
+OWN: Final = (*OWN_COMMANDS, *PROJECT["entry-points"][COMMANDS_GROUP])
 ENVIRONMENT: Final = {"NO_COLOR": "1", "COLUMNS": "96", "PYTHONUTF8": "1"}
 
 

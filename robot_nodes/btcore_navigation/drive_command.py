@@ -67,7 +67,7 @@ def drive(ctx: click.Context, /, **settings: Any) -> int:
             attached.enter_context(keys)
             click.echo(HELP, err=True)
         shown = [] if mapper is None else [mapper]
-        done = run_program("Drive", gathered, settings, end, shown=shown, goes_on=teleop.step)
+        done = run_program("Drive", gathered, settings, end, extra_resources=shown, keep_running=teleop.step)
     output = {"time_s": round(done.seconds, 3), **results, **done.report}
     if settings["as_json"]:
         print_json(output)

@@ -37,7 +37,7 @@ FIXED = {
 
 TESTS = (
     "tests/btcore/nodes/test_timing.py",
-    "tests/btcore/cli/test_validate.py",
+    "tests/btcore/cli/commands/test_validate.py",
     "tests/tools/btcore_studio/language/test_command.py",
     "tests/tools/btcore_studio/agents/test_summaries.py",
     "tests/tools/btcore_bags/test_bags.py",

@@ -27,7 +27,7 @@ from proof_trees import LEAVES, UNIT_MS, Atom, LeafKind, RandomQuestion, RandomT
 
 from btcore import NodeSpec
 from btcore.blackboard.blackboard import Blackboard
-from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.blackboard.format3 import Format3Blackboard
 from btcore.clock import NS_PER_MS, Clock, SimClock, SystemClock
 from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from btcore.errors import NodeExecutionError
@@ -186,7 +186,7 @@ SCRIPTED_NODES = _scripted_nodes()
 
 def first_blackboard(format: int, clock: Clock) -> Blackboard:
     """Return the blackboard with which every run begins."""
-    board = Blackboard(clock=clock) if format == 4 else LegacyBlackboard(clock=clock)
+    board = Blackboard(clock=clock) if format == 4 else Format3Blackboard(clock=clock)
     board["a"] = 0
     board["b"] = 0
     board["s"] = "0"

@@ -28,7 +28,7 @@ from fuzz import RECORDED, corpus, mutated
 from lsprotocol import types
 from pygls.exceptions import JsonRpcException
 
-from btcore.cli.validate import validate
+from btcore.cli.commands.validate import validate
 
 ROOT = Path(__file__).parents[2]
 LIMIT = 4_000

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from btcore import values
 from btcore.blackboard.blackboard import Blackboard
-from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.blackboard.format3 import Format3Blackboard
 from btcore.blackboard.ports import Direction, Port
 from btcore.clock import SimClock
 from btcore.diagnostic_codes import CONTROL_CHARACTER_IN_NAME, NOT_XML
@@ -209,7 +209,7 @@ class TickRecorder(Observer):
 def run_case(case: dict[str, Any], nodes: Registry) -> dict[str, Any]:
     """Run the tree of a case with this engine, and return the result in the form of the case's `expect`."""
     journal = CallLog()
-    board = LegacyBlackboard() if case["format"] == 3 else Blackboard()
+    board = Format3Blackboard() if case["format"] == 3 else Blackboard()
     for key, value in case.get("bb", {}).items():
         board.set(key, value)
     try:

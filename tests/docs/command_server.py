@@ -11,12 +11,12 @@ import sys
 
 # What commands import, and what `btcore run` imports only with a robot.
 MODULES = (
-    "btcore.cli.convert",
+    "btcore.cli.commands.convert",
     "btcore.cli.main",
     "btcore_proof.command",
-    "btcore.cli.run",
-    "btcore.cli.show",
-    "btcore.cli.validate",
+    "btcore.cli.commands.run",
+    "btcore.cli.commands.show",
+    "btcore.cli.commands.validate",
     "btcore_monitor.run_extension",
     "btcore_robot.book.commands",
     "btcore_navigation.leaves",

@@ -299,6 +299,7 @@ WITHOUT = {
     "btcore.program_runner.require_resources": PROGRAM,
     "btcore.program_runner.run_program": PROGRAM,
     "btcore.program_runner.run_server": PROGRAM,
+    "btcore.run_extension.ProgramSettings": "added by btcore's ROS 2 commands",
     "btcore.values.PortDirection": "an enum that scripts use",
     "btcore.values.UserType": "a registry creates it for a class of the user",
     "btcore_monitor.breakpoints.HookReached": EVENT,

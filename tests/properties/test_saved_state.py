@@ -24,7 +24,7 @@ from btcore import (
     loads,
     running,
 )
-from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.blackboard.format3 import Format3Blackboard
 from btcore.clock import NS_PER_MS
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.nodes.manual_selector import Prompt
@@ -132,7 +132,7 @@ class ByTime(Prompt):
 def new_tree(text: str, format: int, now: int = 0) -> Tree:
     """Return a new tree on a simulated clock that shows *now* (ns)."""
     clock = SimClock(now)
-    board = Blackboard(clock=clock) if format == 4 else LegacyBlackboard(clock=clock)
+    board = Blackboard(clock=clock) if format == 4 else Format3Blackboard(clock=clock)
     queue = deque(["x", "y", "z"])
     numbers = dict.fromkeys([*SCRIPT_KEYS, "turn", "often", "updates"], 0)
     others = {"doubles": [0.5, 1.5], "shared": queue, "alias": queue, "once": True, "text": "x", "word": "0"}

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import btcore
 from btcore import ControlNode, NodeType, SimClock, Status, Tree
 from btcore.blackboard.blackboard import Blackboard
-from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.blackboard.format3 import Format3Blackboard
 from btcore.loading.tree_xml import tree_to_xml
 from btcore.testing import Harness, Outcomes, TraceStep, outcomes, trees
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS
@@ -114,7 +114,7 @@ def test_tree_written_to_xml_and_read_again_ticks_the_same(tree: Tree, plan: Out
 def reload_tree(tree: Tree) -> Tree:
     """Return a new tree from the XML of *tree*, which has not been ticked."""
     clock = SimClock()
-    board = Blackboard(clock=clock) if tree.format == 4 else LegacyBlackboard(clock=clock)
+    board = Blackboard(clock=clock) if tree.format == 4 else Format3Blackboard(clock=clock)
     for key, value in entries_of(tree.blackboard).items():
         board[key] = value
     text = tree_to_xml(tree, metadata=False, builtin_models=False)

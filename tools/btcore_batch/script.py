@@ -556,7 +556,7 @@ class BatchProgram:
     def __init__(self, text: str, node: NodeLike) -> None:
         self.node = node
         enums = node.config.enums
-        expressions = Parser(text, enums).statements()
+        expressions = Parser(text, enums).parse()
         self._statements: list[BatchExpression] = []
         for expression in expressions:
             value = expression.value if isinstance(expression, Assignment) else expression

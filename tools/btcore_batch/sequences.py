@@ -14,7 +14,7 @@ class OrderedNode(BatchNode):
     """The base class of nodes that tick their children in order, and store each agent's next child."""
 
     continues_on_success: ClassVar[bool] = True
-    yields: ClassVar[bool] = False
+    is_async: ClassVar[bool] = False
     """Whether the node returns RUNNING after a child that completes in its first tick."""
 
     def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
@@ -26,7 +26,7 @@ class OrderedNode(BatchNode):
     def tick(self, agents: int) -> Results:
         """Tick each agent's next child, and the children after it."""
         ended = running = 0
-        continues_on_success, yields = self.continues_on_success, self.yields
+        continues_on_success, is_async = self.continues_on_success, self.is_async
         children, next_child = self.children, self._next
         count = len(children)
         if self._skips.planes:
@@ -48,7 +48,7 @@ class OrderedNode(BatchNode):
             if not active:
                 continue
             child = children[index]
-            fresh = active ^ child.not_idle(active) if yields else 0
+            fresh = active ^ child.not_idle(active) if is_async else 0
             succeeded, failed, runs, skipped = child.execute(active)
             continues, stops = (succeeded, failed) if continues_on_success else (failed, succeeded)
             self._remember(index, active, continues | skipped, runs)
@@ -110,7 +110,7 @@ class Sequence(OrderedNode):
 class AsyncSequence(OrderedNode):
     """A Sequence that returns RUNNING after a child that succeeds in its first tick."""
 
-    yields = True
+    is_async = True
 
 
 class Fallback(OrderedNode):
@@ -123,13 +123,13 @@ class AsyncFallback(OrderedNode):
     """A Fallback that returns RUNNING after a child that fails in its first tick."""
 
     continues_on_success = False
-    yields = True
+    is_async = True
 
 
 class SequenceWithMemory(OrderedNode):
     """A Sequence that continues with the child that failed, even after a halt."""
 
-    yields = True
+    is_async = True
 
     def _remember(self, index: int, ticked: int, continues: int, running: int) -> None:
         if index:

@@ -1,7 +1,7 @@
 """The names of blackboard entries in the scopes of a tree."""
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.blackboard.format3 import Format3Blackboard
 
 
 def names_of_entry(board: Blackboard, key: str) -> list[str]:
@@ -22,13 +22,13 @@ def name_in_main_tree(board: Blackboard, key: str) -> str | None:
 
 def _names(board: Blackboard, key: str) -> list[tuple[Blackboard, str]]:
     found = [(board, key)]
-    is_legacy = isinstance(board, LegacyBlackboard)
+    is_format_3 = isinstance(board, Format3Blackboard)
     while (parent := board.parent) is not None:
-        if key.startswith("@") and not is_legacy:
+        if key.startswith("@") and not is_format_3:
             board, key = board.root, key.lstrip("@")
-        elif (outside := board._outside.get(key)) is not None:
+        elif (outside := board._remaps.get(key)) is not None:
             board, key = parent, outside
-        elif board.autoremap and (is_legacy or not key.startswith("_")):
+        elif board.autoremap and (is_format_3 or not key.startswith("_")):
             board = parent
         else:
             break

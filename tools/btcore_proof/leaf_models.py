@@ -134,7 +134,7 @@ def _ordered(results: set[Status]) -> tuple[Status, ...]:
 
 def resources_of(manifest: Manifest) -> frozenset[str]:
     """Return the names of the types of the resources that a leaf gets."""
-    types = [parameter.resource_type for parameter in manifest.resources]
+    types = [parameter.resource_type for parameter in manifest.resource_parameters]
     return frozenset(
         kind.__name__
         for kind in types

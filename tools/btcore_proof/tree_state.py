@@ -202,7 +202,7 @@ class StateKeeper:
         context = self._tree.context
         context.deadlines.clear()
         if context.is_woken:
-            context.take_wake_up()
+            context.consume_wake_up()
         self.clock.begin_in_search(NOW + _SHIFT if shift else NOW, self._instant)
 
     def _restore_entries(self, state: TreeState, thawed: Callable[[Any], Any]) -> None:

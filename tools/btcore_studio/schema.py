@@ -181,7 +181,7 @@ def _number_of_children(manifest: Manifest, format: int) -> tuple[int, int | Non
     if manifest.type is not NodeType.CONTROL:
         return 0, 0
     # Format 3 requires children of some control nodes only.
-    needed = DIALECTS[format].controls_need_children
+    needed = DIALECTS[format].controls_requiring_children
     may_be_empty = least == 1 and needed is not None and manifest.id not in needed
     return (0 if may_be_empty else least), most
 

@@ -8,8 +8,8 @@ from typing import Any
 import click
 
 from btcore.cli import terminal
+from btcore.cli.commands.run import FiniteRange
 from btcore.cli.completion import complete_tree
-from btcore.cli.run import FiniteRange
 from btcore.errors import ScriptError
 from btcore.script.program import Program, compile_script
 from btcore_sweep.definition import create_definition

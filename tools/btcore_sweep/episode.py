@@ -14,9 +14,9 @@ from typing import Any, Final
 
 import click
 
+from btcore.cli.commands.run import create_session, run
 from btcore.cli.exit_codes import ExitCode
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
-from btcore.cli.run import create_session, run
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError
 from btcore.run_extension import RunExtension

@@ -3,12 +3,12 @@
 from typing import NamedTuple
 
 from btcore.diagnostic_codes import (
-    AMBIGUOUS_MAIN_TREE,
     FORMAT_SET,
     LAST_TREE_USED,
     MANUAL_STEP,
     NODE_RENAMED,
     NOT_A_ROOT,
+    UNDETERMINED_MAIN_TREE,
     UNKNOWN_FORMAT,
 )
 from btcore.errors import Diagnostic, TreeError
@@ -111,6 +111,6 @@ def _errors(document: Document, registry: Registry) -> list[Diagnostic]:
         [
             error
             for error in plans.diagnostics.errors
-            if error.file == document.file and error.code != AMBIGUOUS_MAIN_TREE
+            if error.file == document.file and error.code != UNDETERMINED_MAIN_TREE
         ]
     )

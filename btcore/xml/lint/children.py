@@ -58,12 +58,12 @@ def _child_requirement(cls: type[TreeNode], count: int) -> str:
 
 def _thresholds(node: NodePlan, count: int) -> Iterator[tuple[str, int, str]]:
     """Yield (port, number, kind of result) for each port that requires more results than *count* children."""
-    for bound in node.bindings:
-        results = _THRESHOLDS.get(bound.port.role)
-        if results is not None and bound.key is None and isinstance(bound.literal, int):
-            number = threshold(bound.literal, count)
+    for binding in node.bindings:
+        results = _THRESHOLDS.get(binding.port.role)
+        if results is not None and binding.key is None and isinstance(binding.literal, int):
+            number = threshold(binding.literal, count)
             if number > count:
-                yield bound.name, number, results
+                yield binding.name, number, results
 
 
 def check_reachable_children(
@@ -85,7 +85,9 @@ def check_reachable_children(
         if (
             cls.spec.handler_port is not None
             and never_fails
-            and not any(bound.name == cls.spec.handler_port and bound.is_explicit for bound in node.bindings)
+            and not any(
+                binding.name == cls.spec.handler_port and binding.is_explicit for binding in node.bindings
+            )
         ):
             _warn_unreached(document, node.children[-1], "the children before it never fail", reporter)
         if cls.spec.runs_one_child:

@@ -73,7 +73,7 @@ class DryRun(NodeCreator):
             has_writer(uses) and any(use.access is AccessKind.READS_AS_KEY for use in uses)
             for uses in self.uses.values()
         )
-        return self.found.errors
+        return self.collector.errors
 
     def plan_of(self, board: Blackboard) -> TreePlan:
         """Return the plan of the innermost tree whose nodes use *board*."""
@@ -104,7 +104,7 @@ class DryRun(NodeCreator):
 
     def create_node(
         self,
-        plan: NodePlan,
+        node_plan: NodePlan,
         manifest: Manifest | None,
         config: NodeConfig,
         instance: TreeInstance,
@@ -114,26 +114,27 @@ class DryRun(NodeCreator):
         # Leaves of users are not created: they may need resources, and their code may have effects.
         if manifest is None or not is_built_in(manifest.cls):
             return TreeNode()
-        for bound in config.inputs.values():
-            if bound.port.role in SCRIPT_ROLES and bound.key is not None:
+        for binding in config.inputs.values():
+            if binding.port.role in SCRIPT_ROLES and binding.key is not None:
                 return TreeNode()  # the node would compile a script from the blackboard, which is empty here
-        return super().create_node(plan, manifest, config, instance, children)
+        return super().create_node(node_plan, manifest, config, instance, children)
 
-    def bind_ports(self, plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> None:
+    def bind_ports(self, node_plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> None:
         """Bind the ports, and record the entries that ports and scripts use."""
-        super().bind_ports(plan, config, instance)
+        super().bind_ports(node_plan, config, instance)
         document, blackboard = instance.document, instance.blackboard
-        for port, text, written in plan.ports:
-            self._recorded += self._uses_of_port(plan, port, text, written, document, blackboard)
-        for attribute, text in plan.scripts.items():
-            self._script(plan, attribute, text, document, blackboard)
-        if plan.manifest is not None:
-            self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(plan.manifest)
-            self.has_stubs = self.has_stubs or is_stub(plan.manifest.cls)
+        for port, text, is_explicit in node_plan.ports:
+            self._recorded += self._uses_of_port(node_plan, port, text, is_explicit, instance)
+        for attribute, text in node_plan.scripts.items():
+            self._script(node_plan, attribute, text, document, blackboard)
+        if node_plan.manifest is not None:
+            self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(node_plan.manifest)
+            self.has_stubs = self.has_stubs or is_stub(node_plan.manifest.cls)
 
     def _uses_of_port(
-        self, plan: NodePlan, port: Port, text: str, written: bool, document: Document, board: Blackboard
+        self, node_plan: NodePlan, port: Port, text: str, is_explicit: bool, instance: TreeInstance
     ) -> Iterator[EntryUse]:
+        document, board = instance.document, instance.blackboard
         key = remapped_key(text, port.name, self.format)
         is_script = port.role in SCRIPT_ROLES
         # A loop takes items out of its queue, but never fills it.
@@ -141,10 +142,10 @@ class DryRun(NodeCreator):
         accesses: list[AccessKind] = []
         if key is None:
             if is_script:
-                self._script(plan, port.name, text, document, board)
+                self._script(node_plan, port.name, text, document, board)
             elif port.role in _ACCESS_BY_NAME:
                 accesses = [_ACCESS_BY_NAME[port.role]]
-            elif writes and self.format == 3 and written:
+            elif writes and self.format == 3 and is_explicit:
                 # In format 3 an output port accepts the key without braces.
                 accesses = [AccessKind.WRITES]
             if text:
@@ -157,31 +158,32 @@ class DryRun(NodeCreator):
         else:
             if port.reads:
                 accesses.append(AccessKind.READS)
-            if writes and (written or self.format == 4):
+            if writes and (is_explicit or self.format == 4):
                 accesses.append(AccessKind.WRITES)
         for access in accesses if key else ():
-            yield EntryUse(access, key or "", board, document, plan, port.name, 0, port)
+            yield EntryUse(access, key or "", board, document, node_plan, port.name, 0, port)
 
     def _script(
-        self, plan: NodePlan, attribute: str, text: str, document: Document, board: Blackboard
+        self, node_plan: NodePlan, attribute: str, text: str, document: Document, board: Blackboard
     ) -> None:
         self._recorded += (
-            EntryUse(use.access, use.name, board, document, plan, attribute, use.column)
+            EntryUse(use.access, use.name, board, document, node_plan, attribute, use.column)
             for use in find_name_uses(text, self._enums)
         )
 
-    def open_scope(self, plan: NodePlan, call: SubtreeCall, instance: TreeInstance) -> Blackboard:
+    def create_scope(self, node_plan: NodePlan, call: SubtreeCall, instance: TreeInstance) -> Blackboard:
         """Return the blackboard of the called tree, and record the entries that the call uses."""
         document, outer = instance.document, instance.blackboard
-        inner = super().open_scope(plan, call, instance)
-        for attribute, text in plan.scripts.items():
-            self._script(plan, attribute, text, document, outer)
+        inner = super().create_scope(node_plan, call, instance)
+        for attribute, text in node_plan.scripts.items():
+            self._script(node_plan, attribute, text, document, outer)
         if inner is not outer:
-            self.entrances[inner] = EntryUse(AccessKind.MENTIONS, call.tree_id, outer, document, plan, "ID")
+            use = EntryUse(AccessKind.MENTIONS, call.tree_id, outer, document, node_plan, "ID")
+            self.entrances[inner] = use
             for key in call.constants:
-                self._recorded.append(EntryUse(AccessKind.WRITES, key, inner, document, plan, key))
+                self._recorded.append(EntryUse(AccessKind.WRITES, key, inner, document, node_plan, key))
             for key, outside in call.remaps.items():
-                self._recorded.append(EntryUse(AccessKind.MENTIONS, outside, outer, document, plan, key))
+                self._recorded.append(EntryUse(AccessKind.MENTIONS, outside, outer, document, node_plan, key))
         return inner
 
 
@@ -201,5 +203,5 @@ def uses_whole_blackboard(manifest: Manifest) -> bool:
     """Return whether the leaf gets the blackboard itself as a resource, so that it may use any entry."""
     return any(
         isinstance(parameter.resource_type, type) and issubclass(parameter.resource_type, Blackboard)
-        for parameter in manifest.resources
+        for parameter in manifest.resource_parameters
     )

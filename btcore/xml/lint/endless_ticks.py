@@ -55,8 +55,8 @@ class EndlessTickCheck:
 
     def _check_loop(self, node: NodePlan, cls: type[RepeatedNode], tree: TreePlan) -> None:
         forever = any(
-            bound.port.role is PortRole.REPETITIONS and bound.key is None and bound.literal == _FOREVER
-            for bound in node.bindings
+            binding.port.role is PortRole.REPETITIONS and binding.key is None and binding.literal == _FOREVER
+            for binding in node.bindings
         )
         if not forever or len(node.children) != 1 or not all_children_known(node):
             return

@@ -100,7 +100,8 @@ def _check_base_class(
 
 def _written_value(use: EntryUse) -> Binding | None:
     """Return the port of a SetBlackboard that holds what it writes."""
-    return next((bound for bound in use.node.bindings if bound.port.role is PortRole.WRITTEN_VALUE), None)
+    bindings = use.node.bindings
+    return next((binding for binding in bindings if binding.port.role is PortRole.WRITTEN_VALUE), None)
 
 
 def _written_text(use: EntryUse) -> str | None:

@@ -13,7 +13,7 @@ from btcore.xml.read.tinyxml2_compat import iter_markup
 _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)
 
 
-def check_stray_text(document: Document, diagnostics: DiagnosticCollector) -> None:
+def check_loose_text(document: Document, collector: DiagnosticCollector) -> None:
     """Warn about each text between the elements of *document*, in its trees and between them."""
     lines = LineIndex(document.text)
     for start, text in _iter_loose_text(document.text):
@@ -21,7 +21,7 @@ def check_stray_text(document: Document, diagnostics: DiagnosticCollector) -> No
         message = f"the text {shown!r} between the elements of a tree is ignored"
         hint = "pass values to a node in its attributes; write comments as <!-- … -->"
         place = lines.span(start, len(text))
-        diagnostics.add(place.diagnostic(LOOSE_TEXT, message, document.file, hint))
+        collector.add(place.diagnostic(LOOSE_TEXT, message, document.file, hint))
 
 
 def _iter_loose_text(text: str) -> Iterator[tuple[int, str]]:

@@ -170,9 +170,9 @@ def check_literals_of_class(node: NodePlan, document: Document, reporter: LintRe
 def valid_literals(node: NodePlan) -> dict[str, str]:
     """Return the texts of the input ports of *node* that are literals of the right type, by port."""
     return {
-        bound.name: bound.text
-        for bound in node.bindings
-        if bound.key is None and not bound.error and bound.port.reads
+        binding.name: binding.text
+        for binding in node.bindings
+        if binding.key is None and not binding.error and binding.port.reads
     }
 
 

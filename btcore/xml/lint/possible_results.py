@@ -70,8 +70,8 @@ class ResultAnalysis:
         if len(node.children) < cls.spec.child_count_at_load[0]:
             return UNKNOWN_RESULTS  # format 3 loads control nodes without children
         literals = {
-            bound.name: bound.literal
-            for bound in node.bindings
-            if bound.key is None and bound.literal is not None
+            binding.name: binding.literal
+            for binding in node.bindings
+            if binding.key is None and binding.literal is not None
         }
         return cls.possible_results([self.results_of(child) for child in node.children], literals)

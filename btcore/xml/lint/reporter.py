@@ -10,10 +10,10 @@ from btcore.xml.read.read import Document
 class LintReporter:
     """Collects warnings, once per code and place, because a tree that is called twice is checked twice."""
 
-    def __init__(self, diagnostics: DiagnosticCollector) -> None:
-        self.diagnostics = diagnostics
+    def __init__(self, collector: DiagnosticCollector) -> None:
+        self.collector = collector
         self._reported = {
-            (warning.code, warning.file, warning.line, warning.column) for warning in diagnostics.warnings
+            (warning.code, warning.file, warning.line, warning.column) for warning in collector.warnings
         }
 
     def warn(
@@ -43,7 +43,7 @@ class LintReporter:
         place = (code, diagnostic.file, diagnostic.line, diagnostic.column)
         if place not in self._reported:
             self._reported.add(place)
-            self.diagnostics.add(diagnostic)
+            self.collector.add(diagnostic)
 
 
 def node_label(node: NodePlan) -> str:

@@ -59,7 +59,7 @@ def parse_statements(text: str, enums: Mapping[str, int]) -> list[Expression]:
     Raises:
         ScriptError: *text* is not a valid script.
     """
-    return Parser(text, enums).statements()
+    return Parser(text, enums).parse()
 
 
 def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
@@ -132,7 +132,7 @@ def check_script_results(
     node: NodePlan, document: Document, enums: Mapping[str, int], reporter: LintReporter
 ) -> None:
     """Warn about scripts of *node* that always raise, and about conditions that assign, not compare."""
-    for attribute, text, is_condition in node.every_script():
+    for attribute, text, is_condition in node.iter_scripts():
         if not text and is_condition and attribute not in node.scripts:
             message = f"the script in '{attribute}' of {node_label(node)} always raises: it is empty"
             reporter.warn(SCRIPT_RAISES, message, document, node, attribute)

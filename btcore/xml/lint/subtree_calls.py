@@ -28,7 +28,7 @@ def check_unused_trees(plans: Plans, main: TreePlan, reporter: LintReporter) -> 
         if tree.id not in called and element.get("ID") is not None:
             message = f"the tree '{tree.id}' is unused: '{main.id}' doesn't call it, directly or indirectly"
             hint = f'call it with <SubTree ID="{tree.id}"/>, or remove it'
-            reporter.diagnostics.add(document.diagnostic(UNUSED_TREE, message, element, "ID", hint=hint))
+            reporter.collector.add(document.diagnostic(UNUSED_TREE, message, element, "ID", hint=hint))
 
 
 class TreeKeys:
@@ -89,7 +89,7 @@ class TreeKeys:
 
     def _call_keys(self, call: SubtreeCall) -> set[str] | None:
         keys = {outer for key, outer in call.remaps.items() if key not in _OF_THE_ELEMENT}
-        if call.shared or call.autoremap:
+        if call.shares_blackboard or call.autoremap:
             inner = self.keys_of(call.tree_id) if self._bounded else None
             if inner is None:
                 return None
@@ -116,7 +116,7 @@ def check_remappings(
         return
     used = tree_keys.keys_of(call.tree_id)
     declared = models.get(call.tree_id, {})
-    for key, text in call.written.items():
+    for key, text in call.port_texts.items():
         if key in _OF_THE_ELEMENT:
             continue
         if node.id == "SubTree" and call.remaps.get(key) == text and remapped_key(text, key, 3) is not None:
@@ -133,8 +133,8 @@ def check_remappings(
         if used is None or key in used or key in declared or node.element.get(key) is None:
             continue
         message = f"no port or script in the tree of {node_label(node)} uses '{key}'"
-        has_time = reporter.diagnostics.has_time_for_hint(used)
-        hint = _unused_key_hint(key, used, call.written) if has_time else ""
+        has_time = reporter.collector.has_time_for_hint(used)
+        hint = _unused_key_hint(key, used, call.port_texts) if has_time else ""
         reporter.warn(USELESS_REMAPPING, message, document, node, key, hint, part="name")
 
 

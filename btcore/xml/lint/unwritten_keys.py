@@ -17,15 +17,15 @@ _READING = (AccessKind.READS, AccessKind.READS_AS_KEY)
 class WrittenKeys:
     """The keys that are written in a dry run, to suggest them in place of unwritten keys."""
 
-    def __init__(self, dry_run: DryRun, given: Collection[str], diagnostics: DiagnosticCollector) -> None:
+    def __init__(self, dry_run: DryRun, given: Collection[str], collector: DiagnosticCollector) -> None:
         self.dry_run = dry_run
         self._given = given
-        self._diagnostics = diagnostics
+        self._collector = collector
         self._written: dict[Blackboard, dict[str, None]] = {}
 
     def guess(self, key: str, names: Collection[str]) -> str | None:
         """Return the name in *names* that is most similar to *key*, or None; also if time is up."""
-        return nearest_name(key, names) if self._diagnostics.has_time_for_hint(names) else None
+        return nearest_name(key, names) if self._collector.has_time_for_hint(names) else None
 
     def written_in(self, board: Blackboard) -> Collection[str]:
         """Return the keys of *board* that are written."""
@@ -50,7 +50,7 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter:
         dry_run: A completed dry run of the tree.
         given: Keys that the tree's blackboard holds before the first tick.
     """
-    keys = WrittenKeys(dry_run, given, reporter.diagnostics)
+    keys = WrittenKeys(dry_run, given, reporter.collector)
     homes = dry_run.entry_homes()
     for entry, uses in dry_run.uses.items():
         if entry not in homes or entry.value is not None:

@@ -5,11 +5,11 @@ from collections.abc import Collection, Mapping
 from typing import Final
 
 from btcore.diagnostic_codes import (
-    AMBIGUOUS_MAIN_TREE,
     FIRST_TICK_REFUSED,
     INCONVERTIBLE_TEXT,
     RECURSIVE_TREES,
     TOO_LARGE,
+    UNDETERMINED_MAIN_TREE,
 )
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import Diagnostic
@@ -18,7 +18,7 @@ from btcore.xml.lint.children import check_child_count, check_reachable_children
 from btcore.xml.lint.dry_run import DryRun
 from btcore.xml.lint.endless_ticks import EndlessTickCheck
 from btcore.xml.lint.entry_types import check_value_types
-from btcore.xml.lint.loose_text import check_stray_text
+from btcore.xml.lint.loose_text import check_loose_text
 from btcore.xml.lint.ports import (
     check_ignored_attributes,
     check_literals_of_class,
@@ -30,13 +30,13 @@ from btcore.xml.lint.reporter import LintReporter
 from btcore.xml.lint.scripts import check_script_results
 from btcore.xml.lint.subtree_calls import TreeKeys, check_remappings, check_unused_trees
 from btcore.xml.lint.unwritten_keys import check_keys
-from btcore.xml.node_creator import allow_depth
+from btcore.xml.node_creator import ensure_recursion_limit
 from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
 from btcore.xml.read.read import Document, read
 
 # After these errors each tree can still be dry-run: no main tree is selected, or only a tick raises.
-_HARMLESS: Final = frozenset({AMBIGUOUS_MAIN_TREE, FIRST_TICK_REFUSED})
+_HARMLESS: Final = frozenset({UNDETERMINED_MAIN_TREE, FIRST_TICK_REFUSED})
 # In format 3 the tree is built; only the node that reads the text raises.
 _HARMLESS_IN_FORMAT_3: Final = _HARMLESS | {INCONVERTIBLE_TEXT}
 # With these errors, following SubTree calls might not terminate in reasonable time.
@@ -76,11 +76,11 @@ def validate_document(
     gc.disable()  # the collector would scan the plans again and again, although they are no garbage
     try:
         plans = define_and_plan(read(document, nodes.documents), nodes, tree, format, every_tree=True)
-        found = _check_plans(plans, tree is not None, given)
+        collector = _check_plans(plans, tree is not None, given)
     finally:
         if was_enabled:
             gc.enable()
-    return [*sort_diagnostics(found.errors), *sort_diagnostics(found.warnings)]
+    return [*sort_diagnostics(collector.errors), *sort_diagnostics(collector.warnings)]
 
 
 def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> DiagnosticCollector:
@@ -91,25 +91,25 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
         is_selected: Whether the caller has selected the main tree.
         given: As in `validate_document`.
     """
-    found = DiagnosticCollector(plans.diagnostics)
+    collector = DiagnosticCollector(plans.diagnostics)
     definitions, main, enums = plans.definitions, plans.main, plans.registry.types.enums
     names_main = definitions.sources.main.root.get("main_tree_to_execute") is not None
     if not is_selected and definitions.all and not names_main:
         # The document is a library: no main tree is needed.
-        found.errors = [error for error in found.errors if error.code != AMBIGUOUS_MAIN_TREE]
+        collector.errors = [error for error in collector.errors if error.code != UNDETERMINED_MAIN_TREE]
     roots = [root for root in plans.roots() if root.id in plans.sizes]
     for root in roots:
-        allow_depth(plans.sizes[root.id].depth)
+        ensure_recursion_limit(plans.sizes[root.id].depth)
     models = definitions.subtree_models
-    reporter = LintReporter(found)
+    reporter = LintReporter(collector)
     results = _check_nodes(plans, models, reporter)
     EndlessTickCheck(plans, results, reporter).check(roots)
     for document in definitions.sources.documents:
-        check_stray_text(document, found)
+        check_loose_text(document, collector)
     if main is not None and names_main and not is_selected:
         check_unused_trees(plans, main, reporter)
     harmless = _HARMLESS_IN_FORMAT_3 if plans.dialect.format == 3 else _HARMLESS
-    if all(error.code in harmless for error in found.errors):
+    if all(error.code in harmless for error in collector.errors):
         room = MAX_REPEATED_NODES + sum(tree.size for tree in plans.trees.values())
         for root in roots:
             if root is not main:
@@ -118,19 +118,19 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
                     break
             dry_run = DryRun(plans)
             for error in dry_run.run(root):
-                found.add(error)
+                collector.add(error)
             # A subtree model declares ports that callers of the tree provide.
             known = {*given, *models.get(root.id, ())}
             check_keys(dry_run, root is main, known, reporter)
             check_value_types(dry_run, root is main, known, enums, reporter)
-    return found
+    return collector
 
 
 def _check_nodes(
     plans: Plans, models: Mapping[str, Mapping[str, str | None]], reporter: LintReporter
 ) -> ResultAnalysis:
     """Check every node of all trees by itself and with its children. Return the possible results."""
-    bounded = not any(error.code in _UNBOUNDED for error in reporter.diagnostics.errors)
+    bounded = not any(error.code in _UNBOUNDED for error in reporter.collector.errors)
     results = ResultAnalysis(plans, bounded)
     enums = plans.registry.types.enums
     tree_keys = TreeKeys(plans, enums, bounded)

@@ -157,14 +157,12 @@ def add_document_models(nodes: Registry, document: Document) -> list[str]:
         TreeError: A model is invalid; the others are registered.
     """
     added: list[str] = []
-    diagnostics = DiagnosticCollector()
+    collector = DiagnosticCollector()
     for model in _models(document):
         id = model.get("ID")
         if id is None:
             message = f"missing ID in the model <{model.tag}>"
-            diagnostics.add(
-                document.diagnostic(MISSING_ID, message, model, hint=f'write <{model.tag} ID="…">')
-            )
+            collector.add(document.diagnostic(MISSING_ID, message, model, hint=f'write <{model.tag} ID="…">'))
             continue
         known = nodes.get(str(id), 3) or nodes.get(str(id), 4)
         if known is not None and not known.is_overridable:
@@ -176,8 +174,8 @@ def add_document_models(nodes: Registry, document: Document) -> list[str]:
             _add(nodes, str(id), EXPLICIT_TAGS[str(model.tag)], ports, about, document, _metadata(model))
             added.append(str(id))
         except RegistrationError as error:
-            diagnostics.add(document.diagnostic(INVALID_NAME, str(error), model, "ID"))
-    diagnostics.collected().raise_errors()
+            collector.add(document.diagnostic(INVALID_NAME, str(error), model, "ID"))
+    collector.diagnostics.raise_errors()
     return added
 
 

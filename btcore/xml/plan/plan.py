@@ -13,7 +13,7 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition, define
-from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner, outline_trees
+from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner, check_trees
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.read import Document, Sources
@@ -105,9 +105,9 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
         every_tree: Whether all other trees are planned, too, and all scripts checked. Otherwise the scripts
             are checked only after errors: without errors they are compiled when the nodes are created.
     """
-    found = DiagnosticCollector(definitions.diagnostics)
-    context = PlanContext(definitions, registry, found)
-    outlines = outline_trees(context)
+    collector = DiagnosticCollector(definitions.diagnostics)
+    context = PlanContext(definitions, registry, collector)
+    structures = check_trees(context)
     trees: dict[str, TreePlan] = {}
     by_id, main = definitions.by_id, definitions.main
     pending: list[TreeDefinition] = [*by_id.values()][::-1] if every_tree else []
@@ -116,7 +116,7 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
     while pending:
         definition = pending.pop()
         if definition.id not in trees:
-            trees[definition.id] = tree = TreePlanner(context, definition).plan(outlines[definition])
+            trees[definition.id] = tree = TreePlanner(context, definition).plan(structures[definition])
             pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
     planned_main = None if main is None else trees[main.id]
     plans = Plans(definitions, registry, trees, planned_main, {}, Diagnostics())
@@ -125,12 +125,12 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
     # Trees that call each other may have no root among them.
     for tree in (*plans.roots(), *trees.values()):
         if tree.id not in checked:
-            _measure(tree, trees, sizes, found)
+            _measure(tree, trees, sizes, collector)
             checked |= {called.id for called in plans.reachable(tree, checked)}
-    if every_tree or found.errors:
+    if every_tree or collector.errors:
         for tree in trees.values():
-            _check_scripts(tree, registry.types.enums, found)
-    return plans._replace(sizes=sizes, diagnostics=found.collected())
+            _check_scripts(tree, registry.types.enums, collector)
+    return plans._replace(sizes=sizes, diagnostics=collector.diagnostics)
 
 
 def define_and_plan(
@@ -169,7 +169,7 @@ def define_and_plan(
 
 
 def _measure(
-    root: TreePlan, trees: Mapping[str, TreePlan], sizes: dict[str, TreeSize], found: DiagnosticCollector
+    root: TreePlan, trees: Mapping[str, TreePlan], sizes: dict[str, TreeSize], collector: DiagnosticCollector
 ) -> None:
     """Add the sizes of *root* and of the trees that it calls, or an error if they are recursive or too large.
 
@@ -194,7 +194,7 @@ def _measure(
         for call in trees[id].calls:
             if call.tree_id in places:
                 is_recursive = True
-                _add_cycle(path, places[call.tree_id], trees[id], call, found)
+                _add_cycle(path, places[call.tree_id], trees[id], call, collector)
             elif call.tree_id in trees and call.tree_id not in order:
                 pending.append((call.tree_id, False))
     if is_recursive:
@@ -212,12 +212,12 @@ def _measure(
         message = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
     if message:
         definition = root.definition
-        found.add(definition.document.diagnostic(TOO_LARGE, message, definition.element, "ID", hint=hint))
+        collector.add(definition.document.diagnostic(TOO_LARGE, message, definition.element, "ID", hint=hint))
         del sizes[root.id]
 
 
 def _add_cycle(
-    path: list[str], start: int, tree: TreePlan, call: SubtreeCall, found: DiagnosticCollector
+    path: list[str], start: int, tree: TreePlan, call: SubtreeCall, collector: DiagnosticCollector
 ) -> None:
     """Add the error for *call* in the last tree of *path*: it calls the tree with the index *start*."""
     if len(path) - start < _MAX_SHOWN_CYCLE:
@@ -228,19 +228,19 @@ def _add_cycle(
     message = f"the trees call each other recursively: {' → '.join([*cycle, call.tree_id])}"
     document = tree.definition.document
     hint = "a tree can't contain itself"
-    found.add(document.diagnostic(RECURSIVE_TREES, message, call.element, "ID", hint=hint))
+    collector.add(document.diagnostic(RECURSIVE_TREES, message, call.element, "ID", hint=hint))
 
 
-def _check_scripts(tree: TreePlan, enums: dict[str, int], found: DiagnosticCollector) -> None:
+def _check_scripts(tree: TreePlan, enums: dict[str, int], collector: DiagnosticCollector) -> None:
     """Add an error for each invalid script of *tree*."""
     for node in tree.nodes():
-        for key, text, _ in node.every_script():
+        for key, text, _ in node.iter_scripts():
             if not text and key not in node.scripts:
                 continue  # BehaviorTree.CPP accepts an empty port of a Script, and checks it only in ticks
             try:
                 compile_script(text, enums)
             except ScriptError as error:
-                found.add(script_diagnostic(tree.definition.document, node, key, error))
+                collector.add(script_diagnostic(tree.definition.document, node, key, error))
 
 
 def script_diagnostic(document: Document, node: NodePlan, key: str, error: ScriptError) -> Diagnostic:

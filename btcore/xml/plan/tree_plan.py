@@ -58,16 +58,17 @@ class SubtreeCall:
         element: The SubTree element.
         remaps: For each remapped key of the called tree, the key in the calling tree.
         constants: For each key of the called tree that is set to a constant, the text of the constant.
-        written: The text of each port: as written in the document, else the default in the subtree's model.
+        port_texts: The text of each port: as written in the XML, else the default in the subtree's model.
         autoremap: Whether `_autoremap`, or `__autoremap` of format 3, maps every inner key to the outer
             key of the same name.
         outer_constants: The keys of the constants that *autoremap* maps, too: they are written to the entries
             of the calling tree. All other constants stay in the inner blackboard.
-        shared: Whether both trees use one blackboard (`__shared_blackboard` of format 3).
+        shares_blackboard: Whether both trees use one blackboard (`__shared_blackboard` of format 3).
     """
 
     __slots__ = (
-        "autoremap", "constants", "element", "outer_constants", "remaps", "shared", "tree_id", "written",
+        "autoremap", "constants", "element", "outer_constants", "port_texts", "remaps", "shares_blackboard",
+        "tree_id",
     )  # fmt: skip
 
     def __init__(self, tree_id: str, element: Element) -> None:
@@ -75,14 +76,14 @@ class SubtreeCall:
         self.element = element
         self.remaps: dict[str, str] = {}
         self.constants: dict[str, str] = {}
-        self.written: dict[str, str] = {}
+        self.port_texts: dict[str, str] = {}
         self.autoremap = False
-        self.shared = False
+        self.shares_blackboard = False
         self.outer_constants: set[str] = set()
 
 
 class NodePlan:
-    """One node of a tree definition. `_Outline` creates it, and `TreePlanner` adds what the registry knows.
+    """One node of a tree definition. `check_trees` creates it, and `TreePlanner` adds ports and scripts.
 
     *depth* counts from the `<BehaviorTree>`, which has depth 0. *bindings* holds the ports that the
     document sets, in its order, then the other ports that have a default. *attributes* holds the attributes
@@ -108,15 +109,15 @@ class NodePlan:
     @property
     def ports(self) -> list[tuple[Port, str, bool]]:
         """The ports, as (port, text, whether the document sets the port)."""
-        return [(bound.port, bound.text, bound.is_explicit) for bound in self.bindings]
+        return [(binding.port, binding.text, binding.is_explicit) for binding in self.bindings]
 
-    def every_script(self) -> Iterator[tuple[str, str, bool]]:
+    def iter_scripts(self) -> Iterator[tuple[str, str, bool]]:
         """Yield (attribute, text, whether the script is a condition) for each script of the node."""
         for attribute, text in self.scripts.items():
             yield attribute, text, attribute in PRECONDITION_ATTRIBUTES
-        for bound in self.bindings:
-            if bound.port.role in SCRIPT_ROLES and bound.key is None:
-                yield bound.name, bound.text, bound.port.role is PortRole.CONDITION
+        for binding in self.bindings:
+            if binding.port.role in SCRIPT_ROLES and binding.key is None:
+                yield binding.name, binding.text, binding.port.role is PortRole.CONDITION
 
 
 class TreePlan:
@@ -168,25 +169,25 @@ class BindingCache:
         self.ports = manifest.ports
         self.bindings: dict[str, dict[str, Binding]] = {name: {} for name in manifest.ports}
         self.defaults = [
-            (Input if port.reads else Binding)(port, port.default, format, written=False)
+            (Input if port.reads else Binding)(port, port.default, format, is_explicit=False)
             for port in manifest.ports.values()
             if port.default is not None
         ]
 
 
 class PlanContext:
-    """What the planners of all trees of a document share: definitions, registry, what was found so far."""
+    """What the planners of all trees of a document share: definitions, registry, diagnostics."""
 
-    def __init__(self, definitions: Definitions, registry: Registry, found: DiagnosticCollector) -> None:
+    def __init__(self, definitions: Definitions, registry: Registry, collector: DiagnosticCollector) -> None:
         self.definitions = definitions
         self.dialect: Dialect = definitions.dialect
         self.registry = registry
-        self.found = found
-        self.bindings_by_id: dict[str, BindingCache] = {}
-        self.bindings_by_tag: dict[str, BindingCache] = {}
+        self.collector = collector
+        self.caches_by_id: dict[str, BindingCache] = {}
+        self.caches_by_tag: dict[str, BindingCache] = {}
         # Names of attributes that _sort_attributes() kept. Its decision depends only on the name, so it is
         # not called again for these names.
-        self.kept: set[str] = set()
+        self.kept_attributes: set[str] = set()
 
     def manifest(self, id: str) -> Manifest | None:
         """Return the manifest of a node, or None if it is unknown in the format of the document."""
@@ -206,7 +207,7 @@ def count_text(count: int) -> str:
     return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
 
 
-def outline_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
+def check_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
     """Check the structure of all trees of the documents, whether they are used or not.
 
     Returns:
@@ -218,81 +219,81 @@ def outline_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
         if dialect.format == 4 and len(models) > 1:
             message = "second <TreeNodesModel> in the document"
             hint = "move its models into the first <TreeNodesModel>"
-            context.found.add(document.diagnostic(DUPLICATE_MODELS, message, models[1], hint=hint))
-    tags = _Tags(context)
+            context.collector.add(document.diagnostic(DUPLICATE_MODELS, message, models[1], hint=hint))
+    tag_cache = _TagCache(context)
     return {
-        definition: _Outline(context, tags, definition.document).nodes(definition.element)
+        definition: _StructureChecker(context, tag_cache, definition.document).check(definition.element)
         for definition in definitions.all
     }
 
 
-class _Tags:
-    """What the outlines of all trees share about tags, each found once."""
+class _TagCache:
+    """What is known about the tags of all trees: the node types, and hints for unknown nodes."""
 
     def __init__(self, context: PlanContext) -> None:
         self._context = context
-        self.kinds: dict[str, NodeType | None] = {}
-        self.leaves: set[str] = set()
+        self.node_types: dict[str, NodeType | None] = {}
+        self.leaf_tags: set[str] = set()
         self._hints: UnknownNodeHints | None = None
         # The files that declare nodes in their TreeNodesModel, by ID; None before the first unknown node.
-        self._declared: dict[str | None, str] | None = None
+        self._declaring_files: dict[str | None, str] | None = None
 
-    def kind_of(self, tag: str) -> NodeType | None:
+    def find_node_type(self, tag: str) -> NodeType | None:
         """Return the node type that limits the children of *tag*; None if *tag* is not the ID of a node."""
         manifest = self._context.manifest(tag)
         dialect = self._context.dialect
-        kind = None
+        node_type = None
         if manifest is not None and tag not in dialect.subtree_tags and tag not in EXPLICIT_TAGS:
-            kind = manifest.type
-            needed = dialect.controls_need_children
-            may_be_empty = kind is NodeType.CONTROL and needed is not None and tag not in needed
+            node_type = manifest.type
+            needed = dialect.controls_requiring_children
+            may_be_empty = node_type is NodeType.CONTROL and needed is not None and tag not in needed
             # UNDEFINED permits any number of children.
-            if may_be_empty or (kind in _LEAVES and not dialect.leaves_checked):
-                kind = NodeType.UNDEFINED
-        self.kinds[tag] = kind
-        if kind in _LEAVES:
-            self.leaves.add(tag)
-        return kind
+            if may_be_empty or (node_type in _LEAVES and not dialect.checks_leaf_children):
+                node_type = NodeType.UNDEFINED
+        self.node_types[tag] = node_type
+        if node_type in _LEAVES:
+            self.leaf_tags.add(tag)
+        return node_type
 
     def unknown_node_hint(self, node: str) -> str:
         """Return a hint for the unknown *node*."""
         context = self._context
         if self._hints is None:
             self._hints = UnknownNodeHints(context.registry, context.dialect.format)
-        if not context.found.has_time_for_hint(self._hints.names):
+        if not context.collector.has_time_for_hint(self._hints.names):
             return ""
-        if self._declared is None:
-            self._declared = {
+        if self._declaring_files is None:
+            self._declaring_files = {
                 model.get("ID"): document.file
                 for document in reversed(context.definitions.sources.documents)
                 for models in document.root.iterchildren("TreeNodesModel")
                 for model in models.iterchildren(*EXPLICIT_TAGS)
             }
         trees = context.definitions.by_id
-        return self._hints.hint(node, trees, self._declared.get(node))
+        return self._hints.hint(node, trees, self._declaring_files.get(node))
 
 
-class _Outline:
+class _StructureChecker:
     """Checks the structure of one tree."""
 
-    def __init__(self, context: PlanContext, tags: _Tags, document: Document) -> None:
+    def __init__(self, context: PlanContext, tag_cache: _TagCache, document: Document) -> None:
         self._dialect: Dialect = context.dialect
         self._context = context
-        self._found = context.found
-        self._tags = tags
+        self._collector = context.collector
+        self._tag_cache = tag_cache
         self._document = document
 
     def _report(
         self, code: DiagnosticCode, message: str, element: Element, attribute: str = "", hint: str = ""
     ) -> None:
-        self._found.add(self._document.diagnostic(code, message, element, attribute, hint=hint))
+        self._collector.add(self._document.diagnostic(code, message, element, attribute, hint=hint))
 
-    def nodes(self, top: Element) -> list[NodePlan]:
-        """Return the nodes of the tree *top* in pre-order, beginning with *top*."""
-        limit = self._document.max_depth or self._dialect.max_depth
-        closed, ignored_below = self._dialect.closed_tags, self._dialect.ignoring_tags
+    def check(self, top: Element) -> list[NodePlan]:
+        """Check the tree *top*. Return its nodes in pre-order, beginning with *top*."""
+        dialect = self._dialect
+        limit = self._document.max_depth or dialect.max_depth
         ignored: set[NodePlan] = set()
-        kinds, leaves = self._tags.kinds, self._tags.leaves
+        node_types, leaf_tags = self._tag_cache.node_types, self._tag_cache.leaf_tags
         nodes: list[NodePlan] = []
         pending = [NodePlan(top, 0)]
         while pending:
@@ -307,30 +308,30 @@ class _Outline:
             element = node.element
             tag = element.tag
             children = element.children
-            if not children and tag in leaves:
+            if not children and tag in leaf_tags:
                 continue
             if children:
                 children = element_children(element)
                 if len(children) != len(element.children):
                     self._warn_obsolete_root(element)
-            kind = kinds[tag] if tag in kinds else self._tags.kind_of(tag)
-            if kind is None:
+            node_type = node_types[tag] if tag in node_types else self._tag_cache.find_node_type(tag)
+            if node_type is None:
                 self._check_other_tag(tag, element, children)
-            elif children or tag not in leaves:
-                self._check_child_count(tag, kind, element, children)
+            elif children or tag not in leaf_tags:
+                self._check_child_count(tag, node_type, element, children)
             if not children:
                 continue
             depth = node.depth + 1
             if depth > limit:
                 message = f"elements are nested more than {limit:,} deep"
                 self._report(TOO_DEEP, message, element, hint="split the tree into subtrees")
-            elif tag not in closed:
-                below = [NodePlan(child, depth) for child in children]
-                pending += reversed(below)
-                if tag in ignored_below or node in ignored:
-                    ignored.update(below)
+            elif tag not in dialect.tags_with_unchecked_children:
+                child_nodes = [NodePlan(child, depth) for child in children]
+                pending += reversed(child_nodes)
+                if tag in dialect.tags_with_ignored_children or node in ignored:
+                    ignored.update(child_nodes)
                 else:
-                    node.children = below
+                    node.children = child_nodes
         return nodes
 
     def _warn_obsolete_root(self, element: Element) -> None:
@@ -348,7 +349,7 @@ class _Outline:
             self._check_explicit(tag, element, children)
         else:
             self._report(
-                UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=self._tags.unknown_node_hint(tag)
+                UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=self._tag_cache.unknown_node_hint(tag)
             )
 
     def _check_explicit(self, tag: str, element: Element, children: list[Element]) -> None:
@@ -361,25 +362,25 @@ class _Outline:
         manifest = self._context.manifest(node)
         if manifest is None:
             self._report(
-                UNKNOWN_NODE, f"unknown node '{node}'", element, "ID", self._tags.unknown_node_hint(node)
+                UNKNOWN_NODE, f"unknown node '{node}'", element, "ID", self._tag_cache.unknown_node_hint(node)
             )
             return
-        kind = manifest.type if self._dialect.explicit_by_id else EXPLICIT_TAGS[tag]
-        self._check_child_count(node, kind, element, children)
+        node_type = manifest.type if self._dialect.type_from_id else EXPLICIT_TAGS[tag]
+        self._check_child_count(node, node_type, element, children)
 
     def _check_child_count(
-        self, node: str, kind: NodeType, element: Element, children: list[Element]
+        self, node: str, node_type: NodeType, element: Element, children: list[Element]
     ) -> None:
         """Add an error if *children* are too few or too many for *node*, which is of *kind*."""
         count = len(children)
         has = count_text(count)
-        if kind is NodeType.DECORATOR:
+        if node_type is NodeType.DECORATOR:
             if count != 1:
                 hint = "put them into a <Sequence>" if count else ""
                 self._report(
                     WRONG_CHILD_COUNT, f"<{node}> has {has}; a decorator has exactly 1", element, hint=hint
                 )
-        elif kind is NodeType.CONTROL:
+        elif node_type is NodeType.CONTROL:
             manifest = self._context.manifest(node)
             least = 1 if manifest is None else max(manifest.spec.child_count_at_load[0], 1)
             if count < least:
@@ -390,8 +391,8 @@ class _Outline:
                 self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
             elif node == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
                 self._check_asynchronous(children)
-        elif count and kind in _LEAVES:
-            self._report(WRONG_CHILD_COUNT, f"<{node}> has {has}; {_LEAVES[kind]} has none", element)
+        elif count and node_type in _LEAVES:
+            self._report(WRONG_CHILD_COUNT, f"<{node}> has {has}; {_LEAVES[node_type]} has none", element)
 
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
@@ -404,7 +405,7 @@ class _Outline:
     def _check_tree(self, element: Element, children: list[Element]) -> None:
         name = element.get("ID") or ""
         label = f"the tree '{name}'" if name else "the tree"
-        if self._dialect.tree_ids_checked and name:
+        if self._dialect.checks_names and name:
             self._check_not_a_node(name, element)
             if not FORBIDDEN.isdisjoint(name):
                 message = f"invalid tree ID '{name}': {forbidden_in(name)!r} is not allowed"
@@ -421,9 +422,9 @@ class _Outline:
         if element.get("ID") is None or (not name and self._dialect.format == 4):
             message = f"the ID of the tree is missing in <{tag}>"
             self._report(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>')
-        elif self._dialect.tree_ids_checked:
+        elif self._dialect.checks_names:
             self._check_not_a_node(name, element)
-        if children and tag in self._dialect.ignoring_tags:
+        if children and tag in self._dialect.tags_with_ignored_children:
             message = f'the children of <{tag} ID="{name}"> are ignored'
             hint = "move them into the <BehaviorTree> that it calls, or remove them"
             self._report(UNREACHABLE_CHILD, message, children[0], hint=hint)
@@ -447,24 +448,24 @@ class TreePlanner:
     def __init__(self, context: PlanContext, definition: TreeDefinition) -> None:
         self._context = context
         self._dialect = context.dialect
-        self._found = context.found
+        self._collector = context.collector
         self._definition = definition
 
-    def plan(self, outline: list[NodePlan]) -> TreePlan:
+    def plan(self, nodes: list[NodePlan]) -> TreePlan:
         """Return the plan of the tree, without the trees that it calls.
 
         Args:
-            outline: The nodes of the tree in pre-order, beginning with its `<BehaviorTree>`.
+            nodes: The nodes of the tree in pre-order, beginning with its `<BehaviorTree>`.
         """
-        plan = TreePlan(self._definition, None)
-        top, *nodes = outline
+        tree = TreePlan(self._definition, None)
+        top, *nodes = nodes
         if nodes:
-            plan.root = nodes[0]
+            tree.root = nodes[0]
             if len(top.children) > 1:
                 # A tree has one root; further roots are an error of the structure, and ignored here.
                 nodes = nodes[: nodes.index(top.children[1])]
-            self._plan_nodes(nodes, plan)
-        return plan
+            self._plan_nodes(nodes, tree)
+        return tree
 
     def _report(
         self,
@@ -473,32 +474,34 @@ class TreePlanner:
         element: Element,
         attribute: str,
         hint: str = "",
-        name: bool = False,
+        at_name: bool = False,
     ) -> None:
-        part: ElementPart = "name" if name else "value"
-        self._found.add(self._definition.document.diagnostic(code, message, element, attribute, part, hint))
+        part: ElementPart = "name" if at_name else "value"
+        self._collector.add(
+            self._definition.document.diagnostic(code, message, element, attribute, part, hint)
+        )
 
     def _plan_nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
         """Plan *nodes*, and remove unknown nodes, which are errors of the structure, from the tree."""
         tree.size = len(nodes)
         tree.depth = max(map(_DEPTH_OF, nodes))
-        known_tags = self._context.bindings_by_tag
+        caches = self._context.caches_by_tag
         unknown: set[NodePlan] = set()
         for node in nodes:
             tag = node.element.tag
-            known = known_tags.get(tag)
-            if known is None:
+            cache = caches.get(tag)
+            if cache is None:
                 if tag in self._dialect.subtree_tags:
                     if not self._plan_call(tag, node, tree):
                         unknown.add(node)
                     continue
-                known = self._look_up(tag, node.element)
-                if known is None:
+                cache = self._find_cache(tag, node.element)
+                if cache is None:
                     unknown.add(node)
                     continue
-            node.id = known.id
-            node.manifest = known.manifest
-            self._plan_attributes(node, known)
+            node.id = cache.id
+            node.manifest = cache.manifest
+            self._plan_attributes(node, cache)
         if unknown:
             tree.has_unknown_nodes = True
             if tree.root in unknown:
@@ -506,103 +509,108 @@ class TreePlanner:
             for node in nodes:
                 node.children = [child for child in node.children if child not in unknown]
 
-    def _look_up(self, tag: str, element: Element) -> BindingCache | None:
+    def _find_cache(self, tag: str, element: Element) -> BindingCache | None:
         """Return the bindings for the node that *element* names, or None if the node is unknown."""
         id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
-        known = self._context.bindings_by_id.get(id)
-        if known is None:
+        cache = self._context.caches_by_id.get(id)
+        if cache is None:
             manifest = self._context.manifest(id)
             if manifest is None:
                 return None
-            self._context.bindings_by_id[id] = known = BindingCache(id, manifest, self._dialect.format)
+            self._context.caches_by_id[id] = cache = BindingCache(id, manifest, self._dialect.format)
         if tag not in EXPLICIT_TAGS:
-            self._context.bindings_by_tag[tag] = known
-        return known
+            self._context.caches_by_tag[tag] = cache
+        return cache
 
-    def _plan_attributes(self, plan: NodePlan, known: BindingCache) -> None:
+    def _plan_attributes(self, node: NodePlan, cache: BindingCache) -> None:
         bindings: list[Binding] = []
-        others: dict[str, str] = {}
-        known_bindings = known.bindings
-        for key, text in plan.element.attributes.items():
-            by_text = known_bindings.get(key)
+        other_attributes: dict[str, str] = {}
+        cached_bindings = cache.bindings
+        for key, text in node.element.attributes.items():
+            by_text = cached_bindings.get(key)
             if by_text is not None:
-                bindings.append(by_text.get(text) or self._bind(plan, known.ports[key], text, by_text))
+                port = cache.ports[key]
+                bindings.append(by_text.get(text) or self._create_binding(node, port, text, by_text))
             elif key == "name":
-                plan.name = text
+                node.name = text
                 if not text.isprintable():
-                    self._check_name(plan, text)
+                    self._check_name(node, text)
             else:
-                others[key] = text
-        if others:
-            if not self._context.kept.issuperset(others):
-                others = self._sort_attributes(plan, known.manifest, others)
-            plan.attributes = others
-        if known.defaults and len(bindings) < len(known.bindings):
-            given = {bound.port for bound in bindings}
-            bindings += [bound for bound in known.defaults if bound.port not in given]
-        plan.bindings = bindings
+                other_attributes[key] = text
+        if other_attributes:
+            if not self._context.kept_attributes.issuperset(other_attributes):
+                other_attributes = self._sort_attributes(node, cache.manifest, other_attributes)
+            node.attributes = other_attributes
+        if cache.defaults and len(bindings) < len(cache.bindings):
+            given = {binding.port for binding in bindings}
+            bindings += [binding for binding in cache.defaults if binding.port not in given]
+        node.bindings = bindings
 
-    def _sort_attributes(self, plan: NodePlan, manifest: Manifest, others: dict[str, str]) -> dict[str, str]:
-        """Return the attributes in *others* to keep. *others* holds neither ports nor the name.
+    def _sort_attributes(
+        self, node: NodePlan, manifest: Manifest, attributes: dict[str, str]
+    ) -> dict[str, str]:
+        """Return those of *attributes* that are kept. They hold neither ports nor the name.
 
-        Scripts are stored in `plan.scripts`. Attributes that are neither kept nor scripts are errors.
+        Scripts are stored in `node.scripts`. Attributes that are neither kept nor scripts are errors.
         """
         dialect = self._dialect
         scripts: dict[str, str] = {}
         kept: dict[str, str] = {}
-        for key, text in others.items():
+        for key, text in attributes.items():
             if key in SCRIPT_ATTRIBUTES and dialect.has_conditions:
                 scripts[key] = text
             elif key == "ID":
-                if dialect.explicit_by_id and plan.element.tag not in EXPLICIT_TAGS:
+                if dialect.requires_explicit_tag_for_id and node.element.tag not in EXPLICIT_TAGS:
                     message = (
-                        f'unexpected ID in <{plan.id}>: only explicit tags such as <Action ID="…"> have one'
+                        f'unexpected ID in <{node.id}>: only explicit tags such as <Action ID="…"> have one'
                     )
                     self._report(
-                        UNEXPECTED_ID, message, plan.element, key, 'to name the node, write name="…"'
+                        UNEXPECTED_ID, message, node.element, key, 'to name the node, write name="…"'
                     )
-            elif key in dialect.reserved or (dialect.free_underscore and not is_port_name(key)):
+            elif key in dialect.reserved_attributes or (
+                dialect.allows_non_port_attributes and not is_port_name(key)
+            ):
                 kept[key] = text
             else:
-                message = f"<{plan.id}> has no port '{key}'"
-                has_time = self._found.has_time_for_hint(manifest.ports)
+                message = f"<{node.id}> has no port '{key}'"
+                has_time = self._collector.has_time_for_hint(manifest.ports)
                 hint = port_hint(manifest, key) if has_time else ""
-                self._report(UNKNOWN_PORT, message, plan.element, key, hint, name=True)
+                self._report(UNKNOWN_PORT, message, node.element, key, hint, at_name=True)
         if scripts:
-            plan.scripts = {
+            node.scripts = {
                 key: scripts[key]
                 for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
                 if key in scripts
             }
-        self._context.kept.update(kept)
+        self._context.kept_attributes.update(kept)
         return kept
 
-    def _check_name(self, plan: NodePlan, text: str) -> None:
-        if self._dialect.has_conditions and not _CONTROL_CHARACTERS.isdisjoint(text):
+    def _check_name(self, node: NodePlan, text: str) -> None:
+        if self._dialect.checks_names and not _CONTROL_CHARACTERS.isdisjoint(text):
             message = f"control character in the name {text!r}"
-            self._report(CONTROL_CHARACTER_IN_NAME, message, plan.element, "name")
+            self._report(CONTROL_CHARACTER_IN_NAME, message, node.element, "name")
 
-    def _bind(self, plan: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
+    def _create_binding(self, node: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
         """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
-        bound = (Input if port.reads else Binding)(port, text, self._dialect.format)
-        if bound.key is None:
-            is_fine = not bound.error and text != port.default
+        binding = (Input if port.reads else Binding)(port, text, self._dialect.format)
+        if binding.key is None:
+            is_fine = not binding.error and text != port.default
         else:
             is_fine = text[0] == "{" and text[-1] == "}"
-        if is_fine or not self._dialect.literals_checked or self._is_convertible(plan, bound):
-            by_text[text] = bound
-        return bound
+        if is_fine or not self._dialect.checks_literals or self._check_literal(node, binding):
+            by_text[text] = binding
+        return binding
 
-    def _is_convertible(self, plan: NodePlan, bound: Binding) -> bool:
+    def _check_literal(self, node: NodePlan, binding: Binding) -> bool:
         """Return whether the text is a `{key}` or converts to the port's type; otherwise add an error."""
-        port, text = bound.port, bound.text
+        port, text = binding.port, binding.text
         if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
             return True  # a key, possibly in the notation of the other format
         kind = port.type
         if not port.checks_text:
             return True
-        error = bound.error
-        if bound.key is not None or text == port.default:
+        error = binding.error
+        if binding.key is not None or text == port.default:
             # The binding has not converted the text.
             try:
                 kind.from_text(text)
@@ -611,47 +619,47 @@ class TreePlanner:
         if not error:
             return True
         hint = ""
-        if bound.key is not None:
+        if binding.key is not None:
             hint = "write {=}" if "=" in text else f"write {text.strip()} without surrounding spaces"
         elif is_port_name(text):
             hint = f"to use the blackboard entry, write {{{text}}}"
-        message = f"the port '{port.name}' of <{plan.id}> has the type {kind.name}: {error}"
-        self._report(INCONVERTIBLE_TEXT, message, plan.element, port.name, hint)
+        message = f"the port '{port.name}' of <{node.id}> has the type {kind.name}: {error}"
+        self._report(INCONVERTIBLE_TEXT, message, node.element, port.name, hint)
         return False
 
     # --- SubTree elements
 
-    def _plan_call(self, tag: str, plan: NodePlan, tree: TreePlan) -> bool:
+    def _plan_call(self, tag: str, node: NodePlan, tree: TreePlan) -> bool:
         """Plan a SubTree element. Return whether the called tree exists."""
-        element = plan.element
+        element = node.element
         id = element.get("ID") or ""
-        plan.id = tag
-        plan.manifest = self._context.manifest(tag)
+        node.id = tag
+        node.manifest = self._context.manifest(tag)
         call = SubtreeCall(id, element)
-        plan.call = call
+        node.call = call
         tree.calls.append(call)
         if self._dialect.format == 3:
-            self._connect_call_of_3(plan, call, tag)
+            self._connect_call_of_3(node, call, tag)
         else:
-            self._connect_call_of_4(plan, call)
+            self._connect_call_of_4(node, call)
         if id in self._context.definitions.by_id:
             return True
         if element.get("ID") is not None and self._context.definitions.are_complete:
             known = self._context.definitions.by_id
-            hint = tree_hint(id, known) if self._found.has_time_for_hint(known) else ""
+            hint = tree_hint(id, known) if self._collector.has_time_for_hint(known) else ""
             self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
         return False
 
-    def _connect_call_of_4(self, plan: NodePlan, call: SubtreeCall) -> None:
+    def _connect_call_of_4(self, node: NodePlan, call: SubtreeCall) -> None:
         given: dict[str, str] = {}
         scripts: dict[str, str] = {}
         attributes: dict[str, str] = {}
-        for key, text in plan.element.attributes.items():
+        for key, text in node.element.attributes.items():
             if key == "_autoremap":
-                call.autoremap = self._read_bool(plan, key, text)
+                call.autoremap = self._read_bool(node, key, text)
             elif key == "name":
-                plan.name = text
-                self._check_name(plan, text)
+                node.name = text
+                self._check_name(node, text)
             elif key in SCRIPT_ATTRIBUTES:
                 scripts[key] = text
             elif key == "ID":
@@ -660,45 +668,45 @@ class TreePlanner:
                 given[key] = text
             else:
                 attributes[key] = text
-        plan.scripts, plan.attributes = scripts, attributes
+        node.scripts, node.attributes = scripts, attributes
         if not call.autoremap:
             for port, default in self._context.definitions.subtree_models.get(call.tree_id, {}).items():
                 if port in given:
                     continue
                 if default is None or default == "":
-                    if self._found.is_full(MISSING_SUBTREE_PORT):
+                    if self._collector.is_full(MISSING_SUBTREE_PORT):
                         break
                     message = (
                         f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
                     )
                     hint = f'write {port}="…", or declare a default in <TreeNodesModel>'
-                    self._report(MISSING_SUBTREE_PORT, message, plan.element, "", hint)
+                    self._report(MISSING_SUBTREE_PORT, message, node.element, "", hint)
                 else:
                     given[port] = default
-        call.written = given
+        call.port_texts = given
         for key, text in given.items():
             # In a SubTree "=" is a constant, and only "{=}" stands for the key of the same name. As the
             # default of a model it stands for the key "=".
             outer = braced_key(text)
             if outer is not None:
-                call.remaps[key] = key if text == "{=}" and key in plan.element.attributes else outer
+                call.remaps[key] = key if text == "{=}" and key in node.element.attributes else outer
             else:
                 call.constants[key] = text
 
-    def _connect_call_of_3(self, plan: NodePlan, call: SubtreeCall, tag: str) -> None:
-        for key, text in plan.element.attributes.items():
+    def _connect_call_of_3(self, node: NodePlan, call: SubtreeCall, tag: str) -> None:
+        for key, text in node.element.attributes.items():
             if key == "ID":
                 continue
             if key == "__shared_blackboard" and tag == "SubTree":
-                call.shared = self._read_bool(plan, key, text)
+                call.shares_blackboard = self._read_bool(node, key, text)
             elif key == "__autoremap" and tag == "SubTreePlus":
-                call.autoremap = self._read_bool(plan, key, text)
+                call.autoremap = self._read_bool(node, key, text)
             elif tag == "SubTree":
-                call.written[key] = text
+                call.port_texts[key] = text
                 # <SubTree> of format 3 has no braces: the text is the outer key itself.
                 call.remaps[key] = text
             else:
-                call.written[key] = text
+                call.port_texts[key] = text
                 outer = braced_key(text, 3)
                 if outer is not None:
                     call.remaps[key] = outer
@@ -708,12 +716,12 @@ class TreePlanner:
                     if call.autoremap:
                         call.outer_constants.add(key)
         # Format 3 ignores the name of a call.
-        plan.name = call.tree_id
+        node.name = call.tree_id
 
-    def _read_bool(self, plan: NodePlan, key: str, text: str) -> bool:
+    def _read_bool(self, node: NodePlan, key: str, text: str) -> bool:
         try:
             return BOOL.from_text(text, self._dialect.format) is True
         except ConversionError:
             message = f"{key} must be 'true' or 'false', not '{text}'"
-            self._report(NOT_A_BOOLEAN, message, plan.element, key)
+            self._report(NOT_A_BOOLEAN, message, node.element, key)
             return False

@@ -79,8 +79,9 @@ class DiagnosticCollector:
         self._comparisons -= len(names)
         return True
 
-    def collected(self) -> Diagnostics:
-        """Return all diagnostics so far."""
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """All diagnostics so far."""
         return Diagnostics(tuple(self.errors), tuple(self.warnings), self._comparisons)
 
 

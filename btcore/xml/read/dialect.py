@@ -4,7 +4,7 @@ from typing import Final, NamedTuple
 
 from btcore.status import NodeType
 
-# Explicit tags name the kind of a node; its ID is an attribute.
+# Explicit tags name the type of a node; its ID is an attribute.
 EXPLICIT_TAGS: Final = {
     "Action": NodeType.ACTION,
     "Condition": NodeType.CONDITION,
@@ -30,33 +30,36 @@ class Dialect(NamedTuple):
     """The rules of one XML format.
 
     - *subtree_tags*: the tags that call a subtree.
-    - *closed_tags*: those of them whose content is not checked: children are an error already.
-    - *ignoring_tags*: those of them whose children are checked, but ignored.
-    - *reserved*: attributes of a node that are never ports.
-    - *has_conditions*: nodes have pre- and post-conditions, and names without control characters.
-    - *free_underscore*: any other attribute whose name is not a valid port name is allowed and ignored.
+    - *tags_with_unchecked_children*: those of them whose children are an error, and are not checked.
+    - *tags_with_ignored_children*: those of them whose children are checked, but ignored.
+    - *reserved_attributes*: attributes of a node that are never ports.
+    - *has_conditions*: nodes have pre- and post-conditions.
+    - *allows_non_port_attributes*: any other attribute whose name is not a valid port name is ignored.
     - *last_tree_wins*: the last of several trees with the same ID is used, otherwise the first.
-    - *explicit_by_id*: the type of a node such as `<Action ID="…">` comes from its ID, not from its tag.
-    - *literals_checked*: a text that doesn't convert to the port's type is an error when the tree is loaded.
-    - *controls_need_children*: control nodes that must have children if their ID is the tag (None = all).
-    - *leaves_checked*: children of a leaf whose ID is the tag are an error.
-    - *tree_ids_checked*: the ID of a tree must be a valid name, and not the name of a node.
+    - *type_from_id*: the type of a node such as `<Action ID="…">` comes from its ID, not from its tag.
+    - *requires_explicit_tag_for_id*: only an explicit tag such as `<Action ID="…">` may have an ID.
+    - *checks_literals*: a text that doesn't convert to the port's type is an error when the tree is loaded.
+    - *controls_requiring_children*: control nodes that need a child if their ID is the tag (None = all).
+    - *checks_leaf_children*: children of a leaf whose ID is the tag are an error.
+    - *checks_names*: the ID of a tree must be a valid name, and not the name of a node. The names of ports in
+      models of subtrees must be valid, and names of nodes have no control characters.
     - *max_depth*: maximum depth of elements below a BehaviorTree.
     """
 
     format: int
     subtree_tags: frozenset[str]
-    closed_tags: frozenset[str]
-    ignoring_tags: frozenset[str]
-    reserved: frozenset[str]
+    tags_with_unchecked_children: frozenset[str]
+    tags_with_ignored_children: frozenset[str]
+    reserved_attributes: frozenset[str]
     has_conditions: bool
-    free_underscore: bool
+    allows_non_port_attributes: bool
     last_tree_wins: bool
-    explicit_by_id: bool
-    literals_checked: bool
-    controls_need_children: frozenset[str] | None
-    leaves_checked: bool
-    tree_ids_checked: bool
+    type_from_id: bool
+    requires_explicit_tag_for_id: bool
+    checks_literals: bool
+    controls_requiring_children: frozenset[str] | None
+    checks_leaf_children: bool
+    checks_names: bool
     max_depth: int
 
 
@@ -64,33 +67,35 @@ DIALECTS: Final = {
     4: Dialect(
         format=4,
         subtree_tags=frozenset({"SubTree"}),
-        closed_tags=frozenset(),
-        ignoring_tags=frozenset(),
-        reserved=frozenset({"ID", "name"}) | SCRIPT_ATTRIBUTES,
+        tags_with_unchecked_children=frozenset(),
+        tags_with_ignored_children=frozenset(),
+        reserved_attributes=frozenset({"ID", "name"}) | SCRIPT_ATTRIBUTES,
         has_conditions=True,
-        free_underscore=True,
+        allows_non_port_attributes=True,
         last_tree_wins=True,
-        explicit_by_id=True,
-        literals_checked=True,
-        controls_need_children=None,
-        leaves_checked=True,
-        tree_ids_checked=True,
+        type_from_id=True,
+        requires_explicit_tag_for_id=True,
+        checks_literals=True,
+        controls_requiring_children=None,
+        checks_leaf_children=True,
+        checks_names=True,
         max_depth=256,
     ),
     3: Dialect(
         format=3,
         subtree_tags=frozenset({"SubTree", "SubTreePlus"}),
-        closed_tags=frozenset({"SubTree"}),
-        ignoring_tags=frozenset({"SubTreePlus"}),
-        reserved=frozenset({"ID", "name", "_description"}),
+        tags_with_unchecked_children=frozenset({"SubTree"}),
+        tags_with_ignored_children=frozenset({"SubTreePlus"}),
+        reserved_attributes=frozenset({"ID", "name", "_description"}),
         has_conditions=False,
-        free_underscore=False,
+        allows_non_port_attributes=False,
         last_tree_wins=False,
-        explicit_by_id=False,
-        literals_checked=False,
-        controls_need_children=frozenset({"Sequence", "SequenceStar", "Fallback"}),
-        leaves_checked=False,
-        tree_ids_checked=False,
+        type_from_id=False,
+        requires_explicit_tag_for_id=False,
+        checks_literals=False,
+        controls_requiring_children=frozenset({"Sequence", "SequenceStar", "Fallback"}),
+        checks_leaf_children=False,
+        checks_names=False,
         max_depth=256,
     ),
 }

@@ -341,7 +341,7 @@ def read(
             registry.
         packages: Finds the share directory of a ROS package.
     """
-    found = DiagnosticCollector()
+    collector = DiagnosticCollector()
     libraries = tuple(libraries)
     documents: list[Document] = []
     main = real_path(document.file) if document.file else None
@@ -349,17 +349,17 @@ def read(
     for library in libraries:
         # The same file may be a library and the document itself, or an include of an earlier library.
         if library is not document and not (library.file and real_path(library.file) in seen):
-            _gather(library, found, packages, documents, seen, [])
-    _gather(document, found, packages, documents, seen, [])
+            _add_with_includes(library, collector, packages, documents, seen, [])
+    _add_with_includes(document, collector, packages, documents, seen, [])
     for each in documents:
         for warning in each.warnings:
-            found.add(warning)
-    return Sources(tuple(documents), libraries, found.collected())
+            collector.add(warning)
+    return Sources(tuple(documents), libraries, collector.diagnostics)
 
 
-def _gather(
+def _add_with_includes(
     document: Document,
-    diagnostics: DiagnosticCollector,
+    collector: DiagnosticCollector,
     packages: PackageResolver | None,
     documents: list[Document],
     seen: set[Path],
@@ -369,57 +369,57 @@ def _gather(
     files = [*chain, real_path(document.file)] if document.file else chain
     seen.update(files)
     for element in document.root.iterchildren("include"):
-        path = _path_of(document, element, diagnostics, packages)
+        path = _include_path(document, element, collector, packages)
         if path is None:
             continue
         resolved = real_path(path)
         if document.confined_to is not None and not resolved.is_relative_to(document.confined_to):
             message = "the included file is outside of the folder of the main file"
             hint = "for trees that you trust, omit --confined (in Python: confined=False)"
-            diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=hint))
+            collector.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=hint))
         elif len(chain) > MAX_INCLUDE_DEPTH:
             message = f"includes are nested more than {MAX_INCLUDE_DEPTH} deep"
-            diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "path"))
+            collector.add(document.diagnostic(INCLUDE_FAILED, message, element, "path"))
         elif len(seen) >= MAX_INCLUDED_FILES:
             message = f"the document includes more than {MAX_INCLUDED_FILES:,} files"
-            diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "path"))
+            collector.add(document.diagnostic(INCLUDE_FAILED, message, element, "path"))
             break
         elif resolved in files:
             cycle = files[files.index(resolved) :]
             names = " → ".join(file.name for file in [*cycle, resolved])
-            diagnostics.add(
+            collector.add(
                 document.diagnostic(INCLUDE_FAILED, f"the files include each other: {names}", element, "path")
             )
         elif resolved not in seen:
             try:
                 included = parse_file(path, included=True, unsaved=document.unsaved)
             except XmlSyntaxError as error:
-                _add_errors(error, document, element, diagnostics)
+                _add_errors(error, document, element, collector)
                 seen.add(resolved)  # its errors are reported once
             else:
                 included.confined_to = document.confined_to
-                _gather(included, diagnostics, packages, documents, seen, files)
+                _add_with_includes(included, collector, packages, documents, seen, files)
     documents.append(document)
 
 
 def _add_errors(
-    error: XmlSyntaxError, document: Document, element: Element, diagnostics: DiagnosticCollector
+    error: XmlSyntaxError, document: Document, element: Element, collector: DiagnosticCollector
 ) -> None:
     for cause in error.diagnostics:
         if cause.code != UNREADABLE_FILE:
-            diagnostics.add(cause)
+            collector.add(cause)
             continue
         message = f"the included file '{cause.file}': {cause.message}"
-        diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=cause.hint))
+        collector.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=cause.hint))
 
 
-def _path_of(
-    document: Document, element: Element, diagnostics: DiagnosticCollector, packages: PackageResolver | None
+def _include_path(
+    document: Document, element: Element, collector: DiagnosticCollector, packages: PackageResolver | None
 ) -> Path | None:
     written = element.get("path")
     if not written:
         hint = 'write <include path="other.xml"/>'
-        diagnostics.add(document.diagnostic(INCLUDE_FAILED, "missing path in <include>", element, hint=hint))
+        collector.add(document.diagnostic(INCLUDE_FAILED, "missing path in <include>", element, hint=hint))
         return None
     path = Path(written)
     package = element.get("ros_pkg")
@@ -427,7 +427,7 @@ def _path_of(
         return path if path.is_absolute() else document.folder / path
     if path.is_absolute():
         message = f"ros_pkg '{package}' is ignored because the path is absolute"
-        diagnostics.add(document.diagnostic(IGNORED_PACKAGE, message, element, "ros_pkg"))
+        collector.add(document.diagnostic(IGNORED_PACKAGE, message, element, "ros_pkg"))
         return path
     folder = packages(package) if packages is not None else None
     if folder is None:
@@ -437,6 +437,6 @@ def _path_of(
             if packages is None
             else "the package resolver does not know it"
         )
-        diagnostics.add(document.diagnostic(INCLUDE_FAILED, message, element, "ros_pkg", hint=hint))
+        collector.add(document.diagnostic(INCLUDE_FAILED, message, element, "ros_pkg", hint=hint))
         return None
     return Path(folder) / path

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Port
 from btcore.status import NodeType
-from btcore.xml.node_creator import allow_depth
+from btcore.xml.node_creator import ensure_recursion_limit
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 from btcore.xml.read.element import Element
@@ -50,7 +50,7 @@ class DiagramNode:
 def diagram_of_document(plans: Plans) -> DiagramNode:
     """Return the main tree of a document without errors as a drawing, numbered as in a running tree."""
     assert plans.main is not None, "a document without a main tree has errors"
-    allow_depth(plans.sizes[plans.main.id].depth)
+    ensure_recursion_limit(plans.sizes[plans.main.id].depth)
     # NodeCreator numbers the nodes in the same order: a parent before its children.
     uids = itertools.count(1)
 
@@ -73,7 +73,7 @@ def diagram_of_document(plans: Plans) -> DiagramNode:
         )
         if call is not None:
             sketch.type = NodeType.SUBTREE
-            sketch.ports = [(name, text, "") for name, text in call.written.items()]
+            sketch.ports = [(name, text, "") for name, text in call.port_texts.items()]
             sketch.tree = call.tree_id
             sketch.children = [of_tree(plans.trees[call.tree_id])]
         else:

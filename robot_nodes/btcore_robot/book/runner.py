@@ -162,7 +162,7 @@ class BookRunner:
                         f"--picture {path}: cannot be written: {error.strerror}"
                     ) from error
 
-        done = run_program(name, self.gathered, self.settings, end, clock=self.clock, shown=shown)
+        done = run_program(name, self.gathered, self.settings, end, clock=self.clock, extra_resources=shown)
         command = click.get_current_context().info_name
         print_result(command or name, done, results)
         if self.settings["as_json"]:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from btcore.program_runner import FiniteRange, RunCommand, print_result, require_resources, run_program
+from btcore.run_extension import ProgramSettings
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.commands.sim import SPARE_BOXES
 from btcore_ros2.errors import RosError
@@ -40,8 +41,8 @@ def navigation(ctx: click.Context, /, **settings: Any) -> int:
     with session:
         try:
             # With spare boxes the simulated robot has the events of btcore ros2 sim.
-            fixed = {"fast": False, "ros_session": session, "spare_boxes": SPARE_BOXES}
-            return _run(ctx, session, {**settings, **fixed})
+            added: ProgramSettings = {"ros_session": session, "spare_boxes": SPARE_BOXES}
+            return _run(ctx, session, {**settings, **added, "fast": False})
         except RosError as error:
             raise click.UsageError(str(error)) from error
 
@@ -77,7 +78,7 @@ def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> i
         settings,
         end,
         clock=robot.clock,
-        goes_on=lambda: not served.is_shut_down,
+        keep_running=lambda: not served.is_shut_down,
     )
     print_result("navigation", done, {})
     return done.code

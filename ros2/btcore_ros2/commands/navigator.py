@@ -86,5 +86,5 @@ def _run(ctx: click.Context, server: "NavigatorServer", settings: dict[str, Any]
         return not server.is_shut_down
 
     clock = server.session.clock
-    done = run_program("Navigator", gathered, settings, server.close, clock=clock, goes_on=publish)
+    done = run_program("Navigator", gathered, settings, server.close, clock=clock, keep_running=publish)
     return done.code

@@ -19,7 +19,7 @@ from btcore.program_runner import (
     provide_resources,
     run_server,
 )
-from btcore.run_extension import RunExtension
+from btcore.run_extension import ProgramSettings, RunExtension
 from btcore.suggestions import did_you_mean
 from btcore.xml.models.stand_ins import StubResults
 from btcore_robot.robot import Phase, Robot
@@ -74,7 +74,8 @@ def serve(ctx: click.Context, /, trees: tuple[Path, ...], **settings: Any) -> in
             plugins = _plugins_of_parameter(session)
             nodes = _load_nodes(settings["plugins"], plugins)
             wanted = LoadedTrees(files, nodes).check()
-            settings = {**settings, "ros_session": session, "fast": False}
+            added: ProgramSettings = {"ros_session": session}
+            settings = {**settings, **added, "fast": False}
             _publish_by_default(session, settings)
             gathered = provide_resources(ctx, settings, [RosSession, *wanted])
             resources = [*gathered.resources, random.Random(settings["seed"]), StubResults({})]

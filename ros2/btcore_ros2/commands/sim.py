@@ -12,6 +12,7 @@ from btcore.program_runner import (
     require_resources,
     run_program,
 )
+from btcore.run_extension import ProgramSettings
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
 from btcore_ros2.session import RosSession, node_arguments
@@ -46,14 +47,14 @@ def sim(ctx: click.Context, /, **settings: Any) -> int:
     except (RosError, ValueError) as error:
         raise click.UsageError(str(error)) from error
     with session:
-        return _run(ctx, session, {**settings, "fast": settings["lockstep"], "spare_boxes": SPARE_BOXES})
+        added: ProgramSettings = {"ros_session": session, "spare_boxes": SPARE_BOXES}
+        return _run(ctx, session, {**settings, **added, "fast": settings["lockstep"]})
 
 
 def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> int:
     if settings.get("ros2_robot") is not None:
         raise click.UsageError("--ros2 does not belong here: this command simulates its own robot")
-    session_settings = {**settings, "lockstep": False, "ros_session": session}
-    gathered = require_resources(ctx, session_settings, (RosSession, Robot))
+    gathered = require_resources(ctx, {**settings, "lockstep": False}, (RosSession, Robot))
     # Imported here: the simulator is installed, since there is a robot, and so is ROS 2.
     from btcore_ros2.simulation.lockstep import LockstepServer
     from btcore_ros2.simulation.services import offer_services
@@ -81,7 +82,7 @@ def _run(ctx: click.Context, session: RosSession, settings: dict[str, Any]) -> i
         settings,
         server.close if server is not None else lambda: None,
         clock=robot.clock,
-        goes_on=lambda: server is None or not server.is_abandoned,
+        keep_running=lambda: server is None or not server.is_abandoned,
     )
     if settings["as_json"]:
         print_json({"time_s": round(done.seconds, 3), **done.report})

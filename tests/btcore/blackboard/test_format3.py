@@ -3,14 +3,14 @@
 import pytest
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.blackboard.format3 import LegacyBlackboard
+from btcore.blackboard.format3 import Format3Blackboard
 from btcore.errors import BlackboardError
 from btcore.values import ANY, INT, STRING
 
 
 def scopes():
-    root = LegacyBlackboard()
-    inner = LegacyBlackboard(root)
+    root = Format3Blackboard()
+    inner = Format3Blackboard(root)
     inner.remap("in", "out")
     return root, inner
 
@@ -40,7 +40,7 @@ def test_entry_of_the_parent_is_found_without_a_declaration():
 
 
 def test_an_untyped_entry_stays_untyped():
-    board = LegacyBlackboard()
+    board = Format3Blackboard()
     board["s"] = "a"
     board["s"] = "b"
     board["s"] = 3
@@ -48,7 +48,7 @@ def test_an_untyped_entry_stays_untyped():
 
 
 def test_typed_entry_accepts_only_its_own_type():
-    board = LegacyBlackboard()
+    board = Format3Blackboard()
     board["i"] = 1
     for value in (2.0, True, "2"):
         with pytest.raises(BlackboardError, match="'i' cannot change from int to"):
@@ -57,7 +57,7 @@ def test_typed_entry_accepts_only_its_own_type():
 
 
 def test_int_of_the_program_refuses_texts_even_if_a_port_claims_it():
-    board = LegacyBlackboard()
+    board = Format3Blackboard()
     board["i"] = 1
     board.create("i", INT)
     with pytest.raises(BlackboardError, match="'i' cannot change from int to"):
@@ -65,7 +65,7 @@ def test_int_of_the_program_refuses_texts_even_if_a_port_claims_it():
 
 
 def test_text_is_converted_after_a_port_declared_the_type():
-    board = LegacyBlackboard()
+    board = Format3Blackboard()
     board.create("i", INT)
     board["i"] = " +7"
     assert board["i"] == 7
@@ -86,11 +86,11 @@ def test_conflicting_declaration_raises_except_for_a_text_entry():
 
 def test_none_is_refused_as_a_value():
     with pytest.raises(BlackboardError, match="None"):
-        LegacyBlackboard()["x"] = None
+        Format3Blackboard()["x"] = None
 
 
 def test_remapping_without_a_parent_has_no_entry():
-    board = LegacyBlackboard()
+    board = Format3Blackboard()
     board.remap("in", "out")
     assert board.find("in") is None
     with pytest.raises(BlackboardError, match="no parent"):
@@ -99,7 +99,7 @@ def test_remapping_without_a_parent_has_no_entry():
 
 def test_parent_may_be_a_format_4_blackboard():
     root = Blackboard()
-    inner = LegacyBlackboard(root)
+    inner = Format3Blackboard(root)
     inner.remap("in", "out")
     inner["in"] = 1
     assert root["out"] == 1

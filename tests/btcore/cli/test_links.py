@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from btcore.cli import nodes, terminal
+from btcore.cli import terminal
+from btcore.cli.commands import nodes
 from btcore.diagnostic_codes import UNKNOWN_NODE
 from btcore.documentation_site import documentation_url
 from btcore.errors import Diagnostic

@@ -44,8 +44,8 @@ def test_wake_up_before_a_wait_ends_it_immediately_and_counts_once(clock: SimClo
 def test_consumed_wake_up_ends_no_wait(clock: SimClock) -> None:
     context = TreeContext(clock)
     context.wake_up()
-    assert context.take_wake_up() is True
-    assert context.take_wake_up() is False
+    assert context.consume_wake_up() is True
+    assert context.consume_wake_up() is False
     assert context.wait_until(7) is False
     assert clock.now() == 7
 
@@ -59,13 +59,13 @@ def test_wake_up_during_a_wait_of_another_clock_is_reported() -> None:
 
     context = TreeContext(Stepping())
     assert context.wait_until(NS_PER_S) is True
-    assert context.take_wake_up() is False
+    assert context.consume_wake_up() is False
 
 
 def test_passed_deadline_is_a_single_wake_up(clock: SimClock) -> None:
     context = TreeContext(clock)
     context.deadlines[3] = NS_PER_S
-    assert context.take_wake_up() is False
+    assert context.consume_wake_up() is False
     assert context.wait_until(2 * NS_PER_S) is True
     assert (clock.now(), context.deadlines) == (NS_PER_S, {})
     assert context.wait_until(2 * NS_PER_S) is False
@@ -75,9 +75,9 @@ def test_doze_ends_immediately_after_a_wake_up_with_any_clock(clock: SimClock) -
     context = TreeContext(clock)
     context.wake_up()
     started = time.monotonic()
-    context.doze(SOON)
+    context.wait_real_time(SOON)
     assert time.monotonic() - started < SOON
-    assert (context.take_wake_up(), clock.now()) == (False, 0)
+    assert (context.consume_wake_up(), clock.now()) == (False, 0)
 
 
 def test_no_wake_up_of_another_thread_is_lost(make_tree: Grow) -> None:

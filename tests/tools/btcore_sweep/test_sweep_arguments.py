@@ -161,7 +161,8 @@ def test_missing_extra_is_reported_with_the_install_command(
 
 def test_engine_and_command_line_do_not_import_the_extra() -> None:
     guests = "{'dask', 'distributed', 'pyarrow'}"
-    program = f"import sys; import btcore.cli.main, btcore.cli.run; print({guests} & set(sys.modules))"
+    imports = "import sys; import btcore.cli.main, btcore.cli.commands.run"
+    program = f"{imports}; print({guests} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
 

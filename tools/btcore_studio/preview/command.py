@@ -26,7 +26,7 @@ from btcore_studio.preview.server import PreviewServer
 from btcore_studio.preview.session import PreviewSession
 from btcore_studio.preview.tree_reading import TreeFile
 
-GROUP: Final = "btcore.preview"
+PREVIEW_GROUP: Final = "btcore.preview"
 _META: Final = "btcore_studio.preview.command.extensions"
 
 
@@ -43,7 +43,7 @@ class PreviewCommand(click.Command):
 def _extension(ctx: click.Context) -> PreviewExtension | None:
     """Return the first extension that can be loaded, or None."""
     if _META not in ctx.meta:
-        loaded, _ = entry_points.load(GROUP)
+        loaded, _ = entry_points.load(PREVIEW_GROUP)
         ctx.meta[_META] = loaded[0].value() if loaded else None
     extension: PreviewExtension | None = ctx.meta[_META]
     return extension
@@ -88,7 +88,7 @@ def preview(
         raise click.UsageError("btcore preview needs a file: a tree on stdin cannot be saved again.")
     extension = _extension(ctx)
     address = extension.check(settings) if extension is not None else ""
-    saves = SaveWatcher(path, confined)
+    save_watcher = SaveWatcher(path, confined)
     libraries = node_libraries.load_libraries(plugins, models, confined)
 
     def connect(address: str) -> LiveConnection:
@@ -113,7 +113,7 @@ def preview(
             if opens and not as_json:
                 _open_page(server.url, Path(folder))
             while not stop.wait(POLL_INTERVAL_S):
-                if saves():
+                if save_watcher.was_saved():
                     session.reload()
         finally:
             session.close()

@@ -23,7 +23,7 @@ MAX_CARDS: Final = 5_000
 
 _DRAWABLE: Final = frozenset(
     {
-        diagnostic_codes.AMBIGUOUS_MAIN_TREE,
+        diagnostic_codes.UNDETERMINED_MAIN_TREE,
         diagnostic_codes.CONFLICTING_ENTRY_TYPES,
         diagnostic_codes.INCONVERTIBLE_TEXT,
         diagnostic_codes.MISSING_PORT,

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from btcore.cli import files, node_libraries, terminal
 from btcore.cli.exit_codes import ExitCode
-from btcore.cli.tree_source import find_tree
+from btcore.cli.tree_source import find_tree_file
 from btcore.diagnostic_codes import Severity
 from btcore.errors import Diagnostic
 from btcore.input_files import read_file
@@ -51,7 +51,7 @@ def convert(
     """
     if in_place and output is not None:
         raise click.UsageError("--in-place and --output cannot be used together.")
-    path = find_tree(source)
+    path = find_tree_file(source)
     document = parse_file(path)
     libraries = node_libraries.load_libraries(plugins, models)
     result = converted(document, libraries.nodes_for(document))

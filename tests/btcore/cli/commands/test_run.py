@@ -16,7 +16,7 @@ import pytest
 from click.testing import Result
 
 from btcore import Tree, builds
-from btcore.cli.run import run as run_command
+from btcore.cli.commands.run import run as run_command
 from btcore.testing import Harness
 
 Cli = Callable[..., Result]
@@ -372,7 +372,7 @@ def test_summary_does_not_wrap_at_80_columns(
 
 @pytest.mark.skipif(builds.active_build() == "compiled", reason="compiled functions have no signature")
 def test_documented_periods_of_ticks_are_the_defaults() -> None:
-    table = (Path(__file__).parents[3] / "docs/guides/async.md").read_text(encoding="utf-8")
+    table = (Path(__file__).parents[4] / "docs/guides/async.md").read_text(encoding="utf-8")
     documented = {
         name: float(seconds)
         for names, seconds in re.findall(r"^\| (.*) \| ([\d.]+) s, that is", table, re.MULTILINE)

@@ -12,7 +12,7 @@ from click.core import ParameterSource
 from btcore import entry_points
 from btcore.cli import initial_blackboard, node_libraries, stub_results, substitute, terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.extension import GROUP, LoadedExtensions, gather_resources, load_extensions
+from btcore.cli.extension import LoadedExtensions, gather_resources, load_extensions
 from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
 from btcore.cli.tree_source import (
@@ -24,7 +24,7 @@ from btcore.cli.tree_source import (
 )
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.diagnostic_codes import NODE_NOT_CREATED
-from btcore.entry_points import names_by_remedy
+from btcore.entry_points import RUN_EXTENSIONS_GROUP, names_by_remedy
 from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.run_extension import RunExtension
@@ -32,7 +32,7 @@ from btcore.suggestions import join_names
 from btcore.xml.models.stand_ins import StubResults
 from btcore.xml.plan.plan import Plans
 
-_EXTENSIONS_DEFERRED: Final = "btcore.cli.run.extensions_deferred"
+_EXTENSIONS_DEFERRED: Final = "btcore.cli.commands.run.extensions_deferred"
 """The key in the context's `meta`: whether the command line is parsed without the extensions so far."""
 
 
@@ -105,17 +105,9 @@ class TreeRunCommand(RunCommand):
         super().format_help(ctx, formatter)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse *args*, first without the options of extensions if possible: see the class.
-
-        Args:
-            ctx: The context of the command.
-            args: The arguments.
-
-        Returns:
-            The arguments that remain.
-        """
+        """Parse *args*, first without the options of extensions if possible: see the class."""
         words = list(args)  # click's parser removes the arguments from its list
-        may_defer = not ctx.resilient_parsing and not entry_points.installed(GROUP, own=False)
+        may_defer = not ctx.resilient_parsing and not entry_points.find(RUN_EXTENSIONS_GROUP, own=False)
         ctx.meta[_EXTENSIONS_DEFERRED] = may_defer
         if may_defer:
             try:
@@ -149,11 +141,11 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
     try:
         yield
     except click.NoSuchOption as error:
-        missing = load_extensions(ctx).missing
-        if not missing:
+        unavailable = load_extensions(ctx).unavailable
+        if not unavailable:
             raise
         text = error.format_message().rstrip(".")
-        packages = "; ".join(f"{names}: {remedy}" for remedy, names in names_by_remedy(missing).items())
+        packages = "; ".join(f"{names}: {remedy}" for remedy, names in names_by_remedy(unavailable).items())
         raise click.UsageError(
             f"{text}. The option may belong to an extension that cannot be loaded: {packages}", ctx
         ) from error
@@ -238,15 +230,15 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
 def create_session(
     ctx: click.Context,
     settings: Mapping[str, Any],
-    joining: Sequence[RunExtension] = (),
-    installed: node_libraries.NodeLibraries | None = None,
+    extra_extensions: Sequence[RunExtension] = (),
+    installed_nodes: node_libraries.NodeLibraries | None = None,
 ) -> RunSession:
     """Return a run, before its first tick.
 
     Args:
-        joining: Extensions besides those of the installed packages; they are attached last.
-        installed: The installed nodes, for a process that loads them once for many runs. They are copied,
-            not changed.
+        extra_extensions: Extensions besides those of the installed packages; they are attached last.
+        installed_nodes: The installed nodes, for a process that loads them once for many runs. They are
+            copied, not changed.
 
     Raises:
         click.ClickException: An option has an invalid value.
@@ -255,23 +247,23 @@ def create_session(
         ExtensionError: An installed extension cannot be used.
     """
     # The watcher looks at the files before they are read: a save in between is not missed.
-    saves = None
+    save_watcher = None
     if settings["watch"]:
         file = find_source(settings["source"])
         if file == STDIN:
             raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
-        saves = SaveWatcher(file, settings["confined"])
-    source, plans = read_source_and_plans(settings, installed)
+        save_watcher = SaveWatcher(file, settings["confined"])
+    source, plans = read_source_and_plans(settings, installed_nodes)
     # Determined before the tree is built: an extension such as a simulator provides only what is needed.
     wanted = plans.required_resources()
-    (installed_extensions, missing), settings = _load_needed_extensions(ctx, settings, wanted)
+    (installed_extensions, unavailable), settings = _load_needed_extensions(ctx, settings, wanted)
     resources, extensions, without_resources = gather_resources(installed_extensions, settings, wanted)
     clock = choose_clock(resources, settings["fast"])
     resources += [random.Random(settings["seed"]), StubResults(settings["stub_letters"])]
     try:
         tree = instantiate(plans, resources, clock=clock, tick_limit=settings["tick_limit"])
     except TreeError as error:
-        for remedy, names in names_by_remedy(missing if wanted else ()).items():
+        for remedy, names in names_by_remedy(unavailable if wanted else ()).items():
             error.add_note(f"extensions that may provide it cannot be loaded ({names}): {remedy}")
         missing_kinds = [
             kind for kind in wanted if not any(isinstance(resource, kind) for resource in resources)
@@ -287,16 +279,16 @@ def create_session(
     terminal.print_diagnostics(plans.diagnostics.warnings)
     substitute.warn_unused_rules(tree)
     warn_unused_options(ctx, without_resources)
-    return RunSession(tree, source, settings, [*extensions, *joining], resources, saves)
+    return RunSession(tree, source, settings, [*extensions, *extra_extensions], resources, save_watcher)
 
 
 def read_source_and_plans(
-    settings: Mapping[str, Any], installed: node_libraries.NodeLibraries | None = None
+    settings: Mapping[str, Any], installed_nodes: node_libraries.NodeLibraries | None = None
 ) -> tuple[TreeSource, Plans]:
     """Read and check the document of a run's tree, before extensions create resources such as a simulator.
 
     Args:
-        installed: The installed nodes, or None to load them.
+        installed_nodes: The installed nodes, or None to load them.
 
     Returns:
         The source of the tree, and its plans.
@@ -307,13 +299,13 @@ def read_source_and_plans(
         RegistrationError: A node library cannot be loaded.
     """
     path = find_source(settings["source"])
-    if installed is None or settings["plugins"]:
+    if installed_nodes is None or settings["plugins"]:
         # Models and rules may name nodes of the installed libraries. Also, they would be lost when
         # `NodeLibraries.load_for` loads what is missing, because it begins anew.
         partial = not settings["models"] and not settings["substitutes"]
         libraries = node_libraries.load_libraries(settings["plugins"], partial=partial)
     else:
-        libraries = node_libraries.NodeLibraries(installed.nodes.copy(), installed.absent)
+        libraries = node_libraries.NodeLibraries(installed_nodes.nodes.copy(), installed_nodes.unavailable)
     confined = settings["confined"]
     libraries.add_models(settings["models"], confined)
     source = TreeSource(path, settings["tree"], libraries, settings["format"], confined)

@@ -1,0 +1,1 @@
+"""The commands of btcore: a file per command."""
