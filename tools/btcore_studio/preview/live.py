@@ -36,7 +36,7 @@ class LiveNode(Protocol):
         """The instance name."""
 
     @property
-    def kind(self) -> str:
+    def type(self) -> str:
         """ "subtree" if the node calls a tree, otherwise any other text."""
 
 

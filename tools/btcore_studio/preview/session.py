@@ -146,7 +146,7 @@ class PreviewSession:
                 before, state = state, connection.poll(_LIVE_EVERY)
                 if before is None or state.nodes is not before.nodes:
                     keys = node_keys(
-                        KeyedNode(node.uid, node.parent, node.id, node.name, node.kind == "subtree")
+                        KeyedNode(node.uid, node.parent, node.id, node.name, node.type == "subtree")
                         for node in state.nodes
                     )
                     wanted = frozenset()
