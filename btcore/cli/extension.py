@@ -125,9 +125,9 @@ def gather_resources(
     Raises:
         click.UsageError: An extension rejects an option, or needs a module that is not installed.
     """
-    taken = [tuple(extension.takes_over(settings, wanted)) for extension in extensions]
-    all_wanted = [kind for kind in wanted if not any(kind in types for types in taken)]
-    own = {id(extension): types for extension, types in zip(extensions, taken, strict=True)}
+    taken_over = [tuple(extension.takes_over(settings, wanted)) for extension in extensions]
+    all_wanted = [kind for kind in wanted if not any(kind in types for types in taken_over)]
+    reserved = {id(extension): types for extension, types in zip(extensions, taken_over, strict=True)}
     ranked: list[tuple[bool, RunExtension]] = []
     # From the last to the first: an extension sees the requirements of those that come after it.
     for extension in reversed(extensions):
@@ -141,7 +141,7 @@ def gather_resources(
     without_resources: list[RunExtension] = []
     for _, extension in ranked:
         try:
-            provided = extension.provide(settings, (*own[id(extension)], *all_wanted), tuple(resources))
+            provided = extension.provide(settings, (*reserved[id(extension)], *all_wanted), tuple(resources))
         except ModuleNotFoundError as error:
             missing = describe_missing(error.name)
             raise click.UsageError(f"the resources of the run cannot be provided: {missing}") from error

@@ -8,7 +8,7 @@ import click
 
 from btcore.status import NodeType
 from btcore.suggestions import join_names, nearest_name
-from btcore.xml.models.stand_ins import StubAction, StubCondition
+from btcore.xml.models.stubs import StubAction, StubCondition
 from btcore.xml.plan.plan import Plans
 
 _LETTERS: Final = re.compile(r"[RSFK]+(\|[RSFK]+)*")

@@ -1,9 +1,9 @@
 """Ticking a tree at a fixed rate on its clock, until the run ends.
 
-Ticks are due at multiples of 1/rate from the start. If a node needs an earlier tick, because its delay has
-elapsed or a thread has woken the tree, an additional tick takes place; the due times do not change. Ctrl-C,
-SIGTERM and SIGHUP (the terminal was closed) end the run between two ticks, so that the tree is halted as
-usual. A tick that repeats nodes ends between two repetitions. A second signal interrupts the tick.
+Ticks are due at multiples of 1/rate from the start, also after a late tick, unlike those of a `TickSchedule`.
+If a node needs an earlier tick, because its delay has elapsed or a thread has woken the tree, an additional
+tick takes place. Ctrl-C, SIGTERM and SIGHUP (the terminal was closed) end the run between two ticks, so that
+the tree is halted as usual. A second signal interrupts the tick.
 """
 
 import signal

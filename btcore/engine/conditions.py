@@ -12,7 +12,7 @@ from btcore.script.program import Program, compile_script, condition_result
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 
 UNDECIDED: Final = IDLE
-"""Stands for a result that the pre-conditions leave to the node: no tick returns IDLE."""
+"""Stands for a result that the pre-conditions leave to the node; a node returns IDLE only in format 3."""
 
 
 class ConditionScripts:

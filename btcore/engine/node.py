@@ -52,7 +52,7 @@ class TreeNode:
 
     Attributes:
         spec: What the class declares about its nodes for tools and static checks, in addition to its ports.
-        config: The place of the node in the tree, its ports and its scripts.
+        config: The place of the node in the tree, its ports and its conditions.
 
     Examples:
         >>> import btcore
@@ -233,7 +233,7 @@ class TreeNode:
         Returns:
             The result. All results but SKIPPED are stored.
         """
-        return execute_tick(self, True)
+        return execute_tick(self, ignore_override=True)
 
     def set_status(self, status: Status) -> None:
         """Store *status*. Notify the observers if it differs from the previous status."""
@@ -337,9 +337,9 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
         node._tick_flags += OVERRIDES_EXECUTE_TICK
     node._context = context
     node._blackboard = blackboard
-    if config.scripts:
+    if config.conditions:
         node._tick_extras = TickExtras()
-        node._tick_extras.conditions = ConditionScripts(config.scripts, config.enums, blackboard)
+        node._tick_extras.conditions = ConditionScripts(config.conditions, config.enums, blackboard)
 
 
 def tick_counts_of(node: TreeNode) -> TickCounts | None:
@@ -402,7 +402,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     status: Status
     try:
         result = node.tick() if extras is None else _tick_with_extras(node, extras)
-        # Often not the status before the tick: a Sequence, for example, stores RUNNING in its tick.
+        # The fast path: the node stored its result in its tick, as a Sequence stores RUNNING.
         stored = node._status
         if result is stored and stored is not IDLE:
             status = stored

@@ -8,7 +8,7 @@ from btcore.blackboard.ports import Input, Output
 from btcore.errors import NodeError
 
 EMPTY_MAPPING: Final[Mapping[str, str]] = MappingProxyType({})
-"""The scripts or attributes of a node that has none: one read-only mapping for all nodes."""
+"""The conditions or attributes of a node that has none: one read-only mapping for all nodes."""
 # Shared by many nodes, so never modify them. Plain dicts, because each tick reads them, and dicts are fast.
 NO_INPUTS: Final[dict[str, Input]] = {}
 NO_OUTPUTS: Final[dict[str, Output]] = {}
@@ -24,7 +24,7 @@ class NodeConfig:
     Attributes:
         inputs: The bindings of the input ports, by name.
         outputs: The bindings of the output ports, by name.
-        scripts: The texts of the pre- and post-conditions, by attribute name, such as `_skipIf`.
+        conditions: The texts of the pre- and post-conditions, by attribute name, such as `_skipIf`.
         attributes: All other attributes, as written.
         enums: The enum names that scripts may use, with their numbers.
         file: The file of the element; "" = the XML was given as a text.
@@ -32,8 +32,8 @@ class NodeConfig:
     """
 
     __slots__ = (
-        "attributes", "enums", "file", "format", "id", "inputs", "line", "name", "outputs", "path", "scripts",
-        "uid",
+        "attributes", "conditions", "enums", "file", "format", "id", "inputs", "line", "name", "outputs",
+        "path", "uid",
     )  # fmt: skip
 
     def __init__(
@@ -44,7 +44,7 @@ class NodeConfig:
         format: int = 4,
         file: str = "",
         line: int = 0,
-        scripts: Mapping[str, str] = EMPTY_MAPPING,
+        conditions: Mapping[str, str] = EMPTY_MAPPING,
         attributes: Mapping[str, str] = EMPTY_MAPPING,
         enums: dict[str, int] = NO_ENUMS,
     ) -> None:
@@ -55,7 +55,7 @@ class NodeConfig:
         self.format = format
         self.file = file
         self.line = line
-        self.scripts = scripts
+        self.conditions = conditions
         self.attributes = attributes
         self.inputs: dict[str, Input] = NO_INPUTS
         self.outputs: dict[str, Output] = NO_OUTPUTS

@@ -1,1 +1,1 @@
-"""Load a tree in one call, reload it when its file changes, and export its blackboards."""
+"""Load a tree in one call, reload it when its file changes, build it in Python, and write it as XML."""

@@ -94,7 +94,7 @@ def _call(node: TreeNode, instance: Subtree, metadata: bool) -> list[str]:
 
 
 def _scripts(node: TreeNode) -> list[tuple[str, str]]:
-    scripts = node.config.scripts
+    scripts = node.config.conditions
     return [
         (key, scripts[key]) for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES) if key in scripts
     ]

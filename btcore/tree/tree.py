@@ -144,7 +144,7 @@ class Tree:
                 halted.
         """
         if self.tick_limit is not None:
-            return self._tick_within(self.tick_limit, once=True)
+            return self._tick_within(self.tick_limit, consumes_wake_ups=False)
         status = self._tick_root()
         self.status = status
         return status
@@ -158,7 +158,7 @@ class Tree:
                 halted.
         """
         if self.tick_limit is not None:
-            return self._tick_within(self.tick_limit, once=False)
+            return self._tick_within(self.tick_limit, consumes_wake_ups=True)
         status = self._tick_root()
         while status is RUNNING and self.context.consume_wake_up() and not self.context.is_interrupted:
             status = self._tick_root()
@@ -242,19 +242,22 @@ class Tree:
             if self._hooks is not None:
                 self._hooks.close_tick_thread()
 
-    def _tick_within(self, limit: float, once: bool) -> Status:
+    def _tick_within(self, limit: float, consumes_wake_ups: bool) -> Status:
         """Tick the root for at most *limit* s of real time.
 
         Args:
             limit: The tick limit (s).
-            once: Whether to tick the root only once, also if a node requests another tick at once.
+            consumes_wake_ups: Whether to tick the root again if a node requests another tick at once.
         """
         context = self.context
         context.set_tick_limit(limit)
         try:
             status = self._tick_root()
             while (
-                not once and status is RUNNING and context.consume_wake_up() and not context.must_end_tick()
+                consumes_wake_ups
+                and status is RUNNING
+                and context.consume_wake_up()
+                and not context.must_end_tick()
             ):
                 status = self._tick_root()
         finally:

@@ -1,1 +1,1 @@
-"""Trees in XML: read, check, build and write them."""
+"""Trees in XML: read, check, plan, convert and draw them, and create their nodes."""

@@ -121,7 +121,7 @@ def define(sources: Sources, tree: str | None = None, format: int | None = None)
             definitions.append(definition)
             earlier = by_id.setdefault(name, definition)
             if earlier is not definition:
-                replaces = dialect.last_tree_wins or earlier.document in sources.libraries
+                replaces = dialect.last_tree_wins or earlier.document in sources.shared_documents
                 if replaces:
                     by_id[name] = definition
                 _warn_duplicate(definition, earlier, replaces, collector)

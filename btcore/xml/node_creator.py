@@ -108,7 +108,7 @@ class NodeCreator:
         self._uid = uid = self._uid + 1
         id = node_plan.id
         name = id if node_plan.name is None else node_plan.name
-        scripts, attributes = node_plan.scripts, node_plan.attributes
+        scripts, attributes = node_plan.conditions, node_plan.attributes
         config = NodeConfig(id, name, uid, self.format, document.file, line, scripts, attributes, self._enums)
         if node_plan.call is not None:
             return self._create_call(node_plan, node_plan.call, config, instance)
@@ -297,7 +297,7 @@ class NodeCreator:
         for key, outer_key in call.remaps.items():
             inner.remap(key, outer_key)
         for key, text in call.constants.items():
-            inner.autoremap = key in call.outer_constants
+            inner.autoremap = key in call.outer_constants  # whether `set` writes the outer entry
             value = parse_constant(text) if self.format == 4 else text
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))

@@ -18,7 +18,7 @@ from btcore.status import NodeType
 from btcore.testing import Harness
 from btcore.testing.trace import TraceStep
 from btcore.xml.convert.convert import convert
-from btcore.xml.models.stand_ins import StubAction, StubCondition, StubResults
+from btcore.xml.models.stubs import StubAction, StubCondition, StubResults
 from btcore.xml.plan.plan import define_and_plan
 from btcore.xml.read.read import parse_text, read
 from btcore.xml.render.svg import diagram_to_svg

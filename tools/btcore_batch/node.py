@@ -81,7 +81,7 @@ class BatchNode:
         self.children = children
         for child in children:
             child.parent = self
-        self.conditions: BatchConditions | None = BatchConditions(self) if config.scripts else None
+        self.conditions: BatchConditions | None = BatchConditions(self) if config.conditions else None
         self.success = 0
         self.failure = 0
         self.running = 0
@@ -230,7 +230,7 @@ class BatchConditions:
     """The compiled pre- and post-conditions of one node, in the order of `btcore.engine.conditions`."""
 
     def __init__(self, node: BatchNode) -> None:
-        programs = {key: BatchProgram(text, node) for key, text in node.config.scripts.items()}
+        programs = {key: BatchProgram(text, node) for key, text in node.config.conditions.items()}
         self.failure_if = programs.get("_failureIf")
         self.success_if = programs.get("_successIf")
         self.skip_if = programs.get("_skipIf")

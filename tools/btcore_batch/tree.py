@@ -346,16 +346,16 @@ def _prepare(
 ) -> tuple[list[LeafDeclaration], Registry, Blackboard]:
     """Return the arguments for loading the plan: declarations of the leaves, a registry and a blackboard.
 
-    The registry contains an ordinary stand-in for each leaf. The blackboard contains the values of the first
+    The registry contains an ordinary stub for each leaf. The blackboard contains the values of the first
     agent.
     """
     registry = nodes.copy() if nodes is not None else Registry.standard()
     declarations = read_declarations(leaves, registry.types)
     for leaf in declarations:
         if leaf.id in registry:
-            registry.replace(**{leaf.id: leaf.stand_in()})
+            registry.replace(**{leaf.id: leaf.make_stub()})
         else:
-            registry.add(leaf.stand_in(), ID=leaf.id)
+            registry.add(leaf.make_stub(), ID=leaf.id)
     board = Blackboard(clock=clock)
     for key, value in (values or {}).items():
         # BatchBlackboard.initialise() reports invalid values.

@@ -19,7 +19,7 @@ from btcore.escaping import escape_controls
 from btcore.logs.formats import open_log
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
-from btcore.xml.models.stand_ins import StubAction, StubCondition
+from btcore.xml.models.stubs import StubAction, StubCondition
 from btcore.xml.plan.plan import Plans
 from btcore_proof.answer_text import lines_of_answer
 from btcore_proof.counterexample import RunTick

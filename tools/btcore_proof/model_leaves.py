@@ -449,7 +449,7 @@ def unread_keys(tree: Tree, choices: Choices, watched: str = "") -> frozenset[st
             if model is None or port.name in model.optional or _is_mandatory(port, model)
         ]
         texts += [port.key if port.key is not None else str(port.literal) for port in inputs]
-        texts += config.scripts.values()
+        texts += config.conditions.values()
         if model is None:
             for name, text in config.attributes.items():
                 texts += [name, text]

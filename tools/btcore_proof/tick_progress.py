@@ -56,7 +56,9 @@ class TickProgress:
                 reads = _reads_entries(node)
                 config = node.config
                 start = partial(self._start, node, reads, bool(state_fields_of(type(node))))
-                extras.conditions = WatchedConditions(config.scripts, config.enums, node._blackboard, start)
+                extras.conditions = WatchedConditions(
+                    config.conditions, config.enums, node._blackboard, start
+                )
             extras.post_tick = partial(self._end, number, extras.post_tick)
 
     def begin(self) -> None:
@@ -129,6 +131,6 @@ def _reads_entries(node: TreeNode) -> bool:
     config = node.config
     return (
         has_user_code(node)
-        or bool(config.scripts)
+        or bool(config.conditions)
         or any(port.key is not None or isinstance(port.literal, str) for port in config.inputs.values())
     )

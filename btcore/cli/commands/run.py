@@ -29,7 +29,7 @@ from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.run_extension import RunExtension
 from btcore.suggestions import join_names
-from btcore.xml.models.stand_ins import StubResults
+from btcore.xml.models.stubs import StubResults
 from btcore.xml.plan.plan import Plans
 
 _EXTENSIONS_DEFERRED: Final = "btcore.cli.commands.run.extensions_deferred"

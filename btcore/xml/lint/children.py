@@ -14,7 +14,7 @@ from btcore.nodes.parallel import threshold
 from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
 from btcore.xml.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.xml.lint.reporter import LintReporter, line_of, node_label
-from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.models.stubs import is_stub
 from btcore.xml.plan.tree_plan import NodePlan, count_text, element_children
 from btcore.xml.read.read import Document
 

@@ -16,7 +16,7 @@ from btcore.errors import BlackboardError, Diagnostic
 from btcore.registry.manifest import Manifest
 from btcore.xml.lint.possible_results import is_built_in
 from btcore.xml.lint.scripts import WRITING, AccessKind, find_name_uses
-from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.models.stubs import is_stub
 from btcore.xml.node_creator import NodeCreator, TreeInstance
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
@@ -48,7 +48,7 @@ class DryRun(NodeCreator):
         uses: Every entry with the places that use it.
         has_untracked_access: Whether the tree may use entries that are known only when it runs: because a
             leaf takes the whole blackboard, or because a script or a key is read from an entry.
-        has_stubs: Whether nodes without code are replaced by stand-ins. Then the registry may lack enums that
+        has_stubs: Whether nodes without code are replaced by stubs. Then the registry may lack enums that
             the C++ code registers.
         entrances: For each inner blackboard, the place of the SubTree element that creates it.
     """
@@ -125,7 +125,7 @@ class DryRun(NodeCreator):
         document, blackboard = instance.document, instance.blackboard
         for port, text, is_explicit in node_plan.ports:
             self._recorded += self._uses_of_port(node_plan, port, text, is_explicit, instance)
-        for attribute, text in node_plan.scripts.items():
+        for attribute, text in node_plan.conditions.items():
             self._script(node_plan, attribute, text, document, blackboard)
         if node_plan.manifest is not None:
             self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(node_plan.manifest)
@@ -175,7 +175,7 @@ class DryRun(NodeCreator):
         """Return the blackboard of the called tree, and record the entries that the call uses."""
         document, outer = instance.document, instance.blackboard
         inner = super().create_scope(node_plan, call, instance)
-        for attribute, text in node_plan.scripts.items():
+        for attribute, text in node_plan.conditions.items():
             self._script(node_plan, attribute, text, document, outer)
         if inner is not outer:
             use = EntryUse(AccessKind.MENTIONS, call.tree_id, outer, document, node_plan, "ID")

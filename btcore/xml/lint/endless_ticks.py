@@ -9,7 +9,7 @@ from btcore.nodes.repeat import RepeatedNode
 from btcore.status import FAILURE, SUCCESS, NodeType
 from btcore.xml.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.xml.lint.reporter import LintReporter, node_label
-from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.models.stubs import is_stub
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 
@@ -43,7 +43,7 @@ class EndlessTickCheck:
             nodes = [tree.root] if tree.root is not None else []
             while nodes:
                 node = nodes.pop()
-                if node.manifest is None or _CHECKED_WHILE_RUNNING in node.scripts:
+                if node.manifest is None or _CHECKED_WHILE_RUNNING in node.conditions:
                     continue
                 cls = behaviour_of(node.manifest.cls)
                 if issubclass(cls, RepeatedNode):
@@ -66,7 +66,7 @@ class EndlessTickCheck:
         label, repeated = node_label(node), node_label(child)
         ends = self._results.results_of(child).results - {cls.repeat_on}
         # A loop that checks a condition may be endless by design: its actions may change what is checked.
-        is_while_loop = FAILURE in ends or not _SKIPPING.isdisjoint(child.scripts)
+        is_while_loop = FAILURE in ends or not _SKIPPING.isdisjoint(child.conditions)
         if is_while_loop and self._has_action(child):
             return
         until = "succeeds" if SUCCESS in ends else "fails" if FAILURE in ends else "is skipped"

@@ -25,7 +25,7 @@ from btcore.xml.lint.ports import conversion_error, is_listed, valid_literals
 from btcore.xml.lint.reporter import LintReporter, line_of, node_label
 from btcore.xml.lint.scripts import WRITING, AccessKind, is_constant, parse_statements
 from btcore.xml.lint.unwritten_keys import is_declaration
-from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.models.stubs import is_stub
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 from btcore.xml.read.dialect import POSTCONDITION_ATTRIBUTES
 

@@ -35,7 +35,7 @@ from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorT
 from btcore.values.numbers import whole_float
 from btcore.xml.lint.possible_results import is_built_in
 from btcore.xml.lint.reporter import LintReporter, node_label
-from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.models.stubs import is_stub
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES
 from btcore.xml.read.read import Document

@@ -5,7 +5,7 @@ from typing import Final
 from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import declared_fields
 from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
-from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.models.stubs import is_stub
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, element_children
 
@@ -56,7 +56,7 @@ class ResultAnalysis:
         results = self._known.get(node)
         if results is None:
             bare = self._without_conditions(node)
-            early = {result for attribute, result in _EARLY_RESULTS.items() if attribute in node.scripts}
+            early = {result for attribute, result in _EARLY_RESULTS.items() if attribute in node.conditions}
             self._known[node] = results = bare._replace(in_first_tick=bare.in_first_tick | early)
         return results
 

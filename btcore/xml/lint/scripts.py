@@ -133,7 +133,7 @@ def check_script_results(
 ) -> None:
     """Warn about scripts of *node* that always raise, and about conditions that assign, not compare."""
     for attribute, text, is_condition in node.iter_scripts():
-        if not text and is_condition and attribute not in node.scripts:
+        if not text and is_condition and attribute not in node.conditions:
             message = f"the script in '{attribute}' of {node_label(node)} always raises: it is empty"
             reporter.warn(SCRIPT_RAISES, message, document, node, attribute)
         try:

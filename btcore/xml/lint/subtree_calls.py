@@ -61,7 +61,7 @@ class TreeKeys:
             own = self._node_keys(node) if node.call is None else self._call_keys(node.call)
             if own is None:
                 return None
-            for text in node.scripts.values():
+            for text in node.conditions.values():
                 own |= self._script_keys(text)
             keys |= own
         return keys

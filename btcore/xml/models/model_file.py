@@ -1,6 +1,6 @@
-"""Register stand-ins: node classes without code, with the IDs and ports that a TreeNodesModel describes.
+"""Register stubs: node classes without code, with the IDs and ports that a TreeNodesModel describes.
 
-With stand-ins, trees whose leaves are written in C++ can be checked, drawn, converted, and run with
+With stubs, trees whose leaves are written in C++ can be checked, drawn, converted, and run with
 planned results.
 """
 
@@ -21,7 +21,7 @@ from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import ANY, ValueType
 from btcore.xml.define import parse_format
-from btcore.xml.models.stand_ins import make_stub_class
+from btcore.xml.models.stubs import make_stub_class
 from btcore.xml.models.tree_nodes_model import PORT_TAGS
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES
@@ -49,7 +49,7 @@ _ALIASES: Final = {
 
 
 def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = False) -> list[str]:
-    """Register a stand-in for every model in a file, and for every explicit tag in its trees.
+    """Register a stub for every model in a file, and for every explicit tag in its trees.
 
     Registered nodes are not replaced, except for nodes of an installed library.
 
@@ -59,7 +59,7 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
         confined: Whether includes from outside of the file's folder are errors.
 
     Returns:
-        The IDs of the new stand-ins.
+        The IDs of the new stubs.
 
     Raises:
         TreeError: The file or an included file can't be read, or the file contains no valid model.
@@ -77,12 +77,12 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
 
 
 def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[str]:
-    """Register a stand-in for each unknown node that an explicit tag names, as `<Action ID="Move"/>`.
+    """Register a stub for each unknown node that an explicit tag names, as `<Action ID="Move"/>`.
 
     The tag determines the node type. The attributes of all elements with this ID become its ports.
 
     Returns:
-        The IDs of the new stand-ins.
+        The IDs of the new stubs.
     """
     unknown: dict[str, tuple[Document, str, dict[str, Port]]] = {}
     for document in documents:
@@ -99,7 +99,7 @@ def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[s
 
 
 def add_undeclared_nodes(nodes: Registry, documents: Iterable[Document]) -> None:
-    """Register a stand-in for every unknown node of *documents*, so that their trees can be drawn.
+    """Register a stub for every unknown node of *documents*, so that their trees can be drawn.
 
     The models and the explicit tags of the documents come first. For any other unknown tag, the number of
     child elements determines the node type.
@@ -149,7 +149,7 @@ def has_models(document: Document) -> bool:
 
 
 def add_document_models(nodes: Registry, document: Document) -> list[str]:
-    """Register a stand-in for every model of *document*, and return the IDs of the new stand-ins.
+    """Register a stub for every model of *document*, and return the IDs of the new stubs.
 
     Registered nodes are not replaced, except for nodes of an installed library.
 
@@ -225,7 +225,7 @@ def _add(
     document: Document,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Register a stand-in. Ports whose name is not valid in format 4 exist in format 3 only."""
+    """Register a stub. Ports whose name is not valid in format 4 exist in format 3 only."""
     origin = Path(document.file).stem.replace(".", "_") if document.file else "model"
     allowed = [port for port in ports if not port_name_error(port.name) or port_name_error(port.name, 3)]
     if len(allowed) == len(ports):

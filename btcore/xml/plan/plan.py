@@ -13,7 +13,7 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition, define
-from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner, check_trees
+from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner, outline_trees
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.read import Document, Sources
@@ -107,7 +107,7 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
     """
     collector = DiagnosticCollector(definitions.diagnostics)
     context = PlanContext(definitions, registry, collector)
-    structures = check_trees(context)
+    outlines = outline_trees(context)
     trees: dict[str, TreePlan] = {}
     by_id, main = definitions.by_id, definitions.main
     pending: list[TreeDefinition] = [*by_id.values()][::-1] if every_tree else []
@@ -116,7 +116,7 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
     while pending:
         definition = pending.pop()
         if definition.id not in trees:
-            trees[definition.id] = tree = TreePlanner(context, definition).plan(structures[definition])
+            trees[definition.id] = tree = TreePlanner(context, definition).plan(outlines[definition])
             pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
     planned_main = None if main is None else trees[main.id]
     plans = Plans(definitions, registry, trees, planned_main, {}, Diagnostics())
@@ -235,7 +235,7 @@ def _check_scripts(tree: TreePlan, enums: dict[str, int], collector: DiagnosticC
     """Add an error for each invalid script of *tree*."""
     for node in tree.nodes():
         for key, text, _ in node.iter_scripts():
-            if not text and key not in node.scripts:
+            if not text and key not in node.conditions:
                 continue  # BehaviorTree.CPP accepts an empty port of a Script, and checks it only in ticks
             try:
                 compile_script(text, enums)

@@ -83,15 +83,16 @@ class SubtreeCall:
 
 
 class NodePlan:
-    """One node of a tree definition. `check_trees` creates it, and `TreePlanner` adds ports and scripts.
+    """One node of a tree definition. `outline_trees` creates it, and `TreePlanner` adds ports and conditions.
 
     *depth* counts from the `<BehaviorTree>`, which has depth 0. *bindings* holds the ports that the
     document sets, in its order, then the other ports that have a default. *attributes* holds the attributes
-    that are neither ports nor scripts.
+    that are neither ports nor conditions. The first tree that is created takes over the bindings.
     """
 
     __slots__ = (
-        "attributes", "bindings", "call", "children", "depth", "element", "id", "manifest", "name", "scripts",
+        "attributes", "bindings", "call", "children", "conditions", "depth", "element", "id", "manifest",
+        "name",
     )  # fmt: skip
 
     def __init__(self, element: Element, depth: int) -> None:
@@ -100,7 +101,7 @@ class NodePlan:
         self.id = ""
         self.manifest: Manifest | None = None
         self.name: str | None = None
-        self.scripts = EMPTY_MAPPING
+        self.conditions = EMPTY_MAPPING
         self.attributes = EMPTY_MAPPING
         self.bindings: Sequence[Binding] = ()
         self.children: Sequence[NodePlan] = ()
@@ -113,7 +114,7 @@ class NodePlan:
 
     def iter_scripts(self) -> Iterator[tuple[str, str, bool]]:
         """Yield (attribute, text, whether the script is a condition) for each script of the node."""
-        for attribute, text in self.scripts.items():
+        for attribute, text in self.conditions.items():
             yield attribute, text, attribute in PRECONDITION_ATTRIBUTES
         for binding in self.bindings:
             if binding.port.role in SCRIPT_ROLES and binding.key is None:
@@ -207,8 +208,8 @@ def count_text(count: int) -> str:
     return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
 
 
-def check_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
-    """Check the structure of all trees of the documents, whether they are used or not.
+def outline_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
+    """Create the nodes of all trees of the documents, used or not, and check their structure.
 
     Returns:
         The nodes of each definition in pre-order, beginning with its `<BehaviorTree>`.
@@ -222,7 +223,7 @@ def check_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
             context.collector.add(document.diagnostic(DUPLICATE_MODELS, message, models[1], hint=hint))
     tag_cache = _TagCache(context)
     return {
-        definition: _StructureChecker(context, tag_cache, definition.document).check(definition.element)
+        definition: _TreeOutliner(context, tag_cache, definition.document).outline(definition.element)
         for definition in definitions.all
     }
 
@@ -273,8 +274,8 @@ class _TagCache:
         return self._hints.hint(node, trees, self._declaring_files.get(node))
 
 
-class _StructureChecker:
-    """Checks the structure of one tree."""
+class _TreeOutliner:
+    """Creates the nodes of one tree, without ports, and checks their structure."""
 
     def __init__(self, context: PlanContext, tag_cache: _TagCache, document: Document) -> None:
         self._dialect: Dialect = context.dialect
@@ -288,8 +289,8 @@ class _StructureChecker:
     ) -> None:
         self._collector.add(self._document.diagnostic(code, message, element, attribute, hint=hint))
 
-    def check(self, top: Element) -> list[NodePlan]:
-        """Check the tree *top*. Return its nodes in pre-order, beginning with *top*."""
+    def outline(self, top: Element) -> list[NodePlan]:
+        """Return the nodes of the tree *top* in pre-order, beginning with *top*."""
         dialect = self._dialect
         limit = self._document.max_depth or dialect.max_depth
         ignored: set[NodePlan] = set()
@@ -371,7 +372,7 @@ class _StructureChecker:
     def _check_child_count(
         self, node: str, node_type: NodeType, element: Element, children: list[Element]
     ) -> None:
-        """Add an error if *children* are too few or too many for *node*, which is of *kind*."""
+        """Add an error if *children* are too few or too many for *node*, which is of *node_type*."""
         count = len(children)
         has = count_text(count)
         if node_type is NodeType.DECORATOR:
@@ -551,7 +552,7 @@ class TreePlanner:
     ) -> dict[str, str]:
         """Return those of *attributes* that are kept. They hold neither ports nor the name.
 
-        Scripts are stored in `node.scripts`. Attributes that are neither kept nor scripts are errors.
+        Scripts are stored in `node.conditions`. Attributes that are neither kept nor scripts are errors.
         """
         dialect = self._dialect
         scripts: dict[str, str] = {}
@@ -577,7 +578,7 @@ class TreePlanner:
                 hint = port_hint(manifest, key) if has_time else ""
                 self._report(UNKNOWN_PORT, message, node.element, key, hint, at_name=True)
         if scripts:
-            node.scripts = {
+            node.conditions = {
                 key: scripts[key]
                 for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
                 if key in scripts
@@ -668,7 +669,7 @@ class TreePlanner:
                 given[key] = text
             else:
                 attributes[key] = text
-        node.scripts, node.attributes = scripts, attributes
+        node.conditions, node.attributes = scripts, attributes
         if not call.autoremap:
             for port, default in self._context.definitions.subtree_models.get(call.tree_id, {}).items():
                 if port in given:

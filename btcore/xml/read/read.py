@@ -312,15 +312,15 @@ class Sources(NamedTuple):
     """The documents of a tree.
 
     Attributes:
-        documents: The libraries and the included documents, each before the document that includes it; the
+        documents: The shared and the included documents, each before the document that includes it; the
             main document is the last. So a tree of the including document comes after included trees with
             the same ID.
-        libraries: Those of the documents whose trees a later tree with the same ID replaces.
+        shared_documents: Those of the documents whose trees a later tree with the same ID replaces.
         diagnostics: What was found while they were read.
     """
 
     documents: tuple[Document, ...]
-    libraries: tuple[Document, ...]
+    shared_documents: tuple[Document, ...]
     diagnostics: Diagnostics
 
     @property
@@ -330,31 +330,31 @@ class Sources(NamedTuple):
 
 
 def read(
-    document: Document, libraries: Iterable[Document] = (), packages: PackageResolver | None = None
+    document: Document, shared_documents: Iterable[Document] = (), packages: PackageResolver | None = None
 ) -> Sources:
-    """Read the documents that *document* and *libraries* include, directly or indirectly.
+    """Read the documents that *document* and *shared_documents* include, directly or indirectly.
 
     A file that is included several times is read once.
 
     Args:
-        libraries: Further documents, whose trees *document* may call without an include, such as those of a
-            registry.
+        shared_documents: Further documents, whose trees *document* may call without an include, such as those
+            of a registry.
         packages: Finds the share directory of a ROS package.
     """
     collector = DiagnosticCollector()
-    libraries = tuple(libraries)
+    shared_documents = tuple(shared_documents)
     documents: list[Document] = []
     main = real_path(document.file) if document.file else None
     seen: set[Path] = set() if main is None else {main}
-    for library in libraries:
-        # The same file may be a library and the document itself, or an include of an earlier library.
-        if library is not document and not (library.file and real_path(library.file) in seen):
-            _add_with_includes(library, collector, packages, documents, seen, [])
+    for shared in shared_documents:
+        # The same file may be shared and the document itself, or an include of an earlier document.
+        if shared is not document and not (shared.file and real_path(shared.file) in seen):
+            _add_with_includes(shared, collector, packages, documents, seen, [])
     _add_with_includes(document, collector, packages, documents, seen, [])
     for each in documents:
         for warning in each.warnings:
             collector.add(warning)
-    return Sources(tuple(documents), libraries, collector.diagnostics)
+    return Sources(tuple(documents), shared_documents, collector.diagnostics)
 
 
 def _add_with_includes(

@@ -66,7 +66,7 @@ def diagram_of_document(plans: Plans) -> DiagramNode:
             name=plan.name or (plan.id if call is None else call.tree_id),
             type=manifest.type if manifest is not None else NodeType.UNDEFINED,
             ports=[(port.name, text, _direction(port)) for port, text, written in plan.ports if written],
-            scripts=plan.scripts,
+            scripts=plan.conditions,
             about=manifest.description if manifest is not None else "",
             symbol=manifest.spec.symbol if manifest is not None else "",
             origin=(document, plan.element),

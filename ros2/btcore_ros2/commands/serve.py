@@ -21,7 +21,7 @@ from btcore.program_runner import (
 )
 from btcore.run_extension import ProgramSettings, RunExtension
 from btcore.suggestions import did_you_mean
-from btcore.xml.models.stand_ins import StubResults
+from btcore.xml.models.stubs import StubResults
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
 from btcore_ros2.parameters import declare_parameter

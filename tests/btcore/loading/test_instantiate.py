@@ -143,7 +143,7 @@ def test_format_3_accepts_the_empty_attributes_that_groot_1_writes() -> None:
 def test_attributes_with_an_underscore_are_kept_without_effect_in_format_4() -> None:
     node = load_tree('<AlwaysSuccess _uid="7" _note="mine" _skipIf="false"/>').root
     assert node.config.attributes == {"_uid": "7", "_note": "mine"}
-    assert node.config.scripts == {"_skipIf": "false"}
+    assert node.config.conditions == {"_skipIf": "false"}
     with pytest.raises(TreeError, match="E201"):
         load_tree('<AlwaysSuccess _note="mine"/>', root="")
 

@@ -606,7 +606,7 @@ def test_a_type_of_the_user_overrides_the_type_of_an_installed_library(
     library: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     point = EntryPoint("gestures", "gestures", "btcore.nodes")
-    monkeypatch.setattr("btcore.registry.registry.installed", lambda group, own: [point])
+    monkeypatch.setattr("btcore.entry_points.find", lambda group, own: [point])
     library.write_text(
         "from dataclasses import dataclass\nfrom btcore import In, action\n"
         "@dataclass\nclass Pose2D:\n    x: float\n"

@@ -10,7 +10,7 @@ from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.values import BOOL, DOUBLE, EnumType, ValueType
 from btcore.xml.lint.ports import is_required
-from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.models.stubs import is_stub
 
 ARROWS: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "↔"}
 """The sign of a port's direction: the node reads the port, writes it, or both."""

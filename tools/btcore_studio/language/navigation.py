@@ -10,7 +10,7 @@ from lsprotocol.types import Location, Position, Range
 from pygls import uris
 
 from btcore.input_files import read_file
-from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.models.stubs import is_stub
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore_studio.language.key_links import KeyLinks, TreeKey, links_of
 from btcore_studio.language.project import Project, SourceDocument

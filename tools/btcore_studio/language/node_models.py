@@ -14,7 +14,7 @@ from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import EnumType, ValueType
-from btcore.xml.models.stand_ins import is_stub, make_stub_class
+from btcore.xml.models.stubs import is_stub, make_stub_class
 from btcore_studio.language.descriptions import is_mandatory
 
 
@@ -94,8 +94,8 @@ def models_of(nodes: Registry) -> list[NodeModel]:
     return models
 
 
-def add_stand_ins(nodes: Registry, models: Iterable[NodeModel], enums: Mapping[str, int]) -> None:
-    """Register a stand-in for each model. A model whose ID is registered already is ignored.
+def add_stubs(nodes: Registry, models: Iterable[NodeModel], enums: Mapping[str, int]) -> None:
+    """Register a stub for each model. A model whose ID is registered already is ignored.
 
     Args:
         nodes: The registry to extend.
@@ -122,7 +122,7 @@ def add_stand_ins(nodes: Registry, models: Iterable[NodeModel], enums: Mapping[s
 
 def _model_of(manifest: Manifest, format: int) -> NodeModel:
     file, line = _source_of(manifest)
-    described = "" if is_stub(manifest.cls) and "A stand-in" in manifest.description else manifest.description
+    described = "" if is_stub(manifest.cls) and "A stub" in manifest.description else manifest.description
     return NodeModel(
         manifest.id,
         manifest.type.name,

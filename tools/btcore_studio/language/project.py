@@ -16,7 +16,7 @@ from btcore.input_files import read_file, real_path
 from btcore.registry.registry import Registry
 from btcore.xml.read.read import Document, parse_file, parse_text
 from btcore_studio.language.diagnostics import Report
-from btcore_studio.language.node_models import NodeModel, add_stand_ins
+from btcore_studio.language.node_models import NodeModel, add_stubs
 from btcore_studio.language.scanner import Scan, scan
 from btcore_studio.language.text_positions import TextPositions
 
@@ -128,7 +128,7 @@ class Project:
     Attributes:
         folders: The folders of the workspace.
         settings: The settings of the client.
-        registry: The available nodes. Nodes of Python libraries are stand-ins with the same ports.
+        registry: The available nodes. Nodes of Python libraries are stubs with the same ports.
         models: The nodes of Python libraries and model files by ID, with the places of their source.
     """
 
@@ -297,7 +297,7 @@ class Project:
             enums: The registered enum names.
         """
         registry = Registry.standard()
-        add_stand_ins(registry, models, enums)
+        add_stubs(registry, models, enums)
         self.registry = registry
         self.models = {model.id: model for model in models}
 

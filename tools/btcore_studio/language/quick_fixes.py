@@ -29,7 +29,7 @@ from btcore.names import is_port_name
 from btcore.suggestions import nearest_name
 from btcore.xml.convert.convert import convert
 from btcore.xml.define import parse_format
-from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.models.stubs import is_stub
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES
 from btcore_studio.language.descriptions import literals_of

@@ -9,7 +9,7 @@ from pygls.exceptions import JsonRpcException
 
 from btcore.names import RESERVED_IDS, forbidden_in, port_name_error
 from btcore.script import lexer
-from btcore.xml.models.stand_ins import is_stub
+from btcore.xml.models.stubs import is_stub
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore_studio.language.key_links import MAX_LINKS, KeyLinks, TreeKey, links_of

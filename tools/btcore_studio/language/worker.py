@@ -28,7 +28,7 @@ from btcore.xml.models.model_file import (
 )
 from btcore.xml.read.read import Document, parse_file, parse_text, read
 from btcore_studio.language.diagnostics import check
-from btcore_studio.language.node_models import NodeModel, add_stand_ins, models_of
+from btcore_studio.language.node_models import NodeModel, add_stubs, models_of
 from btcore_studio.language.python_source import module_file, read_nodes
 
 MAX_SOURCES: Final = 5_000
@@ -117,7 +117,7 @@ class Libraries:
     def _add_source(self, file: Path, folders: Sequence[Path]) -> None:
         models, files = read_nodes(file, folders)
         self.sources |= files
-        add_stand_ins(self.nodes, models, {})
+        add_stubs(self.nodes, models, {})
         self.read |= {model.id: model for model in models}
 
     def _add_models(self, pattern: str, folders: Sequence[Path]) -> None:

@@ -8,7 +8,7 @@ import pytest
 import btcore
 from btcore import NodeExecutionError, NodeType, Port, Registry
 from btcore.values import INT
-from btcore.xml.models.stand_ins import make_stub_class
+from btcore.xml.models.stubs import make_stub_class
 from tests.btcore.xml.lint.documents import dedented, load_main
 
 Check = Callable[..., str]

@@ -10,7 +10,7 @@ from btcore import Direction, NodeType, Registry, SimClock, Status, TreeError
 from btcore.errors import RegistrationError
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
-from btcore.xml.models.stand_ins import StubResults
+from btcore.xml.models.stubs import StubResults
 from btcore.xml.models.tree_nodes_model import write_models
 from btcore.xml.read.read import parse_file, parse_text
 
@@ -89,7 +89,7 @@ def test_type_of_a_model_is_not_the_type_of_an_installed_library_with_the_same_n
     nodes = Registry.standard()
     point = EntryPoint("positions", "positions", "btcore.nodes")
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr("btcore.registry.registry.installed", lambda group, own: [point])
+    monkeypatch.setattr("btcore.entry_points.find", lambda group, own: [point])
     assert nodes.add_installed() == []
     add_models(nodes, tmp_path / "palette.xml")
     body = '<Sequence><Fly to="12 North"/><Fly to="{p}"/><Go to="{p}"/></Sequence>'

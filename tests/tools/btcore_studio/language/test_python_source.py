@@ -12,7 +12,7 @@ pytest.importorskip("pygls")
 from btcore import Registry
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
-from btcore_studio.language.node_models import NodeModel, add_stand_ins, models_of
+from btcore_studio.language.node_models import NodeModel, add_stubs, models_of
 from btcore_studio.language.python_source import module_file, read_nodes
 
 ROOT = Path(__file__).parents[4]
@@ -101,7 +101,7 @@ def test_forms_of_leaves_and_ports(tmp_path: Path) -> None:
     assert (models[0].description, models[0].line) == ("Wave 🤖.", 7)
     # The models are the nodes of a registry.
     nodes = Registry.standard()
-    add_stand_ins(nodes, [NodeModel.from_data(model.as_data()) for model in models], {})
+    add_stubs(nodes, [NodeModel.from_data(model.as_data()) for model in models], {})
     text = (
         '<root BTCPP_format="4"><BehaviorTree ID="A"><Twice><Wave times="x"/></Twice></BehaviorTree></root>'
     )

@@ -1,4 +1,4 @@
-"""Stand-ins for nodes without code: they have the ports of a model, and return planned results."""
+"""Stubs for nodes without code: they have the ports of a model, and return planned results."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -16,7 +16,7 @@ _LETTERS: Final = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}
 
 
 class StubResults:
-    """The results of stand-ins: *letters* maps the name or the ID of a node to the letters of its results.
+    """The results of stubs: *letters* maps the name or the ID of a node to the letters of its results.
 
     The letters are R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED). Those of an action, such as
     `RRS|F`, have a segment for each start. Each tick uses the next letter of the segment; the last letter
@@ -107,7 +107,7 @@ _OF_TYPE: Final[dict[NodeType, type[TreeNode]]] = {
 
 
 def is_stub(cls: type[TreeNode]) -> bool:
-    """Return whether *cls* is a stand-in made from a model: its results and optional ports are unknown."""
+    """Return whether *cls* is a stub made from a model: its results and optional ports are unknown."""
     return issubclass(cls, tuple(_OF_TYPE.values()))
 
 
@@ -119,7 +119,7 @@ def make_stub_class(
     origin: str,
     metadata: Mapping[str, str] | None = None,
 ) -> type[TreeNode]:
-    """Return a new stand-in class.
+    """Return a new stub class.
 
     Args:
         description: The docstring of the class, or "".
@@ -132,7 +132,7 @@ def make_stub_class(
         {
             "provided_ports": staticmethod(lambda: listed),
             "metadata": staticmethod(lambda: fields),
-            "__doc__": description or f"A stand-in: the code of <{id}> is elsewhere.",
+            "__doc__": description or f"A stub: the code of <{id}> is elsewhere.",
             "__module__": origin,
         },
     )
