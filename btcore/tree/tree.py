@@ -144,7 +144,7 @@ class Tree:
                 halted.
         """
         if self.tick_limit is not None:
-            return self._tick_within(self.tick_limit, consumes_wake_ups=False)
+            return self._tick_within(self.tick_limit, repeat=False)
         status = self._tick_root()
         self.status = status
         return status
@@ -158,7 +158,7 @@ class Tree:
                 halted.
         """
         if self.tick_limit is not None:
-            return self._tick_within(self.tick_limit, consumes_wake_ups=True)
+            return self._tick_within(self.tick_limit, repeat=True)
         status = self._tick_root()
         while status is RUNNING and self.context.consume_wake_up() and not self.context.is_interrupted:
             status = self._tick_root()
@@ -242,23 +242,18 @@ class Tree:
             if self._hooks is not None:
                 self._hooks.close_tick_thread()
 
-    def _tick_within(self, limit: float, consumes_wake_ups: bool) -> Status:
+    def _tick_within(self, limit: float, repeat: bool) -> Status:
         """Tick the root for at most *limit* s of real time.
 
         Args:
             limit: The tick limit (s).
-            consumes_wake_ups: Whether to tick the root again if a node requests another tick at once.
+            repeat: Whether to tick the root again if a node requests another tick at once.
         """
         context = self.context
         context.set_tick_limit(limit)
         try:
             status = self._tick_root()
-            while (
-                consumes_wake_ups
-                and status is RUNNING
-                and context.consume_wake_up()
-                and not context.must_end_tick()
-            ):
+            while repeat and status is RUNNING and context.consume_wake_up() and not context.must_end_tick():
                 status = self._tick_root()
         finally:
             context.clear_tick_limit()
