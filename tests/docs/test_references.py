@@ -1,4 +1,4 @@
-"""Every Markdown file that the code or the documentation names exists in the repository."""
+"""Every page and every test file that the code or the documentation names exists in the repository."""
 
 import os
 import re
@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 URL = re.compile(r"https?://\S+")
 GENERATED = re.compile(r"\.\./(api|commands|nodes)/")
-REFERENCE = re.compile(r"(?<!\})[\w./-]*[\w-]\.md\b")
+REFERENCE = re.compile(r"(?<!\})(?:[\w./-]*[\w-]\.md|(?<=`)tests/[\w./-]*\w\.py)\b")
 FILE_TYPES = {".cfg", ".in", ".json", ".md", ".py", ".toml", ".ts", ".xml", ".yaml", ".yml", ""}
 # Folders of generated or installed files. Hidden folders are excluded, too, except those of the CI.
 EXCLUDED = {"__pycache__", "build", "dist", "node_modules", "out"}
@@ -27,16 +27,17 @@ def text_files() -> Iterator[Path]:
 
 
 def missing_references(text: str, folder: Path) -> list[str]:
-    """Return line and name of each reference in *text* to a Markdown file that does not exist.
+    """Return line and name of each reference in *text* to a page or a test file that does not exist.
 
-    A reference is relative to *folder*, to the repository or to docs/. Web addresses and the pages that
-    docs/site/build_site.py writes are ignored.
+    A reference is relative to *folder*, to the repository or to docs/. Web addresses, the pages that
+    docs/site/build_site.py writes, and files that a recipe adds are ignored.
     """
     return [
         f"{number}: {name}"
         for number, line in enumerate(text.splitlines(), 1)
         for name in REFERENCE.findall(URL.sub("", line))
         if not GENERATED.match(name)
+        and f"+++ {name}" not in text
         and not any((start / name).is_file() for start in (folder, ROOT, ROOT / "docs"))
     ]
 
@@ -54,7 +55,7 @@ def test_missing_references_are_found() -> None:
     # The name is assembled at run time, because the test above reads this file, too.
     absent = "absent" + ".md"
     text = (
-        "See docs/guides/async.md, guides/async.md#halt, *.md and docs/*.md.\n"
+        "See docs/guides/async.md, guides/async.md#halt, *.md and docs/*.md, and `tests/check.py`.\n"
         f"See `docs/{absent}`, [a page]({absent}).\n"
     )
     assert missing_references(text, ROOT / "btcore") == [f"2: docs/{absent}", f"2: {absent}"]
