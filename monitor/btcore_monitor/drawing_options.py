@@ -9,9 +9,8 @@ import click
 from click.core import ParameterSource
 
 if TYPE_CHECKING:
+    from btcore_monitor.screen.robot_layouts import RobotLayout
     from btcore_monitor.screen.robot_view import RobotView
-    from btcore_monitor.screen.sinks import RecordingSinks
-    from btcore_monitor.screen.viewer_windows import RobotWindow
 
 PALETTE_NAMES: Final = ("groot", "colour-blind")
 LOG_LEVELS: Final = ("trace", "debug", "info", "warn", "error")
@@ -59,16 +58,12 @@ class DrawingOptions:
         patterns = [part for pattern in self.find for part in ("--find", pattern)]
         return ["--palette", self.palette, "--log-level", self.log_level, *patterns]
 
-    def create_view(self, destination: "RecordingSinks | RobotWindow") -> "RobotView":
-        """Return a view of a robot with these options.
-
-        Args:
-            destination: The destinations of the view's recordings, or the robot's part of a shared window.
-        """
+    def create_view(self, layout: "RobotLayout") -> "RobotView":
+        """Return a view of a robot in *layout* with these options."""
         from btcore_monitor.screen.robot_view import RobotView
         from btcore_monitor.screen.style import PALETTES
 
-        return RobotView(destination, PALETTES[self.palette], self.find, self.log_level.upper())
+        return RobotView(layout, PALETTES[self.palette], self.find, self.log_level.upper())
 
 
 def drawing_options(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -118,7 +118,7 @@ class MonitorExtension(RunExtension):
     def provide(
         self, settings: Mapping[str, Any], wanted: Sequence[type], provided: Sequence[object]
     ) -> Sequence[object]:
-        """Check the options before other extensions build a simulated world. Return no resources.
+        """Provide nothing: only check the options, before other extensions build a simulated world.
 
         Raises:
             click.UsageError: The options contradict each other, or a file cannot be written.

@@ -63,8 +63,8 @@ class ViewerOptions:
         ]
 
     @contextlib.contextmanager
-    def open(self, window: bool) -> "Iterator[RecordingSinks]":
-        """Open the destinations, and also a window if *window* is true and the view is not served.
+    def open_sinks(self, opens_viewer: bool) -> "Iterator[RecordingSinks]":
+        """Open the destinations, and also a viewer if *opens_viewer* is true and the view is not served.
 
         A screenshot is made from a recording file. Without `--save` this file is temporary, and exists
         until the end of the `with` block.
@@ -74,7 +74,7 @@ class ViewerOptions:
                 exist.
             ScreenError: The viewer or a display is not available.
         """
-        from btcore_monitor.screen.sinks import RecordingSinks, open_window
+        from btcore_monitor.screen.sinks import RecordingSinks, open_viewer
 
         with contextlib.ExitStack() as stack:
             save = self.save
@@ -89,9 +89,9 @@ class ViewerOptions:
             if self.serve_web is not None:
                 web = self.open_web(self.serve_web)  # served as long as this object exists
                 yield RecordingSinks(save=save, relay=web.address)
-            elif window:
-                opened = open_window(self.memory_limit, verbose=self.verbose)
-                yield RecordingSinks(save=save, window=opened)
+            elif opens_viewer:
+                viewer = open_viewer(self.memory_limit, verbose=self.verbose)
+                yield RecordingSinks(save=save, viewer=viewer)
             elif save is not None:
                 yield RecordingSinks(save=save)
             else:
@@ -145,7 +145,7 @@ def parse_size(context: click.Context, option: click.Parameter, value: str) -> t
 def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options for the viewer to *command*.
 
-    The parameters are `viewer`, a `ViewerOptions`, and `drawing`, a `DrawingOptions`.
+    The parameters are `options`, a `ViewerOptions`, and `drawing`, a `DrawingOptions`.
     """
     # The drawing options first, so that they follow the options of the viewer in the help text.
     command = drawing_options(command)
@@ -155,8 +155,8 @@ def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
         if not settings["verbose"]:
             # rerun reads the variable when it is imported, so this precedes the imports of the command.
             os.environ.setdefault("RUST_LOG", "off")
-        viewer = ViewerOptions(**{field.name: settings.pop(field.name) for field in fields(ViewerOptions)})
-        return command(*arguments, viewer=viewer, **settings)
+        options = ViewerOptions(**{field.name: settings.pop(field.name) for field in fields(ViewerOptions)})
+        return command(*arguments, options=options, **settings)
 
     for option in reversed(_create_options()):
         with_viewer = option(with_viewer)

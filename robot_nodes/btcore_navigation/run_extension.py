@@ -64,7 +64,7 @@ class NavigationExtension(RunExtension):
 
     def takes_over(self, settings: Mapping[str, Any], wanted: Sequence[type]) -> Sequence[type]:
         """Return the type of waypoints if the map has some; see `RunExtension.takes_over`."""
-        return (Waypoints,) if Waypoints in wanted and _waypoint_file(settings) is not None else ()
+        return (Waypoints,) if Waypoints in wanted and _find_waypoint_file(settings) is not None else ()
 
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
         """Return the types of the required resources.
@@ -93,7 +93,7 @@ class NavigationExtension(RunExtension):
         """
         created: list[object] = []
         if Waypoints in wanted and not any(isinstance(resource, Waypoints) for resource in provided):
-            created.append(_waypoints(settings))
+            created.append(_load_map_waypoints(settings))
         navigates, explores, tracks = _required_features(wanted)
         robot = next((resource for resource in provided if isinstance(resource, Robot)), None)
         if robot is None or not (navigates or explores):
@@ -102,12 +102,12 @@ class NavigationExtension(RunExtension):
             return created
         if explores:
             self._file = MapFile(_check_folder(settings.get("save_map")))
-            exploration = self._exploration = _exploration(robot, settings, provided)
+            exploration = self._exploration = _create_exploration(robot, settings, provided)
             created += [exploration, exploration.servers, exploration.mapper, self._file]
         elif navigates:
             if settings.get("save_map") is not None:
                 click.echo("warning: --save-map has no effect: the robot navigates on a known map", err=True)
-            navigation = self._navigation = _navigation(robot, settings, (*provided, *created))
+            navigation = self._navigation = _create_navigation(robot, settings, (*provided, *created))
             created += [navigation, navigation.servers]
         if tracks:
             from btcore_robot.control.head_tracker import HeadTracker
@@ -117,7 +117,7 @@ class NavigationExtension(RunExtension):
             created.append(self._tracker)
         if ObjectLocatorProtocol in wanted:
             # After the tracker: the locator satisfies its protocol too, and the first match is used.
-            self._locator = _locator(robot, created)
+            self._locator = _create_locator(robot, created)
             created.append(self._locator)
         return created
 
@@ -164,7 +164,7 @@ _MAPPER = "btcore_navigation.mapping.mapper.Mapper"
 _TRACKER = "btcore_robot.control.head_tracker.HeadTracker"
 
 
-def _locator(robot: Robot, created: Sequence[object]) -> "ObjectLocator":
+def _create_locator(robot: Robot, created: Sequence[object]) -> "ObjectLocator":
     from btcore_navigation.servers import Servers
     from btcore_robot.perception.object_locator import ObjectLocator
 
@@ -174,36 +174,38 @@ def _locator(robot: Robot, created: Sequence[object]) -> "ObjectLocator":
     return locator
 
 
-def _navigation(robot: Robot, settings: Mapping[str, Any], provided: Sequence[object]) -> "Navigation":
+def _create_navigation(robot: Robot, settings: Mapping[str, Any], provided: Sequence[object]) -> "Navigation":
     from btcore.bundled_trees import folder
     from btcore_navigation.stack import Navigation
 
-    map, parameters = _map(settings, provided), _parameters(settings)
+    map, parameters = _load_map(settings, provided), _load_parameters(settings)
     waypoints = next((resource for resource in provided if isinstance(resource, Waypoints)), None)
     if map is None:
         raise click.UsageError("there is no map to navigate on: use --map FILE.yaml")
     for cells, missing in ((map.free, "free floor"), (map.occupied, "wall")):
         if not cells.any():
             raise click.UsageError(f"there is no {missing} on the map, so navigation is not possible")
-    parameters = _with_initial_pose(parameters, settings, provided)
-    with _plugin_errors_reported(settings):
-        return Navigation(robot, map, _random(settings), folder(), parameters, waypoints)
+    parameters = _add_initial_pose(parameters, settings, provided)
+    with _report_plugin_errors(settings):
+        return Navigation(robot, map, _create_random_generator(settings), folder(), parameters, waypoints)
 
 
-def _exploration(robot: Robot, settings: Mapping[str, Any], provided: Sequence[object]) -> "Exploration":
+def _create_exploration(
+    robot: Robot, settings: Mapping[str, Any], provided: Sequence[object]
+) -> "Exploration":
     from btcore.bundled_trees import folder
     from btcore_navigation.mapping.exploration import Exploration
 
     # Only the keep-out areas of an existing map are used: table tops, which the laser cannot detect.
-    map, parameters = _map(settings, provided), _parameters(settings)
+    map, parameters = _load_map(settings, provided), _load_parameters(settings)
     keepout = map.keepout if map is not None else ()
-    parameters = _with_initial_pose(parameters, settings, provided)
-    with _plugin_errors_reported(settings):
-        return Exploration(robot, _random(settings), folder(), parameters, keepout)
+    parameters = _add_initial_pose(parameters, settings, provided)
+    with _report_plugin_errors(settings):
+        return Exploration(robot, _create_random_generator(settings), folder(), parameters, keepout)
 
 
 @contextmanager
-def _plugin_errors_reported(settings: Mapping[str, Any]) -> Iterator[None]:
+def _report_plugin_errors(settings: Mapping[str, Any]) -> Iterator[None]:
     """Raise a usage error if a node library that the parameters name cannot be loaded."""
     from btcore import RegistrationError
 
@@ -216,12 +218,12 @@ def _plugin_errors_reported(settings: Mapping[str, Any]) -> Iterator[None]:
 def _check_files(settings: Mapping[str, Any]) -> None:
     """Check the map and the parameters that this run does not use."""
     if settings.get("map_file") is not None:
-        _map(settings, ())
+        _load_map(settings, ())
     if settings.get("nav_params") is not None:
-        _parameters(settings)
+        _load_parameters(settings)
 
 
-def _map(settings: Mapping[str, Any], provided: Sequence[object]) -> "OccupancyMap | None":
+def _load_map(settings: Mapping[str, Any], provided: Sequence[object]) -> "OccupancyMap | None":
     """Return the map of `--map`; without the option, the world's map, or None."""
     from btcore_robot.occupancy_map import MapError, OccupancyMap, load_map
 
@@ -234,7 +236,7 @@ def _map(settings: Mapping[str, Any], provided: Sequence[object]) -> "OccupancyM
     return next((resource for resource in provided if isinstance(resource, OccupancyMap)), None)
 
 
-def _parameters(settings: Mapping[str, Any]) -> "NavigationParameters | None":
+def _load_parameters(settings: Mapping[str, Any]) -> "NavigationParameters | None":
     from btcore_navigation.parameters import load_parameters
     from btcore_robot.parameter_files import ParameterError
 
@@ -254,7 +256,7 @@ def _parameters(settings: Mapping[str, Any]) -> "NavigationParameters | None":
     return parameters
 
 
-def _with_initial_pose(
+def _add_initial_pose(
     parameters: "NavigationParameters | None", settings: Mapping[str, Any], provided: Sequence[object]
 ) -> "NavigationParameters | None":
     """Return *parameters* with the initial pose among *provided*, unless the user's file has another pose.
@@ -286,13 +288,13 @@ def _has_initial_pose(file: Path | None) -> bool:
     return any(name.startswith("initial_pose") for name in names)
 
 
-def _random(settings: Mapping[str, Any]) -> "np.random.Generator":
+def _create_random_generator(settings: Mapping[str, Any]) -> "np.random.Generator":
     import numpy as np
 
     return np.random.default_rng([settings.get("seed", 0), 4])
 
 
-def _waypoint_file(settings: Mapping[str, Any]) -> Path | None:
+def _find_waypoint_file(settings: Mapping[str, Any]) -> Path | None:
     """Return the file with the waypoints of the user's map, or None if there is no such file."""
     if settings.get("map_file") is None:
         return None
@@ -302,9 +304,9 @@ def _waypoint_file(settings: Mapping[str, Any]) -> Path | None:
     return path if path.exists() else None
 
 
-def _waypoints(settings: Mapping[str, Any]) -> Waypoints:
+def _load_map_waypoints(settings: Mapping[str, Any]) -> Waypoints:
     """Return the waypoints of the user's map; without any, the run ends with an error before it begins."""
-    path = _waypoint_file(settings)
+    path = _find_waypoint_file(settings)
     if path is None:
         return Waypoints({}, source="the robot's map")
     from btcore_robot.occupancy_map import MapError
@@ -324,13 +326,13 @@ def _check_waypoints(nodes: Sequence[object], settings: Mapping[str, Any]) -> No
             needed = f"waypoint '{missing}', but {node.config.path} needs it"
             if not node.waypoints.places:
                 needed = f"waypoints, but {node.config.path} needs them"
-            remedy = _waypoint_remedy(missing, settings)
+            remedy = _create_waypoint_remedy(missing, settings)
             raise click.UsageError(f"{node.waypoints.source} has no {needed}; {remedy}")
 
 
-def _waypoint_remedy(missing: str, settings: Mapping[str, Any]) -> str:
+def _create_waypoint_remedy(missing: str, settings: Mapping[str, Any]) -> str:
     """Return a sentence about how to add the waypoint *missing*."""
-    if _waypoint_file(settings) is not None:
+    if _find_waypoint_file(settings) is not None:
         return f"add '{missing}: [x, y, yaw]' to the file, in m and rad on the map"
     example = "'waypoints: {recharge: [3.7, -0.2, 0.0], wp1: [1.1, -12.4, 1.57]}', in m and rad on the map"
     if settings.get("map_file") is None:

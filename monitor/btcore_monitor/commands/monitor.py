@@ -3,6 +3,7 @@
 import contextlib
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -19,6 +20,7 @@ from btcore_monitor.viewer_options import ViewerOptions, viewer_options
 from btcore_monitor.watch_options import duration_option, robot_options
 
 if TYPE_CHECKING:
+    from btcore_monitor.screen.robot_layouts import RobotLayout
     from btcore_monitor.screen.robot_view import RobotView
     from btcore_monitor.screen.sinks import RecordingSinks
     from btcore_monitor.watch.feed import Feed
@@ -46,7 +48,7 @@ _CHECK_VIEWER_INTERVAL_S: Final = 2.0
 @click.option("--quiet", is_flag=True, help="Print problems only, not changes of the connection.")
 def monitor(
     addresses: tuple[str, ...],
-    viewer: ViewerOptions,
+    options: ViewerOptions,
     drawing: DrawingOptions,
     no_record: bool,
     blackboard_rate: float,
@@ -82,14 +84,14 @@ def monitor(
             if robots:
                 raise click.UsageError("recordings and robots cannot be shown together")
             _check_is_live()
-            _show_recordings(recordings, viewer, duration)
+            _show_recordings(recordings, options, duration)
             return
         robots = robots or [DEFAULT_ADDRESS]
         keys = client_keys(key_file, robot_keys, len(robots))
         with contextlib.ExitStack() as stack:
             _check_addresses(robots)
             # Before the robots notice their clients: `btcore run` begins when its viewer is connected.
-            sinks = stack.enter_context(viewer.open(not no_view and viewer.screenshot is None))
+            sinks = stack.enter_context(options.open_sinks(not no_view and options.screenshot is None))
             feeds = [
                 stack.enter_context(
                     Feed(robot, blackboard_rate=blackboard_rate, record=not no_record, keys=key)
@@ -98,12 +100,12 @@ def monitor(
             ]
             with time_limit(duration):
                 files = _watch(feeds, sinks, drawing, until_end, duration, quiet)
-            viewer.take_screenshot(files)
+            options.take_screenshot(files)
             if files:
                 return
-            if viewer.screenshot is not None:
+            if options.screenshot is not None:
                 raise click.ClickException(f"no tree was seen at {', '.join(robots)}, so there is no picture")
-            if viewer.save is not None:
+            if options.save is not None:
                 seen_at = ", ".join(robots)
                 print_line(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
                 click.get_current_context().exit(1)
@@ -150,15 +152,12 @@ def _watch(
     Raises:
         click.exceptions.Exit: The viewer failed, which a message has reported.
     """
-    from btcore_monitor.screen.viewer_windows import SharedWindow
+    from btcore_monitor.screen.robot_layouts import SharedLayout, SingleRobotLayout
 
     stop = threading.Event()
-    window = SharedWindow(sinks, [_create_label(feed) for feed in feeds])
-    views = (
-        [drawing.create_view(slot) for slot in window.slots]
-        if len(feeds) > 1
-        else [drawing.create_view(sinks)]
-    )
+    shared = SharedLayout(sinks, [_create_label(feed) for feed in feeds]) if len(feeds) > 1 else None
+    layouts: Sequence[RobotLayout] = [SingleRobotLayout(sinks)] if shared is None else shared.slots
+    views = [drawing.create_view(layout) for layout in layouts]
     errors: list[BaseException] = []
 
     def run(feed: "Feed", view: "RobotView") -> None:
@@ -183,7 +182,7 @@ def _watch(
             thread.start()
         deadline = None if duration is None else time.monotonic() + duration
         next_file_check = time.monotonic()
-        opened, next_check = sinks.window, time.monotonic() + _CHECK_VIEWER_INTERVAL_S
+        viewer, next_check = sinks.viewer, time.monotonic() + _CHECK_VIEWER_INTERVAL_S
         while any(thread.is_alive() for thread in threads) and not stop.wait(_CHECK_INTERVAL_S):
             now = time.monotonic()
             if now >= next_file_check:
@@ -191,10 +190,10 @@ def _watch(
                 sinks.check_files()
             if deadline is not None and now >= deadline:
                 break
-            if opened is not None and now >= next_check:
+            if viewer is not None and now >= next_check:
                 next_check = now + _CHECK_VIEWER_INTERVAL_S
-                if not opened.is_open:
-                    failure, opened = opened.failure(), None
+                if not viewer.is_open:
+                    failure, viewer = viewer.failure(), None
                     # Printed at once, because closing the recording takes some seconds without a viewer.
                     report = f"the viewer (rerun) failed: {failure}" if failure else "the viewer was closed"
                     print_line(f"monitor: {report}", err=True)
@@ -205,10 +204,11 @@ def _watch(
         stop.set()
         for thread in threads:
             thread.join()
-    window.close()
+    if shared is not None:
+        shared.close()
     if errors:
         raise errors[0]
-    return window.files or views[0].files
+    return views[0].files if shared is None else shared.files
 
 
 def _create_label(feed: "Feed") -> str:
@@ -239,8 +239,8 @@ def _process_feed(
             return
 
 
-def _show_recordings(recordings: list[Path], viewer: ViewerOptions, duration: float | None) -> None:
-    from btcore_monitor.screen.sinks import open_window
+def _show_recordings(recordings: list[Path], options: ViewerOptions, duration: float | None) -> None:
+    from btcore_monitor.screen.sinks import open_viewer
 
     for recording in recordings:
         if not recording.is_file():
@@ -249,11 +249,11 @@ def _show_recordings(recordings: list[Path], viewer: ViewerOptions, duration: fl
             # Checked here, because the viewer would show the error only in its window.
             if not file.read(4).startswith(_RRF_MAGIC):
                 raise click.UsageError(f"{recording} is not a rerun recording")
-    if viewer.screenshot is not None:
-        check_folder("--screenshot", viewer.screenshot)
-        viewer.take_screenshot(recordings)
-    elif viewer.serve_web is not None:
-        viewer.open_web(viewer.serve_web).send_recordings(recordings)
+    if options.screenshot is not None:
+        check_folder("--screenshot", options.screenshot)
+        options.take_screenshot(recordings)
+    elif options.serve_web is not None:
+        options.open_web(options.serve_web).send_recordings(recordings)
         wait_for_stop(duration)
     else:
-        open_window(viewer.memory_limit, files=recordings, verbose=viewer.verbose)
+        open_viewer(options.memory_limit, files=recordings, verbose=options.verbose)

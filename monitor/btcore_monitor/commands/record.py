@@ -128,10 +128,11 @@ class _Files:
         self.sinks: list[RecordingSinks] = []
         self.views: list[RobotView] = []
         if recordings:
-            from btcore_monitor.screen import sinks
+            from btcore_monitor.screen import robot_layouts, sinks
 
             self.sinks = [sinks.RecordingSinks(save=path) for path in recordings]
-            self.views = [drawing.create_view(destination) for destination in self.sinks]
+            layouts = [robot_layouts.SingleRobotLayout(destination) for destination in self.sinks]
+            self.views = [drawing.create_view(layout) for layout in layouts]
 
     @property
     def written(self) -> list[Path]:

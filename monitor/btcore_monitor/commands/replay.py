@@ -67,7 +67,7 @@ def replay(
     patterns: Sequence[str],
     begin: float | None,
     end: float | None,
-    viewer: ViewerOptions,
+    options: ViewerOptions,
     drawing: DrawingOptions,
 ) -> None:
     """Show LOG: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2), a bag (.mcap) or a .fbl.
@@ -76,8 +76,8 @@ def replay(
     --screenshot need no display. Times are in seconds since the log began. A truncated file is shown up to
     its end.
     """
-    if text and viewer.list_given():
-        raise click.UsageError(f"--text and {viewer.list_given()[0]} exclude each other: choose one.")
+    if text and options.list_given():
+        raise click.UsageError(f"--text and {options.list_given()[0]} exclude each other: choose one.")
     if patterns and not text:
         raise click.UsageError("--node selects lines, so it needs --text.")
     if begin is not None and end is not None and begin > end:
@@ -90,7 +90,7 @@ def replay(
         _print(recording, window, patterns)
         return
     check_installed("rerun", "numpy")
-    _show_recording(recording, window, viewer, drawing)
+    _show_recording(recording, window, options, drawing)
 
 
 def observed_tree(recording: Recording) -> ObservedTree:
@@ -181,25 +181,27 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
 
 
 def _show_recording(
-    recording: Recording, window: range, viewer: ViewerOptions, drawing: DrawingOptions
+    recording: Recording, window: range, options: ViewerOptions, drawing: DrawingOptions
 ) -> None:
     from btcore_monitor.screen.rerun_process import ScreenError
+    from btcore_monitor.screen.robot_layouts import SingleRobotLayout
 
-    wants_window = not viewer.list_given()
+    opens_viewer = not options.list_given()
     try:
-        with viewer.open(wants_window) as sinks:
-            view = drawing.create_view(sinks)
+        with options.open_sinks(opens_viewer) as sinks:
+            view = drawing.create_view(SingleRobotLayout(sinks))
             for event in events(recording, window):
                 view.process_event(event)
             view.close()
-            if sinks.window is not None and not sinks.window.is_open and (failure := sinks.window.failure()):
+            viewer = sinks.viewer
+            if viewer is not None and not viewer.is_open and (failure := viewer.failure()):
                 raise ScreenError(f"the viewer (rerun) failed: {failure}")
-            if viewer.save is not None:
-                print_line(f"monitor: the recording is {viewer.save}", err=True)
-            viewer.take_screenshot(view.files)
-            if viewer.serve_web is not None:
+            if options.save is not None:
+                print_line(f"monitor: the recording is {options.save}", err=True)
+            options.take_screenshot(view.files)
+            if options.serve_web is not None:
                 wait_for_stop()
     except RecordingError as error:
         abandon(error)
     except ScreenError as error:
-        raise click.ClickException(f"{error}, or --text for lines" if wants_window else str(error)) from None
+        raise click.ClickException(f"{error}, or --text for lines" if opens_viewer else str(error)) from None

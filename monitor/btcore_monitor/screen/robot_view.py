@@ -33,13 +33,12 @@ from btcore_monitor.screen.panels import (
     TickPlots,
     TransitionLog,
 )
+from btcore_monitor.screen.robot_layouts import SHARED_VIEW_SIZE, RobotLayout
 from btcore_monitor.screen.row_buffer import RowBuffer
 from btcore_monitor.screen.scene import SPEED, SceneView
-from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT, Palette
 from btcore_monitor.screen.tick_states import TickStates
 from btcore_monitor.screen.tree import FOLD_ABOVE_NODES, TreeView, match_nodes
-from btcore_monitor.screen.viewer_windows import SHARED_VIEW_SIZE, RobotWindow, SingleRobotWindow
 
 _ENDLESS_NS: Final = 1 << 62
 SEND_INTERVAL_S: Final = 0.2
@@ -63,7 +62,7 @@ class RobotView:
     data.
 
     Args:
-        sinks: The destinations of the recordings, or the robot's part of a window with several robots.
+        layout: Creates the recordings and arranges the view in the viewer.
         palette: The colours.
         find_patterns: Patterns such as `Dock*`. Matching names or paths are highlighted and have lanes.
         log_level: The lowest level of the log's lines (a member of LEVELS).
@@ -71,13 +70,13 @@ class RobotView:
 
     def __init__(
         self,
-        sinks: RecordingSinks | RobotWindow,
+        layout: RobotLayout,
         palette: Palette = GROOT,
         find_patterns: Sequence[str] = (),
         log_level: str = LEVELS[0],
     ) -> None:
         self.files: list[Path] = []
-        self._window = SingleRobotWindow(sinks) if isinstance(sinks, RecordingSinks) else sinks
+        self._layout = layout
         self._palette = palette
         self._find_patterns = find_patterns
         self._log_level = log_level
@@ -118,10 +117,10 @@ class RobotView:
     def _send_if_due(self, live_interval: float) -> None:
         """Send the rows whose time has come; *live_interval* (s) is the time between two for a viewer."""
         now = time.monotonic()
-        interval = live_interval if self._window.is_live else WRITE_INTERVAL_S
+        interval = live_interval if self._layout.is_live else WRITE_INTERVAL_S
         if now - self._sent_at >= interval or self._buffered_events >= _MAX_BUFFERED_EVENTS:
             self.flush()
-        elif now - self._transitions_sent_at >= WRITE_TRANSITIONS_INTERVAL_S and not self._window.is_live:
+        elif now - self._transitions_sent_at >= WRITE_TRANSITIONS_INTERVAL_S and not self._layout.is_live:
             self._transitions_sent_at = now
             if self._panels is not None:
                 self._panels.transition_log.send()
@@ -155,7 +154,7 @@ class RobotView:
             self._close_panels()
             has_scene = self._scene is not None
             self._panels = _TreePanels(
-                new, self._window, self._palette, has_scene, self._find_patterns, self._log_level
+                new, self._layout, self._palette, has_scene, self._find_patterns, self._log_level
             )
             if self._panels.file is not None:
                 self.files.append(self._panels.file)
@@ -176,7 +175,7 @@ class _TreePanels:
     def __init__(
         self,
         event: TreeEvent,
-        window: RobotWindow,
+        layout: RobotLayout,
         palette: Palette,
         has_scene: bool,
         find_patterns: Sequence[str],
@@ -184,11 +183,11 @@ class _TreePanels:
     ) -> None:
         tree = event.tree
         self.tree_id = tree.tree_id
-        self.name = legible(f"{window.label} · {tree.name}" if window.label else tree.name)
+        self.name = legible(f"{layout.label} · {tree.name}" if layout.label else tree.name)
         self.has_transition_numbers = event.has_transition_numbers
         self.source = DataSource("")
-        self.window = window
-        self.recording, self.entity_path_prefix, self.file = window.begin_recording(tree.name)
+        self.layout = layout
+        self.recording, self.entity_path_prefix, self.file = layout.begin_recording(tree.name)
         # Other sources count the time from their beginning already.
         start_stamp = event.stamp if event.source == RUN_CHANNEL else 0
         self.rows = RowBuffer(self.recording, self.entity_path_prefix, start_stamp)
@@ -286,7 +285,7 @@ class _TreePanels:
         """Send the buffered rows, and the arrangement of the views if it has changed."""
         if self._is_layout_outdated:
             self._is_layout_outdated = False
-            self.window.show_pane(self.recording, self._create_pane())
+            self.layout.show_pane(self.recording, self._create_pane())
         self.rows.send()
 
     def close(self) -> None:
@@ -296,7 +295,7 @@ class _TreePanels:
             self._invalidate_layout()
         self.statistics_table.update(self._stamp, self._wall)
         self.send()
-        self.window.end_recording(self.recording)
+        self.layout.end_recording(self.recording)
 
     def _end_last_tick(self) -> None:
         """Show the changes after the last tick, for example of a tree that was halted."""
@@ -308,7 +307,7 @@ class _TreePanels:
 
     @property
     def _current_time(self) -> int:
-        """The time (ns) of the last event on the window's timeline."""
+        """The time (ns) of the last event on the view's timeline."""
         return self._wall if self.entity_path_prefix else self._stamp - self.rows.start_stamp
 
     def _end_tick(self, stamp: int, wall: int) -> None:

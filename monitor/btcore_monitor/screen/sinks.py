@@ -1,4 +1,4 @@
-"""The destinations of a recording: a viewer's window, a viewer elsewhere, a file, a browser."""
+"""The destinations of a recording: a viewer on this machine, a file, a browser."""
 
 import contextlib
 import itertools
@@ -40,10 +40,10 @@ _LEAST_SPACE: Final = 1 << 14
 
 
 @dataclass(frozen=True, slots=True)
-class ViewerWindow:
-    """The window of a viewer that receives recordings at *port*.
+class Viewer:
+    """A viewer on this machine that receives recordings at *port*, and shows them in its window.
 
-    *process* is None if the window was open before.
+    *process* is None if the viewer was running before.
     """
 
     port: int
@@ -68,12 +68,12 @@ class ViewerWindow:
 class RecordingSinks:
     """The destinations of recordings.
 
-    *save* is an `.rrd` file; a robot's second tree goes to `NAME.2.rrd`, and so on. *window* is a window
-    from `open_window`, and *relay* the address of a relay for browsers from `serve_web`.
+    *save* is an `.rrd` file; a robot's second tree goes to `NAME.2.rrd`, and so on. *viewer* is a viewer
+    from `open_viewer`, and *relay* the address of a relay for browsers from `serve_web`.
     """
 
     save: Path | None = None
-    window: ViewerWindow | None = None
+    viewer: Viewer | None = None
     relay: str | None = None
     # next() of a counter is atomic: robots' threads may attach recordings at the same time.
     _numbers: Iterator[int] = field(default_factory=lambda: itertools.count(1), init=False)
@@ -83,7 +83,7 @@ class RecordingSinks:
     @property
     def is_live(self) -> bool:
         """Whether a viewer shows the recordings while they are made."""
-        return self.window is not None or self.relay is not None
+        return self.viewer is not None or self.relay is not None
 
     def attach(self, recording: rr.RecordingStream) -> Path | None:
         """Send *recording* to all destinations, and return its file, or None without a file."""
@@ -95,8 +95,8 @@ class RecordingSinks:
             if number > 1:
                 file = file.with_name(f"{file.stem}.{number}{file.suffix}")
             sinks.append(rr.FileSink(file))
-        if self.window is not None:
-            sinks.append(rr.GrpcSink(self.window.address))
+        if self.viewer is not None:
+            sinks.append(rr.GrpcSink(self.viewer.address))
         if self.relay is not None:
             sinks.append(rr.GrpcSink(self.relay))
         if sinks:
@@ -118,12 +118,12 @@ class RecordingSinks:
             RecordingError: The file is incomplete.
         """
         file = next((file for other, file in self._open_files if other is recording), None)
-        is_received = self.window is None or self.window.is_open
+        is_received = self.viewer is None or self.viewer.is_open
         deadline = time.monotonic() + (FLUSH_TIMEOUT_S if is_received else FLUSH_FILE_TIMEOUT_S)
         while not _flush(recording, deadline):
             is_late = time.monotonic() >= deadline
             if file is not None and (
-                _is_full(file) or (is_late and self.window is None and self.relay is None)
+                _is_full(file) or (is_late and self.viewer is None and self.relay is None)
             ):
                 raise _create_incomplete_error(file)
             # A viewer that was closed is no reason to leave the file unfinished.
@@ -159,9 +159,9 @@ def _is_full(file: Path) -> bool:
     return False
 
 
-def open_window(
+def open_viewer(
     memory_limit: str = "25%", port: int = 9876, files: Sequence[Path] = (), verbose: bool = False
-) -> ViewerWindow:
+) -> Viewer:
     """Start the viewer, or use a viewer that runs already. The viewer stays open when this process ends.
 
     Args:
@@ -178,18 +178,18 @@ def open_window(
             "there is no display here. Use --serve-web to watch in a browser, --save FILE.rrd to watch "
             "later, or --screenshot FILE.png for a picture"
         )
-    window = ViewerWindow(port)
-    if not _is_viewer(window.address, port):
+    viewer = Viewer(port)
+    if not _is_viewer(viewer.address, port):
         options = ["--hide-welcome-screen", "--expect-data-soon", f"--memory-limit={memory_limit}"]
         process = RerunProcess(*options, port=port, verbose=verbose)
         process.wait_until_drawing()
-        window = ViewerWindow(process.port, process)
+        viewer = Viewer(process.port, process)
     if files:
         try:
-            ViewerClient.connect(window.address).open([str(file.resolve()) for file in files])
+            ViewerClient.connect(viewer.address).open([str(file.resolve()) for file in files])
         except OSError as error:
             raise ScreenError(f"the viewer (rerun) has not opened the recording: {error}") from error
-    return window
+    return viewer
 
 
 def _is_viewer(address: str, port: int) -> bool:

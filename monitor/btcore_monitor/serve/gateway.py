@@ -16,7 +16,7 @@ import sys
 import tempfile
 import threading
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import zmq
 
@@ -44,6 +44,16 @@ _CLOSE_TIMEOUT_S: Final = 2 * gateway_process.FLUSH_TIMEOUT_S
 _log = logging.getLogger("monitor")
 
 
+class _PortSettings(NamedTuple):
+    """The arguments of `gateway_process.Port`, but with the file descriptor of the listening socket."""
+
+    descriptor: int
+    path: str
+    takes_topics: bool
+    replies: bool
+    size: int
+
+
 class Gateway:
     """Connects TCP ports to sockets of ZeroMQ. Call `add_port` for each port, then `start`."""
 
@@ -54,7 +64,7 @@ class Gateway:
         _remove_abandoned(parent)
         self._folder, self._lock = _create_locked(parent)
         self._listeners: list[socket.socket] = []
-        self._ports: list[tuple[int, str, bool, bool, int]] = []
+        self._ports: list[_PortSettings] = []
         self._process: subprocess.Popen[bytes] | None = None
         self._thread: threading.Thread | None = None
         self._control_socket: socket.socket | None = None
@@ -77,7 +87,8 @@ class Gateway:
         kind = target.getsockopt(zmq.TYPE)
         size = target.getsockopt(zmq.MAXMSGSIZE)
         assert isinstance(size, int)
-        self._ports.append((listener.fileno(), path, kind != zmq.ROUTER, kind != zmq.PUB, size))
+        takes_topics, replies = kind != zmq.ROUTER, kind != zmq.PUB
+        self._ports.append(_PortSettings(listener.fileno(), path, takes_topics, replies, size))
 
     def start(self) -> None:
         """Accept connections from now on."""
@@ -87,13 +98,14 @@ class Gateway:
         if not is_python or not _HAS_UNIX_SOCKETS:
             self._run_in_thread(reads)
             return
-        command = [sys.executable, "-I", "-S", gateway_process.__file__, json.dumps(self._ports)]
+        settings = json.dumps([port._asdict() for port in self._ports])
+        command = [sys.executable, "-I", "-S", gateway_process.__file__, settings]
         try:
             self._process = subprocess.Popen(
                 command,
                 stdin=reads.fileno(),
                 stdout=subprocess.DEVNULL,
-                pass_fds=[port[0] for port in self._ports],
+                pass_fds=[port.descriptor for port in self._ports],
                 start_new_session=True,  # Ctrl-C ends the robot, and then the robot ends the gateway
             )
         except OSError as error:
@@ -117,7 +129,7 @@ class Gateway:
 
     def _run_in_thread(self, control_socket: socket.socket) -> None:
         ports = [
-            gateway_process.Port(listener.dup(), *port[1:])
+            gateway_process.Port(listener.dup(), port.path, port.takes_topics, port.replies, port.size)
             for listener, port in zip(self._listeners, self._ports, strict=True)
         ]
         self._thread = threading.Thread(

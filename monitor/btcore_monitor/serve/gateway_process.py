@@ -233,7 +233,15 @@ class ClientStream:
 
 
 class Port:
-    """A port at which clients connect, and the publisher's socket to which their bytes are forwarded."""
+    """A port at which clients connect, and the publisher's socket to which their bytes are forwarded.
+
+    Args:
+        listener: The listening socket.
+        path: The path of the publisher's socket.
+        takes_topics: Whether the publisher's socket takes subscriptions; otherwise it takes requests.
+        replies: Whether the publisher replies to what clients send.
+        size: Maximum bytes of a request.
+    """
 
     def __init__(
         self, listener: socket.socket, path: str, takes_topics: bool, replies: bool, size: int
@@ -610,22 +618,22 @@ def _main(arguments: str) -> None:
     """Run the gateway of a robot's process.
 
     Args:
-        arguments: JSON: for each port the listening socket's file descriptor, the path of the publisher's
-            socket, whether it takes topics, whether it replies, and the maximum bytes of a request.
+        arguments: JSON: for each port the arguments of `Port` by name, with the file descriptor of the
+            listening socket as `descriptor` instead of `listener`.
     """
     if sys.platform != "win32":
         with contextlib.suppress(OSError):
             os.nice(_PRIORITY)
-    described = json.loads(arguments)
-    ports = [Port(socket.socket(fileno=fd), *rest) for fd, *rest in described]
+    settings = json.loads(arguments)
+    ports = [Port(socket.socket(fileno=each.pop("descriptor")), **each) for each in settings]
     Forwarder(ports, sys.stdin.fileno(), os.getppid()).run()
     # The robot's process does the same, unless it was killed. The import is slow, so it is here.
     from pathlib import Path
 
-    for _, path, *_ in described:
-        Path(path).unlink(missing_ok=True)
+    for port in ports:
+        Path(port.path).unlink(missing_ok=True)
     with contextlib.suppress(OSError):
-        Path(described[0][1]).parent.rmdir()
+        Path(ports[0].path).parent.rmdir()
 
 
 if __name__ == "__main__":

@@ -67,7 +67,7 @@ class RunChannelServer:
         self._sent_seq = 0
         self._warned: set[str] = set()
         # Encoded now, on the tick thread: the robot may change its objects later.
-        self._static_scene_frame = (
+        self._static_scene_data = (
             None if static is None else self._try_encode(StaticSceneMessage(tree_id, static))
         )
         self._next_number: int | None = None
@@ -191,8 +191,8 @@ class RunChannelServer:
             tree = TreeMessage(self.tree_id, history.stamp, history.wall, self._xml, *seqs, history.statuses)
             yield topic, encode(tree)
         if request in (TREE_REQUEST, b"static"):
-            if self._static_scene_frame is not None:
-                yield topic, self._static_scene_frame
+            if self._static_scene_data is not None:
+                yield topic, self._static_scene_data
         elif request.isdigit() and len(request) < 19:  # fits into 64 bits
             yield topic, encode(self.history.create_piece(self.tree_id, int(request)))
 

@@ -10,6 +10,7 @@ The robot may start later, disappear, and come back with another tree.
 import threading
 import time
 from collections.abc import Iterator
+from enum import Enum, auto
 from itertools import chain
 from typing import Final
 
@@ -72,6 +73,32 @@ _MAX_DETAIL_CHARS: Final = 500
 _GROOT1_POLL_INTERVAL_S: Final = 0.05
 
 
+class _State(Enum):
+    """What a feed reads. The transitions happen in `Feed._collect_events` and the methods that it calls:
+
+    | from | to | when |
+    |---|---|---|
+    | any | RUN_CHANNEL | a message of the run channel arrived, and its tree is known |
+    | RUN_CHANNEL | SEARCHING | no message for SILENT_AFTER_S: the robot may return with another protocol |
+    | SEARCHING | ANNOUNCED | the reply to a request of Groot announces a run channel |
+    | SEARCHING | GROOT2, GROOT1 | such a reply without announcement, with the tree in that protocol |
+    | ANNOUNCED | GROOT2, GROOT1 | ANNOUNCED_RUN_CHANNEL_WAIT_S passed: the run channel is not reachable |
+    | GROOT2 | SEARCHING | no reply, or an invalid reply |
+    | GROOT2 | GROOT1, ANNOUNCED | a reply in Groot 1's protocol, without or with announcement |
+    | GROOT1 | SEARCHING | an invalid update |
+
+    The run channel comes first, because only it has all data.
+    """
+
+    SEARCHING = auto()
+    """Connect to the run channel, and send requests of Groot 2 to find out which protocol the robot has."""
+    ANNOUNCED = auto()
+    """Wait for the run channel, without further requests in Groot's protocols."""
+    RUN_CHANNEL = auto()
+    GROOT2 = auto()
+    GROOT1 = auto()
+
+
 class Feed(Closeable):
     """The events of a robot, in order. Use it from one thread, except `stop`.
 
@@ -114,13 +141,14 @@ class Feed(Closeable):
         self._run_channel_client = RunChannelClient(self.address, keys)
         self._groot2_client = Groot2Client(self.address, max_timeout=MAX_REPLY_TIMEOUT_S, keys=keys)
         self._groot2_feed = Groot2Feed(self._groot2_client, blackboard_rate, record)
+        self._state = _State.SEARCHING
+        # Not None in the state GROOT1, and in the state ANNOUNCED of a robot that replies as Groot 1.
         self._groot1_feed: Groot1Feed | None = None
         self._groot1_events: list[Event] = []
         self._stopped = threading.Event()
         self._connection_state: ConnectionState | None = None
-        self._uses_run_channel = False
+        # Time of the reply that ended the state SEARCHING.
         self._groot_replied_at = 0.0
-        self._is_run_channel_announced = False
         # Why Groot's protocol is used, if the robot has announced a run channel.
         self._groot_reason = ""
         self._next_number: int | None = None
@@ -136,7 +164,7 @@ class Feed(Closeable):
             events += self._collect_events()
             left = deadline - time.monotonic()
             # A robot's buffer would overflow while the caller processes the events.
-            is_behind = self._groot2_feed.is_behind and not self._uses_run_channel
+            is_behind = self._groot2_feed.is_behind and self._state is not _State.RUN_CHANNEL
             if (events and not is_behind) or left <= 0 or self._stopped.is_set():
                 return events
             self._wait(min(left, _POLL_INTERVAL_S))
@@ -185,29 +213,28 @@ class Feed(Closeable):
             self._add_events(message, events)
         now = time.monotonic()
         self._report_errors(now, events)
-        # The run channel comes first, because only it has all data. Groot's protocols are used without it.
         silence = now - self._run_channel_client.last_message_at
         if silence < SILENT_AFTER_S and self._run_channel_client.tree_id:
-            self._uses_run_channel = True
+            self._state = _State.RUN_CHANNEL
             self._close_groot1()
             if self._connection_state == "lost":
                 self._report_connection(events, "connected", f"{self.address} is back")
-        # The run channel went silent: the robot may come back with another protocol.
-        elif self._uses_run_channel:
-            self._uses_run_channel = False
+        elif self._state is _State.RUN_CHANNEL:
+            self._state = _State.SEARCHING
             self._groot2_feed.reset()
-            self._groot_replied_at = 0.0
-            self._is_run_channel_announced = False
             if self._connection_state == "connected":
                 self._report_connection(
                     events, "lost", f"no sign of life from {self.address} for {SILENT_AFTER_S:g} s"
                 )
-        elif self._awaits_run_channel(now):
+        elif self._state is _State.ANNOUNCED and now - self._groot_replied_at < ANNOUNCED_RUN_CHANNEL_WAIT_S:
             pass
-        elif self._groot1_feed is not None:
-            self._read_groot1(self._groot1_feed, now, events)
         else:
-            self._read_groot2(now, events)
+            if self._state is _State.ANNOUNCED:
+                self._abandon_run_channel()
+            if self._groot1_feed is not None:
+                self._read_groot1(self._groot1_feed, now, events)
+            else:
+                self._read_groot2(now, events)
         return events
 
     def _report_connection(self, events: list[Event], state: ConnectionState, detail: str) -> None:
@@ -268,47 +295,47 @@ class Feed(Closeable):
                 TickEvent(message.tick, message.stamp, message.wall, message.duration, message.status)
             )
 
-    def _note_groot_reply(self, reply: bytes, now: float) -> None:
-        """Note that the robot replied to a request of Groot with its tree, *reply*."""
+    def _end_search(self, reply: bytes, now: float) -> None:
+        """Change the state: the robot replied to a request of Groot with its tree, *reply*."""
         self._groot_replied_at = now
-        self._is_run_channel_announced = reply.endswith(wire.ANNOUNCEMENT)
         self._groot_reason = ""
+        is_announced = reply.endswith(wire.ANNOUNCEMENT)
+        self._state = _State.ANNOUNCED if is_announced else self._groot_state
 
-    def _awaits_run_channel(self, now: float) -> bool:
-        """Return whether the robot has announced a run channel that may still connect."""
-        if not self._is_run_channel_announced:
-            return False
-        if now - self._groot_replied_at < ANNOUNCED_RUN_CHANNEL_WAIT_S:
-            return True
-        self._is_run_channel_announced = False
+    def _abandon_run_channel(self) -> None:
+        """Use Groot's protocol, although the robot has announced a run channel."""
+        self._state = self._groot_state
         port = self.address.at(wire.PORT_OFFSET)
         self._groot_reason = f", because there is no reply from its run channel, {port}"
         # If the run channel connects later, it begins with the tree.
         self._run_channel_client.reset()
-        return False
+
+    @property
+    def _groot_state(self) -> _State:
+        """The state in which the robot's version of Groot's protocol is used."""
+        return _State.GROOT2 if self._groot1_feed is None else _State.GROOT1
 
     def _read_groot2(self, now: float, events: list[Event]) -> None:
         """Send requests of Groot 2, and return events only after the run channel had time to connect."""
-        if not self._groot_replied_at and self._groot2_feed.tree is not None:
-            self._note_groot_reply(self._groot2_feed.tree.xml, now)
-            if self._is_run_channel_announced:
-                return
+        if self._state is _State.SEARCHING and self._groot2_feed.tree is not None:
+            self._end_search(self._groot2_feed.tree.xml, now)
+            return
         # At least a round trip: over a slow network the run channel needs longer than RUN_CHANNEL_WAIT_S.
         wait = max(RUN_CHANNEL_WAIT_S, self._groot2_client.round_trip)
-        is_too_early = not self._groot_replied_at or now - self._groot_replied_at < wait
+        is_too_early = self._state is _State.SEARCHING or now - self._groot_replied_at < wait
         try:
             sampled = self._groot2_feed.step(tree_only=is_too_early)
         except Groot1DetectedError as detected:
             self._groot2_feed.reset()
-            self._note_groot_reply(detected.reply, now)
             self._groot1_feed = Groot1Feed(self.address, MAX_REPLY_TIMEOUT_S, self._keys)
+            self._end_search(detected.reply, now)
             if self._connection_state == "connected":
                 self._report_connection(events, "lost", str(detected))
             return
         except (NoReplyError, ProtocolError) as error:
             is_invalid = isinstance(error, ProtocolError)
             self._groot2_feed.reset(_PAUSE_AFTER_ERROR_S if is_invalid else 0.0)
-            self._groot_replied_at = 0.0
+            self._state = _State.SEARCHING
             # A robot that has not answered yet may be starting.
             if self._connection_state == "connected" or is_invalid:
                 self._report_connection(events, "lost", str(error))
@@ -328,6 +355,7 @@ class Feed(Closeable):
                 self._report_connection(events, "lost", str(error))
         except ProtocolError as error:
             self._close_groot1()
+            self._state = _State.SEARCHING
             self._report_connection(events, "lost", str(error))
             return
         if now - self._groot_replied_at < RUN_CHANNEL_WAIT_S:
@@ -342,18 +370,17 @@ class Feed(Closeable):
             self._groot1_feed.close()
             self._groot1_feed = None
             self._groot1_events = []
-            self._groot_replied_at = 0.0
 
     def _wait(self, seconds: float) -> None:
         poller = zmq.Poller()
         poller.register(self._run_channel_client.socket, zmq.POLLIN)
-        if self._is_run_channel_announced:
+        if self._state in (_State.RUN_CHANNEL, _State.ANNOUNCED):
             pass
         elif self._groot1_feed is not None:
             for socket in self._groot1_feed.sockets:
                 poller.register(socket, zmq.POLLIN)
             seconds = min(seconds, _GROOT1_POLL_INTERVAL_S)
-        elif not self._uses_run_channel:
+        else:
             if self._groot2_client.is_reply_pending:
                 poller.register(self._groot2_client.socket, zmq.POLLIN)
             seconds = min(seconds, self._groot2_feed.next_request_at - time.monotonic())

@@ -24,6 +24,7 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.screen.rerun_process import ScreenError, hold_port, port_of
+from btcore_monitor.screen.robot_layouts import SingleRobotLayout
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIMELINE, WALL_TIMELINE
 from btcore_monitor.screen.screenshot import write_screenshot
@@ -186,7 +187,7 @@ def recorded():
     """
 
     def record(events: list[Event], path: Path, **look: Any) -> Recording:
-        screen = RobotView(RecordingSinks(save=path), **look)
+        screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)), **look)
         for event in events:
             screen.process_event(event)
         screen.close()
@@ -241,7 +242,7 @@ def vulkan(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Skip the test where no picture can be drawn; CI has a driver, and skips nothing."""
     folder = tmp_path_factory.mktemp("probe")
     path = folder / "empty.rrd"
-    screen = RobotView(RecordingSinks(save=path))
+    screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)))
     screen.process_event(_one_node())
     screen.close()
     try:

@@ -13,6 +13,7 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.screen.panels import LEVELS
+from btcore_monitor.screen.robot_layouts import SingleRobotLayout
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.sinks import RecordingSinks
 
@@ -54,7 +55,7 @@ def test_levels_rise_from_idle_to_exceptions(tmp_path, recorded):
 )
 def test_the_window_shows_the_selected_levels_and_the_recording_has_all(level, shown, tmp_path, read):
     path = tmp_path / "x.rrd"
-    screen = RobotView(RecordingSinks(save=path), log_level=level)
+    screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)), log_level=level)
     for event in events():
         screen.process_event(event)
     screen.close()

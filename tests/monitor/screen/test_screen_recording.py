@@ -13,6 +13,7 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.screen import robot_view
+from btcore_monitor.screen.robot_layouts import SingleRobotLayout
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT
@@ -47,7 +48,7 @@ def test_a_file_without_a_viewer_is_written_in_large_pieces(run, tmp_path, monke
     monkeypatch.setattr(robot_view, "WRITE_TRANSITIONS_INTERVAL_S", 1000.0)  # s; a slow machine takes long
     monkeypatch.setattr(robot_view, "WRITE_INTERVAL_S", 1000.0)
     file = tmp_path / "run.rrd"
-    view = RobotView(RecordingSinks(save=file))
+    view = RobotView(SingleRobotLayout(RecordingSinks(save=file)))
     for event in run(100):
         view.process_event(event)
         view.process_idle()
@@ -177,7 +178,7 @@ def test_gaps_and_exceptions_are_lines_in_the_log(run, tmp_path, recorded):
 
 def test_a_robot_that_returns_with_another_tree_gets_another_recording(run, tmp_path, read):
     path = tmp_path / "run.rrd"
-    screen = RobotView(RecordingSinks(save=path))
+    screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)))
     for event in [*run(20), *run(30, tree_id="b" * 32)]:
         screen.process_event(event)
     screen.close()
@@ -210,7 +211,7 @@ def test_recording_a_tick_takes_little_time(run, tmp_path):
 
     events = run(1200)
     start = time.process_time()
-    recorded_ticks = RobotView(RecordingSinks(save=tmp_path / "run.rrd"))
+    recorded_ticks = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "run.rrd")))
     for event in events:
         recorded_ticks.process_event(event)
     recorded_ticks.close()

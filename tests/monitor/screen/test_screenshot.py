@@ -28,6 +28,7 @@ from btcore_monitor.events import (
 from btcore_monitor.screen import screenshot as screenshot_module
 from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.rerun_process import ScreenError
+from btcore_monitor.screen.robot_layouts import SingleRobotLayout
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIMELINE
 from btcore_monitor.screen.screenshot import write_screenshot
@@ -71,7 +72,7 @@ def _foreign_events():
 @pytest.fixture
 def recording(run, tmp_path):
     path = tmp_path / "run.rrd"
-    screen = RobotView(RecordingSinks(save=path))
+    screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)))
     events = run(70)
     for event in events:
         screen.process_event(event)
@@ -135,7 +136,7 @@ def test_the_laser_and_the_trail_are_in_the_scene(vulkan, recording, tmp_path):
 
 
 def test_texts_in_any_script_are_drawn_in_a_window_of_the_requested_size(vulkan, tmp_path):
-    screen = RobotView(RecordingSinks(save=tmp_path / "run.rrd"), find_patterns=["充电"])
+    screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "run.rrd")), find_patterns=["充电"])
     for event in _foreign_events():
         screen.process_event(event)
     view = screen.tree_view

@@ -3,17 +3,17 @@
 from pathlib import Path
 
 from btcore_monitor.events import ObservedNode, ObservedTree, TransitionEvent, TreeEvent
+from btcore_monitor.screen.robot_layouts import SharedLayout
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import WALL_TIMELINE
 from btcore_monitor.screen.sinks import RecordingSinks
-from btcore_monitor.screen.viewer_windows import SharedWindow
 
 SECOND = 10**9
 
 
-def shown(path: Path, *runs: tuple[str, list]) -> SharedWindow:
+def shown(path: Path, *runs: tuple[str, list]) -> SharedLayout:
     """Show each run's events in its own slot, alternating between the runs."""
-    together = SharedWindow(RecordingSinks(save=path), [label for label, _ in runs])
+    together = SharedLayout(RecordingSinks(save=path), [label for label, _ in runs])
     screens = [RobotView(slot) for slot in together.slots]
     for turn in range(max(len(events) for _, events in runs)):
         for screen, (_, events) in zip(screens, runs, strict=True):

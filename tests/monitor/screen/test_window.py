@@ -13,6 +13,7 @@ from btcore_monitor.events import (
     TransitionEvent,
     TreeEvent,
 )
+from btcore_monitor.screen.robot_layouts import SingleRobotLayout
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIMELINE
 from btcore_monitor.screen.screenshot import last_tick
@@ -30,7 +31,7 @@ def axes(blueprint):
 
 @pytest.mark.parametrize("ticks", [70, 400, 900])
 def test_axes_begin_with_the_run_and_follow_the_cursor_of_a_long_run(ticks, run, blueprints, tmp_path):
-    screen = RobotView(RecordingSinks(save=tmp_path / "run.rrd"))
+    screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "run.rrd")))
     events = run(ticks)
     for event in events[:20]:
         screen.process_event(event)

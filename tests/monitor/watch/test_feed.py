@@ -189,7 +189,7 @@ def test_a_robot_with_a_run_channel_is_not_sampled_meanwhile(endless, monkeypatc
         leave = stack.enter_context(strangers(publisher, MAX_CONNECTIONS if is_late else 0))
         viewer = stack.enter_context(Feed(publisher.address))
         deadline = time.monotonic() + 60
-        while not viewer._groot_replied_at and time.monotonic() < deadline:
+        while viewer._state is feed._State.SEARCHING and time.monotonic() < deadline:
             events += viewer.poll(0.01)
         for _ in range(20):
             endless.tick_exactly_once()

@@ -35,6 +35,7 @@ from btcore_monitor.wire.groot2 import RequestHeader
 from btcore_monitor.wire.hooks import encode_breakpoint_reached
 
 pytest.importorskip("rerun")
+from btcore_monitor.screen.robot_layouts import SingleRobotLayout
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.sinks import RecordingSinks
 
@@ -466,7 +467,8 @@ class Outcome:
         self.slowest = 0.0
         self.feed = Feed(robot.address)
         self.log = LogWriter([folder / f"{id(self)}.btlog", folder / f"{id(self)}.db3"])
-        self.views = [RobotView(RecordingSinks(save=folder / f"{id(self)}.rrd"))] if draws else []
+        layout = SingleRobotLayout(RecordingSinks(save=folder / f"{id(self)}.rrd"))
+        self.views = [RobotView(layout)] if draws else []
 
     def step(self) -> None:
         began = time.monotonic()

@@ -20,6 +20,7 @@ from btcore_monitor.events import (
     TransitionEvent,
     TreeEvent,
 )
+from btcore_monitor.screen.robot_layouts import SingleRobotLayout
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIMELINE
 from btcore_monitor.screen.sinks import RecordingSinks
@@ -63,7 +64,7 @@ def seen() -> TreeEvent:
 
 
 def shown(events, path: Path) -> Path:
-    screen = RobotView(RecordingSinks(save=path))
+    screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)))
     for event in events:
         screen.process_event(event)
     screen.close()
@@ -94,7 +95,7 @@ def test_the_running_panel_works_without_ticks(seen, tmp_path):
 
 
 def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
-    screen = RobotView(RecordingSinks(save=tmp_path / "x.rrd"))
+    screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "x.rrd")))
     for event in (seen, TransitionEvent(1, 5 * MS, 5 * MS, 0, 2, IDLE, RUNNING)):
         screen.process_event(event)
     screen.flush()
@@ -122,7 +123,7 @@ def test_missing_data_is_counted_and_shown(seen, tmp_path):
 
 
 def test_another_data_source_of_the_same_tree_starts_another_recording(seen, tmp_path):
-    screen = RobotView(RecordingSinks(save=tmp_path / "x.rrd"))
+    screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "x.rrd")))
     for event in (seen, TreeEvent(TREE, 10**12, 0, {1: IDLE, 2: IDLE})):
         screen.process_event(event)
     screen.close()

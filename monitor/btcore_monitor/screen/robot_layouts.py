@@ -1,7 +1,7 @@
-"""The windows of trees: a recording for each tree, or a shared window for several robots.
+"""The layouts of a viewer: a recording for each tree of a robot, or a shared recording for several robots.
 
-A shared window has a tab with all robots side by side, and for each robot a tab with all its views. The
-window uses wall time, because the clocks of the trees are unrelated.
+A shared layout has a tab with all robots side by side, and for each robot a tab with all its views. It
+uses wall time, because the clocks of the trees are unrelated.
 """
 
 import math
@@ -28,10 +28,10 @@ _MAX_SIDE_BY_SIDE: Final = 3
 """Greatest number of robots side by side with log and lanes; more robots have only lanes, in several rows."""
 
 
-class SingleRobotWindow:
+class SingleRobotLayout:
     """A recording for each tree, so that a restarted robot does not overwrite earlier data.
 
-    It has the same methods as a `SharedWindowSlot`.
+    It has the same methods as a `SharedLayoutSlot`.
     """
 
     label = ""
@@ -53,7 +53,7 @@ class SingleRobotWindow:
         return recording, "", self._sinks.attach(recording)
 
     def show_pane(self, recording: rr.RecordingStream, pane: Pane) -> None:
-        """Show *pane* as the only content of the window."""
+        """Show *pane* as the only content of the viewer."""
         recording.send_blueprint(blueprint.create_blueprint(blueprint.create_layout(pane), pane.timeline))
 
     def end_recording(self, recording: rr.RecordingStream) -> None:
@@ -61,15 +61,15 @@ class SingleRobotWindow:
         self._sinks.finish(recording)
 
 
-class SharedWindow:
-    """A window for several robots, with a shared recording that begins with the first tree.
+class SharedLayout:
+    """A layout for several robots, with a shared recording that begins with the first tree.
 
     *labels* are the names of the robots for users. The class is thread-safe.
     """
 
     def __init__(self, sinks: RecordingSinks, labels: Sequence[str]) -> None:
-        self.slots = [SharedWindowSlot(self, label) for label in labels]
-        """The part of the window of each robot."""
+        self.slots = [SharedLayoutSlot(self, label) for label in labels]
+        """The part of the layout of each robot."""
         self.files: list[Path] = []
         """The file of the recording, once it has begun."""
         self._sinks = sinks
@@ -84,7 +84,7 @@ class SharedWindow:
         """Whether a viewer shows the recording while it is made."""
         return self._sinks.is_live
 
-    def begin_recording(self, slot: "SharedWindowSlot") -> tuple[rr.RecordingStream, str, Path | None]:
+    def begin_recording(self, slot: "SharedLayoutSlot") -> tuple[rr.RecordingStream, str, Path | None]:
         """Return the recording, a new entity for all entities of a tree, and the file, or None."""
         with self._lock:
             if self._recording is None:
@@ -99,7 +99,7 @@ class SharedWindow:
             self._prefixes.add(prefix)
             return self._recording, prefix, self.files[0] if self.files else None
 
-    def show_pane(self, recording: rr.RecordingStream, slot: "SharedWindowSlot", pane: Pane) -> None:
+    def show_pane(self, recording: rr.RecordingStream, slot: "SharedLayoutSlot", pane: Pane) -> None:
         """Show *pane* in *slot*; an earlier tree of the slot moves to a tab behind the others."""
         with self._lock:
             # A pane with the same prefix is a newer version of the same tree's pane.
@@ -120,35 +120,35 @@ class SharedWindow:
             self._sinks.finish(recording)
 
 
-class SharedWindowSlot:
-    """A robot's part of a shared window."""
+class SharedLayoutSlot:
+    """A robot's part of a shared layout."""
 
-    def __init__(self, window: SharedWindow, label: str) -> None:
+    def __init__(self, layout: SharedLayout, label: str) -> None:
         self.label = label
         """The robot's name for users."""
         self.pane: Pane | None = None
         """The present content."""
-        self._window = window
+        self._layout = layout
 
     @property
     def is_live(self) -> bool:
         """Whether a viewer shows the recording while it is made."""
-        return self._window.is_live
+        return self._layout.is_live
 
     def begin_recording(self, name: str) -> tuple[rr.RecordingStream, str, Path | None]:
         """Return the shared recording, a new entity for all entities of the tree, and the file, or None."""
-        return self._window.begin_recording(self)
+        return self._layout.begin_recording(self)
 
     def show_pane(self, recording: rr.RecordingStream, pane: Pane) -> None:
         """Show *pane* without changing other robots' panes."""
-        self._window.show_pane(recording, self, pane)
+        self._layout.show_pane(recording, self, pane)
 
     def end_recording(self, recording: rr.RecordingStream) -> None:
         """Do nothing: other robots may still write to the recording."""
 
 
-RobotWindow = SingleRobotWindow | SharedWindowSlot
-"""The window of a robot's successive trees."""
+RobotLayout = SingleRobotLayout | SharedLayoutSlot
+"""The layout of a robot's successive trees: alone in the viewer, or beside other robots."""
 
 
 def _side_by_side(panes: Sequence[Pane]) -> rrb.Container:
@@ -175,7 +175,7 @@ def _side_by_side(panes: Sequence[Pane]) -> rrb.Container:
 
 
 def _create_recording(application: str, name: str) -> rr.RecordingStream:
-    # The viewer keeps a blueprint for each application name, so windows with different trees need different
+    # The viewer keeps a blueprint for each application name, so layouts with different trees need different
     # names.
     recording = rr.RecordingStream(re.sub(r"[^A-Za-z0-9_ -]+", "_", application))
     # Without the timelines that rerun adds by itself, which have no meaning here.
