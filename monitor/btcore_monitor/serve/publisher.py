@@ -31,7 +31,7 @@ from btcore_monitor.serve.tcp_ports import (
     Socket,
     bind_consecutive,
 )
-from btcore_monitor.wire import run_channel as wire
+from btcore_monitor.wire import run_channel
 from btcore_monitor.wire.groot1 import PORT_BESIDE_GROOT2
 
 _POLL_MS: Final = 10
@@ -343,15 +343,15 @@ class Publisher(Closeable):
                 if self._watch_requests.socket in ready:
                     self._answer(self._watch_requests, may_control=False)
                 self._serve_groot1(ready)
-                run_channel = self._served_tree.run_channel_server
-                if run_channel is not None and self._run_channel_socket in ready:
-                    self._read_subscriptions(run_channel)
+                server = self._served_tree.run_channel_server
+                if server is not None and self._run_channel_socket in ready:
+                    self._read_subscriptions(server)
                 now = time.monotonic()
                 if now >= next_heartbeat:
-                    next_heartbeat = now + wire.HEARTBEAT_INTERVAL_S
+                    next_heartbeat = now + run_channel.HEARTBEAT_INTERVAL_S
                     self._gateway.restart_if_ended()
-                    if run_channel is not None:
-                        self._send(*run_channel.create_heartbeat())
+                    if server is not None:
+                        self._send(*server.create_heartbeat())
             while self._drain():
                 pass
             self._serve_groot1({}, at_once=True)

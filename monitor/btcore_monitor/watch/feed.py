@@ -38,7 +38,7 @@ from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
 from btcore_monitor.watch.groot2_feed import Groot2Feed
 from btcore_monitor.watch.request_client import NoReplyError
 from btcore_monitor.watch.run_channel_client import RunChannelClient
-from btcore_monitor.wire import run_channel as wire
+from btcore_monitor.wire import run_channel
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.fulltree import read_fulltree
 
@@ -255,10 +255,10 @@ class Feed(Closeable):
             reason = f"{count} invalid, the last because: {_shorten(self._run_channel_client.last_error)}"
             events.append(MissingDataEvent(*self._latest_times, self._latest_times[0], "messages", reason))
 
-    def _add_events(self, message: wire.Message, events: list[Event]) -> None:
-        if isinstance(message, wire.StreamMessage):
+    def _add_events(self, message: run_channel.Message, events: list[Event]) -> None:
+        if isinstance(message, run_channel.StreamMessage):
             self._latest_times = message.stamp, message.wall
-        if isinstance(message, wire.TreeMessage):
+        if isinstance(message, run_channel.TreeMessage):
             try:
                 tree = read_fulltree(message.xml, message.tree_id)
             except ProtocolError as error:
@@ -268,20 +268,20 @@ class Feed(Closeable):
             self._report_connection(events, "connected", f"{self.address}, by btcore's run channel")
             statuses = {node.uid: 0 for node in tree.nodes} | message.statuses
             events.append(TreeEvent(tree, message.stamp, message.wall, statuses))
-        elif isinstance(message, wire.StaticSceneMessage):
+        elif isinstance(message, run_channel.StaticSceneMessage):
             events.append(StaticSceneEvent(message.data))
-        elif isinstance(message, wire.TickMessage):
+        elif isinstance(message, run_channel.TickMessage):
             self._add_tick(message, events)
-        elif isinstance(message, wire.MovingSceneMessage):
+        elif isinstance(message, run_channel.MovingSceneMessage):
             events.append(MovingSceneEvent(message.stamp, message.wall, message.data))
-        elif isinstance(message, wire.BlackboardMessage):
+        elif isinstance(message, run_channel.BlackboardMessage):
             events.append(BlackboardEvent(message.stamp, message.wall, message.boards))
-        elif isinstance(message, wire.ExceptionMessage):
+        elif isinstance(message, run_channel.ExceptionMessage):
             events.append(ExceptionEvent(message.stamp, message.wall, message.path, message.message))
-        elif isinstance(message, wire.EndMessage):
+        elif isinstance(message, run_channel.EndMessage):
             self._report_connection(events, "ended", f"the run at {self.address} is over")
 
-    def _add_tick(self, message: wire.TickMessage, events: list[Event]) -> None:
+    def _add_tick(self, message: run_channel.TickMessage, events: list[Event]) -> None:
         number = message.first
         if message.transitions:
             if self._next_number is not None and number > self._next_number:
@@ -299,13 +299,13 @@ class Feed(Closeable):
         """Change the state: the robot replied to a request of Groot with its tree, *reply*."""
         self._groot_replied_at = now
         self._groot_reason = ""
-        is_announced = reply.endswith(wire.ANNOUNCEMENT)
+        is_announced = reply.endswith(run_channel.ANNOUNCEMENT)
         self._state = _State.ANNOUNCED if is_announced else self._groot_state
 
     def _abandon_run_channel(self) -> None:
         """Use Groot's protocol, although the robot has announced a run channel."""
         self._state = self._groot_state
-        port = self.address.at(wire.PORT_OFFSET)
+        port = self.address.at(run_channel.PORT_OFFSET)
         self._groot_reason = f", because there is no reply from its run channel, {port}"
         # If the run channel connects later, it begins with the tree.
         self._run_channel_client.reset()

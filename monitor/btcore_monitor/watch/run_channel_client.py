@@ -16,7 +16,7 @@ import zmq
 
 from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import Address
-from btcore_monitor.wire import run_channel as wire
+from btcore_monitor.wire import run_channel
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.run_channel import (
     EndMessage,
@@ -81,16 +81,16 @@ class RunChannelClient:
             (zmq.MAXMSGSIZE, _MAX_MESSAGE_BYTES),
             (zmq.RECONNECT_IVL, _RECONNECT_MS),
             (zmq.RECONNECT_IVL_MAX, 10 * _RECONNECT_MS),
-            *((getattr(zmq, name), value) for name, value in wire.KEEPALIVE.items()),
+            *((getattr(zmq, name), value) for name, value in run_channel.KEEPALIVE.items()),
         ):
             self.socket.setsockopt(option, value)
         if keys is not None:
             keys.secure(self.socket)
-        self.socket.subscribe(wire.STREAM_TOPIC)
-        self.socket.subscribe(wire.HEARTBEAT_TOPIC)
+        self.socket.subscribe(run_channel.STREAM_TOPIC)
+        self.socket.subscribe(run_channel.HEARTBEAT_TOPIC)
         self._request_tree()
         self._subscribe_presence()
-        self.socket.connect(address.at(wire.PORT_OFFSET))
+        self.socket.connect(address.at(run_channel.PORT_OFFSET))
 
     def read(self) -> list[Message]:
         """Return the new messages without waiting, in the robot's order, each message exactly once."""
@@ -108,7 +108,7 @@ class RunChannelClient:
                 continue
             size += len(frames[1])
             try:
-                self._process(wire.decode(frames[1]), received)
+                self._process(run_channel.decode(frames[1]), received)
                 self.last_message_at = time.monotonic()
             except ProtocolError as error:
                 self.last_error = str(error)
@@ -130,7 +130,7 @@ class RunChannelClient:
     def _subscribe_presence(self) -> None:
         if not self._presence_topic:
             # The robot counts these subscriptions as its clients, and waits for them when it closes.
-            self._presence_topic = b"%s/%s" % (wire.PRESENCE_TOPIC, _create_token())
+            self._presence_topic = b"%s/%s" % (run_channel.PRESENCE_TOPIC, _create_token())
             self.socket.subscribe(self._presence_topic)
 
     def _request_tree(self) -> None:
@@ -139,7 +139,7 @@ class RunChannelClient:
         # the robot has another tree.
         if len(self._tree_topics) >= _MAX_TREE_REQUESTS:
             self.socket.unsubscribe(self._tree_topics.pop(0))
-        self._tree_topics.append(_create_request_topic(wire.TREE_REQUEST))
+        self._tree_topics.append(_create_request_topic(run_channel.TREE_REQUEST))
         self._tree_requested_at = time.monotonic()
         # A client sends a request by subscribing. The token makes the topic unique, so no other client
         # receives the reply.
@@ -198,7 +198,7 @@ class RunChannelClient:
         """Decode the messages of *piece* from the number `_next_seq` on."""
         for data in piece.messages:
             try:
-                message = wire.decode(data)
+                message = run_channel.decode(data)
             except ProtocolError as error:
                 self.last_error = str(error)
                 self.error_count += 1
@@ -244,7 +244,7 @@ def _count_bytes(piece: PieceMessage) -> int:
 
 
 def _create_request_topic(request: bytes) -> bytes:
-    return b"%s/%s/%s" % (wire.REQUEST_TOPIC, request, _create_token())
+    return b"%s/%s/%s" % (run_channel.REQUEST_TOPIC, request, _create_token())
 
 
 def _create_token() -> bytes:
