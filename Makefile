@@ -69,7 +69,7 @@ ROS2_RUNS ?=
 GOALS ?= 2000
 MISTAKES ?=
 
-.PHONY: help setup setup-core demo test $(LANES) test-ros2 check lint lint-and-pure other-builds pure compiled vulkan spin accept \
+.PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint lint-and-pure pure compiled vulkan spin accept \
 	accept-robot accept-engine accept-tools accept-ros2 docs vscode npm-checks dist bench clean
 
 help:
@@ -186,22 +186,21 @@ demo: .venv/ready vulkan
 	fi
 
 test: .venv/ready
-	@$(MAKE) -s -j 2 --output-sync lint-and-pure other-builds
+	@$(MAKE) -s -j 2 environments lint-and-pure
+	@$(MAKE) -s -j 2 --output-sync compiled test-ros2
 
 check: .venv/ready
 	@.venv/bin/python tests/check.py $(if $(LIMIT),--limit $(LIMIT)) $(FILES)
 
-# The lines of this target are shown as they are printed.
-lint-and-pure:
-	@$(MAKE) -s --output-sync=none lint
-	@$(MAKE) -s --output-sync=none pure
-
-# One after the other: both environments are made in the folders in which pip builds the project.
-other-builds:
+# One after the other: both write to the folders in which pip builds the project.
+environments:
 	@$(MAKE) -s .venv-compiled/ready
 	$(if $(ROS2),@$(MAKE) -s .venv-ros/ready)
-	@$(MAKE) -s compiled
-	@$(MAKE) -s test-ros2
+
+# The other environments are built meanwhile.
+lint-and-pure:
+	@$(MAKE) -s lint
+	@$(MAKE) -s pure
 
 lint: .venv/ready
 	@echo '· style and types'

@@ -29,7 +29,7 @@ def _parse_letters(ctx: click.Context, parameter: click.Parameter, texts: Sequen
     return letters_of
 
 
-plan_option = click.option(
+stub_results_option = click.option(
     "--plan",
     "stub_letters",
     multiple=True,

@@ -141,7 +141,9 @@ class ControlNode(TreeNode):
             NodeExecutionError: A child raised. All other children were halted and reset nevertheless.
         """
         observers = self._context.observers
-        if _reset_unobserved(self._children) if observers is None else self._batch_reset(observers):
+        # Fast paths, which stop at the first RUNNING child: the loop below resets the rest.
+        done = _reset_unobserved(self._children) if observers is None else self._batch_reset(observers)
+        if done:
             return
         first: NodeExecutionError | None = None
         stamp: object = None

@@ -33,7 +33,7 @@ def instantiate(
     main = plans.main
     assert main is not None, "a missing main tree is an error"
     creator = NodeCreator(plans, resources, clock or _find_clock(resources), blackboard)
-    creator.create_tree(main)
+    creator.create_nodes(main)
     creator.collector.diagnostics.raise_errors()
     return Tree(
         main.id,

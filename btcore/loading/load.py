@@ -196,7 +196,7 @@ def required_resources(
         >>> btcore.required_resources("grasp.xml", nodes=nodes) == [Gripper]
         True
     """
-    plans = _plan(_parse(parse_file, options, path, *more), options)
+    plans = _plan_documents(_parse(parse_file, options, path, *more), options)
     plans.diagnostics.raise_errors()
     return plans.required_resources()
 
@@ -208,7 +208,7 @@ def _load(documents: Sequence[Document], options: LoadOptions) -> Tree:
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
         raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
     return instantiate(
-        _plan(documents, options),
+        _plan_documents(documents, options),
         list(resources),
         options.get("blackboard"),
         options.get("clock"),
@@ -216,15 +216,15 @@ def _load(documents: Sequence[Document], options: LoadOptions) -> Tree:
     )
 
 
-def _plan(documents: Sequence[Document], options: LoadOptions) -> Plans:
+def _plan_documents(documents: Sequence[Document], options: LoadOptions) -> Plans:
     """Return the plans of the tree of the first of *documents*."""
     for name in options.keys() - LoadOptions.__annotations__.keys():
         hint = did_you_mean(name, LoadOptions.__annotations__)
         raise TypeError(f"unexpected keyword argument '{name}'{hint}")
-    nodes = _registry(options.get("nodes"))
-    first, *others = documents
-    sources = read(first, [*nodes.documents, *others], options.get("packages"))
-    return define_and_plan(sources, nodes, options.get("tree"), options.get("format"))
+    registry = _registry(options.get("nodes"))
+    main, *others = documents
+    sources = read(main, [*registry.documents, *others], options.get("packages"))
+    return define_and_plan(sources, registry, options.get("tree"), options.get("format"))
 
 
 def _parse(parse: Callable[[S], Document], options: LoadOptions, *sources: S) -> list[Document]:

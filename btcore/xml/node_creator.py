@@ -34,7 +34,7 @@ from btcore.xml.read.diagnostics import DiagnosticCollector
 class TreeInstance:
     """The nodes of one tree while they are created; loading makes a `btcore.Subtree` of it.
 
-    *plan* is the plan of the tree. The other attributes are those of `Subtree`.
+    *prefix* begins the paths of its nodes. Most attributes are those of `Subtree`.
     """
 
     __slots__ = ("blackboard", "document", "nodes", "path", "plan", "prefix")
@@ -89,7 +89,7 @@ class NodeCreator:
         self._uid = 0
         self.collector = DiagnosticCollector()
 
-    def create_tree(self, tree_plan: TreePlan) -> None:
+    def create_nodes(self, tree_plan: TreePlan) -> None:
         """Create the nodes of *tree_plan*, which is neither recursive nor too large."""
         ensure_recursion_limit(self._plans.sizes[tree_plan.id].depth)
         self._create_instance(tree_plan, "", self.blackboard)
@@ -110,8 +110,8 @@ class NodeCreator:
         name = id if node_plan.name is None else node_plan.name
         scripts, attributes = node_plan.conditions, node_plan.attributes
         config = NodeConfig(id, name, uid, self.format, document.file, line, scripts, attributes, self._enums)
-        if node_plan.call is not None:
-            return self._create_call(node_plan, node_plan.call, config, instance)
+        if node_plan.subtree_call is not None:
+            return self._create_call(node_plan, node_plan.subtree_call, config, instance)
         if name == id:
             # BehaviorTree.CPP appends the uid to the path of a node without a name.
             config.path = f"{instance.prefix}{name}::{uid}"
@@ -244,7 +244,7 @@ class NodeCreator:
         if node_plan.manifest is None:
             return None
         # A SubTree node has the root of the called tree as its only child.
-        children = len(node_plan.children) if node_plan.call is None else 1
+        children = len(node_plan.children) if node_plan.subtree_call is None else 1
         try:
             return self._registry.apply_substitutions(config, node_plan.manifest, children)
         except NodeError as error:

@@ -229,7 +229,7 @@ class MonitorExtension(RunExtension):
                         label = f"writing {' and '.join(map(str, files.values()))}"
                         monitors.append(MonitorProcess(publisher, [*arguments, "--no-view", *options], label))
                     if settings["monitor"]:
-                        monitors.append(MonitorProcess(publisher, options, label="the viewer"))
+                        monitors.append(MonitorProcess(publisher, options, label="the monitor"))
                     if settings["serve_web"]:
                         arguments = ["--serve-web", str(settings["serve_web"]), *options]
                         label = "the viewer for browsers"

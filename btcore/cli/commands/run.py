@@ -154,7 +154,7 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
 @click.command(cls=TreeRunCommand, short_help="Run a tree until it ends.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @tree_options
-@stub_results.plan_option
+@stub_results.stub_results_option
 @substitute.substitute_option
 @initial_blackboard.set_option
 @click.option(

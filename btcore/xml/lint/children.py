@@ -70,7 +70,7 @@ def check_reachable_children(
     node: NodePlan, document: Document, analysis: ResultAnalysis, reporter: LintReporter
 ) -> None:
     """Warn about children of *node* that are never ticked, or that each tick halts."""
-    if node.manifest is None or node.call is not None or len(node.children) < 2:
+    if node.manifest is None or node.subtree_call is not None or len(node.children) < 2:
         return
     cls = behaviour_of(node.manifest.cls)
     if is_stub(node.manifest.cls) or not issubclass(cls, ControlNode) or not all_children_known(node):

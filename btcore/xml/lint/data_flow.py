@@ -75,7 +75,7 @@ def trace_dataflow(plans: Plans) -> list[DataflowRow]:
 
 
 def _access(use: EntryUse, path: str) -> DataflowAccess:
-    call = use.node.call
+    call = use.node.subtree_call
     name = use.node.name or (call.tree_id if call is not None else use.node.id)
     full = f"{path}/{name}" if path else name
     if call is not None and use.attribute in call.constants:

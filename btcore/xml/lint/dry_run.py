@@ -63,7 +63,7 @@ class DryRun(NodeCreator):
 
     def run(self, tree: TreePlan) -> list[Diagnostic]:
         """Create *tree*, and fill the attributes. Return the errors that loading the tree would report."""
-        self.create_tree(tree)
+        self.create_nodes(tree)
         for use in self._recorded:
             entry = self._entry(use)
             if entry is not None:

@@ -50,7 +50,7 @@ class EndlessTickCheck:
                     self._check_loop(node, cls, tree)
                 if self._repeats_at_once or cls.spec.never_pauses:
                     nodes += node.children
-                    if node.call is not None and (inner := self._called(node)) is not None:
+                    if node.subtree_call is not None and (inner := self._called(node)) is not None:
                         to_do.append(inner)
 
     def _check_loop(self, node: NodePlan, cls: type[RepeatedNode], tree: TreePlan) -> None:
@@ -90,7 +90,7 @@ class EndlessTickCheck:
         return known
 
     def _find_pause(self, node: NodePlan) -> bool:
-        if node.call is not None:
+        if node.subtree_call is not None:
             inner = self._called(node)
             return inner is None or inner.root is None or self._may_pause(inner.root)
         if node.manifest is None or is_stub(node.manifest.cls) or not all_children_known(node):
@@ -107,11 +107,11 @@ class EndlessTickCheck:
         return known
 
     def _find_action(self, node: NodePlan) -> bool:
-        if node.call is not None:
+        if node.subtree_call is not None:
             inner = self._called(node)
             return inner is None or inner.root is None or self._has_action(inner.root)
         is_action = node.manifest is not None and node.manifest.spec.node_type is NodeType.ACTION
         return is_action or any(map(self._has_action, node.children))
 
     def _called(self, node: NodePlan) -> TreePlan | None:
-        return None if node.call is None else self._plans.trees.get(node.call.tree_id)
+        return None if node.subtree_call is None else self._plans.trees.get(node.subtree_call.tree_id)

@@ -221,7 +221,7 @@ def _creates_untyped(use: EntryUse) -> bool:
     """Return whether *use* creates the entry without a type: a script, a constant, or a port in braces."""
     if use.port is not None:
         return is_declaration(use)
-    return use.access is AccessKind.WRITES and (use.within > 0 or use.node.call is not None)
+    return use.access is AccessKind.WRITES and (use.within > 0 or use.node.subtree_call is not None)
 
 
 def _child_places(plan: TreePlan) -> dict[NodePlan, ChildPlace]:
@@ -316,7 +316,7 @@ def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry, reporte
     the value, or the code of the leaf reads the port in its own way.
     """
     writers = [use for use in uses if use.access in WRITING]
-    constants = [use for use in writers if use.node.call is not None and not use.within]
+    constants = [use for use in writers if use.node.subtree_call is not None and not use.within]
     if len(constants) != 1 or len(writers) != 1 or not isinstance(entry.value, str):
         return
     use, text = constants[0], entry.value

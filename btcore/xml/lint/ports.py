@@ -54,7 +54,7 @@ def check_ignored_attributes(node: NodePlan, document: Document, reporter: LintR
     """
     for key in node.attributes:
         if key[0] == "_":
-            near = _similar_attribute(key, node.call is not None)
+            near = _similar_attribute(key, node.subtree_call is not None)
             if near is not None:
                 message = f"the attribute '{key}' of {node_label(node)} is ignored: unknown name"
                 hint = f"did you mean '{near}'?"
@@ -75,7 +75,7 @@ def _similar_attribute(key: str, is_subtree: bool) -> str | None:
 def check_missing_ports(node: NodePlan, document: Document, reporter: LintReporter) -> None:
     """Warn about missing ports without a default: *node* raises when it uses such a port."""
     manifest = node.manifest
-    if manifest is None or node.call is not None or is_stub(manifest.cls):
+    if manifest is None or node.subtree_call is not None or is_stub(manifest.cls):
         return
     given = {port.name for port, _, _ in node.ports}
     if any(is_port_name(key) and key not in manifest.ports for key in node.element.attributes):
@@ -140,7 +140,7 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
                 message = f"the {label} has the type {kind}: only '{part}' of '{item}' is read"
                 hint = f"write {_replacement(item, part, kind)}"
                 reporter.warn(PARTIAL_NUMBER, message, document, node, port.name, hint)
-    for key, text in node.call.constants.items() if node.call is not None else ():
+    for key, text in node.subtree_call.constants.items() if node.subtree_call is not None else ():
         intended = intended_key(text)
         if intended:
             message = f"'{key}' of {node_label(node)} is the text '{text}', not an entry"
@@ -150,7 +150,7 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
 
 def check_literals_of_class(node: NodePlan, document: Document, reporter: LintReporter) -> None:
     """Report the problems that the class of *node* finds in literals; see `TreeNode.check_literals`."""
-    if node.manifest is None or node.call is not None:
+    if node.manifest is None or node.subtree_call is not None:
         return
     for problem in node.manifest.cls.check_literals(valid_literals(node)):
         code = UNCHECKED_LITERAL if problem.is_unchecked else INCONVERTIBLE_TEXT

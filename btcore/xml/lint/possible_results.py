@@ -61,8 +61,8 @@ class ResultAnalysis:
         return results
 
     def _without_conditions(self, node: NodePlan) -> PossibleResults:
-        if node.call is not None:
-            inner = self._plans.trees.get(node.call.tree_id) if self._bounded else None
+        if node.subtree_call is not None:
+            inner = self._plans.trees.get(node.subtree_call.tree_id) if self._bounded else None
             return UNKNOWN_RESULTS if inner is None or inner.root is None else self.results_of(inner.root)
         if node.manifest is None or is_stub(node.manifest.cls) or not all_children_known(node):
             return UNKNOWN_RESULTS

@@ -48,7 +48,7 @@ class LintReporter:
 
 def node_label(node: NodePlan) -> str:
     """Return the text that names *node* in messages, such as `<Sleep>` or `<SubTree ID="Dock">`."""
-    return f"<{node.id}>" if node.call is None else f'<SubTree ID="{node.call.tree_id}">'
+    return f"<{node.id}>" if node.subtree_call is None else f'<SubTree ID="{node.subtree_call.tree_id}">'
 
 
 def line_of(document: Document, node: NodePlan) -> str:

@@ -58,7 +58,7 @@ class TreeKeys:
             return None
         keys: set[str] = set()
         for node in plan.nodes():
-            own = self._node_keys(node) if node.call is None else self._call_keys(node.call)
+            own = self._node_keys(node) if node.subtree_call is None else self._call_keys(node.subtree_call)
             if own is None:
                 return None
             for text in node.conditions.values():
@@ -111,7 +111,7 @@ def check_remappings(
         tree_keys: The keys that each tree uses.
         models: The ports that subtree models declare, by ID of the tree.
     """
-    call = node.call
+    call = node.subtree_call
     if call is None:
         return
     used = tree_keys.keys_of(call.tree_id)
@@ -133,7 +133,7 @@ def check_remappings(
         if used is None or key in used or key in declared or node.element.get(key) is None:
             continue
         message = f"no port or script in the tree of {node_label(node)} uses '{key}'"
-        has_time = reporter.collector.has_time_for_hint(used)
+        has_time = reporter.collector.take_comparisons(used)
         hint = _unused_key_hint(key, used, call.port_texts) if has_time else ""
         reporter.warn(USELESS_REMAPPING, message, document, node, key, hint, part="name")
 

@@ -25,7 +25,7 @@ class WrittenKeys:
 
     def guess(self, key: str, names: Collection[str]) -> str | None:
         """Return the name in *names* that is most similar to *key*, or None; also if time is up."""
-        return nearest_name(key, names) if self._collector.has_time_for_hint(names) else None
+        return nearest_name(key, names) if self._collector.take_comparisons(names) else None
 
     def written_in(self, board: Blackboard) -> Collection[str]:
         """Return the keys of *board* that are written."""

@@ -116,7 +116,7 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
     while pending:
         definition = pending.pop()
         if definition.id not in trees:
-            trees[definition.id] = tree = TreePlanner(context, definition).plan(outlines[definition])
+            trees[definition.id] = tree = TreePlanner(context, definition).complete(outlines[definition])
             pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
     planned_main = None if main is None else trees[main.id]
     plans = Plans(definitions, registry, trees, planned_main, {}, Diagnostics())
@@ -156,7 +156,7 @@ def define_and_plan(
     errors = plans.diagnostics.errors
     if errors and format is None and root.get("BTCPP_format") is None:
         # These plans need no hints.
-        silent = sources._replace(diagnostics=sources.diagnostics._replace(comparisons=0))
+        silent = sources._replace(diagnostics=sources.diagnostics._replace(comparisons_left=0))
         as_format_4 = plan(define(silent, tree, 4), registry, every_tree)
         avoided = len(errors) - len(as_format_4.diagnostics.errors)
         if avoided > 0:

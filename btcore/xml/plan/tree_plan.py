@@ -91,8 +91,8 @@ class NodePlan:
     """
 
     __slots__ = (
-        "attributes", "bindings", "call", "children", "conditions", "depth", "element", "id", "manifest",
-        "name",
+        "attributes", "bindings", "children", "conditions", "depth", "element", "id", "manifest",
+        "name", "subtree_call",
     )  # fmt: skip
 
     def __init__(self, element: Element, depth: int) -> None:
@@ -105,7 +105,7 @@ class NodePlan:
         self.attributes = EMPTY_MAPPING
         self.bindings: Sequence[Binding] = ()
         self.children: Sequence[NodePlan] = ()
-        self.call: SubtreeCall | None = None
+        self.subtree_call: SubtreeCall | None = None
 
     @property
     def ports(self) -> list[tuple[Port, str, bool]]:
@@ -155,8 +155,8 @@ class TreePlan:
 # --- what all trees of a document share
 
 
-class BindingCache:
-    """The port bindings of one manifest that were created so far. Nodes with equal port texts share them.
+class KnownNode:
+    """A registered node, with the bindings of its ports so far. Nodes with equal port texts share them.
 
     *bindings* maps the name of a port, then its text, to the binding. *defaults* holds a binding for each
     port that has a default.
@@ -184,8 +184,8 @@ class PlanContext:
         self.dialect: Dialect = definitions.dialect
         self.registry = registry
         self.collector = collector
-        self.caches_by_id: dict[str, BindingCache] = {}
-        self.caches_by_tag: dict[str, BindingCache] = {}
+        self.known_nodes_by_id: dict[str, KnownNode] = {}
+        self.known_nodes_by_tag: dict[str, KnownNode] = {}
         # Names of attributes that _sort_attributes() kept. Its decision depends only on the name, so it is
         # not called again for these names.
         self.kept_attributes: set[str] = set()
@@ -261,7 +261,7 @@ class _TagCache:
         context = self._context
         if self._hints is None:
             self._hints = UnknownNodeHints(context.registry, context.dialect.format)
-        if not context.collector.has_time_for_hint(self._hints.names):
+        if not context.collector.take_comparisons(self._hints.names):
             return ""
         if self._declaring_files is None:
             self._declaring_files = {
@@ -452,7 +452,7 @@ class TreePlanner:
         self._collector = context.collector
         self._definition = definition
 
-    def plan(self, nodes: list[NodePlan]) -> TreePlan:
+    def complete(self, nodes: list[NodePlan]) -> TreePlan:
         """Return the plan of the tree, without the trees that it calls.
 
         Args:
@@ -483,26 +483,26 @@ class TreePlanner:
         )
 
     def _plan_nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
-        """Plan *nodes*, and remove unknown nodes, which are errors of the structure, from the tree."""
+        """Complete *nodes*, and remove nodes of unknown nodes and trees, which are errors, from the tree."""
         tree.size = len(nodes)
         tree.depth = max(map(_DEPTH_OF, nodes))
-        caches = self._context.caches_by_tag
+        known_nodes = self._context.known_nodes_by_tag
         unknown: set[NodePlan] = set()
         for node in nodes:
             tag = node.element.tag
-            cache = caches.get(tag)
-            if cache is None:
+            known = known_nodes.get(tag)
+            if known is None:
                 if tag in self._dialect.subtree_tags:
                     if not self._plan_call(tag, node, tree):
                         unknown.add(node)
                     continue
-                cache = self._find_cache(tag, node.element)
-                if cache is None:
+                known = self._find_known_node(tag, node.element)
+                if known is None:  # reported by _TreeOutliner
                     unknown.add(node)
                     continue
-            node.id = cache.id
-            node.manifest = cache.manifest
-            self._plan_attributes(node, cache)
+            node.id = known.id
+            node.manifest = known.manifest
+            self._plan_attributes(node, known)
         if unknown:
             tree.has_unknown_nodes = True
             if tree.root in unknown:
@@ -510,27 +510,27 @@ class TreePlanner:
             for node in nodes:
                 node.children = [child for child in node.children if child not in unknown]
 
-    def _find_cache(self, tag: str, element: Element) -> BindingCache | None:
+    def _find_known_node(self, tag: str, element: Element) -> KnownNode | None:
         """Return the bindings for the node that *element* names, or None if the node is unknown."""
         id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
-        cache = self._context.caches_by_id.get(id)
-        if cache is None:
+        known = self._context.known_nodes_by_id.get(id)
+        if known is None:
             manifest = self._context.manifest(id)
             if manifest is None:
                 return None
-            self._context.caches_by_id[id] = cache = BindingCache(id, manifest, self._dialect.format)
+            self._context.known_nodes_by_id[id] = known = KnownNode(id, manifest, self._dialect.format)
         if tag not in EXPLICIT_TAGS:
-            self._context.caches_by_tag[tag] = cache
-        return cache
+            self._context.known_nodes_by_tag[tag] = known
+        return known
 
-    def _plan_attributes(self, node: NodePlan, cache: BindingCache) -> None:
+    def _plan_attributes(self, node: NodePlan, known: KnownNode) -> None:
         bindings: list[Binding] = []
         other_attributes: dict[str, str] = {}
-        cached_bindings = cache.bindings
+        cached_bindings = known.bindings
         for key, text in node.element.attributes.items():
             by_text = cached_bindings.get(key)
             if by_text is not None:
-                port = cache.ports[key]
+                port = known.ports[key]
                 bindings.append(by_text.get(text) or self._create_binding(node, port, text, by_text))
             elif key == "name":
                 node.name = text
@@ -540,11 +540,11 @@ class TreePlanner:
                 other_attributes[key] = text
         if other_attributes:
             if not self._context.kept_attributes.issuperset(other_attributes):
-                other_attributes = self._sort_attributes(node, cache.manifest, other_attributes)
+                other_attributes = self._sort_attributes(node, known.manifest, other_attributes)
             node.attributes = other_attributes
-        if cache.defaults and len(bindings) < len(cache.bindings):
+        if known.defaults and len(bindings) < len(known.bindings):
             given = {binding.port for binding in bindings}
-            bindings += [binding for binding in cache.defaults if binding.port not in given]
+            bindings += [binding for binding in known.defaults if binding.port not in given]
         node.bindings = bindings
 
     def _sort_attributes(
@@ -574,7 +574,7 @@ class TreePlanner:
                 kept[key] = text
             else:
                 message = f"<{node.id}> has no port '{key}'"
-                has_time = self._collector.has_time_for_hint(manifest.ports)
+                has_time = self._collector.take_comparisons(manifest.ports)
                 hint = port_hint(manifest, key) if has_time else ""
                 self._report(UNKNOWN_PORT, message, node.element, key, hint, at_name=True)
         if scripts:
@@ -637,7 +637,7 @@ class TreePlanner:
         node.id = tag
         node.manifest = self._context.manifest(tag)
         call = SubtreeCall(id, element)
-        node.call = call
+        node.subtree_call = call
         tree.calls.append(call)
         if self._dialect.format == 3:
             self._connect_call_of_3(node, call, tag)
@@ -647,7 +647,7 @@ class TreePlanner:
             return True
         if element.get("ID") is not None and self._context.definitions.are_complete:
             known = self._context.definitions.by_id
-            hint = tree_hint(id, known) if self._collector.has_time_for_hint(known) else ""
+            hint = tree_hint(id, known) if self._collector.take_comparisons(known) else ""
             self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
         return False
 

@@ -20,12 +20,12 @@ class Diagnostics(NamedTuple):
     Attributes:
         errors: The diagnostics that prevent loading the tree.
         warnings: The other diagnostics.
-        comparisons: How many comparisons with known names are left, to suggest similar names in hints.
+        comparisons_left: How many comparisons with known names are left, to suggest similar names in hints.
     """
 
     errors: tuple[Diagnostic, ...] = ()
     warnings: tuple[Diagnostic, ...] = ()
-    comparisons: int = MAX_COMPARISONS
+    comparisons_left: int = MAX_COMPARISONS
 
     def raise_errors(self) -> None:
         """Raise a single exception with all errors, if there are any.
@@ -49,11 +49,11 @@ class DiagnosticCollector:
     def __init__(self, before: Diagnostics | None = None) -> None:
         self.errors: list[Diagnostic] = []
         self.warnings: list[Diagnostic] = []
-        self._comparisons = MAX_COMPARISONS
+        self._comparisons_left = MAX_COMPARISONS
         self._added: set[Diagnostic] = set()
         self._counts: Counter[str] = Counter()
         if before is not None:
-            self._comparisons = before.comparisons
+            self._comparisons_left = before.comparisons_left
             for diagnostic in (*before.errors, *before.warnings):
                 self.add(diagnostic)
 
@@ -68,21 +68,21 @@ class DiagnosticCollector:
         """Return whether no further diagnostics with *code* are collected."""
         return self._counts[code] >= MAX_PER_CODE
 
-    def has_time_for_hint(self, names: Sized) -> bool:
+    def take_comparisons(self, names: Sized) -> bool:
         """Return whether there is time to search *names* for a similar name, which a hint suggests.
 
         After MAX_COMPARISONS comparisons the result is False: of thousands of mistakes, only the first get
         hints.
         """
-        if len(names) > self._comparisons:
+        if len(names) > self._comparisons_left:
             return False
-        self._comparisons -= len(names)
+        self._comparisons_left -= len(names)
         return True
 
     @property
     def diagnostics(self) -> Diagnostics:
         """All diagnostics so far."""
-        return Diagnostics(tuple(self.errors), tuple(self.warnings), self._comparisons)
+        return Diagnostics(tuple(self.errors), tuple(self.warnings), self._comparisons_left)
 
 
 def make_tree_error(errors: Sequence[Diagnostic]) -> TreeError:

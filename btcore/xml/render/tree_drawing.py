@@ -59,7 +59,7 @@ def diagram_of_document(plans: Plans) -> DiagramNode:
         return of_node(tree.root, tree.definition.document)
 
     def of_node(plan: NodePlan, document: Document) -> DiagramNode:
-        manifest, call = plan.manifest, plan.call
+        manifest, call = plan.manifest, plan.subtree_call
         sketch = DiagramNode(
             uid=next(uids),
             id=plan.id,

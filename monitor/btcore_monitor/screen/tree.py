@@ -11,7 +11,6 @@ from btcore_monitor.events import IDLE, RUNNING, ObservedNode, ObservedTree
 from btcore_monitor.screen import style
 from btcore_monitor.screen.captions import Caption, create_captions, format_ports
 from btcore_monitor.screen.font import Stroke, place_strokes, strokes_of
-from btcore_monitor.screen.layout import Box, Layout, Place, lay_out
 from btcore_monitor.screen.legend import HEIGHT as LEGEND_HEIGHT
 from btcore_monitor.screen.legend import create_legend
 from btcore_monitor.screen.row_buffer import RowBuffer
@@ -26,6 +25,7 @@ from btcore_monitor.screen.subtree_drawing import (
 )
 from btcore_monitor.screen.symbols import symbol_strokes
 from btcore_monitor.screen.tick_states import TickStates
+from btcore_monitor.screen.tree_layout import Box, Place, TreeLayout, lay_out
 
 ORIGIN: Final = "tree"
 FOLDED: Final = "folded"
@@ -242,7 +242,7 @@ class TreeView:
         return [np.array(stroke, dtype=np.float32) for stroke in strokes], colours, radii
 
 
-def arrange(tree: ObservedTree, written: Mapping[int, Caption], view_size: tuple[float, float]) -> Layout:
+def arrange(tree: ObservedTree, written: Mapping[int, Caption], view_size: tuple[float, float]) -> TreeLayout:
     """Return the layout of a tree.
 
     Args:
@@ -266,7 +266,7 @@ def arrange(tree: ObservedTree, written: Mapping[int, Caption], view_size: tuple
 
 def _arrange_readable(
     tree: ObservedTree, whole: ObservedTree, view_size: tuple[float, float]
-) -> tuple[Mapping[int, Caption], Layout]:
+) -> tuple[Mapping[int, Caption], TreeLayout]:
     """Return captions and layout, with notes if these are readable without zooming in."""
     if len(tree.nodes) <= FOLD_ABOVE_NODES:
         noted = create_captions(tree, whole, with_notes=True)
@@ -278,7 +278,7 @@ def _arrange_readable(
     return plain, arrange(tree, plain, view_size)
 
 
-def _pixel(layout: Layout, view_size: tuple[float, float]) -> float:
+def _pixel(layout: TreeLayout, view_size: tuple[float, float]) -> float:
     """Return the size of a pixel (units of the drawing) if the view shows all of *layout*."""
     (width, height), (across, down) = layout.size, view_size
     margin = style.PILL_HEIGHT * 0.7

@@ -381,9 +381,9 @@ class Publisher(Closeable):
         # Before draining: if a new tree is here already, the old tree's queue gets no more items.
         is_replaced = bool(self._replacement_trees)
         has_more = self._served_tree.drain()
-        run_channel = self._served_tree.run_channel_server
-        if run_channel is not None:
-            for topic, data in run_channel.take_pending_frames():
+        server = self._served_tree.run_channel_server
+        if server is not None:
+            for topic, data in server.take_pending_frames():
                 self._send(topic, data)
         if is_replaced and not has_more:
             self._switch_to(self._replacement_trees.popleft())
@@ -425,15 +425,13 @@ class Publisher(Closeable):
             sockets.answer(server)
         sockets.publish(server, time.monotonic(), at_once)
 
-    def _read_subscriptions(self, run_channel: RunChannelServer) -> None:
+    def _read_subscriptions(self, server: RunChannelServer) -> None:
         # All subscriptions that wait; zmq.Again ends the loop.
         with contextlib.suppress(zmq.Again):
             while True:
-                for topic, data in run_channel.process_subscription(
-                    self._run_channel_socket.recv(zmq.DONTWAIT)
-                ):
+                for topic, data in server.process_subscription(self._run_channel_socket.recv(zmq.DONTWAIT)):
                     self._send(topic, data)
-        if len(run_channel.client_tokens) != self._client_count:
+        if len(server.client_tokens) != self._client_count:
             with self._clients_changed:
-                self._client_count = len(run_channel.client_tokens)
+                self._client_count = len(server.client_tokens)
                 self._clients_changed.notify_all()

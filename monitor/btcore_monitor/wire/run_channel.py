@@ -16,7 +16,7 @@ a token that the client chooses, and the reply has the same topic:
 =====================  ====================================================================
 `again/tree/TOKEN`   `TreeMessage`, `StaticSceneMessage`
 `again/N/TOKEN`      `PieceMessage`: the stream from number N to the number in the field `last`
-`here/TOKEN`         no reply; marks a connected client, for which a closing publisher waits briefly
+`here/TOKEN`         no reply; counts a client, for which a run that begins or ends waits
 =====================  ====================================================================
 
 Stamps are ns of the tree's clock, `wall` is ns since the epoch, lengths are in metres, quaternions are

@@ -7,7 +7,7 @@ import time
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from btcore_monitor.screen.layout import Box, Layout, lay_out
+from btcore_monitor.screen.tree_layout import Box, TreeLayout, lay_out
 
 HEIGHT = 42.0
 PROTOTYPE = {100: (2849, 1976), 1000: (12151, 7438)}
@@ -56,7 +56,7 @@ def trees(draw: st.DrawFn) -> list[Box]:
     return tree_of(parents, widths, framed)
 
 
-def pills(layout: Layout) -> list[tuple[float, float, float, float]]:
+def pills(layout: TreeLayout) -> list[tuple[float, float, float, float]]:
     half = HEIGHT / 2
     return [(one.x, one.y - half, one.x + one.width, one.y + half) for one in layout.places]
 
@@ -222,4 +222,4 @@ def test_a_tree_is_wrapped_when_it_is_wider_than_comfortable():
 
 
 def test_no_nodes_give_an_empty_layout():
-    assert lay_out([], HEIGHT) == Layout((), (), (), (0.0, 0.0))
+    assert lay_out([], HEIGHT) == TreeLayout((), (), (), (0.0, 0.0))

@@ -67,7 +67,7 @@ def published(xml: str, blackboard: Blackboard | None = None, nodes: Registry | 
 
 
 def only(nodes: tuple[ObservedNode, ...], kind: str) -> ObservedNode:
-    (found,) = [node for node in nodes if node.kind == kind]
+    (found,) = [node for node in nodes if node.type == kind]
     return found
 
 
@@ -162,7 +162,7 @@ def test_groot2_64_dots_in_port_names_of_an_older_robot_are_shown(connect: Conne
         answering.start()
         node = fulltree(connect(f":{port}")).root
         answering.join()
-    assert (node.id, node.kind) == ("LoadController", "action")
+    assert (node.id, node.type) == ("LoadController", "action")
     assert node.ports == {"request.name": "arm", "response.ok": "{ok}"}
 
 

@@ -72,7 +72,7 @@ Line = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class TreeLayout:
     """The layout of a tree.
 
     *places* and *edges* have an item for each node, in the order of the boxes. An edge is the line from the
@@ -103,7 +103,7 @@ class _Shape:
     shift: float = 0.0
 
 
-def lay_out(boxes: Sequence[Box], height: float, aspect: float = 1.6, comfort: float = COMFORT) -> Layout:
+def lay_out(boxes: Sequence[Box], height: float, aspect: float = 1.6, comfort: float = COMFORT) -> TreeLayout:
     """Return the layout that looks best in a window. The same boxes always give the same layout.
 
     Args:
@@ -113,7 +113,7 @@ def lay_out(boxes: Sequence[Box], height: float, aspect: float = 1.6, comfort: f
         comfort: The window width, in pill heights, at which the tree is still legible without wrapping.
     """
     if not boxes:
-        return Layout((), (), (), (0.0, 0.0))
+        return TreeLayout((), (), (), (0.0, 0.0))
     plain = _offers(boxes, height, wrap=False)[0]
     if _cost(plain, aspect) > comfort * height:
         offered = _offers(boxes, height, wrap=True)
@@ -296,7 +296,7 @@ class _Drawing:
         self._edges: list[Line] = [()] * len(boxes)
         self._frames: list[tuple[int, float, float, float, float]] = []
 
-    def draw(self, root: _Shape) -> Layout:
+    def draw(self, root: _Shape) -> TreeLayout:
         # Not recursive, because a tree may be deeper than Python's recursion limit.
         waiting = [(0, root, 0.0, 0.0)]
         while waiting:
@@ -312,7 +312,9 @@ class _Drawing:
             lay = self._hang if shape.is_hung else self._columns
             waiting.extend(lay(box, shape, place, left + pad))
         self._frames.sort()
-        return Layout(tuple(self._places), tuple(self._edges), tuple(self._frames), (root.width, root.height))
+        return TreeLayout(
+            tuple(self._places), tuple(self._edges), tuple(self._frames), (root.width, root.height)
+        )
 
     def _pad(self, index: int) -> float:
         return FRAME_PAD if self._boxes[index].has_frame else 0.0
