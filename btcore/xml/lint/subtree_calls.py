@@ -133,8 +133,8 @@ def check_remappings(
         if used is None or key in used or key in declared or node.element.get(key) is None:
             continue
         message = f"no port or script in the tree of {node_label(node)} uses '{key}'"
-        has_time = reporter.collector.take_comparisons(used)
-        hint = _unused_key_hint(key, used, call.port_texts) if has_time else ""
+        may_search = reporter.collector.take_comparisons(used)
+        hint = _unused_key_hint(key, used, call.port_texts) if may_search else ""
         reporter.warn(USELESS_REMAPPING, message, document, node, key, hint, part="name")
 
 

@@ -574,8 +574,8 @@ class TreePlanner:
                 kept[key] = text
             else:
                 message = f"<{node.id}> has no port '{key}'"
-                has_time = self._collector.take_comparisons(manifest.ports)
-                hint = port_hint(manifest, key) if has_time else ""
+                may_search = self._collector.take_comparisons(manifest.ports)
+                hint = port_hint(manifest, key) if may_search else ""
                 self._report(UNKNOWN_PORT, message, node.element, key, hint, at_name=True)
         if scripts:
             node.conditions = {

@@ -69,7 +69,7 @@ class DiagnosticCollector:
         return self._counts[code] >= MAX_PER_CODE
 
     def take_comparisons(self, names: Sized) -> bool:
-        """Return whether there is time to search *names* for a similar name, which a hint suggests.
+        """Reserve the comparisons to search *names* for a similar name; return whether enough are left.
 
         After MAX_COMPARISONS comparisons the result is False: of thousands of mistakes, only the first get
         hints.

@@ -132,24 +132,25 @@ def test_print_on_ascii_standard_output_does_not_raise(tree: Tree, monkeypatch: 
     assert "`-- t\\xfcr  SubTree  (FAILURE)" in file.read()
 
 
+def read_drawing(screen: io.FileIO) -> str:
+    """Return what the terminal shows, up to the end of the last line, whose node is IDLE."""
+    shown = b""
+    while b"IDLE" not in shown or not shown.endswith(b"\n"):  # it arrives in parts
+        shown += screen.read(10_000)
+    return shown.decode()
+
+
 def test_terminal_gets_colours_unless_they_are_disabled(tree: Tree, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")
     master, slave = pty.openpty()
     with os.fdopen(slave, "w", encoding="utf-8") as terminal, os.fdopen(master, "rb", 0) as screen:
         tree.draw(terminal)
         terminal.flush()
-        # A terminal hands over a text in parts.
-        shown = b""
-        while "IDLE" not in shown.decode(errors="ignore") or not shown.endswith(b"\n"):
-            shown += screen.read(10_000)
-        assert "\x1b[1;33m▶ RUNNING\x1b[0m" in shown.decode()
+        assert "\x1b[1;33m▶ RUNNING\x1b[0m" in read_drawing(screen)
         monkeypatch.setenv("NO_COLOR", "1")
         tree.draw(terminal)
         terminal.flush()
-        shown = b""
-        while not shown.endswith(b"IDLE\r\n"):
-            shown += screen.read(10_000)
-        assert shown.decode().replace("\r\n", "\n") == RUNNING + "\n"
+        assert read_drawing(screen).replace("\r\n", "\n") == RUNNING + "\n"
 
 
 def test_only_new_consoles_of_windows_show_colours(monkeypatch: pytest.MonkeyPatch) -> None:
