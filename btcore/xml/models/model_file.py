@@ -67,7 +67,7 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
     sources = read(parse_file(path, confined=confined))
     sources.diagnostics.raise_errors()
     documents = sources.documents
-    added = [id for document in documents for id in add_document_models(nodes, document)]
+    added = [id for document in documents for id in add_document_models(nodes, document, override=True)]
     added += add_explicit_nodes(nodes, documents)
     if not added and not any(_models(document) for document in documents):
         message = "the file contains no model of a node"
@@ -148,10 +148,14 @@ def has_models(document: Document) -> bool:
     return bool(_models(document))
 
 
-def add_document_models(nodes: Registry, document: Document) -> list[str]:
-    """Register a stub for every model of *document*, and return the IDs of the new stubs.
+def add_document_models(nodes: Registry, document: Document, override: bool = False) -> list[str]:
+    """Register a stub for every model of *document* whose node is unknown.
 
-    Registered nodes are not replaced, except for nodes of an installed library.
+    Args:
+        override: Whether the models override nodes of installed libraries.
+
+    Returns:
+        The IDs of the new stubs.
 
     Raises:
         TreeError: A model is invalid; the others are registered.
@@ -165,7 +169,7 @@ def add_document_models(nodes: Registry, document: Document) -> list[str]:
             collector.add(document.diagnostic(MISSING_ID, message, model, hint=f'write <{model.tag} ID="…">'))
             continue
         known = nodes.get(str(id), 3) or nodes.get(str(id), 4)
-        if known is not None and not known.is_overridable:
+        if known is not None and not (override and known.is_overridable):
             continue
         ports = [_port(nodes, document, item) for item in model.iterchildren(*PORT_TAGS) if item.get("name")]
         described = next(model.iterchildren("description"), None)

@@ -166,9 +166,10 @@ class Libraries:
         self.problems.append((str(error), *place))
 
     def nodes_for(self, document: Document) -> Registry:
-        """Return the nodes for the trees of *document*, as `btcore validate --model` with the document does.
+        """Return the nodes for the trees of *document*, as for `btcore validate`.
 
-        While a tree is written, the code of its nodes may be missing, so the models of the document suffice.
+        While a tree is written, the code of its nodes may be missing, so the models of the document suffice
+        for unknown nodes. Only the models of a project override installed nodes, as with `--model`.
         """
         documents = read(document).documents
         is_project = document.file.endswith(".btproj")
@@ -178,7 +179,7 @@ class Libraries:
         for each in documents:
             # The check reports invalid models.
             with suppress(BtcoreError):
-                add_document_models(nodes, each)
+                add_document_models(nodes, each, override=is_project)
         if self._has_models or is_project:
             add_explicit_nodes(nodes, documents)
         return nodes

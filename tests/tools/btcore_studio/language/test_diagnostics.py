@@ -12,6 +12,7 @@ from btcore.errors import Diagnostic, TreeError
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import parse_file
 from btcore_studio.language.diagnostics import Report, check, merge
+from btcore_studio.language.worker import Libraries
 
 ROOT = Path(__file__).parents[4]
 PAGE = (ROOT / "docs/reference/errors.md").read_text(encoding="utf-8")
@@ -58,6 +59,25 @@ def test_every_code_of_validate(tmp_path: Path, code: str, text: str) -> None:
             marked = diagnostic.source[start : start + diagnostic.width]
             assert line[2 * report.start : 2 * report.end].decode("utf-16-le") == marked
             assert len(line[: 2 * report.start].decode("utf-16-le")) == start
+
+
+@pytest.mark.parametrize(
+    ("name", "models", "codes"),
+    [("größe.xml", [], []), ("größe.xml", ["größe.xml"], ["E201"]), ("haus.btproj", [], ["E201"])],
+)
+def test_models_of_a_tree_file_declare_unknown_nodes_and_override_none(
+    tmp_path: Path, name: str, models: list[str], codes: list[str]
+) -> None:
+    path = tmp_path / name
+    path.write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main">'
+        '<Sequence><IsObstacle distance="1"/><Greet/></Sequence></BehaviorTree>'
+        '<TreeNodesModel><Condition ID="IsObstacle"/><Action ID="Greet"/></TreeNodesModel></root>',
+        encoding="utf-8",
+    )
+    libraries = Libraries([tmp_path], (), models, trusted=False)
+    assert libraries.problems == []
+    assert [report.code for report in check(lambda: parse_file(path), libraries.nodes_for)] == codes
 
 
 def test_reports_of_several_checks_are_shown_once() -> None:

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from btcore.registry.registry import Registry
 from btcore_studio.preview import tree_reading
 from btcore_studio.preview.tree_reading import TreeFile, draw
 
@@ -49,6 +50,16 @@ def test_unknown_node_is_drawn_and_reported(tree_file: TreeFile) -> None:
     assert reading.summary()["diagnostics"][0]["code"] == "E101"
     rover = drawing(tree_file)["nodes"][1]
     assert (rover["kind"], rover["ports"]) == ("action", [["speed", "{tempo}"]])
+
+
+def test_installed_node_is_drawn_even_if_the_file_describes_another(tmp_path: Path) -> None:
+    text = """<root BTCPP_format="4"><BehaviorTree ID="A"><IsObstacle/></BehaviorTree>
+<TreeNodesModel><Control ID="IsObstacle"/></TreeNodesModel></root>"""
+    nodes = Registry.standard()
+    nodes.add_installed()
+    file = TreeFile(tmp_path / "tree.xml", lambda document: nodes)
+    assert file.read(text).summary()["diagnostics"] == []
+    assert drawing(file, text)["nodes"][0]["kind"] == "condition"
 
 
 @pytest.mark.parametrize(
