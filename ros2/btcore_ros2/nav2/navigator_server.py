@@ -26,6 +26,9 @@ ROS_NODES = "btcore_ros2.nav2.nodes"
 POSE_PATIENCE_S = 2.0
 """The time (s) after which a goal fails if the robot's pose is unknown."""
 
+FIRST_POSE_PATIENCE_S = 15.0
+"""The same before the first pose: on a slow computer, DDS takes seconds to find the publishers of tf."""
+
 log = logging.getLogger(__name__)
 
 
@@ -64,6 +67,7 @@ class NavigatorServer:
 
         self.session = session
         self._client = Nav2Client(session)
+        self._was_pose_known = False
         plugins = (ROS_NODES, *plugins)
         trees = folder() / TREES
         self._to_pose = self._navigator(to_pose or trees / TO_POSE, plugins, through=False)
@@ -106,7 +110,7 @@ class NavigatorServer:
             resources=[self.session],
             through=through,
             plugins=plugins,
-            hold=lambda: self._client.pose() is None,
+            hold=self._must_wait,
             give_up_reason=self._give_up_reason,
         )
 
@@ -143,7 +147,13 @@ class NavigatorServer:
         else:
             self._to_pose.send_goal(goal)
 
+    def _must_wait(self) -> bool:
+        known = self._client.pose() is not None
+        self._was_pose_known |= known
+        return not known
+
     def _give_up_reason(self, began: int) -> tuple[Nav2ErrorCode, str] | None:
-        if self.session.clock.now() - began < POSE_PATIENCE_S * NS_PER_S:
+        patience = POSE_PATIENCE_S if self._was_pose_known else FIRST_POSE_PATIENCE_S
+        if self.session.clock.now() - began < patience * NS_PER_S:
             return None
         return Nav2ErrorCode.NAVIGATE_TF_ERROR, POSE_IS_UNKNOWN

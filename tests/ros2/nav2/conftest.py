@@ -23,10 +23,12 @@ LIMIT = 120.0  # s: for a machine that is much slower
 PATIENT = """
 from btcore_navigation.nodes import action_node
 action_node.MIN_ACCEPTANCE_MS = 60_000
+from btcore_ros2.nav2 import navigator_server
+navigator_server.FIRST_POSE_PATIENCE_S = 60.0
 from btcore.__main__ import main
 main()
 """
-"""The command `btcore` whose nodes wait long for an answer of a server, for `python -c`."""
+"""The command `btcore` that waits long for servers and for the first pose, for `python -c`."""
 
 
 def start(*command: str) -> subprocess.Popen[str]:

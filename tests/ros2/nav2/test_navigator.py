@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,14 +11,19 @@ import pytest
 
 pytest.importorskip("rclpy")
 pytest.importorskip("nav2_msgs")
+pytest.importorskip("tf2_msgs")
 
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav2_msgs.action import NavigateThroughPoses, NavigateToPose
 from rclpy.action import ActionClient
+from tf2_msgs.msg import TFMessage
 
+from btcore import Status
 from btcore_navigation.action import GoalStatus
-from btcore_robot.robot import Pose2D
+from btcore_robot.robot import NS_PER_S, Pose2D
+from btcore_ros2.nav2 import navigator_server
 from btcore_ros2.nav2.conversions import pose_to_stamped, poses_to_goals
+from btcore_ros2.session import RosSession
 from tests.ros2.discovery import wait_until_known
 from tests.ros2.nav2.conftest import PATIENT
 
@@ -267,3 +273,32 @@ def test_ctrl_c_cancels_the_goals_and_ends_the_process(client, navigator, drive)
     assert navigator.returncode == 130
     assert "Traceback" not in output
     assert "--ros-args has no effect" not in output
+
+
+def test_a_goal_waits_longer_for_the_first_pose(monkeypatch):
+    """A goal that arrives before any transform is not aborted after the patience for a lost pose."""
+    monkeypatch.setattr(navigator_server, "POSE_PATIENCE_S", 0.0)
+    monkeypatch.setattr(navigator_server, "FIRST_POSE_PATIENCE_S", LIMIT)
+    # A namespace has its own tf.
+    with RosSession("bt_navigator", arguments=["-r", "__ns:=/alone"]) as session:
+        server = navigator_server.NavigatorServer(session)
+        goals = session.node.create_publisher(PoseStamped, "goal_pose", 1)
+        tf = session.node.create_publisher(TFMessage, "/tf", 1)
+        clock = session.clock
+        end = clock.now() + round(LIMIT * NS_PER_S)
+
+        def step() -> None:
+            assert clock.now() < end
+            clock.wait_until(clock.now() + NS_PER_S // 100, threading.Event())
+
+        while server.tree is None:
+            goals.publish(pose_to_stamped(Pose2D(2.0, 0.0, 0.0)))
+            step()
+        assert server.tree.status is Status.IDLE
+        frame = TransformStamped(child_frame_id="base_link")
+        frame.header.frame_id, frame.transform.rotation.w = "map", 1.0
+        while server.tree.status is Status.IDLE:
+            frame.header.stamp = session.node.get_clock().now().to_msg()
+            tf.publish(TFMessage(transforms=[frame]))
+            step()
+        server.close()
