@@ -141,6 +141,7 @@ class QueueingObserver(Observer):
         self._scene_sources = scene_sources
         self._next_scene_stamp: int | None = None
 
+    # Not `transitions`, which is called after a tick: clients see a tick that waits at a breakpoint.
     def transition(self, change: Transition) -> None:
         """Queue *change* at once, with the wall time."""
         self.queue.append(TransitionItem(change, time.time_ns()))
