@@ -242,7 +242,12 @@ class Publisher(Closeable):
         return self._published_tree.groot2_server.dropped_transitions
 
     def wait_for_clients(self, count: int, timeout: float) -> bool:
-        """Wait for at least *count* clients. Return whether they are connected within *timeout* s."""
+        """Wait until clients are connected. Return whether that happened in time.
+
+        Args:
+            count: The minimum number of clients.
+            timeout: Maximum time in s (wall clock).
+        """
         with self._clients_changed:
             return self._clients_changed.wait_for(lambda: self._client_count >= count, timeout)
 
