@@ -95,11 +95,9 @@ class MonitorProcess:
         except BaseException:
             self.process.terminate()
             raise
-        return (
-            f"{self.label}: the monitor's process failed with exit code {code}"
-            if code and self.writes_file
-            else ""
-        )
+        if code and self.writes_file:
+            return f"{self.label}: the monitor's process failed with exit code {code}"
+        return ""
 
     def _wait(self, timeout: float) -> int:
         deadline = time.monotonic() + timeout

@@ -113,10 +113,9 @@ class Publisher(Closeable):
         self._run_channel_socket = self._context.socket(zmq.XPUB)
         for socket in (self._notifications_socket, self._run_channel_socket):
             socket.setsockopt(zmq.MAXMSGSIZE, _MAX_SUBSCRIPTION_BYTES)
-        self._run_channel_socket.setsockopt(zmq.SNDHWM, _MAX_UNSENT_MESSAGES)
-        # Without LINGER 0, closing would wait for clients that do not read.
-        for socket in (self._notifications_socket, self._run_channel_socket):
+            # Otherwise closing would wait for clients that do not read.
             socket.setsockopt(zmq.LINGER, 0)
+        self._run_channel_socket.setsockopt(zmq.SNDHWM, _MAX_UNSENT_MESSAGES)
         self._groot1_sockets = None if groot1_port is None else Groot1Sockets(self._context)
         host = "127.0.0.1" if bind in ("*", "0.0.0.0") else bind
         self.watch_address = ""
@@ -216,14 +215,9 @@ class Publisher(Closeable):
             host: The interface.
         """
         watch_groot2_port = None if groot2_port is None else first
-        watch_groot1_port: int | None = None
-        if groot1_port is not None:
-            if groot2_port is None:
-                watch_groot1_port = first
-            else:
-                watch_groot1_port = (
-                    first and groot2_port and groot1_port and first + groot1_port - groot2_port
-                )
+        watch_groot1_port = None if groot1_port is None else first
+        if groot1_port is not None and groot2_port is not None:
+            watch_groot1_port = first and groot2_port and groot1_port and first + groot1_port - groot2_port
         return self._bind(self._watch_requests, watch_groot2_port, watch_groot1_port, host, "--watch-port")
 
     @property

@@ -32,7 +32,6 @@ _BYTES_PER_WEIGHT: Final = 1 << 16
 SCENE_INTERVAL_NS: Final = 30_000_000
 """Minimum time (ns, tree clock) between two scenes."""
 
-
 _SEQUENCE_FIELDS: Final = {
     field.name
     for scene_class in (StaticScene, MovingScene)
