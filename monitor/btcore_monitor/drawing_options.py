@@ -58,12 +58,12 @@ class DrawingOptions:
         patterns = [part for pattern in self.find for part in ("--find", pattern)]
         return ["--palette", self.palette, "--log-level", self.log_level, *patterns]
 
-    def create_view(self, layout: "RobotLayout") -> "RobotView":
-        """Return a view of a robot in *layout* with these options."""
+    def create_view(self, robot_layout: "RobotLayout") -> "RobotView":
+        """Return a view of a robot in *robot_layout* with these options."""
         from btcore_monitor.screen.robot_view import RobotView
         from btcore_monitor.screen.style import PALETTES
 
-        return RobotView(layout, PALETTES[self.palette], self.find, self.log_level.upper())
+        return RobotView(robot_layout, PALETTES[self.palette], self.find, self.log_level.upper())
 
 
 def drawing_options(command: Callable[..., Any]) -> Callable[..., Any]:

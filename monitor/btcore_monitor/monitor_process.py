@@ -95,11 +95,9 @@ class MonitorProcess:
         except BaseException:
             self.process.terminate()
             raise
-        return (
-            f"{self.label}: the monitor's process failed with exit code {code}"
-            if code and self.writes_file
-            else ""
-        )
+        if code and self.writes_file:
+            return f"{self.label}: the monitor's process failed with exit code {code}"
+        return ""
 
     def _wait(self, timeout: float) -> int:
         deadline = time.monotonic() + timeout
@@ -128,9 +126,9 @@ class MonitorProcess:
 
 
 def wait_until_connected(publisher: "Publisher", monitors: Sequence[MonitorProcess]) -> None:
-    """Wait until all monitors have connected, so that they receive the run from its beginning.
+    """Wait until as many clients as *monitors* have connected, so that they receive the run's beginning.
 
-    If a monitor has not connected after START_TIMEOUT_S, print a message and return.
+    Any client counts. If too few have connected after START_TIMEOUT_S, print a message and return.
 
     Args:
         publisher: The publisher to which the monitors connect.

@@ -176,64 +176,17 @@ class MonitorExtension(RunExtension):
         if not settings["publish"] and not _list_view_options(settings):
             yield
             return
-        files = _list_output_files(settings)
-        # Imported here, because most runs publish nothing, and the import takes a tenth of a second.
-        from btcore_monitor.serve import PortInUseError, ServeError, serve
-        from btcore_monitor.serve.publisher import INTERRUPTED_GRACE_S
-
-        groot2_port, groot1_port = _choose_ports(settings)
         with ExitStack() as stack:
             # The loop of ticks handles signals only later.
             delayed_exit = stack.enter_context(exit_on_sigterm())
             keys, key_options = _create_robot_keys(settings, stack)
-            try:
-                publisher = serve(
-                    tree,
-                    groot2_port=groot2_port,
-                    groot1_port=groot1_port,
-                    bind=settings["bind"],
-                    resources=resources,
-                    allow_control=settings["allow_control"],
-                    keys=keys,
-                    watch_port=settings["watch_port"],
-                    insecure=settings["insecure"],
-                )
-            except ServeError as error:
-                hint = settings.get("port_hint", "") if isinstance(error, PortInUseError) else ""
-                raise click.ClickException(f"{error}{hint}") from None
-            stack.enter_context(publisher)
-            verbose = settings["verbose"]
-            if settings["publish"] or verbose:
-                with_keys = "" if keys is None else f" --key-file YOURS --robot-key {keys.public}"
-                print_message(
-                    f"publishing at {publisher.address} (btcore monitor {publisher.address}{with_keys})"
-                )
-            if publisher.watch_address:
-                print_message(f"watching without keys: {publisher.watch_address}")
-            # Groot cannot use keys, so it connects to the ports for watching without keys.
-            updates_port = publisher.groot1_port if keys is None else publisher.watch_groot1_port
-            if updates_port is not None:
-                reason = f", since Groot 2 has {publisher.port}" if groot2_port is not None else ""
-                print_message(
-                    f"Groot 1 finds it at publisher port {updates_port} and server port "
-                    f"{updates_port + 1}{reason}"
-                )
-            options = [*key_options, *DrawingOptions.from_settings(settings).arguments()]
-            options.append("--verbose" if verbose else "--quiet")
+            publisher = stack.enter_context(_start_publisher(tree, resources, settings, keys))
+            _print_addresses(publisher, settings, keys)
             monitors: list[MonitorProcess] = []
-            failures: list[str] = []
             try:
                 with delayed_exit():
-                    if files:
-                        arguments = [str(part) for item in files.items() for part in item]
-                        label = f"writing {' and '.join(map(str, files.values()))}"
-                        monitors.append(MonitorProcess(publisher, [*arguments, "--no-view", *options], label))
-                    if settings["monitor"]:
-                        monitors.append(MonitorProcess(publisher, options, label="the monitor"))
-                    if settings["serve_web"]:
-                        arguments = ["--serve-web", str(settings["serve_web"]), *options]
-                        label = "the viewer for browsers"
-                        monitors.append(MonitorProcess(publisher, arguments, label, stays_open=True))
+                    for options, label, stays_open in _list_monitors(settings, key_options):
+                        monitors.append(MonitorProcess(publisher, options, label, stays_open))
                 wait_until_connected(publisher, monitors)
                 self._publisher = publisher
                 yield
@@ -242,22 +195,82 @@ class MonitorExtension(RunExtension):
                 self._is_interrupted = True
                 raise
             finally:
-                self._publisher = None
-                # Before waiting: a monitor process ends when it has received the end of the stream.
-                publisher.end_stream()
-                failures += filter(None, [monitor.finish(self._is_interrupted) for monitor in monitors])
-                if self._is_interrupted:
-                    publisher.close(INTERRUPTED_GRACE_S)
+                failures = self._finish(publisher, monitors)
             if failures:
                 raise OutputError("; ".join(failures))
+
+    def _finish(self, publisher: "Publisher", monitors: Sequence[MonitorProcess]) -> list[str]:
+        """End the stream, wait for the monitors, and return why their files are incomplete."""
+        from btcore_monitor.serve.publisher import INTERRUPTED_GRACE_S
+
+        self._publisher = None
+        # Before waiting: a monitor process ends when it has received the end of the stream.
+        publisher.end_stream()
+        failures = [monitor.finish(self._is_interrupted) for monitor in monitors]
+        if self._is_interrupted:
+            publisher.close(INTERRUPTED_GRACE_S)
+        return [failure for failure in failures if failure]
+
+
+def _start_publisher(
+    tree: Tree, resources: Sequence[object], settings: Mapping[str, Any], keys: RobotKeys | None
+) -> "Publisher":
+    # Imported here, because most runs publish nothing, and the import takes a tenth of a second.
+    from btcore_monitor.serve import PortInUseError, ServeError, serve
+
+    groot2_port, groot1_port = _choose_ports(settings)
+    try:
+        return serve(
+            tree,
+            groot2_port=groot2_port,
+            groot1_port=groot1_port,
+            bind=settings["bind"],
+            resources=resources,
+            allow_control=settings["allow_control"],
+            keys=keys,
+            watch_port=settings["watch_port"],
+            insecure=settings["insecure"],
+        )
+    except ServeError as error:
+        hint = settings.get("port_hint", "") if isinstance(error, PortInUseError) else ""
+        raise click.ClickException(f"{error}{hint}") from None
+
+
+def _print_addresses(publisher: "Publisher", settings: Mapping[str, Any], keys: RobotKeys | None) -> None:
+    if settings["publish"] or settings["verbose"]:
+        with_keys = "" if keys is None else f" --key-file YOURS --robot-key {keys.public}"
+        print_message(f"publishing at {publisher.address} (btcore monitor {publisher.address}{with_keys})")
+    if publisher.watch_address:
+        print_message(f"watching without keys: {publisher.watch_address}")
+    # Groot cannot use keys, so it connects to the ports for watching without keys.
+    updates_port = publisher.groot1_port if keys is None else publisher.watch_groot1_port
+    if updates_port is not None:
+        reason = f", since Groot 2 has {publisher.port}" if "groot2" in settings["publish"] else ""
+        print_message(
+            f"Groot 1 finds it at publisher port {updates_port} and server port {updates_port + 1}{reason}"
+        )
+
+
+def _list_monitors(
+    settings: Mapping[str, Any], key_options: Sequence[str]
+) -> Iterator[tuple[list[str], str, bool]]:
+    """Yield the last three arguments of each `MonitorProcess` of the run."""
+    options = [*key_options, *DrawingOptions.from_settings(settings).arguments()]
+    options.append("--verbose" if settings["verbose"] else "--quiet")
+    files = _list_output_files(settings)
+    if files:
+        arguments = [str(part) for item in files.items() for part in item]
+        label = f"writing {' and '.join(map(str, files.values()))}"
+        yield [*arguments, "--no-view", *options], label, False
+    if settings["monitor"]:
+        yield options, "the monitor", False
+    if settings["serve_web"]:
+        yield ["--serve-web", str(settings["serve_web"]), *options], "the viewer for browsers", True
 
 
 def _list_view_options(settings: Mapping[str, Any]) -> list[str]:
     """Return the options on the command line that show or record the run, such as `--save`."""
-    given = {
-        "--monitor": settings["monitor"],
-        "--serve-web": settings["serve_web"] is not None,
-    }
+    given = {"--monitor": settings["monitor"], "--serve-web": settings["serve_web"] is not None}
     return [*_list_output_files(settings), *(option for option, is_given in given.items() if is_given)]
 
 

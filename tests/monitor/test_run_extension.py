@@ -26,6 +26,7 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.keys import create_keys
+from btcore_monitor.monitor_process import wait_until_connected
 from btcore_monitor.process_end import exit_on_sigterm
 from btcore_monitor.screen.style import COLOUR_BLIND
 from btcore_monitor.serve import serve
@@ -349,6 +350,13 @@ def test_monitor_without_a_display_is_refused_before_the_run(tree_file, monkeypa
         "error: --monitor: there is no display here. --serve-web shows the run in a browser, --save FILE.rrd "
         "records it for later, and --publish groot2 lets a monitor connect from elsewhere\n"
     )
+
+
+def test_a_run_without_monitors_of_its_own_does_not_wait_for_others(endless, until, capsys):
+    with serve(endless, groot2_port=0) as publisher, Feed(publisher.address) as viewer:
+        until(lambda: (viewer.poll(0.01), publisher.client_count)[1], "the client")
+        wait_until_connected(publisher, [])
+    assert capsys.readouterr().err == ""
 
 
 def test_sigterm_waits_for_the_start_of_a_process():

@@ -8,13 +8,13 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
-from btcore_monitor.screen import blackboard_table, camera_view, panels, scene
+from btcore_monitor.screen import blackboard_table, camera_view, panels, scene_view
 from btcore_monitor.screen.folding import FoldedTreeView
 from btcore_monitor.screen.lanes import Lanes
 from btcore_monitor.screen.row_buffer import TREE_TIMELINE, WALL_TIMELINE
-from btcore_monitor.screen.scene import Eye
+from btcore_monitor.screen.scene_view import Eye
 from btcore_monitor.screen.style import Palette
-from btcore_monitor.screen.tree import FOLDED, TreeView
+from btcore_monitor.screen.tree_view import FOLDED, TreeView
 
 _WINDOW_SIZE: Final = (1920.0, 1000.0)
 """Window size (pixels) for which the tree is laid out: full HD without the viewer's own bars."""
@@ -279,16 +279,16 @@ def _create_robot_views(pane: Pane, eye: Eye) -> rrb.Container:
         wide = rrb.Horizontal(wide, close, column_shares=[0.56, 0.44])
     now: rrb.View | rrb.Container = create_now_view(pane)
     if eye.has_navigation:
-        now = rrb.Tabs(now, rrb.TextDocumentView(origin=pane.entity_path(scene.COLOURS), name="Colours"))
+        now = rrb.Tabs(now, rrb.TextDocumentView(origin=pane.entity_path(scene_view.COLOURS), name="Colours"))
     tables = _create_table_views(pane)
     texts: rrb.View | rrb.Container = (
         rrb.Tabs(create_log_view(pane), *tables) if tables else create_log_view(pane)
     )
     curves: list[rrb.View] = []
     if eye.has_battery:
-        curves.append(_create_curve_view(pane, "Battery [%]", scene.BATTERY))
-    if scene.SPEED in pane.filled_panels:
-        curves.append(_create_curve_view(pane, _SPEED_TITLE, scene.SPEED))
+        curves.append(_create_curve_view(pane, "Battery [%]", scene_view.BATTERY))
+    if scene_view.SPEED in pane.filled_panels:
+        curves.append(_create_curve_view(pane, _SPEED_TITLE, scene_view.SPEED))
     if eye.has_pictures:
         origin = pane.entity_path(camera_view.CAMERA)
         camera = rrb.Spatial2DView(origin=origin, name="Camera", background=pane.background)
@@ -314,7 +314,7 @@ def _create_space_view(
         end=rr.TimeRangeBoundary.cursor_relative(),
     )
     return rrb.Spatial3DView(
-        origin=pane.entity_path(scene.ORIGIN),
+        origin=pane.entity_path(scene_view.ORIGIN),
         name=name,
         background=pane.background,
         line_grid=rrb.LineGrid3D(visible=True, spacing=1.0, color=0xFFFFFF14, stroke_width=1.0),
@@ -325,5 +325,5 @@ def _create_space_view(
             eye_up=(0.0, 0.0, 1.0),
             tracking_entity=follow,
         ),
-        overrides={pane.entity_path(scene.TRAIL): recent},
+        overrides={pane.entity_path(scene_view.TRAIL): recent},
     )

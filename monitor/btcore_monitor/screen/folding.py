@@ -18,7 +18,7 @@ from btcore_monitor.screen import style
 from btcore_monitor.screen.legend import create_legend
 from btcore_monitor.screen.row_buffer import RowBuffer, Series
 from btcore_monitor.screen.tick_states import TickStates
-from btcore_monitor.screen.tree import FOLDED, LEGEND, LINES, PILLS, TreeView
+from btcore_monitor.screen.tree_view import FOLDED, LEGEND, LINES, PILLS, TreeView
 
 MAX_FOLDED_NODES: Final = 90
 """Greatest number of nodes of a folded tree; more nodes would not be readable in a window."""

@@ -15,7 +15,7 @@ from btcore_monitor.screen.captions import distinct_names
 from btcore_monitor.screen.row_buffer import RowBuffer, entity_part
 from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tick_states import SHOWN_NAMES, TickStates
-from btcore_monitor.screen.tree import list_leaves
+from btcore_monitor.screen.tree_view import list_leaves
 
 MAX_LANES: Final = 48
 """Greatest number of lanes. A lane is about 40 pixels high, so that more lanes would not be readable."""

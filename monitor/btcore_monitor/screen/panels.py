@@ -32,7 +32,7 @@ from btcore_monitor.screen.font import elide
 from btcore_monitor.screen.row_buffer import RowBuffer, Series, create_curve_style, create_scalar_columns
 from btcore_monitor.screen.style import Palette
 from btcore_monitor.screen.tick_states import RESET_OFFSET, SHOWN_NAMES, TickStates
-from btcore_monitor.screen.tree import list_leaves
+from btcore_monitor.screen.tree_view import list_leaves
 from btcore_scene import MovingScene
 
 LOG: Final = "log"

@@ -35,10 +35,10 @@ from btcore_monitor.screen.panels import (
 )
 from btcore_monitor.screen.robot_layouts import SHARED_VIEW_SIZE, RobotLayout
 from btcore_monitor.screen.row_buffer import RowBuffer
-from btcore_monitor.screen.scene import SPEED, SceneView
+from btcore_monitor.screen.scene_view import SPEED, SceneView
 from btcore_monitor.screen.style import GROOT, Palette
 from btcore_monitor.screen.tick_states import TickStates
-from btcore_monitor.screen.tree import FOLD_ABOVE_NODES, TreeView, match_nodes
+from btcore_monitor.screen.tree_view import FOLD_ABOVE_NODES, TreeView, match_nodes
 
 _ENDLESS_NS: Final = 1 << 62
 SEND_INTERVAL_S: Final = 0.2
@@ -62,7 +62,7 @@ class RobotView:
     data.
 
     Args:
-        layout: Creates the recordings and arranges the view in the viewer.
+        robot_layout: Creates the recordings and arranges the view in the viewer.
         palette: The colours.
         find_patterns: Patterns such as `Dock*`. Matching names or paths are highlighted and have lanes.
         log_level: The lowest level of the log's lines (a member of LEVELS).
@@ -70,13 +70,13 @@ class RobotView:
 
     def __init__(
         self,
-        layout: RobotLayout,
+        robot_layout: RobotLayout,
         palette: Palette = GROOT,
         find_patterns: Sequence[str] = (),
         log_level: str = LEVELS[0],
     ) -> None:
         self.files: list[Path] = []
-        self._layout = layout
+        self._robot_layout = robot_layout
         self._palette = palette
         self._find_patterns = find_patterns
         self._log_level = log_level
@@ -117,10 +117,11 @@ class RobotView:
     def _send_if_due(self, live_interval: float) -> None:
         """Send the rows whose time has come; *live_interval* (s) is the time between two for a viewer."""
         now = time.monotonic()
-        interval = live_interval if self._layout.is_live else WRITE_INTERVAL_S
+        is_live = self._robot_layout.is_live
+        interval = live_interval if is_live else WRITE_INTERVAL_S
         if now - self._sent_at >= interval or self._buffered_events >= _MAX_BUFFERED_EVENTS:
             self.flush()
-        elif now - self._transitions_sent_at >= WRITE_TRANSITIONS_INTERVAL_S and not self._layout.is_live:
+        elif now - self._transitions_sent_at >= WRITE_TRANSITIONS_INTERVAL_S and not is_live:
             self._transitions_sent_at = now
             if self._panels is not None:
                 self._panels.transition_log.send()
@@ -154,7 +155,7 @@ class RobotView:
             self._close_panels()
             has_scene = self._scene is not None
             self._panels = _TreePanels(
-                new, self._layout, self._palette, has_scene, self._find_patterns, self._log_level
+                new, self._robot_layout, self._palette, has_scene, self._find_patterns, self._log_level
             )
             if self._panels.file is not None:
                 self.files.append(self._panels.file)
@@ -175,7 +176,7 @@ class _TreePanels:
     def __init__(
         self,
         event: TreeEvent,
-        layout: RobotLayout,
+        robot_layout: RobotLayout,
         palette: Palette,
         has_scene: bool,
         find_patterns: Sequence[str],
@@ -183,11 +184,11 @@ class _TreePanels:
     ) -> None:
         tree = event.tree
         self.tree_id = tree.tree_id
-        self.name = legible(f"{layout.label} · {tree.name}" if layout.label else tree.name)
+        self.name = legible(f"{robot_layout.label} · {tree.name}" if robot_layout.label else tree.name)
         self.has_transition_numbers = event.has_transition_numbers
         self.source = DataSource("")
-        self.layout = layout
-        self.recording, self.entity_path_prefix, self.file = layout.begin_recording(tree.name)
+        self.robot_layout = robot_layout
+        self.recording, self.entity_path_prefix, self.file = robot_layout.begin_recording(tree.name)
         # Other sources count the time from their beginning already.
         start_stamp = event.stamp if event.source == RUN_CHANNEL else 0
         self.rows = RowBuffer(self.recording, self.entity_path_prefix, start_stamp)
@@ -285,7 +286,7 @@ class _TreePanels:
         """Send the buffered rows, and the arrangement of the views if it has changed."""
         if self._is_layout_outdated:
             self._is_layout_outdated = False
-            self.layout.show_pane(self.recording, self._create_pane())
+            self.robot_layout.show_pane(self.recording, self._create_pane())
         self.rows.send()
 
     def close(self) -> None:
@@ -295,7 +296,7 @@ class _TreePanels:
             self._invalidate_layout()
         self.statistics_table.update(self._stamp, self._wall)
         self.send()
-        self.layout.end_recording(self.recording)
+        self.robot_layout.end_recording(self.recording)
 
     def _end_last_tick(self) -> None:
         """Show the changes after the last tick, for example of a tree that was halted."""

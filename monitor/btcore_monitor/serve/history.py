@@ -7,10 +7,12 @@ maximum size in bytes, and always keeps its newest message.
 from collections import deque
 from typing import Final
 
-from btcore_monitor.wire.run_channel import PieceMessage, TickMessage, decode
+from btcore_monitor.wire.run_channel import PieceMessage, TransitionsMessage, decode
 
 MAX_BUFFER_BYTES: Final = {"ticks": 32 << 20, "moving": 24 << 20, "blackboard": 8 << 20}
-"""Maximum bytes per buffer. Measured: a transition takes about 30 bytes, so about a million are kept."""
+"""Maximum bytes per buffer, by a kind of message. The buffer `ticks` also has the kinds that are not listed.
+
+Measured: a transition takes about 30 bytes, so about a million are kept."""
 
 MAX_PIECE_BYTES: Final = 1 << 20
 """Bytes after which a piece ends."""
@@ -63,7 +65,7 @@ class History:
     def _apply(self, data: bytes) -> None:
         """Apply the transitions of a removed message to the statuses before the oldest message."""
         message = decode(data)
-        if isinstance(message, TickMessage):
+        if isinstance(message, TransitionsMessage):
             self.stamp, self.wall = message.stamp, message.wall
             for row in message.transitions:
                 # row: stamp, wall, tick, uid, previous, status

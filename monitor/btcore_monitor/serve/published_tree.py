@@ -1,4 +1,4 @@
-"""A tree that is being served: its observer on the tick thread, and its servers on the publisher's thread."""
+"""A published tree: its observer on the tick thread, and its servers on the publisher's thread."""
 
 import time
 import uuid
@@ -37,7 +37,7 @@ class PublishedTree:
     The tick thread calls the constructor, `subscribe`, `unsubscribe` and `end_stream`.
 
     Args:
-        tree: The tree to serve.
+        tree: The tree to publish.
         resources: Objects of the robot. Only scene sources among them are used.
         serves_run_channel: Whether the run channel is served.
         previous_uid: The last uid of the previous tree in Groot 1's protocol (0: no previous tree), or None

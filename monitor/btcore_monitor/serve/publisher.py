@@ -94,8 +94,8 @@ class Publisher(Closeable):
         self._serves_run_channel = serves_run_channel
         self._max_heartbeat_delay = max_heartbeat_delay
         self._serves_groot2 = groot2_port is not None
-        # The publisher's thread serves the previous tree until it has drained the queue of that tree.
-        self._ticking_tree = self._served_tree = PublishedTree(
+        # After `replace_tree`, the previous tree stays `_published_tree` until its queue is drained.
+        self._ticking_tree = self._published_tree = PublishedTree(
             tree,
             resources,
             serves_run_channel,
@@ -113,10 +113,9 @@ class Publisher(Closeable):
         self._run_channel_socket = self._context.socket(zmq.XPUB)
         for socket in (self._notifications_socket, self._run_channel_socket):
             socket.setsockopt(zmq.MAXMSGSIZE, _MAX_SUBSCRIPTION_BYTES)
-        self._run_channel_socket.setsockopt(zmq.SNDHWM, _MAX_UNSENT_MESSAGES)
-        # Without LINGER 0, closing would wait for clients that do not read.
-        for socket in (self._notifications_socket, self._run_channel_socket):
+            # Otherwise closing would wait for clients that do not read.
             socket.setsockopt(zmq.LINGER, 0)
+        self._run_channel_socket.setsockopt(zmq.SNDHWM, _MAX_UNSENT_MESSAGES)
         self._groot1_sockets = None if groot1_port is None else Groot1Sockets(self._context)
         host = "127.0.0.1" if bind in ("*", "0.0.0.0") else bind
         self.watch_address = ""
@@ -216,19 +215,14 @@ class Publisher(Closeable):
             host: The interface.
         """
         watch_groot2_port = None if groot2_port is None else first
-        watch_groot1_port: int | None = None
-        if groot1_port is not None:
-            if groot2_port is None:
-                watch_groot1_port = first
-            else:
-                watch_groot1_port = (
-                    first and groot2_port and groot1_port and first + groot1_port - groot2_port
-                )
+        watch_groot1_port = None if groot1_port is None else first
+        if groot1_port is not None and groot2_port is not None:
+            watch_groot1_port = first and groot2_port and groot1_port and first + groot1_port - groot2_port
         return self._bind(self._watch_requests, watch_groot2_port, watch_groot1_port, host, "--watch-port")
 
     @property
     def tree_id(self) -> str:
-        """The ID of the current tree. Every served tree has a new ID, so clients notice a replaced tree."""
+        """The ID of the current tree. Each published tree has a new ID, so clients notice a replaced tree."""
         return self._ticking_tree.tree_id
 
     @property
@@ -239,22 +233,25 @@ class Publisher(Closeable):
     @property
     def dropped_transitions(self) -> int:
         """The number of transitions that were lost because the publisher was too slow."""
-        return self._served_tree.groot2_server.dropped_transitions
+        return self._published_tree.groot2_server.dropped_transitions
 
     def wait_for_clients(self, count: int, timeout: float) -> bool:
-        """Wait until at least *count* clients are connected. Return whether that happened in time.
+        """Wait until clients are connected. Return whether that happened in time.
 
         Args:
-            count: The number of clients; 0 waits until no client is connected.
+            count: The minimum number of clients.
             timeout: Maximum time in s (wall clock).
         """
         with self._clients_changed:
-            return self._clients_changed.wait_for(
-                lambda: self._client_count >= count if count else self._client_count == 0, timeout
-            )
+            return self._clients_changed.wait_for(lambda: self._client_count >= count, timeout)
+
+    def wait_for_no_clients(self, timeout: float) -> bool:
+        """Wait until no client is connected. Return whether that happened within *timeout* s."""
+        with self._clients_changed:
+            return self._clients_changed.wait_for(lambda: self._client_count == 0, timeout)
 
     def replace_tree(self, tree: Tree, resources: Sequence[object] = ()) -> None:
-        """Serve *tree* instead of the previous tree. Only the tick thread may call this method.
+        """Publish *tree* instead of the previous tree. Only the tick thread may call this method.
 
         Ports and connections stay. Clients first get the queued messages of the previous tree, then the new
         tree.
@@ -309,14 +306,14 @@ class Publisher(Closeable):
 
     def _wait_for_readers(self, grace: float) -> None:
         """Wait until all clients have received the end, or disconnected, for at most *grace* s."""
-        if grace > _ANNOUNCE_AFTER_S and not self.wait_for_clients(0, _ANNOUNCE_AFTER_S):
+        if grace > _ANNOUNCE_AFTER_S and not self.wait_for_no_clients(_ANNOUNCE_AFTER_S):
             grace -= _ANNOUNCE_AFTER_S
             _log.warning(
                 "waiting up to %g s until %d clients have received the end of the run; Ctrl-C ends the wait",
                 grace,
                 self._client_count,
             )
-        self.wait_for_clients(0, grace)
+        self.wait_for_no_clients(grace)
 
     # The following methods run on the publisher's thread.
 
@@ -343,7 +340,7 @@ class Publisher(Closeable):
                 if self._watch_requests.socket in ready:
                     self._answer(self._watch_requests, may_control=False)
                 self._serve_groot1(ready)
-                server = self._served_tree.run_channel_server
+                server = self._published_tree.run_channel_server
                 if server is not None and self._run_channel_socket in ready:
                     self._read_subscriptions(server)
                 now = time.monotonic()
@@ -359,7 +356,7 @@ class Publisher(Closeable):
             _log.exception("the publisher stops; the tree goes on")
         finally:
             # No client can release a breakpoint any more.
-            self._served_tree.remove_hooks()
+            self._published_tree.remove_hooks()
             self._ticking_tree.remove_hooks()
             # 200 ms for the last message to clients that read; closing does not wait for other clients.
             self._run_channel_socket.close(linger=200)
@@ -380,8 +377,8 @@ class Publisher(Closeable):
         """Process queued items and send them. Return whether there are more."""
         # Before draining: if a new tree is here already, the old tree's queue gets no more items.
         is_replaced = bool(self._replacement_trees)
-        has_more = self._served_tree.drain()
-        server = self._served_tree.run_channel_server
+        has_more = self._published_tree.drain()
+        server = self._published_tree.run_channel_server
         if server is not None:
             for topic, data in server.take_pending_frames():
                 self._send(topic, data)
@@ -391,9 +388,9 @@ class Publisher(Closeable):
         return has_more
 
     def _switch_to(self, new_tree: PublishedTree) -> None:
-        """Serve *new_tree* from now on, and send it to all clients."""
+        """Publish *new_tree* from now on, and send it to all clients."""
         self._serve_groot1({}, at_once=True)
-        before, self._served_tree = self._served_tree, new_tree
+        before, self._published_tree = self._published_tree, new_tree
         if before.run_channel_server is not None and new_tree.run_channel_server is not None:
             new_tree.run_channel_server.client_tokens = before.run_channel_server.client_tokens
             for topic, data in new_tree.run_channel_server.create_tree_frames():
@@ -407,21 +404,21 @@ class Publisher(Closeable):
         frames = requests.receive()
         if frames is not None:
             client = requests.client if may_control else None
-            requests.answer(self._served_tree.groot2_server.answer(frames, client))
+            requests.answer(self._published_tree.groot2_server.answer(frames, client))
 
     def _send_notifications(self) -> None:
-        hook_controller = self._served_tree.groot2_server.hook_controller
+        hook_controller = self._published_tree.groot2_server.hook_controller
         if hook_controller is not None:
             for frames in hook_controller.take_notifications():
                 self._notifications_socket.send_multipart(frames, zmq.DONTWAIT)
 
     def _serve_groot1(self, ready: Mapping[Socket, int], at_once: bool = False) -> None:
-        sockets, server = self._groot1_sockets, self._served_tree.groot1_server
+        sockets, server = self._groot1_sockets, self._published_tree.groot1_server
         if sockets is None or server is None:
             return
         if sockets.requests.socket in ready:
             self._drain()
-            server = self._served_tree.groot1_server or server
+            server = self._published_tree.groot1_server or server
             sockets.answer(server)
         sockets.publish(server, time.monotonic(), at_once)
 

@@ -32,7 +32,6 @@ _BYTES_PER_WEIGHT: Final = 1 << 16
 SCENE_INTERVAL_NS: Final = 30_000_000
 """Minimum time (ns, tree clock) between two scenes."""
 
-
 _SEQUENCE_FIELDS: Final = {
     field.name
     for scene_class in (StaticScene, MovingScene)
@@ -141,6 +140,7 @@ class QueueingObserver(Observer):
         self._scene_sources = scene_sources
         self._next_scene_stamp: int | None = None
 
+    # Not `transitions`, which is called after a tick: clients see a tick that waits at a breakpoint.
     def transition(self, change: Transition) -> None:
         """Queue *change* at once, with the wall time."""
         self.queue.append(TransitionItem(change, time.time_ns()))

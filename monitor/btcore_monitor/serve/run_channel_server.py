@@ -33,7 +33,7 @@ from btcore_monitor.wire.run_channel import (
     MovingSceneMessage,
     StaticSceneMessage,
     StreamMessage,
-    TickMessage,
+    TransitionsMessage,
     TreeMessage,
     encode,
 )
@@ -80,7 +80,7 @@ class RunChannelServer:
             self._add_transition(item)
             return
         if isinstance(item, TickItem):
-            self._add_tick(item.tick, item.stamp, item.wall, item.duration_ns, int(item.status), True)
+            self._add_transitions(item.tick, item.stamp, item.wall, item.duration_ns, int(item.status), True)
             return
         self.flush()
         head = self.tree_id, self.history.latest_seq + 1, item.stamp, item.wall
@@ -98,7 +98,7 @@ class RunChannelServer:
         """Add a message with the transitions of an unfinished tick, so that clients show them early."""
         if self._transitions:
             stamp, wall, tick = self._transitions[-1][:3]
-            self._add_tick(tick, stamp, wall, 0, int(Status.IDLE), False)
+            self._add_transitions(tick, stamp, wall, 0, int(Status.IDLE), False)
 
     def take_pending_frames(self) -> Iterator[Frames]:
         """Yield the messages since the last call, in few large pieces.
@@ -124,15 +124,13 @@ class RunChannelServer:
         self._next_number = number + 1
         self._transitions.append([stamp, item.wall, tick, uid, int(previous), int(status)])
 
-    def _add_tick(
+    def _add_transitions(
         self, tick: int, stamp: int, wall: int, duration_ns: int, status: int, is_end: bool
     ) -> None:
         transitions, self._transitions = self._transitions, []
         first = self._first_number if transitions else (self._next_number or 0)
-        seq = self.history.latest_seq + 1
-        self._add_message(
-            TickMessage(self.tree_id, seq, stamp, wall, tick, duration_ns, status, is_end, first, transitions)
-        )
+        head = self.tree_id, self.history.latest_seq + 1, stamp, wall
+        self._add_message(TransitionsMessage(*head, tick, duration_ns, status, is_end, first, transitions))
 
     def _add_message(self, message: StreamMessage) -> None:
         data = self._try_encode(message)
@@ -190,7 +188,6 @@ class RunChannelServer:
             seqs = history.oldest_seq, history.latest_seq
             tree = TreeMessage(self.tree_id, history.stamp, history.wall, self._xml, *seqs, history.statuses)
             yield topic, encode(tree)
-        if request in (TREE_REQUEST, b"static"):
             if self._static_scene_data is not None:
                 yield topic, self._static_scene_data
         elif request.isdigit() and len(request) < 19:  # fits into 64 bits

@@ -110,10 +110,8 @@ class Feed(Closeable):
         keys: The keys of the client, if the robot requires keys.
 
     Raises:
-        AddressError: *address* is invalid (`AddressError`).
-
-    Every method that returns events raises
-    `ConnectionRefusedByRobotError` if the robot refuses the keys.
+        AddressError: *address* is invalid.
+        ConnectionRefusedByRobotError: In every method that returns events: the robot refuses the keys.
 
     Examples:
         >>> import btcore
@@ -270,8 +268,8 @@ class Feed(Closeable):
             events.append(TreeEvent(tree, message.stamp, message.wall, statuses))
         elif isinstance(message, run_channel.StaticSceneMessage):
             events.append(StaticSceneEvent(message.data))
-        elif isinstance(message, run_channel.TickMessage):
-            self._add_tick(message, events)
+        elif isinstance(message, run_channel.TransitionsMessage):
+            self._add_transitions(message, events)
         elif isinstance(message, run_channel.MovingSceneMessage):
             events.append(MovingSceneEvent(message.stamp, message.wall, message.data))
         elif isinstance(message, run_channel.BlackboardMessage):
@@ -281,7 +279,7 @@ class Feed(Closeable):
         elif isinstance(message, run_channel.EndMessage):
             self._report_connection(events, "ended", f"the run at {self.address} is over")
 
-    def _add_tick(self, message: run_channel.TickMessage, events: list[Event]) -> None:
+    def _add_transitions(self, message: run_channel.TransitionsMessage, events: list[Event]) -> None:
         number = message.first
         if message.transitions:
             if self._next_number is not None and number > self._next_number:

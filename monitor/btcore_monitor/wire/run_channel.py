@@ -13,11 +13,11 @@ heartbeats; a heartbeat of an unknown tree makes a client request that tree.
 A client sends a request by subscribing to a topic, so a SUB socket is enough. The last part of the topic is
 a token that the client chooses, and the reply has the same topic:
 
-=====================  ====================================================================
+===================  ====================================================================
 `again/tree/TOKEN`   `TreeMessage`, `StaticSceneMessage`
 `again/N/TOKEN`      `PieceMessage`: the stream from number N to the number in the field `last`
 `here/TOKEN`         no reply; counts a client, for which a run that begins or ends waits
-=====================  ====================================================================
+===================  ====================================================================
 
 Stamps are ns of the tree's clock, `wall` is ns since the epoch, lengths are in metres, quaternions are
 x y z w, and every pose names its frame.
@@ -115,8 +115,8 @@ class StaticSceneMessage(Message):
 
 
 @dataclass(frozen=True, slots=True)
-class TickMessage(StreamMessage):
-    """Transitions in their order, and, if *ended*, the end of the tick number *tick*.
+class TransitionsMessage(StreamMessage):
+    """Transitions in their order, and, only if *ended*, the end of tick number *tick* with its *status*.
 
     Transition i has the number `first + i` and is (stamp, wall, tick, uid, previous, status). The numbers
     of a tree's transitions count from 1 without gaps. *duration* is the tick's wall time in ns.
@@ -207,7 +207,7 @@ _MESSAGE_CLASSES: Final[dict[str, type[Any]]] = {
     for message in (
         TreeMessage,
         StaticSceneMessage,
-        TickMessage,
+        TransitionsMessage,
         MovingSceneMessage,
         BlackboardMessage,
         ExceptionMessage,
@@ -280,7 +280,7 @@ def decode(data: bytes) -> Message:
     message: Message = _MESSAGE_CLASSES[kind](
         *(_read_field(type_, values, name, kind) for name, type_ in _FIELDS[kind])
     )
-    if isinstance(message, TickMessage):
+    if isinstance(message, TransitionsMessage):
         _check_rows(message.transitions)
     elif isinstance(message, PieceMessage) and not all(isinstance(data, bytes) for data in message.messages):
         raise ProtocolError("expected messages as bytes in a 'piece' message")

@@ -6,7 +6,7 @@ from btcore_monitor.events import ExceptionEvent, ObservedNode, ObservedTree, Tr
 from btcore_monitor.screen.folding import MAX_FOLDED_NODES, fold
 from btcore_monitor.screen.style import GROOT
 from btcore_monitor.screen.subtree_drawing import node_entities, split_by_subtree
-from btcore_monitor.screen.tree import match_nodes
+from btcore_monitor.screen.tree_view import match_nodes
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 SECOND = 10**9

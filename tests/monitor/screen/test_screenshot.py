@@ -34,7 +34,7 @@ from btcore_monitor.screen.row_buffer import TREE_TIMELINE
 from btcore_monitor.screen.screenshot import write_screenshot
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT, PILL_HEIGHT
-from btcore_monitor.screen.tree import TreeView
+from btcore_monitor.screen.tree_view import TreeView
 from btcore_scene import Box, Frame, MovingScene, StaticScene
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)

@@ -11,7 +11,7 @@ from btcore_monitor.screen.panels import shorten_message
 from btcore_monitor.screen.row_buffer import RowBuffer
 from btcore_monitor.screen.style import GROOT, MAX_NAME_CHARS, MAX_NOTE_CHARS
 from btcore_monitor.screen.subtree_drawing import MAX_BRANCHES, PARTS, node_entities, split_by_subtree
-from btcore_monitor.screen.tree import FOLD_ABOVE_NODES, TreeView
+from btcore_monitor.screen.tree_view import FOLD_ABOVE_NODES, TreeView
 
 ROOM = (1000.0, 500.0)
 

@@ -246,11 +246,11 @@ def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, unt
             until(lambda: asked(b"again/1/"), "the request for the first message")
             topic = next(one[1:] for one in topics if one.startswith(b"\x01again/1/"))
             client.read()
-            ticks = wire.encode(wire.TickMessage("a", 1, 0, 0, 1, 0, 1, True, 1, []))
+            ticks = wire.encode(wire.TransitionsMessage("a", 1, 0, 0, 1, 0, 1, True, 1, []))
             robot.send_multipart([topic, wire.encode(wire.PieceMessage("a", 1, 1, 1, [ticks]))])
             received: list[wire.Message] = []
             until(lambda: received.extend(client.read()) or received, "the message")
-            assert [message.seq for message in received if isinstance(message, wire.TickMessage)] == [1]
+            assert [one.seq for one in received if isinstance(one, wire.TransitionsMessage)] == [1]
         finally:
             client.close()
     context.term()

@@ -18,7 +18,7 @@ from btcore_monitor.wire.run_channel import (
     MovingSceneMessage,
     PieceMessage,
     StaticSceneMessage,
-    TickMessage,
+    TransitionsMessage,
     TreeMessage,
     UnknownMessage,
     decode,
@@ -27,7 +27,7 @@ from btcore_monitor.wire.run_channel import (
 from btcore_scene import Box, MovingScene, Scan, StaticScene
 
 ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
-TICKS = TickMessage(
+TICKS = TransitionsMessage(
     ID, 3, 1_000, 2_000, 7, 300, 1, True, 41, [[900, 1900, 7, 1, 0, 1], [950, 1950, 7, 2, 1, 2]]
 )
 MESSAGES = [
@@ -114,9 +114,9 @@ def test_any_value_in_any_field_raises_nothing_but_a_protocol_error(message, dat
         decode(msgpack.packb(whole | {field: data.draw(VALUES)}))
 
 
-def ticks(seq: int, size: int) -> TickMessage:
+def ticks(seq: int, size: int) -> TransitionsMessage:
     rows = [[10**15 + seq, 10**18 + seq, seq, 1, 1 - row % 2, row % 2] for row in range(size)]
-    return TickMessage(ID, seq, 10**15 + seq, 10**18 + seq, seq, 0, 1, True, 1, rows)
+    return TransitionsMessage(ID, seq, 10**15 + seq, 10**18 + seq, seq, 0, 1, True, 1, rows)
 
 
 def test_a_history_keeps_a_million_transitions_and_the_statuses_before_them():
