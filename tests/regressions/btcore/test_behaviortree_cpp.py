@@ -26,7 +26,7 @@ from btcore.testing import load_substitution_rules
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
@@ -43,7 +43,7 @@ def ticks(tree: Tree, count: int) -> list[Status]:
 # --- loops
 
 
-def test_cpp_909_a_literal_loop_queue_starts_again(grow: Grow) -> None:
+def test_cpp_909_a_literal_loop_queue_starts_again(grow: MakeTree) -> None:
     seen: list[int] = []
 
     @action
@@ -57,7 +57,7 @@ def test_cpp_909_a_literal_loop_queue_starts_again(grow: Grow) -> None:
     assert seen == [4, 5, 6, 4, 5, 6]
 
 
-def test_cpp_909_a_literal_queue_starts_again_after_a_halt_and_a_failure(grow: Grow) -> None:
+def test_cpp_909_a_literal_queue_starts_again_after_a_halt_and_a_failure(grow: MakeTree) -> None:
     tree = grow(
         '<LoopInt queue="1;2;3" value="{n}"><PlanSync name="leaf" plan="SSSFSSS"/></LoopInt>',
     )
@@ -71,7 +71,7 @@ def test_cpp_909_a_literal_queue_starts_again_after_a_halt_and_a_failure(grow: G
 
 @pytest.mark.parametrize(("plan", "result"), [("S|RF", F), ("S|RS", S), ("S|F", F)])
 def test_cpp_621_the_last_element_of_a_queue_determines_the_result(
-    plan: str, result: Status, grow: Grow
+    plan: str, result: Status, grow: MakeTree
 ) -> None:
     tree = grow(f'<LoopInt queue="{{q}}" value="{{n}}"><PlanAction name="leaf" plan="{plan}"/></LoopInt>')
     tree.blackboard["q"] = deque([1, 2])
@@ -83,7 +83,7 @@ def test_cpp_621_the_last_element_of_a_queue_determines_the_result(
 # --- reactive nodes
 
 
-def test_cpp_586_alternating_retries_are_never_running_at_the_same_time(grow: Grow) -> None:
+def test_cpp_586_alternating_retries_are_never_running_at_the_same_time(grow: MakeTree) -> None:
     tree = grow(
         "<ReactiveSequence>"
         '<RetryUntilSuccessful name="first" num_attempts="-1"><PlanSync plan="FFS"/></RetryUntilSuccessful>'
@@ -107,7 +107,9 @@ class CheckSensor(DecoratorNode):
 
 
 @pytest.mark.parametrize("format", [3, 4])
-def test_cpp_573_an_earlier_child_that_starts_running_halts_the_later_child(format: int, grow: Grow) -> None:
+def test_cpp_573_an_earlier_child_that_starts_running_halts_the_later_child(
+    format: int, grow: MakeTree
+) -> None:
     tree = grow(
         '<ReactiveSequence><CheckSensor name="check" bad="{bad}"><PlanAction name="repair" plan="RRS"/>'
         '</CheckSensor><PlanAction name="work" plan="R"/></ReactiveSequence>',
@@ -132,7 +134,7 @@ BACKCHAINED = (
 
 @pytest.mark.parametrize("format", [3, 4])
 def test_cpp_1031_halt_order_is_the_originals_and_one_child_runs_after_the_tick(
-    format: int, grow: Grow
+    format: int, grow: MakeTree
 ) -> None:
     tree = grow(BACKCHAINED, format=format)
     ticks(tree, 1)
@@ -155,7 +157,7 @@ def test_cpp_1031_two_asynchronous_children_of_a_reactive_node_are_reported() ->
 # --- ports and blackboards
 
 
-def test_cpp_605_a_subtrees_write_reaches_the_outer_entry_and_keeps_its_type(grow: Grow) -> None:
+def test_cpp_605_a_subtrees_write_reaches_the_outer_entry_and_keeps_its_type(grow: MakeTree) -> None:
     @action
     def look(flag: In[bool]) -> bool:
         return flag
@@ -192,7 +194,7 @@ class Ask(SyncAction):
 EMPTY_OUTPUTS = '<Sequence>\n<Measure length=""/>\n<Ask answer=""/></Sequence>'
 
 
-def test_cpp_716_empty_output_ports_are_refused_at_load_with_name_and_place(grow: Grow) -> None:
+def test_cpp_716_empty_output_ports_are_refused_at_load_with_name_and_place(grow: MakeTree) -> None:
     with pytest.raises(PortError) as refused:
         grow(EMPTY_OUTPUTS, Measure, Ask)
     assert [(one.line, one.column) for one in refused.value.diagnostics] == [(3, 17), (4, 13)]
@@ -200,7 +202,7 @@ def test_cpp_716_empty_output_ports_are_refused_at_load_with_name_and_place(grow
     assert "the port 'answer' of <Ask>" in str(refused.value)
 
 
-def test_cpp_716_in_format_3_writing_an_empty_port_raises_with_its_name(grow: Grow) -> None:
+def test_cpp_716_in_format_3_writing_an_empty_port_raises_with_its_name(grow: MakeTree) -> None:
     tree = grow(EMPTY_OUTPUTS, Measure, Ask, format=3)
     with pytest.raises(NodeExecutionError, match=r"<Measure>.*port \[length\].*not a blackboard entry"):
         tree.tick_once()
@@ -221,7 +223,7 @@ def test_cpp_716_in_format_3_writing_an_empty_port_raises_with_its_name(grow: Gr
         ("three", False),
     ],
 )
-def test_cpp_pr_1178_trailing_characters_in_switch(variable: str, same: bool, grow: Grow) -> None:
+def test_cpp_pr_1178_trailing_characters_in_switch(variable: str, same: bool, grow: MakeTree) -> None:
     tree = grow(
         f'<Switch2 variable="{variable}" case_1="1" case_2="3"><PlanSync name="one" plan="S"/>'
         '<PlanSync name="three" plan="S"/><PlanSync name="other" plan="S"/></Switch2>'
@@ -233,14 +235,14 @@ def test_cpp_pr_1178_trailing_characters_in_switch(variable: str, same: bool, gr
 # --- substitution, time
 
 
-def test_cpp_930_substitution_rules_without_configurations(grow: Grow) -> None:
+def test_cpp_930_substitution_rules_without_configurations(grow: MakeTree) -> None:
     nodes = Registry.standard()
     nodes.add(Measure)
     load_substitution_rules(nodes, '{"SubstitutionRules": {"Measure": "AlwaysFailure"}}')
     assert grow("<Measure/>", nodes=nodes).tick_while_running() is F
 
 
-def test_cpp_888_sleep_returns_at_once_before_a_synchronous_retry(grow: Grow) -> None:
+def test_cpp_888_sleep_returns_at_once_before_a_synchronous_retry(grow: MakeTree) -> None:
     tree = grow('<RetryUntilSuccessful num_attempts="3"><PlanSync plan="F"/></RetryUntilSuccessful>')
     said = [(tree.tick_exactly_once(), tree.sleep(1.0)) for _ in range(3)]
     assert said == [(R, True), (R, True), (F, False)]
@@ -249,13 +251,13 @@ def test_cpp_888_sleep_returns_at_once_before_a_synchronous_retry(grow: Grow) ->
     assert tree.ticks == 6
 
 
-def test_cpp_888_a_retry_of_a_running_leaf_waits_for_the_period(grow: Grow) -> None:
+def test_cpp_888_a_retry_of_a_running_leaf_waits_for_the_period(grow: MakeTree) -> None:
     tree = grow('<RetryUntilSuccessful num_attempts="3"><PlanAction plan="RF"/></RetryUntilSuccessful>')
     assert tree.tick_while_running(period=0.5) is F
     assert tree.clock.now() == 1_500_000_000
 
 
-def test_cpp_888_in_format_3_all_attempts_happen_in_a_single_tick(grow: Grow) -> None:
+def test_cpp_888_in_format_3_all_attempts_happen_in_a_single_tick(grow: MakeTree) -> None:
     body = '<RetryUntilSuccessful num_attempts="3"><PlanSync name="leaf" plan="F"/></RetryUntilSuccessful>'
     tree = grow(body, format=3)
     assert tree.tick_exactly_once() is F
