@@ -157,7 +157,7 @@ def prove(
         raise click.UsageError("--save needs a tree in a file, because tests name the file.")
     libraries = node_libraries.load_libraries(plugins, models, confined)
     declared = Declarations() if path == STDIN and file is None else declarations_of(path, file)
-    plans = TreeSource(path, tree, libraries, format, confined).plan(
+    plans = TreeSource(path, tree, libraries, format, confined).read_plans(
         lambda nodes: with_model_leaves(nodes, declared.leaves)
     )
     questions = [*(f"never {text}" for text in never), *asked]

@@ -310,7 +310,7 @@ def read_source_and_plans(
     libraries.add_models(settings["models"], confined)
     source = TreeSource(path, settings["tree"], libraries, settings["format"], confined)
     substitute.add_rules(libraries.nodes, settings["substitutes"])
-    plans = source.plan()
+    plans = source.read_plans()
     stub_results.check(settings["stub_letters"], plans)
     return source, plans
 

@@ -55,7 +55,7 @@ def show(
         raise click.UsageError(f"{picture} and {other} cannot be used together.")
     path = find_source(source)
     libraries = node_libraries.load_libraries(plugins, models, confined)
-    plans = TreeSource(path, tree, libraries, format, confined).plan()
+    plans = TreeSource(path, tree, libraries, format, confined).read_plans()
     main, format = plans.main, plans.dialect.format
     assert main is not None, "a document without a main tree has errors"
     if as_table:
