@@ -107,7 +107,7 @@ def _options_with_set(ctx: click.Context) -> dict[str, click.Parameter]:
 
     A sweep accepts `--set` for all runs, but rejects it as a parameter.
     """
-    set_option = next(option for option in run.params if option.name == "entries")
+    set_option = next(option for option in run.params if option.name == "set")
     return {**collect_run_options(ctx).options, "set": set_option}
 
 

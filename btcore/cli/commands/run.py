@@ -259,7 +259,7 @@ def create_session(
     (installed_extensions, unavailable), settings = _load_needed_extensions(ctx, settings, wanted)
     resources, extensions, without_resources = gather_resources(installed_extensions, settings, wanted)
     clock = choose_clock(resources, settings["fast"])
-    resources += [random.Random(settings["seed"]), StubResults(settings["stub_letters"])]
+    resources += [random.Random(settings["seed"]), StubResults(settings["plan"])]
     try:
         tree = instantiate(plans, resources, clock=clock, tick_limit=settings["tick_limit"])
     except TreeError as error:
@@ -275,7 +275,7 @@ def create_session(
                 "btcore.TreeState, or write an extension that provides the object: see 'Your robot'"
             )
         raise
-    initial_blackboard.write(tree, settings["entries"], plans)
+    initial_blackboard.write(tree, settings["set"], plans)
     terminal.print_diagnostics(plans.diagnostics.warnings)
     substitute.warn_unused_rules(tree)
     warn_unused_options(ctx, without_resources)
@@ -302,16 +302,16 @@ def read_source_and_plans(
     if installed_nodes is None or settings["plugins"]:
         # Models and rules may name nodes of the installed libraries. Also, they would be lost when
         # `NodeLibraries.load_for` loads what is missing, because it begins anew.
-        partial = not settings["models"] and not settings["substitutes"]
+        partial = not settings["models"] and not settings["substitute"]
         libraries = node_libraries.load_libraries(settings["plugins"], partial=partial)
     else:
         libraries = node_libraries.NodeLibraries(installed_nodes.nodes.copy(), installed_nodes.unavailable)
     confined = settings["confined"]
     libraries.add_models(settings["models"], confined)
     source = TreeSource(path, settings["tree"], libraries, settings["format"], confined)
-    substitute.add_rules(libraries.nodes, settings["substitutes"])
+    substitute.add_rules(libraries.nodes, settings["substitute"])
     plans = source.read_plans()
-    stub_results.check(settings["stub_letters"], plans)
+    stub_results.check(settings["plan"], plans)
     return source, plans
 
 
