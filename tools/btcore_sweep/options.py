@@ -6,8 +6,9 @@ from typing import Any, Final, cast
 
 import click
 
-from btcore.cli.commands.run import explain_missing_options, run
+from btcore.cli.commands.run import run
 from btcore.cli.extension import load_extensions
+from btcore.cli.extension_options import explain_missing_options
 from btcore_sweep.parameters import RunOptions
 
 _GIVEN: Final = "btcore_sweep.options.given"
