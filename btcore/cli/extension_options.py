@@ -55,7 +55,7 @@ class TreeRunCommand(RunCommand):
     """`btcore run`, which defers the extensions until they are needed, because importing them takes time.
 
     For `btcore run tree.xml --monitor`, click calls `parse_args`, which sets the key `_DEFERRED`. The first
-    parse in `RunCommand.parse_args` fails at `--monitor`, because `get_params` omits the options of extensions.
+    parse in `RunCommand.parse_args` fails at `--monitor`, because `get_params` omits options of extensions.
     The second parse has them: `get_params` calls `load_extensions`. Without `--monitor` the first parse
     succeeds, and `create_session` calls `load_needed_extensions` for the resources of the leaves.
 
