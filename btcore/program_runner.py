@@ -15,9 +15,10 @@ import click
 from rich.text import Text
 
 from btcore.cli import terminal
-from btcore.cli.commands.run import FiniteRange, RunCommand, choose_clock, warn_unused_options
+from btcore.cli.commands.run import FiniteRange, choose_clock
 from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.cli.extension import GatheredResources, gather_resources, load_extensions, merge_reports
+from btcore.cli.extension_options import RunCommand, warn_unused_options
 from btcore.cli.node_libraries import load_libraries
 from btcore.cli.run_report import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json

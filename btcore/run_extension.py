@@ -113,7 +113,8 @@ class RunExtension(Protocol):
         resources first, then those that require something.
 
         Args:
-            wanted: The types that leaves declare as resources, and those that other extensions require.
+            wanted: The types that leaves declare as resources, and those that extensions require whose entry
+                points have later names in the alphabet; the requirements of the others are not known yet.
         """
         return ()
 

@@ -27,7 +27,7 @@ PARENTS = {
     "btcore_studio": "tools",
     "btcore_sweep": "tools",
 }
-# The tiers of the engine from the bottom up: a file imports from its own tier and from the tiers above it.
+# The tiers of the engine from the bottom up: a file imports from its own tier and from lower tiers.
 TIERS = (
     {
         "status",

@@ -129,7 +129,7 @@ def gather_resources(
     all_wanted = [kind for kind in wanted if not any(kind in types for types in taken_over)]
     reserved = {id(extension): types for extension, types in zip(extensions, taken_over, strict=True)}
     ranked: list[tuple[bool, RunExtension]] = []
-    # From the last to the first: an extension sees the requirements of those that come after it.
+    # From the last to the first by name: see `RunExtension.requires`.
     for extension in reversed(extensions):
         required = extension.requires(tuple(all_wanted))
         all_wanted += required

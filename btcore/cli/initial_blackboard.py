@@ -40,7 +40,6 @@ def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
 
 set_option = click.option(
     "--set",
-    "entries",
     multiple=True,
     callback=lambda ctx, option, texts: _parse_entries(texts),
     metavar="KEY=VALUE",

@@ -183,6 +183,6 @@ def load_libraries(
 def _find_node_ids(documents: Iterable[Document]) -> Iterator[str]:
     """Yield the IDs of the nodes in the trees of *documents*."""
     for document in documents:
-        for tree in document.root.iterchildren("BehaviorTree"):
-            for element in islice(tree.iter(), 1, None):
+        for top in document.root.iterchildren("BehaviorTree"):
+            for element in islice(top.iter(), 1, None):
                 yield element.get("ID") or "" if element.tag in EXPLICIT_TAGS else element.tag

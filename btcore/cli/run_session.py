@@ -185,7 +185,7 @@ class RunSession:
         """Replace the tree by the tree in the saved file; on errors, print them and return False."""
         plans: Plans | None = None
         try:
-            plans = self.source.plan()
+            plans = self.source.read_plans()
             tree = rebuild_tree(self.tree, plans, self.resources)
         except BtcoreError as error:
             if plans is not None:

@@ -13,7 +13,6 @@ from btcore.tree.tree import Tree
 
 substitute_option = click.option(
     "--substitute",
-    "substitutes",
     multiple=True,
     type=click.Path(path_type=Path),
     metavar="FILE.json",

@@ -117,14 +117,14 @@ class TreeSource:
 
     Attributes:
         path: The XML file, or `STDIN`.
-        tree: The ID of the tree; None for the file's main tree.
+        tree_id: The ID of the tree; None for the file's main tree.
         libraries: The available nodes.
         format: The XML format (3 or 4); None for the file's own.
         confined: Whether includes from outside of the file's folder are errors.
     """
 
     path: Path
-    tree: str | None
+    tree_id: str | None
     libraries: NodeLibraries
     format: int | None = None
     confined: bool = False
@@ -134,7 +134,7 @@ class TreeSource:
         """The name of the file without its suffix."""
         return "stdin" if self.path == STDIN else self.path.stem
 
-    def plan(self, substitute: Callable[[Registry], Registry] | None = None) -> Plans:
+    def read_plans(self, substitute: Callable[[Registry], Registry] | None = None) -> Plans:
         """Read and check the file, and return the plans of its tree.
 
         Args:
@@ -155,7 +155,7 @@ class TreeSource:
             nodes = self.libraries.nodes_for(document)
             if substitute is not None:
                 nodes = substitute(nodes)
-            plans = define_and_plan(sources, nodes, self.tree, self.format)
+            plans = define_and_plan(sources, nodes, self.tree_id, self.format)
             plans.diagnostics.raise_errors()
         except TreeError as error:
             # An unknown node may belong to an installed library that cannot be imported.

@@ -2,6 +2,9 @@
 
 A parent calls `execute_tick`. A class of nodes implements `tick`. The order within a tick is that of
 BehaviorTree.CPP (src/tree_node.cpp): pre-conditions, tick, post-conditions, stored status.
+
+`execute_tick`, `halt_node` and `reset_status` are functions, and methods that call them. Parents call the
+functions: mypyc looks up by name every method that an interpreted class may override, which takes longer.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -334,7 +337,7 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     node._decorated_child = None
     node._tick_flags = node._class_tick_flags
     if type(node).execute_tick is not TreeNode.execute_tick:
-        node._tick_flags += OVERRIDES_EXECUTE_TICK
+        node._tick_flags |= OVERRIDES_EXECUTE_TICK
     node._context = context
     node._blackboard = blackboard
     if config.conditions:
@@ -377,26 +380,26 @@ def add_to_backtrace(node: TreeNode, error: NodeExecutionError) -> None:
         error.backtrace.insert(0, node.config.path)
 
 
-# --- The implementations of methods above. Parents call these functions instead of the methods, because mypyc
-# looks up by name every method that an interpreted class may override, which takes longer.
+# --- the functions that parents call
 
 
 def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     """Tick *node* as its parent does, and return the result.
 
-    Args:
-        node: The node.
-        ignore_override: Whether an override of execute_tick() is not called, because it is the caller.
-
     The child of a decorator is reset here if it has completed, as in BehaviorTree.CPP
     (DecoratorNode::executeTick). Many built-in decorators reset it in `tick` already, so that observers are
     notified of the reset before the result of the decorator, as in BehaviorTree.CPP.
+
+    Args:
+        node: The node.
+        ignore_override: Whether an override of execute_tick() is not called, because it is the caller.
 
     Raises:
         NodeExecutionError: The node or a node below it raised.
     """
     flags = node._tick_flags
-    if flags >= OVERRIDES_EXECUTE_TICK and not ignore_override:  # the greatest flag is set
+    # The greatest flag is compared with `>=`, because `&` takes 20 ns more (pure).
+    if flags >= OVERRIDES_EXECUTE_TICK and not ignore_override:
         return node.execute_tick()
     extras = node._tick_extras
     status: Status
@@ -546,7 +549,7 @@ def reset_status(node: TreeNode) -> None:
 
 
 def halt_node(node: TreeNode) -> None:
-    """Halt *node* as a parent does; see `TreeNode.halt_node`."""
+    """Halt *node*, whatever its status; see `TreeNode.halt_node`."""
     extras = node._tick_extras
     try:
         if extras is not None:

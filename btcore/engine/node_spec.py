@@ -19,9 +19,9 @@ class NodeSpec:
     """What a node class declares about its nodes: `spec = NodeSpec(symbol="¬", never_pauses=True)`.
 
     A class declares the fields in which it differs from its base class. Reading `spec`, of a class or a node,
-    returns all fields, with those that are inherited. No tick reads them. Only
-    btcore reads a spec; the static method `metadata()` returns the texts that are also written to the
-    TreeNodesModel, so that Groot and C++ see them.
+    returns all fields, with those that are inherited. Ticks do not read it, but attributes to which `prepare`
+    has copied fields, which is faster. Only btcore reads a spec; the static method `metadata()` returns the
+    texts that are also written to the TreeNodesModel, so that Groot and C++ see them.
 
     Attributes:
         node_type: The type of the nodes: action, condition, control or decorator.

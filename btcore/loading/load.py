@@ -18,7 +18,7 @@ from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_text, read
 
-__all__ = ["LoadOptions"]  # `btcore` has the functions
+__all__ = ["LoadOptions"]  # for the API reference, which has the functions on the page of `btcore`
 
 S = TypeVar("S")
 

@@ -25,7 +25,7 @@ class OrderedNode(ControlNode):
 
     _current_child_index: int = 0  # of the child with which the next tick continues
     _skipped_count: int = 0  # the number of children that were skipped since the start
-    # Copies of fields of the spec, set by prepare(): a tick reads an attribute of the node faster.
+    # Copies of fields of the spec, set by prepare(): ticks read these copies, which is faster.
     _continue_on: Status = SUCCESS
     _is_async: bool = False
     _has_memory: bool = False
@@ -47,7 +47,7 @@ class OrderedNode(ControlNode):
         return PossibleResults(first, whole.after_running, whole.may_run)
 
     def prepare(self) -> None:
-        """Copy the fields of the spec."""
+        """Copy the fields of the spec that ticks need."""
         spec = self.spec
         self._continue_on = cast(Status, spec.continue_on)
         self._is_async = spec.is_async
@@ -74,7 +74,8 @@ class OrderedNode(ControlNode):
                 return RUNNING
             if status is continue_on:
                 self._current_child_index = index = index + 1
-                # Only after a first tick: parents could already halt the node while a child was RUNNING.
+                # Pause, so that parents can halt the node here. While a child is RUNNING for several ticks,
+                # they can halt it anyway: after such a child there is no pause.
                 if self._is_async and was_idle and index < count:
                     self.wake_up()
                     return RUNNING

@@ -29,6 +29,7 @@ class SubTree(DecoratorNode):
     @staticmethod
     def provided_ports() -> list[Port]:
         """Return the ports."""
+        # For listings and models only: the attribute is read by TreePlanner, never by a node.
         return [Port("_autoremap", type=BOOL, default="false", description="use the outer tree's entries")]
 
     def tick(self) -> Status:

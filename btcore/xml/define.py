@@ -71,12 +71,12 @@ class Definitions(NamedTuple):
     diagnostics: Diagnostics
 
 
-def define(sources: Sources, tree: str | None = None, format: int | None = None) -> Definitions:
+def define(sources: Sources, tree_id: str | None = None, format: int | None = None) -> Definitions:
     """Return the trees that documents define.
 
     Args:
         sources: The documents.
-        tree: ID of the main tree; by default the main document determines it.
+        tree_id: The ID of the main tree; by default the main document determines it.
         format: 3 or 4, overriding the main document's `BTCPP_format`.
     """
     collector = DiagnosticCollector(sources.diagnostics)
@@ -108,26 +108,26 @@ def define(sources: Sources, tree: str | None = None, format: int | None = None)
             continue
         only_child = len(root.children) == 1
         for element in root.iterchildren("BehaviorTree"):
-            name = element.get("ID")
-            if not name and not only_child and dialect.checks_names:
+            id = element.get("ID")
+            if not id and not only_child and dialect.checks_names:
                 message = "missing ID of the <BehaviorTree>"
                 hint = 'write <BehaviorTree ID="…">'
                 collector.add(document.diagnostic(TREE_WITHOUT_ID, message, element, hint=hint))
-            if name is None:
-                # The name that BehaviorTree.CPP gives to a tree without an ID. An empty ID remains empty.
-                name = f"BehaviorTree_{unnamed}"
+            if id is None:
+                # The ID that BehaviorTree.CPP gives to a tree without an ID. An empty ID remains empty.
+                id = f"BehaviorTree_{unnamed}"
                 unnamed += 1
-            definition = TreeDefinition(name, document, element)
+            definition = TreeDefinition(id, document, element)
             definitions.append(definition)
-            earlier = by_id.setdefault(name, definition)
+            earlier = by_id.setdefault(id, definition)
             if earlier is not definition:
                 replaces = dialect.last_tree_wins or earlier.document in sources.shared_documents
                 if replaces:
-                    by_id[name] = definition
+                    by_id[id] = definition
                 _warn_duplicate(definition, earlier, replaces, collector)
     main = None
     if main_document.root.tag == "root":
-        main = _find_main(main_document, tree, definitions, by_id, are_complete, collector)
+        main = _find_main(main_document, tree_id, definitions, by_id, are_complete, collector)
     models = _read_subtree_models(sources.documents, dialect, collector)
     return Definitions(
         sources, dialect, tuple(definitions), by_id, main, models, are_complete, collector.diagnostics

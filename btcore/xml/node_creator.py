@@ -103,23 +103,20 @@ class NodeCreator:
 
     def _create_with_children(self, node_plan: NodePlan, instance: TreeInstance) -> TreeNode | None:
         """Create a node and the nodes below it. Return None if the node could not be created."""
-        document = instance.document
-        line = node_plan.element.line if document.knows_lines else document.line(node_plan.element)
+        document, call = instance.document, node_plan.subtree_call
         self._uid = uid = self._uid + 1
-        id = node_plan.id
+        id, line = node_plan.id, document.line(node_plan.element)
         name = id if node_plan.name is None else node_plan.name
         scripts, attributes = node_plan.conditions, node_plan.attributes
         config = NodeConfig(id, name, uid, self.format, document.file, line, scripts, attributes, self._enums)
-        if node_plan.subtree_call is not None:
-            return self._create_call(node_plan, node_plan.subtree_call, config, instance)
-        if name == id:
+        if call is not None:
+            self._configure_call(node_plan, call, config, instance)
+        else:
             # BehaviorTree.CPP appends the uid to the path of a node without a name.
-            config.path = f"{instance.prefix}{name}::{uid}"
-        elif instance.prefix:
-            config.path = instance.prefix + name
-        self.bind_ports(node_plan, config, instance)
+            config.path = f"{instance.prefix}{name}::{uid}" if name == id else instance.prefix + name
+            self.bind_ports(node_plan, config, instance)
         manifest = self._substitute(node_plan, config, instance) if self._rules else node_plan.manifest
-        if not node_plan.children:
+        if call is None and not node_plan.children:
             leaf = self.create_node(node_plan, manifest, config, instance, ())
             if leaf is not None:
                 self.nodes.append(leaf)
@@ -129,8 +126,14 @@ class NodeCreator:
         index, own_index = len(self.nodes), len(instance.nodes)
         self.nodes.append(_PLACEHOLDER)
         instance.nodes.append(_PLACEHOLDER)
-        child_plans = node_plan.children if not self._rules or takes_children(manifest) else ()
-        children = [self._create_with_children(child, instance) for child in child_plans]
+        children: list[TreeNode | None] = []
+        if self._rules and not takes_children(manifest):
+            pass  # a substitution rule has replaced the node by a leaf
+        elif call is not None:
+            inner = self.create_scope(node_plan, call, instance)
+            children.append(self._create_instance(self._plans.trees[call.tree_id], config.path, inner))
+        else:
+            children += [self._create_with_children(child, instance) for child in node_plan.children]
         node = self.create_node(node_plan, manifest, config, instance, children)
         if node is not None:
             self.nodes[index] = instance.nodes[own_index] = node
@@ -260,9 +263,10 @@ class NodeCreator:
 
     # --- SubTree elements
 
-    def _create_call(
+    def _configure_call(
         self, node_plan: NodePlan, call: SubtreeCall, config: NodeConfig, instance: TreeInstance
-    ) -> TreeNode | None:
+    ) -> None:
+        """Set the name, path and attributes of a SubTree node, and report a path that occurs twice."""
         config.name = node_plan.name if node_plan.name is not None else call.tree_id
         # Format 3 ignores the name of a SubTree node in paths.
         own_name = node_plan.name if self.format == 4 else None
@@ -275,18 +279,6 @@ class NodeCreator:
             hint = "give them different names, or remove the names"
             self._report(DUPLICATE_SUBTREE_PATH, message, node_plan, instance, "name", hint)
         self._paths.add(config.path)
-        index, own_index = len(self.nodes), len(instance.nodes)
-        self.nodes.append(_PLACEHOLDER)
-        instance.nodes.append(_PLACEHOLDER)
-        manifest = self._substitute(node_plan, config, instance) if self._rules else node_plan.manifest
-        children = []
-        if takes_children(manifest):
-            inner = self.create_scope(node_plan, call, instance)
-            children.append(self._create_instance(self._plans.trees[call.tree_id], config.path, inner))
-        node = self.create_node(node_plan, manifest, config, instance, children)
-        if node is not None:
-            self.nodes[index] = instance.nodes[own_index] = node
-        return node
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, instance: TreeInstance) -> Blackboard:
         """Return the blackboard of the called tree, connected with that of *instance*, which calls it."""
@@ -297,7 +289,8 @@ class NodeCreator:
         for key, outer_key in call.remaps.items():
             inner.remap(key, outer_key)
         for key, text in call.constants.items():
-            inner.autoremap = key in call.outer_constants  # whether `set` writes the outer entry
+            # `set` follows autoremap: it writes the outer entry if autoremap comes before the constant.
+            inner.autoremap = key in call.outer_constants
             value = parse_constant(text) if self.format == 4 else text
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))

@@ -58,7 +58,6 @@ _INTERVAL_S: Final = 0.2
 @given_option
 @click.option(
     "--declarations",
-    "file",
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="Read models of leaves, domains of entries and questions from FILE instead of TREE.proof.toml.",
@@ -74,7 +73,7 @@ _INTERVAL_S: Final = 0.2
 )
 @click.option(
     "--time",
-    "seconds",
+    "time_s",
     type=click.FloatRange(0, min_open=True),
     metavar="S",
     help="End the search after S seconds, with the answers so far. Default: no limit.",
@@ -110,7 +109,6 @@ _INTERVAL_S: Final = 0.2
 @click.option("--strict", is_flag=True, help="Exit with 1 also for 'proved: unless …' and 'proved: if …'.")
 @click.option(
     "--init",
-    "is_template",
     is_flag=True,
     help="Write a commented TREE.proof.toml with all that can be declared for TREE, and end.",
 )
@@ -125,17 +123,17 @@ def prove(
     never: Sequence[str],
     asked: Sequence[str],
     given: Sequence[str],
-    file: Path | None,
+    declarations: Path | None,
     instant_leaves: bool,
     ticks: int | None,
-    seconds: float | None,
+    time_s: float | None,
     memory: int,
     jobs: int | None,
     save: Path | None,
     dot: Path | None,
     svg: Path | None,
     strict: bool,
-    is_template: bool,
+    init: bool,
     as_json: bool,
 ) -> int:
     """Search all possible runs of TREE, and answer questions about them.
@@ -156,19 +154,21 @@ def prove(
     if save is not None and path == STDIN:
         raise click.UsageError("--save needs a tree in a file, because tests name the file.")
     libraries = node_libraries.load_libraries(plugins, models, confined)
-    declared = Declarations() if path == STDIN and file is None else declarations_of(path, file)
-    plans = TreeSource(path, tree, libraries, format, confined).plan(
+    declared = (
+        Declarations() if path == STDIN and declarations is None else declarations_of(path, declarations)
+    )
+    plans = TreeSource(path, tree, libraries, format, confined).read_plans(
         lambda nodes: with_model_leaves(nodes, declared.leaves)
     )
     questions = [*(f"never {text}" for text in never), *asked]
     prover = prover_of(plans, questions, declared, given, instant_leaves)
-    if is_template:
+    if init:
         return _write_template(path, prover.tree)
     with _Progress() as progress:
-        report = prover.answer(ticks, memory << 20, progress, jobs or _default_jobs(), seconds)
+        report = prover.answer(ticks, memory << 20, progress, jobs or _default_jobs(), time_s)
     if save is not None:
         has_libraries = _has_libraries(prover.tree, libraries.nodes, plugins)
-        used = TreeReference(path, tree, format, models, plugins, has_libraries, file)
+        used = TreeReference(path, tree, format, models, plugins, has_libraries, declarations)
         for number, answer in enumerate(report.answers, 1):
             if answer.answer == REFUTED and answer.counterexample is not None:
                 _save(save, file_name(number, answer.question), answer, used, plans, declared)

@@ -55,7 +55,6 @@ def _parse_script(ctx: click.Context, parameter: click.Parameter, text: str | No
 )
 @click.option(
     "--success-if",
-    "script",
     callback=_parse_script,
     metavar="SCRIPT",
     help="The condition for a success, as a script over the columns of the table: "
@@ -69,7 +68,7 @@ def _parse_script(ctx: click.Context, parameter: click.Parameter, text: str | No
 )
 @click.option(
     "--format",
-    "suffix",
+    "table_format",
     type=click.Choice(["csv", "parquet"]),
     default="csv",
     show_default=True,
@@ -100,9 +99,9 @@ def sweep(
     source: str,
     seeds: tuple[int, ...],
     params: Sequence[str],
-    script: Program | None,
+    success_if: Program | None,
     output: Path | None,
-    suffix: str,
+    table_format: str,
     workers: int | None,
     scheduler: str | None,
     attempts: int,
@@ -127,7 +126,7 @@ def sweep(
     if workers is not None and scheduler is not None:
         raise click.UsageError("--workers and --scheduler cannot be used together.")
     # Imported only here, since Dask takes long to import: `--help` must not wait for it.
-    for module in ("distributed", "pyarrow") if suffix == "parquet" else ("distributed",):
+    for module in ("distributed", "pyarrow") if table_format == "parquet" else ("distributed",):
         import_module(module)
     from btcore_sweep import cluster
 
@@ -138,8 +137,8 @@ def sweep(
             pool = cluster.remote(scheduler, attempts)
         else:
             pool = cluster.local(workers, attempts, folder)
-        summary = run_sweep(journal, script, pool)
-        results, code = write_results(journal, script, suffix, summary)
+        summary = run_sweep(journal, success_if, pool)
+        results, code = write_results(journal, success_if, table_format, summary)
     if as_json:
         terminal.print_json(results)
     return code

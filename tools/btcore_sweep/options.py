@@ -6,8 +6,9 @@ from typing import Any, Final, cast
 
 import click
 
-from btcore.cli.commands.run import explain_missing_options, run
+from btcore.cli.commands.run import run
 from btcore.cli.extension import load_extensions
+from btcore.cli.extension_options import explain_missing_options
 from btcore_sweep.parameters import RunOptions
 
 _GIVEN: Final = "btcore_sweep.options.given"
@@ -107,7 +108,7 @@ def _options_with_set(ctx: click.Context) -> dict[str, click.Parameter]:
 
     A sweep accepts `--set` for all runs, but rejects it as a parameter.
     """
-    set_option = next(option for option in run.params if option.name == "entries")
+    set_option = next(option for option in run.params if option.name == "set")
     return {**collect_run_options(ctx).options, "set": set_option}
 
 

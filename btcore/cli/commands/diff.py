@@ -18,7 +18,6 @@ from btcore.suggestions import join_names
 @click.argument("second", metavar="B")
 @click.option(
     "--times",
-    "tolerance",
     type=click.FloatRange(min=0),
     metavar="TOLERANCE",
     help="Also compare the times since the first transition; ignore differences up to TOLERANCE seconds.",
@@ -33,7 +32,7 @@ from btcore.suggestions import join_names
     help="Show N transitions before and after the difference.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
-def diff(first: str, second: str, tolerance: float | None, no_idle: bool, context: int, as_json: bool) -> int:
+def diff(first: str, second: str, times: float | None, no_idle: bool, context: int, as_json: bool) -> int:
     """Find the first transition that differs between the logs A and B, in node, status or order.
 
     Logs can be .btlog files, SQLite files (.db3 or .btdb; the last session, or FILE.db3#2 for session 2),
@@ -52,7 +51,7 @@ def diff(first: str, second: str, tolerance: float | None, no_idle: bool, contex
             terminal.print_warning(warning)
     _compare_trees(*recordings)
     steps_a, steps_b = (steps(recording, idle=not no_idle) for recording in recordings)
-    divergence = find_divergence(steps_a, steps_b, None if tolerance is None else round(tolerance * NS_PER_S))
+    divergence = find_divergence(steps_a, steps_b, None if times is None else round(times * NS_PER_S))
     if as_json:
         data = _as_data(recordings, (steps_a, steps_b), divergence, context)
         terminal.print_json(data, indent=2)

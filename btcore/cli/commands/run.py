@@ -2,38 +2,26 @@
 
 import math
 import random
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import Any, Final, cast
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
 
 import click
-from click.core import ParameterSource
 
-from btcore import entry_points
 from btcore.cli import initial_blackboard, node_libraries, stub_results, substitute, terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.extension import LoadedExtensions, gather_resources, load_extensions
+from btcore.cli.extension import gather_resources
+from btcore.cli.extension_options import TreeRunCommand, load_needed_extensions, warn_unused_options
 from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
-from btcore.cli.tree_source import (
-    STDIN,
-    SaveWatcher,
-    TreeSource,
-    find_source,
-    tree_options,
-)
+from btcore.cli.tree_source import STDIN, SaveWatcher, TreeSource, find_source, tree_options
 from btcore.clock import Clock, SimClock, SystemClock
 from btcore.diagnostic_codes import NODE_NOT_CREATED
-from btcore.entry_points import RUN_EXTENSIONS_GROUP, names_by_remedy
+from btcore.entry_points import names_by_remedy
 from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.run_extension import RunExtension
-from btcore.suggestions import join_names
 from btcore.xml.models.stubs import StubResults
 from btcore.xml.plan.plan import Plans
-
-_EXTENSIONS_DEFERRED: Final = "btcore.cli.commands.run.extensions_deferred"
-"""The key in the context's `meta`: whether the command line is parsed without the extensions so far."""
 
 
 class FiniteRange(click.FloatRange):
@@ -54,101 +42,6 @@ class FiniteRange(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
         return number
-
-
-class RunCommand(click.Command):
-    """A command that also has the options of all extensions of `btcore run`."""
-
-    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Return the command's options, those of the extensions, and `--help`."""
-        own = super().get_params(ctx)  # the last is --help
-        extensions = load_extensions(ctx).extensions
-        added = [option for extension in extensions for option in extension.options]
-        return [*own[:-1], *added, own[-1]]
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse *args*; for an unknown option explain which packages may add it.
-
-        Args:
-            ctx: The context of the command.
-            args: The arguments.
-
-        Returns:
-            The arguments that remain.
-        """
-        with explain_missing_options(ctx):
-            return super().parse_args(ctx, args)
-
-
-class TreeRunCommand(RunCommand):
-    """`btcore run`, which loads extensions only when they are needed, because importing them takes time.
-
-    1. `parse_args` parses the command line without the options of extensions.
-    2. If an option is unknown, `parse_args` loads the extensions, and parses the command line again with
-       their options.
-    3. Otherwise `create_session` loads the extensions if a leaf of the tree needs a resource of an extension.
-       Their options then have their defaults, since none was given.
-
-    The first step is left out if extensions of other distributions are installed: they may take part in each
-    run. `--help` and shell completion also need the options of all extensions.
-    """
-
-    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Return the command's options, those of the extensions if they are loaded, and `--help`."""
-        if ctx.meta.get(_EXTENSIONS_DEFERRED):
-            return click.Command.get_params(self, ctx)
-        return super().get_params(ctx)
-
-    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the help with the options of all extensions."""
-        ctx.meta[_EXTENSIONS_DEFERRED] = False
-        super().format_help(ctx, formatter)
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse *args*, first without the options of extensions if possible: see the class."""
-        words = list(args)  # click's parser removes the arguments from its list
-        may_defer = not ctx.resilient_parsing and not entry_points.find(RUN_EXTENSIONS_GROUP, own=False)
-        ctx.meta[_EXTENSIONS_DEFERRED] = may_defer
-        if may_defer:
-            try:
-                return click.Command.parse_args(self, ctx, args)
-            except click.NoSuchOption:
-                ctx.meta[_EXTENSIONS_DEFERRED] = False
-        return super().parse_args(ctx, words)
-
-
-def _load_needed_extensions(
-    ctx: click.Context, settings: Mapping[str, Any], wanted: Sequence[type]
-) -> tuple[LoadedExtensions, Mapping[str, Any]]:
-    """Return the extensions of a run, and *settings* with the values of their options.
-
-    There are no extensions if they are deferred and no leaf needs a resource of an extension.
-    """
-    if not ctx.meta.get(_EXTENSIONS_DEFERRED):
-        return load_extensions(ctx), settings
-    if all(kind in (random.Random, StubResults) for kind in wanted):
-        return LoadedExtensions([], []), settings
-    loaded = load_extensions(ctx)
-    added: list[click.Parameter] = [option for item in loaded.extensions for option in item.options]
-    # No option of an extension was given: the options have the values of an empty command line.
-    defaults = click.Command("run", params=added).make_context("run", [], parent=ctx).params
-    return loaded, {**defaults, **settings}
-
-
-@contextmanager
-def explain_missing_options(ctx: click.Context) -> Iterator[None]:
-    """Return a context that explains that an unknown option may come from a package that is not installed."""
-    try:
-        yield
-    except click.NoSuchOption as error:
-        unavailable = load_extensions(ctx).unavailable
-        if not unavailable:
-            raise
-        text = error.format_message().rstrip(".")
-        packages = "; ".join(f"{names}: {remedy}" for remedy, names in names_by_remedy(unavailable).items())
-        raise click.UsageError(
-            f"{text}. The option may belong to an extension that cannot be loaded: {packages}", ctx
-        ) from error
 
 
 @click.command(cls=TreeRunCommand, short_help="Run a tree until it ends.")
@@ -256,10 +149,10 @@ def create_session(
     source, plans = read_source_and_plans(settings, installed_nodes)
     # Determined before the tree is built: an extension such as a simulator provides only what is needed.
     wanted = plans.required_resources()
-    (installed_extensions, unavailable), settings = _load_needed_extensions(ctx, settings, wanted)
+    (installed_extensions, unavailable), settings = load_needed_extensions(ctx, settings, wanted)
     resources, extensions, without_resources = gather_resources(installed_extensions, settings, wanted)
     clock = choose_clock(resources, settings["fast"])
-    resources += [random.Random(settings["seed"]), StubResults(settings["stub_letters"])]
+    resources += [random.Random(settings["seed"]), StubResults(settings["plan"])]
     try:
         tree = instantiate(plans, resources, clock=clock, tick_limit=settings["tick_limit"])
     except TreeError as error:
@@ -275,7 +168,7 @@ def create_session(
                 "btcore.TreeState, or write an extension that provides the object: see 'Your robot'"
             )
         raise
-    initial_blackboard.write(tree, settings["entries"], plans)
+    initial_blackboard.write(tree, settings["set"], plans)
     terminal.print_diagnostics(plans.diagnostics.warnings)
     substitute.warn_unused_rules(tree)
     warn_unused_options(ctx, without_resources)
@@ -302,44 +195,17 @@ def read_source_and_plans(
     if installed_nodes is None or settings["plugins"]:
         # Models and rules may name nodes of the installed libraries. Also, they would be lost when
         # `NodeLibraries.load_for` loads what is missing, because it begins anew.
-        partial = not settings["models"] and not settings["substitutes"]
+        partial = not settings["models"] and not settings["substitute"]
         libraries = node_libraries.load_libraries(settings["plugins"], partial=partial)
     else:
         libraries = node_libraries.NodeLibraries(installed_nodes.nodes.copy(), installed_nodes.unavailable)
     confined = settings["confined"]
     libraries.add_models(settings["models"], confined)
     source = TreeSource(path, settings["tree"], libraries, settings["format"], confined)
-    substitute.add_rules(libraries.nodes, settings["substitutes"])
-    plans = source.plan()
-    stub_results.check(settings["stub_letters"], plans)
+    substitute.add_rules(libraries.nodes, settings["substitute"])
+    plans = source.read_plans()
+    stub_results.check(settings["plan"], plans)
     return source, plans
-
-
-def warn_unused_options(
-    ctx: click.Context,
-    without_resources: Sequence[RunExtension],
-    subject: str = "the tree",
-    used: Sequence[str] = (),
-) -> None:
-    """Print a warning for options on the command line that no leaf of the tree uses.
-
-    Args:
-        without_resources: The extensions that provided no resource.
-        subject: The subject of the sentence: what has no such leaf.
-        used: Options that the command itself uses.
-    """
-    for extension in without_resources:
-        given = [
-            option.opts[0]
-            for option in extension.options
-            if ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
-            and option.opts[0] not in used
-        ]
-        if extension.used_by is not None and given:
-            have = "has" if len(given) == 1 else "have"
-            terminal.print_warning(
-                f"{join_names(given)} {have} no effect: {subject} has no {extension.used_by}"
-            )
 
 
 def choose_clock(resources: Sequence[object], fast: bool) -> Clock:

@@ -29,7 +29,7 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
     help=f"Write the drawing to a PNG file, at most {MAX_SIDE} pixels wide and high.",
 )
 @click.option(
-    "--data", "as_table", is_flag=True, help="List the nodes that write and read each blackboard entry."
+    "--data", "as_data", is_flag=True, help="List the nodes that write and read each blackboard entry."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object; with --data a JSON list.")
 def show(
@@ -42,7 +42,7 @@ def show(
     ports: bool,
     svg: Path | None,
     png: Path | None,
-    as_table: bool,
+    as_data: bool,
     as_json: bool,
 ) -> None:
     """Draw TREE with its subtrees in the terminal.
@@ -50,15 +50,15 @@ def show(
     TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore.
     """
     picture = "--svg" if svg is not None else "--png" if png is not None else None
-    if picture is not None and (as_table or as_json):
-        other = "--data" if as_table else "--json"
+    if picture is not None and (as_data or as_json):
+        other = "--data" if as_data else "--json"
         raise click.UsageError(f"{picture} and {other} cannot be used together.")
     path = find_source(source)
     libraries = node_libraries.load_libraries(plugins, models, confined)
-    plans = TreeSource(path, tree, libraries, format, confined).plan()
+    plans = TreeSource(path, tree, libraries, format, confined).read_plans()
     main, format = plans.main, plans.dialect.format
     assert main is not None, "a document without a main tree has errors"
-    if as_table:
+    if as_data:
         rows = trace_dataflow(plans)
         if as_json:
             terminal.print_json([asdict(row) for row in rows], indent=2)

@@ -1,4 +1,4 @@
-"""Plan trees: check them against the registered nodes, before any node is created.
+"""Plan trees: make a plan of each node, and check it against the registered nodes, before nodes exist.
 
 This is the third stage of loading.
 """
@@ -119,8 +119,8 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
             trees[definition.id] = tree = TreePlanner(context, definition).complete(outlines[definition])
             pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
     planned_main = None if main is None else trees[main.id]
-    plans = Plans(definitions, registry, trees, planned_main, {}, Diagnostics())
     sizes: dict[str, TreeSize] = {}
+    plans = Plans(definitions, registry, trees, planned_main, sizes, definitions.diagnostics)
     checked: set[str] = set()
     # Trees that call each other may have no root among them.
     for tree in (*plans.roots(), *trees.values()):
@@ -130,13 +130,13 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
     if every_tree or collector.errors:
         for tree in trees.values():
             _check_scripts(tree, registry.types.enums, collector)
-    return plans._replace(sizes=sizes, diagnostics=collector.diagnostics)
+    return plans._replace(diagnostics=collector.diagnostics)
 
 
 def define_and_plan(
     sources: Sources,
     registry: Registry,
-    tree: str | None = None,
+    tree_id: str | None = None,
     format: int | None = None,
     every_tree: bool = False,
 ) -> Plans:
@@ -147,17 +147,17 @@ def define_and_plan(
     Args:
         sources: The documents.
         registry: The registered nodes.
-        tree: ID of the main tree; by default the main document determines it.
+        tree_id: The ID of the main tree; by default the main document determines it.
         format: 3 or 4, overriding the main document's `BTCPP_format`.
         every_tree: As in `plan`.
     """
-    plans = plan(define(sources, tree, format), registry, every_tree)
+    plans = plan(define(sources, tree_id, format), registry, every_tree)
     root = sources.main.root
     errors = plans.diagnostics.errors
     if errors and format is None and root.get("BTCPP_format") is None:
         # These plans need no hints.
         silent = sources._replace(diagnostics=sources.diagnostics._replace(comparisons_left=0))
-        as_format_4 = plan(define(silent, tree, 4), registry, every_tree)
+        as_format_4 = plan(define(silent, tree_id, 4), registry, every_tree)
         avoided = len(errors) - len(as_format_4.diagnostics.errors)
         if avoided > 0:
             count = "1 error" if avoided == 1 else f"{avoided} errors"
@@ -248,7 +248,7 @@ def script_diagnostic(document: Document, node: NodePlan, key: str, error: Scrip
 
     Args:
         document: The document that contains the script.
-        node: The node of the script.
+        node: The plan of the node that has the script.
         key: The attribute that holds the script.
         error: The error of the parser.
     """

@@ -83,7 +83,7 @@ class SubtreeCall:
 
 
 class NodePlan:
-    """One node of a tree definition. `outline_trees` creates it, and `TreePlanner` adds ports and conditions.
+    """The plan of a node. `outline_trees` creates it, and `TreePlanner` adds ports and conditions.
 
     *depth* counts from the `<BehaviorTree>`, which has depth 0. *bindings* holds the ports that the
     document sets, in its order, then the other ports that have a default. *attributes* holds the attributes
@@ -122,10 +122,10 @@ class NodePlan:
 
 
 class TreePlan:
-    """A tree definition with the plans of its nodes.
+    """A tree definition with its node plans.
 
     *calls* holds a SubtreeCall for each of its SubTree nodes. *depth* is the number of its levels, *size* the
-    number of its nodes. *has_unknown_nodes* is True if unknown nodes were removed.
+    number of its nodes. *has_unknown_nodes* is True if the plans of unknown nodes were removed.
     """
 
     def __init__(self, definition: TreeDefinition, root: NodePlan | None) -> None:
@@ -142,7 +142,7 @@ class TreePlan:
         return self.definition.id
 
     def nodes(self) -> list[NodePlan]:
-        """Return the nodes in pre-order, without the nodes of the trees that it calls."""
+        """Return the node plans in pre-order, without those of the trees that it calls."""
         nodes: list[NodePlan] = []
         pending = [self.root] if self.root is not None else []
         while pending:
@@ -156,19 +156,19 @@ class TreePlan:
 
 
 class KnownNode:
-    """A registered node, with the bindings of its ports so far. Nodes with equal port texts share them.
+    """A registered node, with a cache of the bindings of its ports: node plans with equal texts share them.
 
-    *bindings* maps the name of a port, then its text, to the binding. *defaults* holds a binding for each
-    port that has a default.
+    *bindings_by_text* maps the name of a port, then its text, to the binding. *defaults* holds a binding for
+    each port that has a default.
     """
 
-    __slots__ = ("bindings", "defaults", "id", "manifest", "ports")
+    __slots__ = ("bindings_by_text", "defaults", "id", "manifest", "ports")
 
     def __init__(self, id: str, manifest: Manifest, format: int) -> None:
         self.id = id
         self.manifest = manifest
         self.ports = manifest.ports
-        self.bindings: dict[str, dict[str, Binding]] = {name: {} for name in manifest.ports}
+        self.bindings_by_text: dict[str, dict[str, Binding]] = {name: {} for name in manifest.ports}
         self.defaults = [
             (Input if port.reads else Binding)(port, port.default, format, is_explicit=False)
             for port in manifest.ports.values()
@@ -209,10 +209,10 @@ def count_text(count: int) -> str:
 
 
 def outline_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
-    """Create the nodes of all trees of the documents, used or not, and check their structure.
+    """Create the node plans of all trees of the documents, used or not, and check their structure.
 
     Returns:
-        The nodes of each definition in pre-order, beginning with its `<BehaviorTree>`.
+        The node plans of each definition in pre-order, beginning with the root; [] if there is no root.
     """
     definitions, dialect = context.definitions, context.dialect
     for document in definitions.sources.documents:
@@ -256,8 +256,8 @@ class _TagCache:
             self.leaf_tags.add(tag)
         return node_type
 
-    def unknown_node_hint(self, node: str) -> str:
-        """Return a hint for the unknown *node*."""
+    def unknown_node_hint(self, id: str) -> str:
+        """Return a hint for the unknown node *id*."""
         context = self._context
         if self._hints is None:
             self._hints = UnknownNodeHints(context.registry, context.dialect.format)
@@ -271,11 +271,11 @@ class _TagCache:
                 for model in models.iterchildren(*EXPLICIT_TAGS)
             }
         trees = context.definitions.by_id
-        return self._hints.hint(node, trees, self._declaring_files.get(node))
+        return self._hints.hint(id, trees, self._declaring_files.get(id))
 
 
 class _TreeOutliner:
-    """Creates the nodes of one tree, without ports, and checks their structure."""
+    """Creates the node plans of one tree, without ports, and checks their structure."""
 
     def __init__(self, context: PlanContext, tag_cache: _TagCache, document: Document) -> None:
         self._dialect: Dialect = context.dialect
@@ -290,7 +290,7 @@ class _TreeOutliner:
         self._collector.add(self._document.diagnostic(code, message, element, attribute, hint=hint))
 
     def outline(self, top: Element) -> list[NodePlan]:
-        """Return the nodes of the tree *top* in pre-order, beginning with *top*."""
+        """Return the node plans below the `<BehaviorTree>` *top*, in pre-order."""
         dialect = self._dialect
         limit = self._document.max_depth or dialect.max_depth
         ignored: set[NodePlan] = set()
@@ -304,8 +304,7 @@ class _TreeOutliner:
             if len(nodes) > MAX_NODES + 1:  # the first is the <BehaviorTree>
                 message = f"the tree has more than {MAX_NODES:,} nodes"
                 self._report(TOO_LARGE, message, top, "ID", hint="nodes are numbered with 16 bits")
-                nodes[0].children = []
-                return nodes[:1]
+                return []
             element = node.element
             tag = element.tag
             children = element.children
@@ -333,7 +332,9 @@ class _TreeOutliner:
                     ignored.update(child_nodes)
                 else:
                     node.children = child_nodes
-        return nodes
+        # A tree has one root: further roots are an error, reported above, and left out.
+        further_roots = nodes[0].children[1:]
+        return nodes[1 : nodes.index(further_roots[0])] if further_roots else nodes[1:]
 
     def _warn_obsolete_root(self, element: Element) -> None:
         for child in element.iterchildren("Root"):
@@ -354,46 +355,46 @@ class _TreeOutliner:
             )
 
     def _check_explicit(self, tag: str, element: Element, children: list[Element]) -> None:
-        node = element.get("ID") or ""
-        if not node:
+        id = element.get("ID") or ""
+        if not id:
             message = f"the ID of the node is missing in <{tag}>"
             hint = f'write <{tag} ID="…"/>'
             self._report(MISSING_ID, message, element, hint=hint)
             return
-        manifest = self._context.manifest(node)
+        manifest = self._context.manifest(id)
         if manifest is None:
             self._report(
-                UNKNOWN_NODE, f"unknown node '{node}'", element, "ID", self._tag_cache.unknown_node_hint(node)
+                UNKNOWN_NODE, f"unknown node '{id}'", element, "ID", self._tag_cache.unknown_node_hint(id)
             )
             return
         node_type = manifest.type if self._dialect.type_from_id else EXPLICIT_TAGS[tag]
-        self._check_child_count(node, node_type, element, children)
+        self._check_child_count(id, node_type, element, children)
 
     def _check_child_count(
-        self, node: str, node_type: NodeType, element: Element, children: list[Element]
+        self, id: str, node_type: NodeType, element: Element, children: list[Element]
     ) -> None:
-        """Add an error if *children* are too few or too many for *node*, which is of *node_type*."""
+        """Add an error if *children* are too few or too many for the node *id*, which is of *node_type*."""
         count = len(children)
         has = count_text(count)
         if node_type is NodeType.DECORATOR:
             if count != 1:
                 hint = "put them into a <Sequence>" if count else ""
                 self._report(
-                    WRONG_CHILD_COUNT, f"<{node}> has {has}; a decorator has exactly 1", element, hint=hint
+                    WRONG_CHILD_COUNT, f"<{id}> has {has}; a decorator has exactly 1", element, hint=hint
                 )
         elif node_type is NodeType.CONTROL:
-            manifest = self._context.manifest(node)
+            manifest = self._context.manifest(id)
             least = 1 if manifest is None else max(manifest.spec.child_count_at_load[0], 1)
             if count < least:
                 message = (
-                    f"<{node}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
+                    f"<{id}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
                 )
                 hint = manifest.spec.child_roles if manifest is not None and least > 1 else ""
                 self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
-            elif node == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
+            elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
                 self._check_asynchronous(children)
         elif count and node_type in _LEAVES:
-            self._report(WRONG_CHILD_COUNT, f"<{node}> has {has}; {_LEAVES[node_type]} has none", element)
+            self._report(WRONG_CHILD_COUNT, f"<{id}> has {has}; {_LEAVES[node_type]} has none", element)
 
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
@@ -404,39 +405,39 @@ class _TreeOutliner:
             self._report(SEVERAL_ASYNC_SEQUENCES, message, asynchronous[1], hint=hint)
 
     def _check_tree(self, element: Element, children: list[Element]) -> None:
-        name = element.get("ID") or ""
-        label = f"the tree '{name}'" if name else "the tree"
-        if self._dialect.checks_names and name:
-            self._check_not_a_node(name, element)
-            if not FORBIDDEN.isdisjoint(name):
-                message = f"invalid tree ID '{name}': {forbidden_in(name)!r} is not allowed"
+        id = element.get("ID") or ""
+        label = f"the tree '{id}'" if id else "the tree"
+        if self._dialect.checks_names and id:
+            self._check_not_a_node(id, element)
+            if not FORBIDDEN.isdisjoint(id):
+                message = f"invalid tree ID '{id}': {forbidden_in(id)!r} is not allowed"
                 self._report(INVALID_NAME, message, element, "ID", "use letters, digits, '_' and '-'")
-            elif name in RESERVED_IDS:
-                self._report(INVALID_NAME, f"invalid tree ID '{name}': the name is reserved", element, "ID")
+            elif id in RESERVED_IDS:
+                self._report(INVALID_NAME, f"invalid tree ID '{id}': the name is reserved", element, "ID")
         if len(children) != 1:
             message = f"{label} has {count_text(len(children))}; a tree has exactly 1"
             hint = "put them into a <Sequence>" if children else ""
             self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _check_call(self, tag: str, element: Element, children: list[Element]) -> None:
-        name = element.get("ID") or ""
-        if element.get("ID") is None or (not name and self._dialect.format == 4):
+        id = element.get("ID") or ""
+        if element.get("ID") is None or (not id and self._dialect.format == 4):
             message = f"the ID of the tree is missing in <{tag}>"
             self._report(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>')
         elif self._dialect.checks_names:
-            self._check_not_a_node(name, element)
+            self._check_not_a_node(id, element)
         if children and tag in self._dialect.tags_with_ignored_children:
-            message = f'the children of <{tag} ID="{name}"> are ignored'
+            message = f'the children of <{tag} ID="{id}"> are ignored'
             hint = "move them into the <BehaviorTree> that it calls, or remove them"
             self._report(UNREACHABLE_CHILD, message, children[0], hint=hint)
         elif children:
-            message = f'<{tag} ID="{name}"> has children; they belong into the <BehaviorTree> that it calls'
+            message = f'<{tag} ID="{id}"> has children; they belong into the <BehaviorTree> that it calls'
             self._report(WRONG_CHILD_COUNT, message, children[0])
 
-    def _check_not_a_node(self, name: str, element: Element) -> None:
-        known = self._context.manifest(name)
+    def _check_not_a_node(self, id: str, element: Element) -> None:
+        known = self._context.manifest(id)
         if known is not None and not known.is_overridable:
-            message = f"invalid tree ID '{name}': a node has this name"
+            message = f"invalid tree ID '{id}': a node has this name"
             self._report(TREE_NAMED_AS_NODE, message, element, "ID", "rename the tree")
 
 
@@ -453,19 +454,10 @@ class TreePlanner:
         self._definition = definition
 
     def complete(self, nodes: list[NodePlan]) -> TreePlan:
-        """Return the plan of the tree, without the trees that it calls.
-
-        Args:
-            nodes: The nodes of the tree in pre-order, beginning with its `<BehaviorTree>`.
-        """
-        tree = TreePlan(self._definition, None)
-        top, *nodes = nodes
+        """Complete *nodes*, the result of `outline_trees`; return the plan of the tree."""
+        tree = TreePlan(self._definition, nodes[0] if nodes else None)
         if nodes:
-            tree.root = nodes[0]
-            if len(top.children) > 1:
-                # A tree has one root; further roots are an error of the structure, and ignored here.
-                nodes = nodes[: nodes.index(top.children[1])]
-            self._plan_nodes(nodes, tree)
+            self._complete_nodes(nodes, tree)
         return tree
 
     def _report(
@@ -482,8 +474,8 @@ class TreePlanner:
             self._definition.document.diagnostic(code, message, element, attribute, part, hint)
         )
 
-    def _plan_nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
-        """Complete *nodes*, and remove nodes of unknown nodes and trees, which are errors, from the tree."""
+    def _complete_nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
+        """Complete *nodes*, and remove the plans of unknown nodes and of calls of unknown trees: errors."""
         tree.size = len(nodes)
         tree.depth = max(map(_DEPTH_OF, nodes))
         known_nodes = self._context.known_nodes_by_tag
@@ -511,7 +503,7 @@ class TreePlanner:
                 node.children = [child for child in node.children if child not in unknown]
 
     def _find_known_node(self, tag: str, element: Element) -> KnownNode | None:
-        """Return the bindings for the node that *element* names, or None if the node is unknown."""
+        """Return the registered node that *element* names, or None if it is unknown."""
         id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
         known = self._context.known_nodes_by_id.get(id)
         if known is None:
@@ -526,7 +518,7 @@ class TreePlanner:
     def _plan_attributes(self, node: NodePlan, known: KnownNode) -> None:
         bindings: list[Binding] = []
         other_attributes: dict[str, str] = {}
-        cached_bindings = known.bindings
+        cached_bindings = known.bindings_by_text
         for key, text in node.element.attributes.items():
             by_text = cached_bindings.get(key)
             if by_text is not None:
@@ -542,7 +534,7 @@ class TreePlanner:
             if not self._context.kept_attributes.issuperset(other_attributes):
                 other_attributes = self._sort_attributes(node, known.manifest, other_attributes)
             node.attributes = other_attributes
-        if known.defaults and len(bindings) < len(known.bindings):
+        if known.defaults and len(bindings) < len(known.ports):
             given = {binding.port for binding in bindings}
             bindings += [binding for binding in known.defaults if binding.port not in given]
         node.bindings = bindings
@@ -646,8 +638,8 @@ class TreePlanner:
         if id in self._context.definitions.by_id:
             return True
         if element.get("ID") is not None and self._context.definitions.are_complete:
-            known = self._context.definitions.by_id
-            hint = tree_hint(id, known) if self._collector.take_comparisons(known) else ""
+            trees = self._context.definitions.by_id
+            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else ""
             self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
         return False
 

@@ -61,7 +61,7 @@ def _take_options(args: list[str]) -> tuple[list[str], list[str]]:
 
 class _Connection(NamedTuple):
     address: str
-    patience: float
+    wait_s: float
     keys: "ClientKeys | None"
 
 
@@ -69,7 +69,7 @@ class _Connection(NamedTuple):
 @click.argument("address", metavar="[ADDRESS]")
 @click.option(
     "--wait",
-    "patience",
+    "wait_s",
     type=click.FloatRange(min=0.05),
     default=3.0,
     show_default=True,
@@ -82,7 +82,7 @@ class _Connection(NamedTuple):
 def hook(
     context: click.Context,
     address: str,
-    patience: float,
+    wait_s: float,
     key_file: Path | None,
     robot_keys: tuple[str, ...],
 ) -> None:
@@ -92,7 +92,7 @@ def hook(
     --allow-control. A PATTERN is a node's path or name, with the wildcards * ? [] for several nodes.
     """
     [keys] = client_keys(key_file, robot_keys)
-    context.obj = _Connection(address, patience, keys)
+    context.obj = _Connection(address, wait_s, keys)
 
 
 @contextlib.contextmanager

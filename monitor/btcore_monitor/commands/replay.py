@@ -45,28 +45,28 @@ _COLOURS: Final[dict[Status, str]] = {RUNNING: "yellow", SUCCESS: "green", FAILU
 @click.option("--text", is_flag=True, help="Print a line for each transition instead: time, path, old → new.")
 @click.option(
     "--node",
-    "patterns",
+    "node_patterns",
     multiple=True,
     metavar="PATTERN",
     help="With --text: only nodes whose path matches, such as 'Patrol/*'; may be given several times.",
 )
 @click.option(
     "--from",
-    "begin",
+    "from_s",
     type=float,
     metavar="SECONDS",
     help="Time of the first transition.  [default: the start]",
 )
 @click.option(
-    "--to", "end", type=float, metavar="SECONDS", help="Time of the last transition.  [default: the end]"
+    "--to", "to_s", type=float, metavar="SECONDS", help="Time of the last transition.  [default: the end]"
 )
 @viewer_options
 def replay(
     log: str,
     text: bool,
-    patterns: Sequence[str],
-    begin: float | None,
-    end: float | None,
+    node_patterns: Sequence[str],
+    from_s: float | None,
+    to_s: float | None,
     options: ViewerOptions,
     drawing: DrawingOptions,
 ) -> None:
@@ -78,16 +78,16 @@ def replay(
     """
     if text and options.list_given():
         raise click.UsageError(f"--text and {options.list_given()[0]} exclude each other: choose one.")
-    if patterns and not text:
+    if node_patterns and not text:
         raise click.UsageError("--node selects lines, so it needs --text.")
-    if begin is not None and end is not None and begin > end:
-        raise click.UsageError(f"--from {begin:g} is after --to {end:g}.")
+    if from_s is not None and to_s is not None and from_s > to_s:
+        raise click.UsageError(f"--from {from_s:g} is after --to {to_s:g}.")
     recording = read_log(log)
     for warning in recording.warnings:
         print_line(f"warning: {warning}", err=True)
-    window = _find_window(recording, begin, end)
+    window = _find_window(recording, from_s, to_s)
     if text:
-        _print(recording, window, patterns)
+        _print(recording, window, node_patterns)
         return
     check_installed("rerun", "numpy")
     _show_recording(recording, window, options, drawing)
@@ -137,13 +137,13 @@ def events(recording: Recording, window: range) -> Iterator[Event]:
         yield MissingDataEvent(stamp, wall, stamp, "transitions", reason)
 
 
-def _find_window(recording: Recording, begin: float | None, end: float | None) -> range:
-    """Return the indices of the transitions between *begin* and *end* (s since the start, inclusive)."""
+def _find_window(recording: Recording, from_s: float | None, to_s: float | None) -> range:
+    """Return the indices of the transitions between *from_s* and *to_s* (s since the start, inclusive)."""
     since = [change.stamp - recording.start for change in recording.transitions]
     chosen = [
         index
         for index, ns in enumerate(since)
-        if (begin is None or ns >= begin * NS_PER_S) and (end is None or ns <= end * NS_PER_S)
+        if (from_s is None or ns >= from_s * NS_PER_S) and (to_s is None or ns <= to_s * NS_PER_S)
     ]
     if chosen:
         return range(chosen[0], chosen[-1] + 1)

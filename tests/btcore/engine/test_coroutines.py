@@ -10,7 +10,7 @@ import pytest
 from btcore import In, NodeExecutionError, Put, SimClock, Status, Tree, action, running, sleep
 from btcore.testing.plan_leaves import CallLog
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 
 def statuses(tree: Tree, ticks: int) -> str:
@@ -20,7 +20,7 @@ def statuses(tree: Tree, ticks: int) -> str:
 # --- resuming
 
 
-def test_await_running_ends_the_tick_and_the_next_tick_resumes_there(make_tree: Grow) -> None:
+def test_await_running_ends_the_tick_and_the_next_tick_resumes_there(make_tree: MakeTree) -> None:
     steps: list[str] = []
 
     @action
@@ -40,7 +40,7 @@ def test_await_running_ends_the_tick_and_the_next_tick_resumes_there(make_tree: 
     assert steps == ["near", "nearer", "there"]
 
 
-def test_a_generator_yields_where_a_coroutine_awaits(make_tree: Grow) -> None:
+def test_a_generator_yields_where_a_coroutine_awaits(make_tree: MakeTree) -> None:
     @action
     def approach() -> Generator[Status | None, None, bool]:
         yield
@@ -50,14 +50,14 @@ def test_a_generator_yields_where_a_coroutine_awaits(make_tree: Grow) -> None:
     assert statuses(make_tree("<Approach/>", approach), 4) == "RRFR"
 
 
-def test_coroutine_without_await_completes_in_its_first_tick(make_tree: Grow) -> None:
+def test_coroutine_without_await_completes_in_its_first_tick(make_tree: MakeTree) -> None:
     async def at_once() -> Status:
         return Status.SUCCESS
 
     assert make_tree("<AtOnce/>", at_once).tick_exactly_once() is Status.SUCCESS
 
 
-def test_coroutine_restarts_after_completion(make_tree: Grow) -> None:
+def test_coroutine_restarts_after_completion(make_tree: MakeTree) -> None:
     async def twice() -> bool:
         await running()
         return True
@@ -65,7 +65,7 @@ def test_coroutine_restarts_after_completion(make_tree: Grow) -> None:
     assert statuses(make_tree("<Twice/>", twice), 6) == "RSRSRS"
 
 
-def test_awaited_function_may_await_too(make_tree: Grow) -> None:
+def test_awaited_function_may_await_too(make_tree: MakeTree) -> None:
     async def wait(ticks: int) -> int:
         for _ in range(ticks):
             await running()
@@ -78,7 +78,7 @@ def test_awaited_function_may_await_too(make_tree: Grow) -> None:
     assert statuses(make_tree("<Approach/>", approach), 4) == "RRRS"
 
 
-def test_inputs_are_read_at_the_start_and_outputs_written_on_each_call(make_tree: Grow) -> None:
+def test_inputs_are_read_at_the_start_and_outputs_written_on_each_call(make_tree: MakeTree) -> None:
     @action
     async def count(limit: In[int], at: Put[int]) -> bool:
         for number in range(limit):
@@ -98,7 +98,7 @@ def test_inputs_are_read_at_the_start_and_outputs_written_on_each_call(make_tree
 # --- time
 
 
-def test_await_sleep_lasts_by_the_clock_of_the_tree(make_tree: Grow, clock: SimClock) -> None:
+def test_await_sleep_lasts_by_the_clock_of_the_tree(make_tree: MakeTree, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0.5)
         return True
@@ -111,7 +111,9 @@ def test_await_sleep_lasts_by_the_clock_of_the_tree(make_tree: Grow, clock: SimC
     assert tree.tick_exactly_once() is Status.SUCCESS
 
 
-def test_sleep_wakes_the_tree_at_its_deadline_not_a_period_later(make_tree: Grow, clock: SimClock) -> None:
+def test_sleep_wakes_the_tree_at_its_deadline_not_a_period_later(
+    make_tree: MakeTree, clock: SimClock
+) -> None:
     async def nap() -> bool:
         await sleep(0.25)
         return True
@@ -122,7 +124,7 @@ def test_sleep_wakes_the_tree_at_its_deadline_not_a_period_later(make_tree: Grow
     assert tree.ticks == 2
 
 
-def test_sleep_of_zero_is_running_for_one_tick(make_tree: Grow, clock: SimClock) -> None:
+def test_sleep_of_zero_is_running_for_one_tick(make_tree: MakeTree, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0)
         return True
@@ -131,7 +133,7 @@ def test_sleep_of_zero_is_running_for_one_tick(make_tree: Grow, clock: SimClock)
     assert clock.now() == 0
 
 
-def test_tick_during_a_sleep_does_not_end_it(make_tree: Grow, clock: SimClock) -> None:
+def test_tick_during_a_sleep_does_not_end_it(make_tree: MakeTree, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(1.0)
         return True
@@ -145,7 +147,7 @@ def test_tick_during_a_sleep_does_not_end_it(make_tree: Grow, clock: SimClock) -
 # --- halting
 
 
-def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: Grow, journal: CallLog) -> None:
+def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: MakeTree, journal: CallLog) -> None:
     @action
     async def drive() -> bool:
         journal.record("drive", "start")
@@ -163,7 +165,7 @@ def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: Grow, journal:
     assert journal.calls == ["clear:tick", "drive:start", "clear:tick", "drive:stop", "turn:tick"]
 
 
-def test_generator_is_cancelled_by_a_halt(make_tree: Grow) -> None:
+def test_generator_is_cancelled_by_a_halt(make_tree: MakeTree) -> None:
     stopped: list[bool] = []
 
     @action
@@ -181,7 +183,7 @@ def test_generator_is_cancelled_by_a_halt(make_tree: Grow) -> None:
     assert tree.root.status is Status.IDLE
 
 
-def test_coroutine_that_is_not_running_is_not_cancelled(make_tree: Grow) -> None:
+def test_coroutine_that_is_not_running_is_not_cancelled(make_tree: MakeTree) -> None:
     stopped: list[bool] = []
 
     @action
@@ -200,7 +202,7 @@ def test_coroutine_that_is_not_running_is_not_cancelled(make_tree: Grow) -> None
     assert stopped == [True]
 
 
-def test_halted_sleep_cancels_its_wake_up(make_tree: Grow, clock: SimClock) -> None:
+def test_halted_sleep_cancels_its_wake_up(make_tree: MakeTree, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0.1)
         return True
@@ -212,7 +214,7 @@ def test_halted_sleep_cancels_its_wake_up(make_tree: Grow, clock: SimClock) -> N
     assert clock.now() == 1_050_000_000
 
 
-def test_halted_coroutine_restarts_from_the_beginning(make_tree: Grow) -> None:
+def test_halted_coroutine_restarts_from_the_beginning(make_tree: MakeTree) -> None:
     async def three() -> bool:
         await running()
         await running()
@@ -224,7 +226,7 @@ def test_halted_coroutine_restarts_from_the_beginning(make_tree: Grow) -> None:
     assert statuses(tree, 3) == "RRS"
 
 
-def test_asynchronous_context_manager_without_await_is_exited_by_a_halt(make_tree: Grow) -> None:
+def test_asynchronous_context_manager_without_await_is_exited_by_a_halt(make_tree: MakeTree) -> None:
     left: list[bool] = []
 
     @asynccontextmanager
@@ -254,7 +256,7 @@ def halting_raises(tree: Tree) -> NodeExecutionError:
     return caught.value
 
 
-def test_await_while_being_halted_raises_an_error_that_names_the_leaf(make_tree: Grow) -> None:
+def test_await_while_being_halted_raises_an_error_that_names_the_leaf(make_tree: MakeTree) -> None:
     @action
     async def clings() -> bool:
         try:
@@ -277,7 +279,7 @@ def test_await_while_being_halted_raises_an_error_that_names_the_leaf(make_tree:
     assert "'Grips::1'" in str(halting_raises(make_tree("<Grips/>", grips)))
 
 
-def test_exception_in_finally_raises_an_error_that_names_the_leaf(make_tree: Grow) -> None:
+def test_exception_in_finally_raises_an_error_that_names_the_leaf(make_tree: MakeTree) -> None:
     @action
     async def breaks() -> bool:
         try:
@@ -311,7 +313,7 @@ class Foreign:
             self.closed = True
 
 
-def test_foreign_awaitable_raises_an_error_that_names_the_supported_awaitables(make_tree: Grow) -> None:
+def test_foreign_awaitable_raises_an_error_that_names_the_supported_awaitables(make_tree: MakeTree) -> None:
     foreign = Foreign()
 
     @action
@@ -325,7 +327,7 @@ def test_foreign_awaitable_raises_an_error_that_names_the_supported_awaitables(m
     assert foreign.closed
 
 
-def test_await_that_needs_an_event_loop_raises(make_tree: Grow) -> None:
+def test_await_that_needs_an_event_loop_raises(make_tree: MakeTree) -> None:
     @action
     async def waits() -> bool:
         await asyncio.sleep(0.1)
@@ -335,7 +337,7 @@ def test_await_that_needs_an_event_loop_raises(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("result", [None, 7, "SUCCESS"])
-def test_invalid_return_value_raises(result: Any, make_tree: Grow) -> None:
+def test_invalid_return_value_raises(result: Any, make_tree: MakeTree) -> None:
     async def waits() -> Any:
         await running()
         return result
@@ -345,7 +347,7 @@ def test_invalid_return_value_raises(result: Any, make_tree: Grow) -> None:
     assert f"not {result!r}" in str(tick_raises(tree))
 
 
-def test_yielding_a_result_is_refused(make_tree: Grow) -> None:
+def test_yielding_a_result_is_refused(make_tree: MakeTree) -> None:
     @action
     def hasty() -> Generator[Status, None, bool]:
         yield Status.SUCCESS
@@ -354,7 +356,7 @@ def test_yielding_a_result_is_refused(make_tree: Grow) -> None:
     assert "<Status.SUCCESS: 2>" in str(tick_raises(make_tree("<Hasty/>", hasty)))
 
 
-def test_coroutine_restarts_after_an_exception(make_tree: Grow) -> None:
+def test_coroutine_restarts_after_an_exception(make_tree: MakeTree) -> None:
     attempts: list[int] = []
 
     @action

@@ -21,7 +21,7 @@ from btcore import (
 )
 from btcore.testing.plan_leaves import CallLog
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 
 class Endless(SyncAction):
@@ -79,7 +79,7 @@ def tick_error(tree: Tree) -> NodeExecutionError:
 # --- overrides
 
 
-def test_no_built_in_node_overrides_execute_tick(make_tree: Grow) -> None:
+def test_no_built_in_node_overrides_execute_tick(make_tree: MakeTree) -> None:
     for format in (3, 4):
         for manifest in Registry.standard().manifests_of(format).values():
             assert manifest.cls.execute_tick is TreeNode.execute_tick
@@ -87,21 +87,21 @@ def test_no_built_in_node_overrides_execute_tick(make_tree: Grow) -> None:
 
 @pytest.mark.parametrize("around", ["{}", "<Inverter>{}</Inverter>", "<Sequence>{}</Sequence>"])
 @pytest.mark.parametrize("guard", ["", '_skipIf="false"', '_onSuccess="x := 1"'])
-def test_override_is_called_in_every_position(around: str, guard: str, make_tree: Grow) -> None:
+def test_override_is_called_in_every_position(around: str, guard: str, make_tree: MakeTree) -> None:
     tree = make_tree(around.format(f"<NotedYes {guard}/>"), NotedYes)
     tree.tick_once()
     tree.tick_once()
     assert tree.find(NotedYes)[0].noted == [Status.SUCCESS, Status.SUCCESS]
 
 
-def test_override_in_a_decorator_resets_its_completed_child(make_tree: Grow) -> None:
+def test_override_in_a_decorator_resets_its_completed_child(make_tree: MakeTree) -> None:
     tree = make_tree("<NotedPass><NotedYes/></NotedPass>", NotedPass, NotedYes)
     assert tree.tick_exactly_once() is Status.SUCCESS
     assert tree.find(NotedPass)[0].noted == tree.find(NotedYes)[0].noted == [Status.SUCCESS]
     assert tree.find(NotedYes)[0].status is Status.IDLE
 
 
-def test_override_in_a_control_node_calls_the_overrides_of_its_children(make_tree: Grow) -> None:
+def test_override_in_a_control_node_calls_the_overrides_of_its_children(make_tree: MakeTree) -> None:
     tree = make_tree(
         "<NotedAll><NotedYes/><NotedPass><NotedYes/></NotedPass></NotedAll>", NotedAll, NotedYes, NotedPass
     )
@@ -109,7 +109,7 @@ def test_override_in_a_control_node_calls_the_overrides_of_its_children(make_tre
     assert [node.noted for node in tree] == [[Status.SUCCESS]] * 4  # type: ignore[attr-defined]
 
 
-def test_override_may_prevent_the_tick(make_tree: Grow) -> None:
+def test_override_may_prevent_the_tick(make_tree: MakeTree) -> None:
     class Never(SyncAction):
         def execute_tick(self) -> Status:
             return Status.SKIPPED
@@ -121,7 +121,7 @@ def test_override_may_prevent_the_tick(make_tree: Grow) -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_override_that_raises_names_the_parent_node(make_tree: Grow) -> None:
+def test_override_that_raises_names_the_parent_node(make_tree: MakeTree) -> None:
     class Broken(SyncAction):
         def execute_tick(self) -> Status:
             raise ValueError("out of reach")
@@ -130,7 +130,7 @@ def test_override_that_raises_names_the_parent_node(make_tree: Grow) -> None:
     assert (error.path, error.backtrace) == ("s", ["s"])
 
 
-def test_attributes_of_a_users_leaf_do_not_conflict_with_the_engine(make_tree: Grow) -> None:
+def test_attributes_of_a_users_leaf_do_not_conflict_with_the_engine(make_tree: MakeTree) -> None:
     class Follow(SyncAction):
         follows = "the wall"
 
@@ -146,7 +146,7 @@ def test_attributes_of_a_users_leaf_do_not_conflict_with_the_engine(make_tree: G
 @pytest.mark.parametrize("guard", ["", '_while="true"', '_onFailure="x := 1"'])
 @pytest.mark.parametrize("leaf", [Endless, NotedEndless])
 def test_synchronous_action_that_returns_running_is_named_with_its_ancestors(
-    leaf: type[SyncAction], guard: str, make_tree: Grow
+    leaf: type[SyncAction], guard: str, make_tree: MakeTree
 ) -> None:
     body = f'<Sequence name="s"><Inverter name="i"><{leaf.__name__} name="e" {guard}/></Inverter></Sequence>'
     error = tick_error(make_tree(body, leaf))
@@ -156,14 +156,14 @@ def test_synchronous_action_that_returns_running_is_named_with_its_ancestors(
     assert "use StatefulAction" in str(error)
 
 
-def test_running_synchronous_action_is_named_with_counts_and_a_callback(make_tree: Grow) -> None:
+def test_running_synchronous_action_is_named_with_counts_and_a_callback(make_tree: MakeTree) -> None:
     tree = make_tree('<Endless name="e"/>', Endless)
     tree.count_ticks()
     tree.root.set_post_tick_function(lambda node, status: status)
     assert tick_error(tree).path == "e"
 
 
-def test_callback_may_replace_the_running_result(make_tree: Grow) -> None:
+def test_callback_may_replace_the_running_result(make_tree: MakeTree) -> None:
     tree = make_tree('<Endless name="e"/>', Endless)
     tree.root.set_post_tick_function(lambda node, status: Status.FAILURE)
     assert tree.tick_once() is Status.FAILURE
@@ -174,7 +174,7 @@ def test_callback_may_replace_the_running_result(make_tree: Grow) -> None:
 
 @pytest.mark.parametrize("guard", ["", '_skipIf="false"'])
 @pytest.mark.parametrize("said", [None, 1, 0, "SUCCESS", Status.IDLE, 2.0, 7])
-def test_only_a_status_or_a_bool_ends_a_tick(said: Any, guard: str, make_tree: Grow) -> None:
+def test_only_a_status_or_a_bool_ends_a_tick(said: Any, guard: str, make_tree: MakeTree) -> None:
     class Odd(Condition):
         def tick(self) -> Any:
             return said
@@ -185,7 +185,7 @@ def test_only_a_status_or_a_bool_ends_a_tick(said: Any, guard: str, make_tree: G
 
 
 @pytest.mark.parametrize("body", ["<Stop/>", "<Inverter><Stop/></Inverter>", '<Stop _skipIf="false"/>'])
-def test_interrupted_tree_continues_where_it_was(body: str, make_tree: Grow) -> None:
+def test_interrupted_tree_continues_where_it_was(body: str, make_tree: MakeTree) -> None:
     class Stop(SyncAction):
         calls = 0
 
@@ -204,7 +204,7 @@ def test_interrupted_tree_continues_where_it_was(body: str, make_tree: Grow) -> 
 
 @pytest.mark.parametrize("kind", ["Sequence", "SequenceWithMemory", "Fallback"])
 def test_after_an_error_only_a_sequence_with_memory_resumes_at_the_raising_child(
-    kind: str, make_tree: Grow, journal: CallLog
+    kind: str, make_tree: MakeTree, journal: CallLog
 ) -> None:
     plan = "F" if kind == "Fallback" else "S"
     tree = make_tree(
@@ -216,7 +216,7 @@ def test_after_an_error_only_a_sequence_with_memory_resumes_at_the_raising_child
     assert journal.take() == (["x:tick"] if kind == "SequenceWithMemory" else ["a:tick", "x:tick"])
 
 
-def test_node_that_halts_its_own_tree_in_a_tick_keeps_its_result(make_tree: Grow) -> None:
+def test_node_that_halts_its_own_tree_in_a_tick_keeps_its_result(make_tree: MakeTree) -> None:
     class Reckless(SyncAction):
         tree: Tree
 
@@ -234,7 +234,7 @@ def test_node_that_halts_its_own_tree_in_a_tick_keeps_its_result(make_tree: Grow
 # --- in an event loop
 
 
-def test_run_raises_an_error_with_the_same_backtrace(make_tree: Grow) -> None:
+def test_run_raises_an_error_with_the_same_backtrace(make_tree: MakeTree) -> None:
     class Late(StatefulAction):
         def on_start(self) -> Status:
             return Status.RUNNING

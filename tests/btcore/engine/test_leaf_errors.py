@@ -19,7 +19,7 @@ from btcore import (
 )
 from btcore.testing.plan_leaves import CallLog
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 
 class Explode(SyncAction):
@@ -86,7 +86,7 @@ def test_error_names_node_id_position_and_cause(tmp_path: Path) -> None:
     ]
 
 
-def test_backtrace_leads_from_the_root_through_subtrees(make_tree: Grow) -> None:
+def test_backtrace_leads_from_the_root_through_subtrees(make_tree: MakeTree) -> None:
     tree = make_tree(
         '<Sequence name="s"><SubTree ID="Sub" name="inner"/></Sequence>',
         Explode,
@@ -95,7 +95,7 @@ def test_backtrace_leads_from_the_root_through_subtrees(make_tree: Grow) -> None
     assert tick_raises(tree).backtrace == ["s", "inner", "inner/f", "inner/boom"]
 
 
-def test_exception_halts_the_tree_and_the_running_siblings(make_tree: Grow, journal: CallLog) -> None:
+def test_exception_halts_the_tree_and_the_running_siblings(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree(PARALLEL, Explode)
     tick_raises(tree)
     assert journal.calls == ["a:start", "a:halted"]
@@ -103,19 +103,19 @@ def test_exception_halts_the_tree_and_the_running_siblings(make_tree: Grow, jour
     assert tree.status is Status.IDLE
 
 
-def test_tree_can_be_ticked_again_after_an_exception(make_tree: Grow, journal: CallLog) -> None:
+def test_tree_can_be_ticked_again_after_an_exception(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree('<Sequence><PlanAction name="a" plan="S"/><PlanAction name="x" plan="X|S"/></Sequence>')
     tick_raises(tree)
     assert tree.tick_once() is Status.SUCCESS
 
 
 @pytest.mark.parametrize("step", [Tree.tick_exactly_once, Tree.tick_once, Tree.tick_while_running])
-def test_every_tick_method_raises_the_error(step: Callable[[Tree], Status], make_tree: Grow) -> None:
+def test_every_tick_method_raises_the_error(step: Callable[[Tree], Status], make_tree: MakeTree) -> None:
     with pytest.raises(NodeExecutionError):
         step(make_tree("<Explode/>", Explode))
 
 
-def test_observers_are_notified_of_an_error_before_the_tree_is_halted(make_tree: Grow) -> None:
+def test_observers_are_notified_of_an_error_before_the_tree_is_halted(make_tree: MakeTree) -> None:
     heard: list[tuple[str, int, list[str]]] = []
 
     class Listener(Observer):
@@ -129,7 +129,9 @@ def test_observers_are_notified_of_an_error_before_the_tree_is_halted(make_tree:
     assert heard == [("boom", 500_000_000, ["all", "a", "i"])]
 
 
-def test_error_of_the_following_halt_does_not_hide_the_first_error(make_tree: Grow, journal: CallLog) -> None:
+def test_error_of_the_following_halt_does_not_hide_the_first_error(
+    make_tree: MakeTree, journal: CallLog
+) -> None:
     tree = make_tree(
         '<Parallel success_count="3"><Cling name="c"/><PlanAction name="a" plan="R"/>'
         '<Explode name="boom"/></Parallel>',
@@ -141,19 +143,19 @@ def test_error_of_the_following_halt_does_not_hide_the_first_error(make_tree: Gr
     assert journal.calls == ["a:start", "a:halted"]
 
 
-def test_script_that_cannot_be_run_names_its_own_node(make_tree: Grow) -> None:
+def test_script_that_cannot_be_run_names_its_own_node(make_tree: MakeTree) -> None:
     tree = make_tree('<Sequence><AlwaysSuccess name="a" _skipIf="missing == 1"/></Sequence>')
     error = tick_raises(tree)
     assert error.path == "a"
     assert "missing" in str(error)
 
 
-def test_script_after_the_tick_names_its_own_node(make_tree: Grow) -> None:
+def test_script_after_the_tick_names_its_own_node(make_tree: MakeTree) -> None:
     error = tick_raises(make_tree('<Sequence><AlwaysSuccess name="a" _onSuccess="x += 1"/></Sequence>'))
     assert error.path == "a"
 
 
-def test_interruption_is_not_wrapped(make_tree: Grow) -> None:
+def test_interruption_is_not_wrapped(make_tree: MakeTree) -> None:
     class Interrupted(SyncAction):
         def tick(self) -> Status:
             raise KeyboardInterrupt
@@ -168,7 +170,7 @@ def test_interruption_is_not_wrapped(make_tree: Grow) -> None:
 # --- while halting
 
 
-def test_leaf_that_raises_when_halted_is_named_and_becomes_idle(make_tree: Grow) -> None:
+def test_leaf_that_raises_when_halted_is_named_and_becomes_idle(make_tree: MakeTree) -> None:
     tree = make_tree('<Sequence name="s"><Cling name="c"/></Sequence>', Cling)
     tree.tick_once()
     error = halt_raises(tree)
@@ -179,7 +181,9 @@ def test_leaf_that_raises_when_halted_is_named_and_becomes_idle(make_tree: Grow)
     assert tree.status is Status.IDLE
 
 
-def test_other_leaves_are_halted_too_and_the_first_error_is_raised(make_tree: Grow, journal: CallLog) -> None:
+def test_other_leaves_are_halted_too_and_the_first_error_is_raised(
+    make_tree: MakeTree, journal: CallLog
+) -> None:
     tree = make_tree(
         '<Parallel><PlanAction name="a" plan="R"/><Cling name="c1"/><PlanAction name="b" plan="R"/>'
         '<Inverter><Cling name="c2"/></Inverter><PlanAction name="d" plan="R"/></Parallel>',
@@ -193,7 +197,7 @@ def test_other_leaves_are_halted_too_and_the_first_error_is_raised(make_tree: Gr
 
 
 def test_leaf_halted_by_its_parent_in_a_tick_raises_an_error_of_that_tick(
-    make_tree: Grow, journal: CallLog
+    make_tree: MakeTree, journal: CallLog
 ) -> None:
     tree = make_tree(
         '<ReactiveSequence><PlanCondition name="q" plan="SF"/><Cling name="c"/></ReactiveSequence>', Cling
@@ -216,7 +220,7 @@ def test_leaf_halted_by_its_parent_in_a_tick_raises_an_error_of_that_tick(
         '<SequenceWithMemory><PlanAction name="x" plan="S"/>{}</SequenceWithMemory>',
     ],
 )
-def test_nothing_stays_running_under_any_parent(around: str, make_tree: Grow) -> None:
+def test_nothing_stays_running_under_any_parent(around: str, make_tree: MakeTree) -> None:
     tree = make_tree(around.format('<Cling name="c"/>'), Cling)
     assert tree.tick_exactly_once() is Status.RUNNING
     if tree.find(Cling)[0].status is Status.IDLE:
@@ -226,14 +230,14 @@ def test_nothing_stays_running_under_any_parent(around: str, make_tree: Grow) ->
     assert idle(tree)
 
 
-def test_script_that_cannot_be_run_on_a_halt_names_its_node(make_tree: Grow) -> None:
+def test_script_that_cannot_be_run_on_a_halt_names_its_node(make_tree: MakeTree) -> None:
     tree = make_tree('<Sequence><PlanAction name="a" plan="R" _onHalted="x += 1"/></Sequence>')
     tree.tick_once()
     assert halt_raises(tree).path == "a"
     assert idle(tree)
 
 
-def test_observers_are_notified_of_an_error_while_halting(make_tree: Grow) -> None:
+def test_observers_are_notified_of_an_error_while_halting(make_tree: MakeTree) -> None:
     heard: list[str] = []
 
     class Listener(Observer):

@@ -35,7 +35,7 @@ from btcore import (
 from btcore.engine.functions import camel_case
 from btcore.values import INT64, STRING, Int64
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 
 class Robot:
@@ -47,7 +47,7 @@ class Robot:
 # --- functions
 
 
-def test_bool_results_become_success_and_failure_and_a_status_is_kept(make_tree: Grow) -> None:
+def test_bool_results_become_success_and_failure_and_a_status_is_kept(make_tree: MakeTree) -> None:
     @action
     def yes() -> bool:
         return True
@@ -81,7 +81,7 @@ def test_tag_is_the_camel_case_name_or_the_given_id() -> None:
     assert "ChargeTheBattery" not in nodes
 
 
-def test_function_needs_no_decorator(make_tree: Grow) -> None:
+def test_function_needs_no_decorator(make_tree: MakeTree) -> None:
     def plain() -> bool:
         return True
 
@@ -96,7 +96,7 @@ def test_decorated_function_can_still_be_called() -> None:
     assert double(21) == 42
 
 
-def test_input_is_read_at_every_tick_as_its_annotated_type(make_tree: Grow) -> None:
+def test_input_is_read_at_every_tick_as_its_annotated_type(make_tree: MakeTree) -> None:
     seen: list[object] = []
 
     @action
@@ -113,7 +113,7 @@ def test_input_is_read_at_every_tick_as_its_annotated_type(make_tree: Grow) -> N
     assert type(seen[0][0]) is int  # type: ignore[index]
 
 
-def test_list_input_is_a_copy_that_a_leaf_may_change(make_tree: Grow) -> None:
+def test_list_input_is_a_copy_that_a_leaf_may_change(make_tree: MakeTree) -> None:
     lengths: list[int] = []
 
     @action
@@ -128,7 +128,7 @@ def test_list_input_is_a_copy_that_a_leaf_may_change(make_tree: Grow) -> None:
     assert lengths == [3, 3]
 
 
-def test_a_put_port_is_a_callable_that_writes_the_blackboard(make_tree: Grow) -> None:
+def test_a_put_port_is_a_callable_that_writes_the_blackboard(make_tree: MakeTree) -> None:
     @action
     def measure(distance: Put[float]) -> bool:
         distance(0.25)
@@ -139,7 +139,7 @@ def test_a_put_port_is_a_callable_that_writes_the_blackboard(make_tree: Grow) ->
     assert tree.blackboard["d"] == 0.25
 
 
-def test_parameter_default_is_the_default_of_the_port(make_tree: Grow) -> None:
+def test_parameter_default_is_the_default_of_the_port(make_tree: MakeTree) -> None:
     seen: list[object] = []
 
     @action
@@ -155,7 +155,7 @@ def test_parameter_default_is_the_default_of_the_port(make_tree: Grow) -> None:
     assert (port.direction, port.type.name, port.default) == (Direction.IN, "double", "0.200000")
 
 
-def test_default_may_be_a_value_without_a_text_form(make_tree: Grow) -> None:
+def test_default_may_be_a_value_without_a_text_form(make_tree: MakeTree) -> None:
     home = Robot("home")
     seen: list[Robot] = []
 
@@ -168,7 +168,7 @@ def test_default_may_be_a_value_without_a_text_form(make_tree: Grow) -> None:
     assert seen == [home]
 
 
-def test_the_default_of_an_output_names_an_entry(make_tree: Grow) -> None:
+def test_the_default_of_an_output_names_an_entry(make_tree: MakeTree) -> None:
     @action
     def measure(distance: Put[float] = "{nearest}") -> bool:  # type: ignore[assignment]
         distance(1.0)
@@ -179,7 +179,7 @@ def test_the_default_of_an_output_names_an_entry(make_tree: Grow) -> None:
     assert tree.blackboard["nearest"] == 1.0
 
 
-def test_any_other_parameter_is_a_resource_filled_by_type(make_tree: Grow) -> None:
+def test_any_other_parameter_is_a_resource_filled_by_type(make_tree: MakeTree) -> None:
     @action
     def drive(robot: Robot, speed: In[float]) -> bool:
         robot.driven.append(speed)
@@ -193,7 +193,7 @@ def test_any_other_parameter_is_a_resource_filled_by_type(make_tree: Grow) -> No
     assert tiago.driven == [0.3]
 
 
-def test_resource_may_be_requested_by_a_protocol(make_tree: Grow) -> None:
+def test_resource_may_be_requested_by_a_protocol(make_tree: MakeTree) -> None:
     @runtime_checkable
     class Horn(Protocol):
         def honk(self) -> str: ...
@@ -213,7 +213,7 @@ def test_resource_may_be_requested_by_a_protocol(make_tree: Grow) -> None:
 
 
 def test_clock_and_blackboard_of_the_tree_are_always_available_resources(
-    make_tree: Grow, clock: SimClock
+    make_tree: MakeTree, clock: SimClock
 ) -> None:
     given: list[object] = []
 
@@ -228,7 +228,7 @@ def test_clock_and_blackboard_of_the_tree_are_always_available_resources(
     assert tree.registry.manifests["Look"].required_resources == []
 
 
-def test_tree_state_is_shared_within_a_tree_and_separate_between_trees(make_tree: Grow) -> None:
+def test_tree_state_is_shared_within_a_tree_and_separate_between_trees(make_tree: MakeTree) -> None:
     class Laps(TreeState):
         def __init__(self) -> None:
             self.count = 0
@@ -247,7 +247,7 @@ def test_tree_state_is_shared_within_a_tree_and_separate_between_trees(make_tree
     assert tree.registry.manifests["Lap"].required_resources == []
 
 
-def test_resource_with_a_default_is_optional(make_tree: Grow) -> None:
+def test_resource_with_a_default_is_optional(make_tree: MakeTree) -> None:
     @action
     def greet(robot: Robot = Robot("nobody"), *, said: Put[str]) -> bool:  # noqa: B008
         said(robot.name)
@@ -258,7 +258,7 @@ def test_resource_with_a_default_is_optional(make_tree: Grow) -> None:
     assert tree.blackboard["said"] == "nobody"
 
 
-def test_missing_resource_is_named_when_the_tree_is_built(make_tree: Grow) -> None:
+def test_missing_resource_is_named_when_the_tree_is_built(make_tree: MakeTree) -> None:
     @action
     def drive(robot: Robot) -> bool:
         return True
@@ -267,7 +267,7 @@ def test_missing_resource_is_named_when_the_tree_is_built(make_tree: Grow) -> No
         make_tree("<Drive/>", drive)
 
 
-def test_two_resources_of_one_type_raise_when_the_tree_is_built(make_tree: Grow) -> None:
+def test_two_resources_of_one_type_raise_when_the_tree_is_built(make_tree: MakeTree) -> None:
     @action
     def drive(robot: Robot) -> bool:
         robot.driven.append(1.0)
@@ -281,7 +281,7 @@ def test_two_resources_of_one_type_raise_when_the_tree_is_built(make_tree: Grow)
     assert robot.driven == [1.0]
 
 
-def test_two_resources_that_no_leaf_takes_are_accepted(make_tree: Grow) -> None:
+def test_two_resources_that_no_leaf_takes_are_accepted(make_tree: MakeTree) -> None:
     assert make_tree("<AlwaysSuccess/>", resources=[Robot(), Robot()]).tick_once() is Status.SUCCESS
 
 
@@ -304,7 +304,7 @@ def test_docstring_describes_the_leaf_and_annotation_text_the_port() -> None:
     assert nodes.manifests["Wait"].description == "Wait a bit."
 
 
-def test_int64_is_a_valid_port_annotation(make_tree: Grow) -> None:
+def test_int64_is_a_valid_port_annotation(make_tree: MakeTree) -> None:
     @action
     def note(stamp: In[Int64], kept: Put[Int64]) -> bool:
         kept(stamp)
@@ -321,7 +321,7 @@ def test_int64_is_a_valid_port_annotation(make_tree: Grow) -> None:
 # --- classes
 
 
-def test_class_is_a_leaf_whose_tag_is_its_name(make_tree: Grow) -> None:
+def test_class_is_a_leaf_whose_tag_is_its_name(make_tree: MakeTree) -> None:
     class IsOpen(Condition):
         def tick(self) -> bool:  # type: ignore[override]
             return True
@@ -360,7 +360,7 @@ class Approach(StatefulAction):
         self.halts += 1
 
 
-def test_stateful_action_starts_continues_and_is_reset_when_done(make_tree: Grow) -> None:
+def test_stateful_action_starts_continues_and_is_reset_when_done(make_tree: MakeTree) -> None:
     robot = Robot()
     tree = make_tree('<Approach goal="1.5" remaining="{left}"/>', Approach, resources=[robot])
     assert [tree.tick_once() for _ in range(3)] == [Status.RUNNING, Status.RUNNING, Status.SUCCESS]
@@ -369,7 +369,7 @@ def test_stateful_action_starts_continues_and_is_reset_when_done(make_tree: Grow
     assert len(robot.driven) == 4
 
 
-def test_assigning_an_out_port_writes_the_blackboard(make_tree: Grow) -> None:
+def test_assigning_an_out_port_writes_the_blackboard(make_tree: MakeTree) -> None:
     tree = make_tree('<Approach goal="1.5" remaining="{left}"/>', Approach, resources=[Robot()])
     tree.tick_once()
     assert tree.blackboard["left"] == 1.0
@@ -378,7 +378,7 @@ def test_assigning_an_out_port_writes_the_blackboard(make_tree: Grow) -> None:
     assert "remaining" not in vars(tree.root)
 
 
-def test_on_halted_is_called_only_while_the_action_runs(make_tree: Grow) -> None:
+def test_on_halted_is_called_only_while_the_action_runs(make_tree: MakeTree) -> None:
     tree = make_tree('<Approach goal="1.5" remaining="{left}"/>', Approach, resources=[Robot()])
     tree.halt()
     assert tree.find(Approach)[0].halts == 0
@@ -387,7 +387,7 @@ def test_on_halted_is_called_only_while_the_action_runs(make_tree: Grow) -> None
     assert tree.find(Approach)[0].halts == 1
 
 
-def test_completed_stateful_action_keeps_its_result_until_reset(make_tree: Grow) -> None:
+def test_completed_stateful_action_keeps_its_result_until_reset(make_tree: MakeTree) -> None:
     starts: list[str] = []
 
     class Once(StatefulAction):
@@ -404,7 +404,7 @@ def test_completed_stateful_action_keeps_its_result_until_reset(make_tree: Grow)
     assert len(starts) == 1
 
 
-def test_inout_port_of_a_class_can_be_read_and_written(make_tree: Grow) -> None:
+def test_inout_port_of_a_class_can_be_read_and_written(make_tree: MakeTree) -> None:
     class Count(SyncAction):
         counter: InOut[int]
 
@@ -419,7 +419,7 @@ def test_inout_port_of_a_class_can_be_read_and_written(make_tree: Grow) -> None:
     assert tree.blackboard["n"] == 42
 
 
-def test_input_cannot_be_assigned_and_output_cannot_be_read(make_tree: Grow) -> None:
+def test_input_cannot_be_assigned_and_output_cannot_be_read(make_tree: MakeTree) -> None:
     class Muddle(SyncAction):
         given: In[int]
         made: Out[int]
@@ -434,7 +434,7 @@ def test_input_cannot_be_assigned_and_output_cannot_be_read(make_tree: Grow) -> 
     assert make_tree('<Muddle given="1" made="{m}"/>', Muddle).tick_once() is Status.SUCCESS
 
 
-def test_reading_an_out_port_suggests_inout(make_tree: Grow) -> None:
+def test_reading_an_out_port_suggests_inout(make_tree: MakeTree) -> None:
     class Count(SyncAction):
         times: Out[int]
 
@@ -447,7 +447,7 @@ def test_reading_an_out_port_suggests_inout(make_tree: Grow) -> None:
         make_tree('<Count times="{n}"/>', Count).tick_once()
 
 
-def test_ports_and_resources_are_inherited(make_tree: Grow) -> None:
+def test_ports_and_resources_are_inherited(make_tree: MakeTree) -> None:
     class Careful(Approach):
         """Keep a larger distance."""
 
@@ -463,7 +463,7 @@ def test_ports_and_resources_are_inherited(make_tree: Grow) -> None:
     assert tree.registry.manifests["Approach"].ports["reach"].default == "0.300000"
 
 
-def test_subclass_may_change_the_direction_of_an_inherited_port(make_tree: Grow) -> None:
+def test_subclass_may_change_the_direction_of_an_inherited_port(make_tree: MakeTree) -> None:
     class Reads(SyncAction):
         counter: In[int]
 
@@ -482,7 +482,7 @@ def test_subclass_may_change_the_direction_of_an_inherited_port(make_tree: Grow)
     assert tree.blackboard["n"] == 5
 
 
-def test_a_leaf_may_be_a_dataclass(make_tree: Grow) -> None:
+def test_a_leaf_may_be_a_dataclass(make_tree: MakeTree) -> None:
     @dataclass
     class Greet(SyncAction):
         robot: Robot
@@ -503,7 +503,7 @@ def test_a_leaf_may_be_a_dataclass(make_tree: Grow) -> None:
     assert list(tree.registry.manifests["Greet"].ports) == ["who", "word", "greeting"]
 
 
-def test_leaf_attributes_are_available_in_its_init(make_tree: Grow) -> None:
+def test_leaf_attributes_are_available_in_its_init(make_tree: MakeTree) -> None:
     class Curious(SyncAction):
         level: In[int]
 
@@ -517,7 +517,7 @@ def test_leaf_attributes_are_available_in_its_init(make_tree: Grow) -> None:
     assert tree.find(Curious)[0].known == ("who", "who", 2, "Curious", 3, Status.IDLE)
 
 
-def test_exception_in_init_is_a_tree_error_with_its_position(make_tree: Grow) -> None:
+def test_exception_in_init_is_a_tree_error_with_its_position(make_tree: MakeTree) -> None:
     class Broken(SyncAction):
         def __init__(self) -> None:
             raise ValueError("out of luck")
@@ -572,7 +572,7 @@ class ForgetsInAThread(ThreadedAction):
     ],
 )
 def test_a_leaf_that_returns_none_is_named_with_its_function_and_file(
-    make_tree: Grow, leaf: Any, function: Any
+    make_tree: MakeTree, leaf: Any, function: Any
 ) -> None:
     tree = make_tree(f"<{camel_case(leaf.__name__)}/>", leaf)
     with pytest.raises(NodeExecutionError) as caught:
@@ -583,7 +583,7 @@ def test_a_leaf_that_returns_none_is_named_with_its_function_and_file(
 
 
 @pytest.mark.parametrize("result", [1, "SUCCESS", Status.IDLE, object()])
-def test_tick_with_an_invalid_result_raises(result: Any, make_tree: Grow) -> None:
+def test_tick_with_an_invalid_result_raises(result: Any, make_tree: MakeTree) -> None:
     def answer() -> Any:
         return result
 
@@ -593,7 +593,7 @@ def test_tick_with_an_invalid_result_raises(result: Any, make_tree: Grow) -> Non
 
 
 @pytest.mark.parametrize("number", [0.5, 1.5])
-def test_numpy_bool_counts_as_a_bool(make_tree: Grow, number: float) -> None:
+def test_numpy_bool_counts_as_a_bool(make_tree: MakeTree, number: float) -> None:
     @condition
     def is_near() -> object:
         return np.float64(number) < 1.0
@@ -603,7 +603,7 @@ def test_numpy_bool_counts_as_a_bool(make_tree: Grow, number: float) -> None:
     assert tree.tick_once() is (Status.SUCCESS if number < 1.0 else Status.FAILURE)
 
 
-def test_other_numpy_values_are_no_result_of_a_tick(make_tree: Grow) -> None:
+def test_other_numpy_values_are_no_result_of_a_tick(make_tree: MakeTree) -> None:
     @condition
     def is_near() -> object:
         return np.int64(1)
@@ -612,7 +612,7 @@ def test_other_numpy_values_are_no_result_of_a_tick(make_tree: Grow) -> None:
         make_tree("<IsNear/>", is_near).tick_once()
 
 
-def test_synchronous_action_that_returns_running_raises(make_tree: Grow) -> None:
+def test_synchronous_action_that_returns_running_raises(make_tree: MakeTree) -> None:
     @action
     def lasting() -> Status:
         return Status.RUNNING
@@ -621,7 +621,7 @@ def test_synchronous_action_that_returns_running_raises(make_tree: Grow) -> None
     assert "for an action of several ticks use StatefulAction, a generator or async def" in said
 
 
-def test_a_condition_may_return_running(make_tree: Grow) -> None:
+def test_a_condition_may_return_running(make_tree: MakeTree) -> None:
     @condition
     def unsure() -> Status:
         return Status.RUNNING
@@ -629,7 +629,7 @@ def test_a_condition_may_return_running(make_tree: Grow) -> None:
     assert make_tree("<Unsure/>", unsure).tick_once() is Status.RUNNING
 
 
-def test_missing_mandatory_port_raises_at_the_tick(make_tree: Grow) -> None:
+def test_missing_mandatory_port_raises_at_the_tick(make_tree: MakeTree) -> None:
     def look(level: In[float], distance: Put[float]) -> bool:
         distance(level)
         return True
@@ -639,7 +639,7 @@ def test_missing_mandatory_port_raises_at_the_tick(make_tree: Grow) -> None:
     assert "<Look> writes port [distance], which the tree does not give" in said
 
 
-def test_an_entry_that_was_never_written_is_named(make_tree: Grow) -> None:
+def test_an_entry_that_was_never_written_is_named(make_tree: MakeTree) -> None:
     class Look(SyncAction):
         level: In[float]
 
@@ -651,7 +651,7 @@ def test_an_entry_that_was_never_written_is_named(make_tree: Grow) -> None:
     )
 
 
-def test_value_of_a_wrong_type_is_reported_with_its_port(make_tree: Grow) -> None:
+def test_value_of_a_wrong_type_is_reported_with_its_port(make_tree: MakeTree) -> None:
     def measure(distance: Put[float]) -> bool:
         distance(object())  # type: ignore[arg-type]
         return True
@@ -659,7 +659,7 @@ def test_value_of_a_wrong_type_is_reported_with_its_port(make_tree: Grow) -> Non
     assert "port [distance] takes double" in raised(make_tree('<Measure distance="{d}"/>', measure))
 
 
-def test_output_that_is_not_a_key_is_reported(make_tree: Grow) -> None:
+def test_output_that_is_not_a_key_is_reported(make_tree: MakeTree) -> None:
     def note(text: Put[str]) -> bool:
         text("one")
         return True
@@ -693,7 +693,7 @@ def test_function_with_an_out_annotation_is_refused(form: Any) -> None:
     assert "count can't be assigned: annotate an output with Put[…]" in registration_error(count)
 
 
-def test_a_port_of_a_function_may_be_of_any_type(make_tree: Grow) -> None:
+def test_a_port_of_a_function_may_be_of_any_type(make_tree: MakeTree) -> None:
     def copy(source: In, target: Put) -> bool:
         target(source)
         return True
@@ -723,7 +723,7 @@ def test_port_that_would_hide_an_attribute_of_the_engine_is_refused(name: str) -
     assert f"port '{name}' of Follow would hide the attribute" in registration_error(follow)
 
 
-def test_port_in_provided_ports_may_have_the_name_of_an_attribute(make_tree: Grow) -> None:
+def test_port_in_provided_ports_may_have_the_name_of_an_attribute(make_tree: MakeTree) -> None:
     class Follow(SyncAction):
         @staticmethod
         def provided_ports() -> list[Port]:
@@ -764,7 +764,7 @@ def test_an_asynchronous_generator_is_refused() -> None:
     assert "async def" in registration_error(both)
 
 
-def test_protocol_without_runtime_checkable_is_refused(make_tree: Grow) -> None:
+def test_protocol_without_runtime_checkable_is_refused(make_tree: MakeTree) -> None:
     class Horn(Protocol):
         def honk(self) -> str: ...
 

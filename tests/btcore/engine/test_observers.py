@@ -9,7 +9,7 @@ import pytest
 from btcore import NodeExecutionError, Observer, SimClock, Status, SyncAction, Transition, Transitions, Tree
 from btcore.tree.hooks import Hook
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 BODY = '<Sequence name="s"><PlanSync name="a" plan="S"/><PlanAction name="b" plan="RS"/></Sequence>'
 
@@ -41,7 +41,7 @@ class Broken(Observer):
     ticked = raised = transition  # type: ignore[assignment]
 
 
-def test_every_status_change_is_a_transition_in_order(make_tree: Grow) -> None:
+def test_every_status_change_is_a_transition_in_order(make_tree: MakeTree) -> None:
     tree = make_tree(BODY)
     listener = Listener()
     tree.subscribe(listener)
@@ -62,7 +62,7 @@ def test_every_status_change_is_a_transition_in_order(make_tree: Grow) -> None:
 
 
 def test_transitions_are_numbered_without_gaps_and_carry_time_and_tick(
-    make_tree: Grow, clock: SimClock
+    make_tree: MakeTree, clock: SimClock
 ) -> None:
     tree = make_tree(BODY)
     listener = Listener()
@@ -76,7 +76,7 @@ def test_transitions_are_numbered_without_gaps_and_carry_time_and_tick(
     )
 
 
-def test_late_subscriber_receives_the_next_transition_number(make_tree: Grow) -> None:
+def test_late_subscriber_receives_the_next_transition_number(make_tree: MakeTree) -> None:
     tree = make_tree(BODY)
     early, late = Listener(), Listener()
     tree.subscribe(early)
@@ -87,7 +87,7 @@ def test_late_subscriber_receives_the_next_transition_number(make_tree: Grow) ->
     assert late.changes[0].number == 4
 
 
-def test_late_subscriber_receives_the_right_tick_number(make_tree: Grow) -> None:
+def test_late_subscriber_receives_the_right_tick_number(make_tree: MakeTree) -> None:
     tree = make_tree(BODY)
     tree.tick_exactly_once()
     listener = Listener()
@@ -97,7 +97,7 @@ def test_late_subscriber_receives_the_right_tick_number(make_tree: Grow) -> None
     assert [tick for tick, _, _ in listener.ticks] == [2]
 
 
-def test_end_of_every_root_tick_is_reported_with_status_and_duration(make_tree: Grow) -> None:
+def test_end_of_every_root_tick_is_reported_with_status_and_duration(make_tree: MakeTree) -> None:
     tree = make_tree(BODY)
     listener = Listener()
     tree.subscribe(listener)
@@ -106,7 +106,7 @@ def test_end_of_every_root_tick_is_reported_with_status_and_duration(make_tree: 
     assert all(duration > 0 for duration in listener.durations)
 
 
-def test_every_tick_within_tick_once_is_reported(make_tree: Grow) -> None:
+def test_every_tick_within_tick_once_is_reported(make_tree: MakeTree) -> None:
     tree = make_tree("<AsyncSequence><AlwaysSuccess/><AlwaysSuccess/></AsyncSequence>")
     listener = Listener()
     tree.subscribe(listener)
@@ -117,7 +117,7 @@ def test_every_tick_within_tick_once_is_reported(make_tree: Grow) -> None:
     ]
 
 
-def test_tick_that_raised_is_reported_as_an_error_and_not_as_ticked(make_tree: Grow) -> None:
+def test_tick_that_raised_is_reported_as_an_error_and_not_as_ticked(make_tree: MakeTree) -> None:
     tree = make_tree('<Sequence><PlanAction name="x" plan="X"/></Sequence>')
     listener = Listener()
     tree.subscribe(listener)
@@ -127,7 +127,7 @@ def test_tick_that_raised_is_reported_as_an_error_and_not_as_ticked(make_tree: G
     assert listener.ticks == []
 
 
-def test_unsubscribed_observer_receives_nothing_and_may_unsubscribe_twice(make_tree: Grow) -> None:
+def test_unsubscribed_observer_receives_nothing_and_may_unsubscribe_twice(make_tree: MakeTree) -> None:
     tree = make_tree(BODY)
     stays, goes = Listener(), Listener()
     tree.subscribe(stays)
@@ -140,7 +140,7 @@ def test_unsubscribed_observer_receives_nothing_and_may_unsubscribe_twice(make_t
     assert len(stays.changes) == 8
 
 
-def test_unsubscribing_within_a_notification_does_not_disturb_others(make_tree: Grow) -> None:
+def test_unsubscribing_within_a_notification_does_not_disturb_others(make_tree: MakeTree) -> None:
     class Once(Listener):
         def transition(self, change: Transition) -> None:
             super().transition(change)
@@ -156,7 +156,7 @@ def test_unsubscribing_within_a_notification_does_not_disturb_others(make_tree: 
 
 
 def test_observer_that_raises_is_unsubscribed_with_a_single_warning(
-    make_tree: Grow, caplog: pytest.LogCaptureFixture
+    make_tree: MakeTree, caplog: pytest.LogCaptureFixture
 ) -> None:
     tree = make_tree(BODY)
     before, after = Listener(), Listener()
@@ -174,7 +174,7 @@ def test_observer_that_raises_is_unsubscribed_with_a_single_warning(
 
 
 def test_an_observer_that_raises_at_tick_end_does_not_stop_the_tree(
-    make_tree: Grow, caplog: pytest.LogCaptureFixture
+    make_tree: MakeTree, caplog: pytest.LogCaptureFixture
 ) -> None:
     class LateBroken(Broken):
         def transition(self, change: Transition) -> None:
@@ -200,7 +200,7 @@ class Keeper(Observer):
 
 
 def test_transitions_arrive_at_the_end_of_each_tick_and_after_a_halt(
-    make_tree: Grow, clock: SimClock
+    make_tree: MakeTree, clock: SimClock
 ) -> None:
     tree = make_tree(BODY)
     listener, keeper = Listener(), Keeper()
@@ -223,7 +223,7 @@ def test_transitions_arrive_at_the_end_of_each_tick_and_after_a_halt(
     ]
 
 
-def test_transitions_before_an_error_arrive_before_it_and_the_halt_after_it(make_tree: Grow) -> None:
+def test_transitions_before_an_error_arrive_before_it_and_the_halt_after_it(make_tree: MakeTree) -> None:
     order: list[str] = []
 
     class Both(Observer):
@@ -240,7 +240,7 @@ def test_transitions_before_an_error_arrive_before_it_and_the_halt_after_it(make
     assert order == ["RUNNING", "x", "IDLE"]
 
 
-def test_observer_unsubscribed_within_a_tick_receives_the_earlier_transitions(make_tree: Grow) -> None:
+def test_observer_unsubscribed_within_a_tick_receives_the_earlier_transitions(make_tree: MakeTree) -> None:
     tree = make_tree(BODY)
     keeper = Keeper()
 
@@ -257,7 +257,7 @@ def test_observer_unsubscribed_within_a_tick_receives_the_earlier_transitions(ma
 
 
 def test_observer_that_raises_on_transitions_is_removed_and_others_are_notified(
-    make_tree: Grow, caplog: pytest.LogCaptureFixture
+    make_tree: MakeTree, caplog: pytest.LogCaptureFixture
 ) -> None:
     class Cut(Observer):
         def transitions(self, changes: Transitions) -> None:
@@ -273,7 +273,7 @@ def test_observer_that_raises_on_transitions_is_removed_and_others_are_notified(
     assert len(caplog.records) == 1
 
 
-def test_an_observer_may_override_only_what_it_needs(make_tree: Grow) -> None:
+def test_an_observer_may_override_only_what_it_needs(make_tree: MakeTree) -> None:
     class Silent(Observer):
         pass
 
@@ -308,7 +308,7 @@ def numbers(keeper: Keeper) -> list[int]:
     return [change.number for one in keeper.told for change in one]
 
 
-def test_observer_subscribed_within_a_tick_receives_the_following_transitions(make_tree: Grow) -> None:
+def test_observer_subscribed_within_a_tick_receives_the_following_transitions(make_tree: MakeTree) -> None:
     tree = make_tree(BODY)
     listener, keeper = Listener(), Keeper()
     tree.subscribe(Doing(lambda: (tree.subscribe(listener), tree.subscribe(keeper)), at=2))
@@ -317,7 +317,7 @@ def test_observer_subscribed_within_a_tick_receives_the_following_transitions(ma
     assert listener.ticks == [(1, 0, Status.RUNNING)]
 
 
-def test_first_observer_subscribed_within_a_tick_receives_its_error(make_tree: Grow) -> None:
+def test_first_observer_subscribed_within_a_tick_receives_its_error(make_tree: MakeTree) -> None:
     listener, keeper = Listener(), Keeper()
 
     class Calling(SyncAction):
@@ -337,7 +337,7 @@ def test_first_observer_subscribed_within_a_tick_receives_its_error(make_tree: G
     assert [list(one) for one in keeper.told] == [listener.changes[:1], listener.changes[1:]]
 
 
-def test_tree_halted_by_an_observer_notifies_all_observers_in_order(make_tree: Grow) -> None:
+def test_tree_halted_by_an_observer_notifies_all_observers_in_order(make_tree: MakeTree) -> None:
     tree = make_tree(BODY)
     first, last = Keeper(), Keeper()
     tree.subscribe(first)
@@ -349,7 +349,7 @@ def test_tree_halted_by_an_observer_notifies_all_observers_in_order(make_tree: G
 
 
 def test_observer_that_raises_or_unsubscribes_in_a_halt_does_not_disturb_it(
-    make_tree: Grow, clock: SimClock
+    make_tree: MakeTree, clock: SimClock
 ) -> None:
     tree = make_tree(BODY)
     listener, keeper = Listener(), Keeper()
@@ -370,7 +370,7 @@ def test_observer_that_raises_or_unsubscribes_in_a_halt_does_not_disturb_it(
     assert all(node.status is Status.IDLE for node in tree)
 
 
-def test_observers_may_be_equal(make_tree: Grow) -> None:
+def test_observers_may_be_equal(make_tree: MakeTree) -> None:
     class Alike(Keeper):
         def __eq__(self, other: object) -> bool:
             return isinstance(other, Alike)
@@ -385,7 +385,7 @@ def test_observers_may_be_equal(make_tree: Grow) -> None:
     assert (numbers(one), numbers(other)) == ([1, 2, 3], [])
 
 
-def test_flush_at_a_breakpoint_delivers_the_transitions_so_far(make_tree: Grow) -> None:
+def test_flush_at_a_breakpoint_delivers_the_transitions_so_far(make_tree: MakeTree) -> None:
     tree = make_tree(BODY)
     keeper = Keeper()
     tree.subscribe(keeper)
@@ -403,7 +403,7 @@ def test_flush_at_a_breakpoint_delivers_the_transitions_so_far(make_tree: Grow) 
     assert numbers(keeper) == [1, 2, 3]
 
 
-def test_transitions_are_a_sequence_that_is_built_only_once(make_tree: Grow) -> None:
+def test_transitions_are_a_sequence_that_is_built_only_once(make_tree: MakeTree) -> None:
     tree = make_tree(BODY)
     keeper = Keeper()
     tree.subscribe(keeper)

@@ -12,7 +12,7 @@ from btcore import In, Out, Put, RegistrationError, Registry, Status, SyncAction
 if TYPE_CHECKING:
     from fractions import Fraction
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 
 class Pose:
@@ -32,7 +32,7 @@ class Halve(SyncAction):
         return Status.SUCCESS
 
 
-def test_string_annotations_are_resolved_in_the_module_of_the_leaf(make_tree: Grow) -> None:
+def test_string_annotations_are_resolved_in_the_module_of_the_leaf(make_tree: MakeTree) -> None:
     @action
     def double(given: In[float], made: Put[float], pose: Pose) -> bool:
         made(given * 2 + pose.x)

@@ -36,7 +36,7 @@ from btcore import (
 )
 from btcore.values import ValueType
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 T = TypeVar("T")
 
 
@@ -57,7 +57,7 @@ class Yes(SyncAction):
 
 
 @pytest.mark.parametrize("calls_super", [False, True])
-def test_super_init_is_optional(calls_super: bool, make_tree: Grow) -> None:
+def test_super_init_is_optional(calls_super: bool, make_tree: MakeTree) -> None:
     class Fast(SyncAction):
         def __init__(self, robot: Robot) -> None:
             if calls_super:
@@ -70,7 +70,7 @@ def test_super_init_is_optional(calls_super: bool, make_tree: Grow) -> None:
     assert make_tree("<Fast/>", Fast, resources=[Robot()]).tick_once() is Status.SUCCESS
 
 
-def test_assigning_an_attribute_of_the_engine_raises(make_tree: Grow) -> None:
+def test_assigning_an_attribute_of_the_engine_raises(make_tree: MakeTree) -> None:
     class Bold(Yes):
         def __init__(self) -> None:
             self.status = Status.SUCCESS  # type: ignore[misc]
@@ -81,7 +81,7 @@ def test_assigning_an_attribute_of_the_engine_raises(make_tree: Grow) -> None:
         make_tree("<Bold/>", Bold)
 
 
-def test_new_may_be_overridden(make_tree: Grow) -> None:
+def test_new_may_be_overridden(make_tree: MakeTree) -> None:
     class Made(SyncAction):
         made: int
 
@@ -97,7 +97,7 @@ def test_new_may_be_overridden(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("options", [{}, {"eq": False}, {"slots": True}, {"kw_only": True}, {"order": True}])
-def test_dataclass_with_any_options_is_a_leaf(options: dict[str, bool], make_tree: Grow) -> None:
+def test_dataclass_with_any_options_is_a_leaf(options: dict[str, bool], make_tree: MakeTree) -> None:
     @dataclass(**options)
     class Drive(SyncAction):
         robot: Robot
@@ -119,7 +119,7 @@ def test_a_frozen_dataclass_is_rejected() -> None:
         Registry.standard().add(Ice)
 
 
-def test_slots_are_kept(make_tree: Grow) -> None:
+def test_slots_are_kept(make_tree: MakeTree) -> None:
     class Narrow(SyncAction):
         __slots__ = ("left",)
 
@@ -153,7 +153,7 @@ class HasLimit:
     limit: In[int]
 
 
-def test_a_mixin_may_have_an_init_a_tick_and_ports(make_tree: Grow) -> None:
+def test_a_mixin_may_have_an_init_a_tick_and_ports(make_tree: MakeTree) -> None:
     class Both(Remembers, HasLimit, Yes):
         pass
 
@@ -163,7 +163,7 @@ def test_a_mixin_may_have_an_init_a_tick_and_ports(make_tree: Grow) -> None:
     assert (node.ticks, node.limit) == (["Both"], 4)
 
 
-def test_mixin_may_follow_the_leaf_in_the_bases(make_tree: Grow) -> None:
+def test_mixin_may_follow_the_leaf_in_the_bases(make_tree: MakeTree) -> None:
     class Behind(SyncAction, Remembers):
         def tick(self) -> bool:
             return not self.ticks
@@ -171,7 +171,7 @@ def test_mixin_may_follow_the_leaf_in_the_bases(make_tree: Grow) -> None:
     assert make_tree("<Behind/>", Behind).tick_once() is Status.SUCCESS
 
 
-def test_a_protocol_may_be_among_the_bases(make_tree: Grow) -> None:
+def test_a_protocol_may_be_among_the_bases(make_tree: MakeTree) -> None:
     class Measures(Protocol):
         def measured(self) -> int: ...
 
@@ -185,7 +185,7 @@ def test_a_protocol_may_be_among_the_bases(make_tree: Grow) -> None:
     assert make_tree("<Gauge/>", Gauge).tick_once() is Status.SUCCESS
 
 
-def test_a_leaf_may_be_generic(make_tree: Grow) -> None:
+def test_a_leaf_may_be_generic(make_tree: MakeTree) -> None:
     class Compare(SyncAction, Generic[T]):
         expected: ClassVar[Any]
 
@@ -212,7 +212,7 @@ class Sensor(SyncAction, abc.ABC):
         return self.measure() > 1
 
 
-def test_leaf_may_implement_an_abstract_leaf(make_tree: Grow) -> None:
+def test_leaf_may_implement_an_abstract_leaf(make_tree: MakeTree) -> None:
     class Sonar(Sensor):
         def measure(self) -> int:
             return 2
@@ -225,7 +225,7 @@ def test_abstract_leaf_is_refused_with_its_missing_methods() -> None:
         Registry.standard().add(Sensor)
 
 
-def test_leaf_may_use_init_subclass_and_a_metaclass(make_tree: Grow) -> None:
+def test_leaf_may_use_init_subclass_and_a_metaclass(make_tree: MakeTree) -> None:
     class Kind(type(SyncAction)):  # type: ignore[misc]
         pass
 
@@ -256,7 +256,7 @@ def test_every_built_in_node_can_be_subclassed() -> None:
 # --- overriding
 
 
-def test_a_property_of_the_engine_may_be_overridden(make_tree: Grow) -> None:
+def test_a_property_of_the_engine_may_be_overridden(make_tree: MakeTree) -> None:
     class Renamed(SyncAction):
         @property
         def name(self) -> str:
@@ -270,7 +270,7 @@ def test_a_property_of_the_engine_may_be_overridden(make_tree: Grow) -> None:
     assert (tree.root.name, tree.root.path) == ("mine", "Renamed::1")
 
 
-def test_execute_tick_may_be_overridden(make_tree: Grow) -> None:
+def test_execute_tick_may_be_overridden(make_tree: MakeTree) -> None:
     class Contrary(Yes):
         def execute_tick(self) -> Status:
             super().execute_tick()
@@ -279,7 +279,7 @@ def test_execute_tick_may_be_overridden(make_tree: Grow) -> None:
     assert make_tree("<Sequence><Contrary/></Sequence>", Contrary).tick_once() is Status.FAILURE
 
 
-def test_halt_may_be_overridden(make_tree: Grow) -> None:
+def test_halt_may_be_overridden(make_tree: MakeTree) -> None:
     class Careful(StatefulAction):
         halts = 0
 
@@ -299,7 +299,7 @@ def test_halt_may_be_overridden(make_tree: Grow) -> None:
     assert (tree.find(Careful)[0].halts, tree.root.status) == (1, Status.IDLE)
 
 
-def test_a_method_may_be_replaced_while_the_tree_runs(make_tree: Grow) -> None:
+def test_a_method_may_be_replaced_while_the_tree_runs(make_tree: MakeTree) -> None:
     class Changing(Yes):
         pass
 
@@ -311,7 +311,7 @@ def test_a_method_may_be_replaced_while_the_tree_runs(make_tree: Grow) -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_attributes_may_be_computed_on_access(make_tree: Grow) -> None:
+def test_attributes_may_be_computed_on_access(make_tree: MakeTree) -> None:
     class Lazy(SyncAction):
         @cached_property
         def half(self) -> int:
@@ -362,7 +362,7 @@ def test_clock_observer_and_tree_can_be_subclassed() -> None:
     assert issubclass(Own, Tree)
 
 
-def test_port_type_can_be_subclassed(make_tree: Grow) -> None:
+def test_port_type_can_be_subclassed(make_tree: MakeTree) -> None:
     class Names(ValueType):
         def __init__(self) -> None:
             super().__init__("std::vector<Name>", list)
@@ -389,7 +389,7 @@ def test_port_type_can_be_subclassed(make_tree: Grow) -> None:
 # --- garbage collection, copies and pickles
 
 
-def test_unreferenced_tree_is_collected_with_its_leaves(make_tree: Grow) -> None:
+def test_unreferenced_tree_is_collected_with_its_leaves(make_tree: MakeTree) -> None:
     class Selfish(Yes):
         def __init__(self) -> None:
             self.me = self
@@ -404,7 +404,9 @@ def test_unreferenced_tree_is_collected_with_its_leaves(make_tree: Grow) -> None
 
 
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
-def test_tree_and_nodes_cannot_be_copied_or_pickled(copied: Callable[[Any], Any], make_tree: Grow) -> None:
+def test_tree_and_nodes_cannot_be_copied_or_pickled(
+    copied: Callable[[Any], Any], make_tree: MakeTree
+) -> None:
     tree = make_tree("<Sequence><Yes/></Sequence>", Yes)
     for thing in (tree, tree.root, tree.find(Yes)[0]):
         with pytest.raises(TypeError, match="load"):
@@ -422,7 +424,7 @@ def test_blackboard_cannot_be_copied_but_cloned_into_another(copied: Callable[[A
     assert (board["x"], other["x"]) == (1, 2)
 
 
-def test_results_and_errors_can_be_pickled(make_tree: Grow) -> None:
+def test_results_and_errors_can_be_pickled(make_tree: MakeTree) -> None:
     def broken() -> bool:
         raise ValueError("out of reach")
 

@@ -23,7 +23,7 @@ from btcore.nodes.result_decorators import Inverter
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from btcore.testing.plan_leaves import CallLog
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 
 class Shuffle(ControlNode):
@@ -74,7 +74,7 @@ class AtMost(DecoratorNode):
         return self.child.execute_tick()
 
 
-def test_control_node_decides_the_order_of_its_children(make_tree: Grow, journal: CallLog) -> None:
+def test_control_node_decides_the_order_of_its_children(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree(
         '<Shuffle name="x" rounds="2" done="{done}">'
         '<PlanSync name="a" plan="S"/><PlanAction name="b" plan="RS|S"/></Shuffle>',
@@ -87,7 +87,7 @@ def test_control_node_decides_the_order_of_its_children(make_tree: Grow, journal
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_control_node_is_halted_with_its_children(make_tree: Grow, journal: CallLog) -> None:
+def test_control_node_is_halted_with_its_children(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree(
         '<Sequence><Shuffle name="x"><PlanAction name="b" plan="R"/></Shuffle></Sequence>', Shuffle
     )
@@ -98,7 +98,7 @@ def test_control_node_is_halted_with_its_children(make_tree: Grow, journal: Call
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_node_types_ports_and_descriptions_are_known(make_tree: Grow) -> None:
+def test_node_types_ports_and_descriptions_are_known(make_tree: MakeTree) -> None:
     tree = make_tree(
         '<Shuffle done="{d}"><AtMost ticks="3" used="{u}"><AlwaysSuccess/></AtMost></Shuffle>',
         Shuffle,
@@ -109,19 +109,19 @@ def test_node_types_ports_and_descriptions_are_known(make_tree: Grow) -> None:
     assert tree.registry.manifests["AtMost"].description == "Gives its child *ticks* ticks, then fails."
 
 
-def test_a_decorator_decides_when_its_child_is_ticked(make_tree: Grow, journal: CallLog) -> None:
+def test_a_decorator_decides_when_its_child_is_ticked(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree('<AtMost ticks="2" used="{u}"><PlanAction name="a" plan="RRR"/></AtMost>', AtMost)
     assert [tree.tick_once().name for _ in range(3)] == ["RUNNING", "RUNNING", "FAILURE"]
     assert journal.calls == ["a:start", "a:running", "a:halted"]
     assert tree.blackboard["u"] == 2
 
 
-def test_the_completed_child_of_a_decorator_is_reset(make_tree: Grow) -> None:
+def test_the_completed_child_of_a_decorator_is_reset(make_tree: MakeTree) -> None:
     tree = make_tree('<AtMost ticks="5" used="{u}"><PlanAction name="a" plan="S"/></AtMost>', AtMost)
     assert [tree.tick_once() for _ in range(2)] == [Status.SUCCESS, Status.SUCCESS]
 
 
-def test_child_set_by_an_overridden_set_children_is_reset(make_tree: Grow) -> None:
+def test_child_set_by_an_overridden_set_children_is_reset(make_tree: MakeTree) -> None:
     class Taking(DecoratorNode):
         def set_children(self, children: list[TreeNode]) -> None:
             self.child = children[0]
@@ -134,7 +134,7 @@ def test_child_set_by_an_overridden_set_children_is_reset(make_tree: Grow) -> No
     assert tree.nodes[1].status is Status.IDLE
 
 
-def test_user_nodes_may_use_the_explicit_form(make_tree: Grow) -> None:
+def test_user_nodes_may_use_the_explicit_form(make_tree: MakeTree) -> None:
     tree = make_tree(
         '<Control ID="Shuffle" done="{d}"><Decorator ID="AtMost" ticks="1" used="{u}">'
         '<Action ID="PlanSync" plan="S"/></Decorator></Control>',
@@ -144,7 +144,7 @@ def test_user_nodes_may_use_the_explicit_form(make_tree: Grow) -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: Grow, journal: CallLog) -> None:
+def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree(
         '<Shuffle name="x" done="{d}" _skipIf="n == 1" _post="n := 1">'
         '<PlanSync name="a" plan="S"/></Shuffle>',
@@ -156,14 +156,14 @@ def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: Grow, journal: C
     assert journal.calls == ["a:tick"]
 
 
-def test_decorator_requires_one_child_and_control_node_at_least_one(make_tree: Grow) -> None:
+def test_decorator_requires_one_child_and_control_node_at_least_one(make_tree: MakeTree) -> None:
     with pytest.raises(TreeError, match="AtMost"):
         make_tree('<AtMost ticks="1"><AlwaysSuccess/><AlwaysSuccess/></AtMost>', AtMost)
     with pytest.raises(TreeError, match="Shuffle"):
         make_tree("<Shuffle/>", Shuffle)
 
 
-def test_node_without_a_tick_raises_an_error_that_names_it(make_tree: Grow) -> None:
+def test_node_without_a_tick_raises_an_error_that_names_it(make_tree: MakeTree) -> None:
     class Idler(ControlNode):
         pass
 
@@ -171,7 +171,7 @@ def test_node_without_a_tick_raises_an_error_that_names_it(make_tree: Grow) -> N
         make_tree("<Idler><AlwaysSuccess/></Idler>", Idler).tick_once()
 
 
-def test_node_that_returns_idle_raises_an_error_that_names_it(make_tree: Grow) -> None:
+def test_node_that_returns_idle_raises_an_error_that_names_it(make_tree: MakeTree) -> None:
     class Lazy(DecoratorNode):
         def tick(self) -> Status:
             return Status.IDLE
@@ -180,7 +180,7 @@ def test_node_that_returns_idle_raises_an_error_that_names_it(make_tree: Grow) -
         make_tree("<Lazy><AlwaysSuccess/></Lazy>", Lazy).tick_once()
 
 
-def test_built_in_control_node_can_be_subclassed(make_tree: Grow, journal: CallLog) -> None:
+def test_built_in_control_node_can_be_subclassed(make_tree: MakeTree, journal: CallLog) -> None:
     class Polite(Sequence):
         """A Sequence that records its results."""
 
@@ -197,7 +197,7 @@ def test_built_in_control_node_can_be_subclassed(make_tree: Grow, journal: CallL
     assert journal.calls == ["a:tick", "b:start", "hello:RUNNING", "b:running", "hello:SUCCESS"]
 
 
-def test_built_in_decorator_can_be_subclassed(make_tree: Grow) -> None:
+def test_built_in_decorator_can_be_subclassed(make_tree: MakeTree) -> None:
     class Sometimes(Inverter):
         inverts: In[bool]
 
@@ -221,7 +221,7 @@ def test_port_that_hides_an_attribute_of_a_parent_node_is_refused(base: type[Tre
         Registry.standard().add(hiding)
 
 
-def test_attributes_can_be_set_without_super_init(make_tree: Grow) -> None:
+def test_attributes_can_be_set_without_super_init(make_tree: MakeTree) -> None:
     class Counted(ControlNode):
         def __init__(self) -> None:
             self.number = len(self.children)

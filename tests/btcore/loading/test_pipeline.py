@@ -46,7 +46,7 @@ def test_trees_that_are_not_used_are_planned_on_request_only() -> None:
 def test_a_stage_keeps_what_the_stages_before_have_found() -> None:
     text = CALLING.replace("</root>", '<include path="absent.xml"/><BehaviorTree ID="Inner"/></root>')
     sources = read(parse_text(text))
-    definitions = define(sources, tree="Unused")
+    definitions = define(sources, tree_id="Unused")
     plans = plan(definitions, Registry.standard())
     found = [sources.diagnostics, definitions.diagnostics, plans.diagnostics]
     assert [[one.code for one in each.errors] for each in found] == [

@@ -7,7 +7,7 @@ import pytest
 from btcore import Status, Tree, TreeError
 from btcore.testing.plan_leaves import CallLog
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
@@ -15,7 +15,7 @@ DECORATORS = [("SkipUnlessUpdated", K), ("WaitValueUpdate", R)]
 
 
 @pytest.mark.parametrize("text", ["=", "{=}"])
-def test_equals_sign_is_the_name_of_the_entry(text: str, make_tree: Grow) -> None:
+def test_equals_sign_is_the_name_of_the_entry(text: str, make_tree: MakeTree) -> None:
     tree = make_tree(f'<WasEntryUpdated entry="{text}"/>')
     tree.blackboard["entry"] = 1
     assert tree.tick_once() is F
@@ -25,7 +25,7 @@ def test_equals_sign_is_the_name_of_the_entry(text: str, make_tree: Grow) -> Non
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
-    tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
+    tag: str, otherwise: Status, make_tree: MakeTree, journal: CallLog
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><PlanSync name="p" plan="SF"/></{tag}>')
     assert tree.tick_once() is otherwise
@@ -39,7 +39,7 @@ def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_entry_written_before_the_first_check_counts_as_updated(
-    tag: str, otherwise: Status, make_tree: Grow
+    tag: str, otherwise: Status, make_tree: MakeTree
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
     tree.blackboard["x"] = 1
@@ -48,7 +48,7 @@ def test_entry_written_before_the_first_check_counts_as_updated(
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_running_child_is_ticked_without_a_check(
-    tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
+    tag: str, otherwise: Status, make_tree: MakeTree, journal: CallLog
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="RRS"/></{tag}>')
     tree.blackboard["x"] = 1
@@ -58,7 +58,7 @@ def test_running_child_is_ticked_without_a_check(
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_halt_halts_the_child_and_keeps_the_last_seen_write(
-    tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
+    tag: str, otherwise: Status, make_tree: MakeTree, journal: CallLog
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="R"/></{tag}>')
     tree.blackboard["x"] = 1
@@ -69,7 +69,7 @@ def test_halt_halts_the_child_and_keeps_the_last_seen_write(
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_the_entry_may_be_named_without_braces(tag: str, otherwise: Status, make_tree: Grow) -> None:
+def test_the_entry_may_be_named_without_braces(tag: str, otherwise: Status, make_tree: MakeTree) -> None:
     tree = make_tree(f'<{tag} entry="x"><AlwaysSuccess/></{tag}>')
     tree.blackboard["x"] = 1
     assert [tree.tick_once(), tree.tick_once()] == [S, otherwise]
@@ -77,7 +77,7 @@ def test_the_entry_may_be_named_without_braces(tag: str, otherwise: Status, make
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_missing_entry_counts_as_not_updated(
-    tag: str, otherwise: Status, make_tree: Grow, journal: CallLog
+    tag: str, otherwise: Status, make_tree: MakeTree, journal: CallLog
 ) -> None:
     tree = make_tree(f'<{tag} entry="x"><PlanSync name="p" plan="S"/></{tag}>')
     assert tree.blackboard.find("x") is None
@@ -86,7 +86,7 @@ def test_missing_entry_counts_as_not_updated(
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_number_of_writes_is_compared(tag: str, otherwise: Status, make_tree: Grow) -> None:
+def test_number_of_writes_is_compared(tag: str, otherwise: Status, make_tree: MakeTree) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
@@ -99,7 +99,7 @@ def test_number_of_writes_is_compared(tag: str, otherwise: Status, make_tree: Gr
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_result_of_the_child_is_returned(tag: str, otherwise: Status, make_tree: Grow) -> None:
+def test_result_of_the_child_is_returned(tag: str, otherwise: Status, make_tree: MakeTree) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><PlanSync plan="KFS"/></{tag}>')
     statuses = []
     for value in range(3):
@@ -110,19 +110,21 @@ def test_result_of_the_child_is_returned(tag: str, otherwise: Status, make_tree:
 
 @pytest.mark.parametrize("entry", ["", 'entry=""'])
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_entry_port_is_required(tag: str, otherwise: Status, entry: str, make_tree: Grow) -> None:
+def test_entry_port_is_required(tag: str, otherwise: Status, entry: str, make_tree: MakeTree) -> None:
     with pytest.raises(TreeError, match="entry"):
         make_tree(f"<{tag} {entry}><AlwaysSuccess/></{tag}>")
 
 
-def test_two_nodes_check_independently(make_tree: Grow) -> None:
+def test_two_nodes_check_independently(make_tree: MakeTree) -> None:
     one = '<SkipUnlessUpdated entry="{x}"><AlwaysSuccess/></SkipUnlessUpdated>'
     tree = make_tree(f"<Sequence>{one}{one}</Sequence>")
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
 
 
-def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_check(make_tree: Grow) -> None:
+def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_check(
+    make_tree: MakeTree,
+) -> None:
     tree = make_tree('<WasEntryUpdated entry="{x}"/>')
     assert tree.tick_once() is F
     tree.blackboard["x"] = 1
@@ -132,12 +134,12 @@ def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_chec
     assert [tree.tick_once(), tree.tick_once()] == [S, F]
 
 
-def test_was_entry_updated_sees_writes_of_scripts(make_tree: Grow) -> None:
+def test_was_entry_updated_sees_writes_of_scripts(make_tree: MakeTree) -> None:
     tree = make_tree('<Sequence><Script code="x := 1"/><WasEntryUpdated entry="{x}"/></Sequence>')
     assert [tree.tick_once(), tree.tick_once()] == [S, S]
 
 
-def test_was_entry_updated_follows_the_remapping_of_a_subtree(make_tree: Grow) -> None:
+def test_was_entry_updated_follows_the_remapping_of_a_subtree(make_tree: MakeTree) -> None:
     inner = '<BehaviorTree ID="Sub"><WasEntryUpdated entry="{inside}"/></BehaviorTree>'
     tree = make_tree('<SubTree ID="Sub" inside="{outside}"/>', others=inner)
     assert tree.tick_once() is F
@@ -145,11 +147,11 @@ def test_was_entry_updated_follows_the_remapping_of_a_subtree(make_tree: Grow) -
     assert [tree.tick_once(), tree.tick_once()] == [S, F]
 
 
-def test_missing_entry_makes_was_entry_updated_fail(make_tree: Grow) -> None:
+def test_missing_entry_makes_was_entry_updated_fail(make_tree: MakeTree) -> None:
     assert make_tree('<WasEntryUpdated entry="x"/>').tick_once() is F
 
 
-def test_was_entry_updated_keeps_the_last_seen_write_after_a_halt(make_tree: Grow) -> None:
+def test_was_entry_updated_keeps_the_last_seen_write_after_a_halt(make_tree: MakeTree) -> None:
     tree = make_tree('<WasEntryUpdated entry="{x}"/>')
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
@@ -157,6 +159,6 @@ def test_was_entry_updated_keeps_the_last_seen_write_after_a_halt(make_tree: Gro
     assert tree.tick_once() is F
 
 
-def test_was_entry_updated_requires_its_entry_port(make_tree: Grow) -> None:
+def test_was_entry_updated_requires_its_entry_port(make_tree: MakeTree) -> None:
     with pytest.raises(TreeError, match="entry"):
         make_tree("<WasEntryUpdated/>")

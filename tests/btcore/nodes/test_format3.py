@@ -7,7 +7,7 @@ import pytest
 from btcore import NodeExecutionError, Status, SyncAction, Tree, TreeError, action
 from btcore.testing.plan_leaves import CallLog
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
@@ -36,14 +36,14 @@ def check(kind: str, a: str, b: str, more: str = "", plan: str = "S") -> str:
     ],
 )
 def test_the_child_is_ticked_if_both_values_are_equal_as_that_type(
-    kind: str, a: str, b: str, equal: bool, make_tree: Grow, journal: CallLog
+    kind: str, a: str, b: str, equal: bool, make_tree: MakeTree, journal: CallLog
 ) -> None:
     tree = make_tree(check(kind, a, b), format=3)
     assert tree.tick_once() is (S if equal else F)
     assert journal.calls == (["a:start"] if equal else [])
 
 
-def test_values_are_read_from_the_blackboard_at_every_tick(make_tree: Grow) -> None:
+def test_values_are_read_from_the_blackboard_at_every_tick(make_tree: MakeTree) -> None:
     tree = make_tree(check("Int", "{x}", "3"), format=3)
     tree.blackboard["x"] = 3
     assert tree.tick_once() is S
@@ -52,12 +52,12 @@ def test_values_are_read_from_the_blackboard_at_every_tick(make_tree: Grow) -> N
 
 
 @pytest.mark.parametrize("written", ["SUCCESS", "FAILURE", "RUNNING"])
-def test_mismatch_returns_the_configured_status(written: str, make_tree: Grow) -> None:
+def test_mismatch_returns_the_configured_status(written: str, make_tree: MakeTree) -> None:
     tree = make_tree(check("Int", "1", "2", f'return_on_mismatch="{written}"'), format=3)
     assert tree.tick_once() is Status[written]
 
 
-def test_mismatch_may_return_idle_which_a_sequence_refuses(make_tree: Grow) -> None:
+def test_mismatch_may_return_idle_which_a_sequence_refuses(make_tree: MakeTree) -> None:
     body = check("Int", "1", "2", 'return_on_mismatch="IDLE"')
     tree = make_tree(f'<SubTree ID="Sub"/></BehaviorTree><BehaviorTree ID="Sub">{body}', format=3)
     assert tree.tick_once() is Status.IDLE
@@ -66,7 +66,7 @@ def test_mismatch_may_return_idle_which_a_sequence_refuses(make_tree: Grow) -> N
         make_tree(f"<Sequence>{body}</Sequence>", format=3).tick_once()
 
 
-def test_leaf_of_format_3_must_not_return_idle(make_tree: Grow) -> None:
+def test_leaf_of_format_3_must_not_return_idle(make_tree: MakeTree) -> None:
     @action(ID="Idle")
     def idle() -> Status:
         return Status.IDLE
@@ -76,17 +76,17 @@ def test_leaf_of_format_3_must_not_return_idle(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("kind", ["Int", "Double", "String", "Bool"])
-def test_a_missing_value_is_a_mismatch(kind: str, make_tree: Grow) -> None:
+def test_a_missing_value_is_a_mismatch(kind: str, make_tree: MakeTree) -> None:
     assert make_tree(check(kind, "{x}", "{y}"), format=3).tick_once() is F
 
 
-def test_value_of_a_wrong_type_is_a_mismatch(make_tree: Grow) -> None:
+def test_value_of_a_wrong_type_is_a_mismatch(make_tree: MakeTree) -> None:
     assert make_tree(check("Int", "seven", "seven"), format=3).tick_once() is F
     assert make_tree(check("Bool", "yes", "yes"), format=3).tick_once() is F
 
 
 def test_values_are_checked_while_the_child_runs_and_a_mismatch_halts_it(
-    make_tree: Grow, journal: CallLog
+    make_tree: MakeTree, journal: CallLog
 ) -> None:
     tree = make_tree(check("Int", "{x}", "1", plan="RRR"), format=3)
     tree.blackboard["x"] = 1
@@ -97,7 +97,7 @@ def test_values_are_checked_while_the_child_runs_and_a_mismatch_halts_it(
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_format_4_has_no_blackboard_checks(make_tree: Grow) -> None:
+def test_format_4_has_no_blackboard_checks(make_tree: MakeTree) -> None:
     with pytest.raises(TreeError, match="BlackboardCheckInt"):
         make_tree(check("Int", "1", "1"))
 
@@ -118,7 +118,7 @@ class Keep(SyncAction):
         return S
 
 
-def test_braces_connect_two_entries(make_tree: Grow) -> None:
+def test_braces_connect_two_entries(make_tree: MakeTree) -> None:
     tree = make_tree('<SubTreePlus ID="Count" n="{outside}"/>', others=COUNT, format=3)
     tree.blackboard["outside"] = 41
     assert tree.tick_once() is S
@@ -126,19 +126,19 @@ def test_braces_connect_two_entries(make_tree: Grow) -> None:
     assert "said" not in tree.blackboard
 
 
-def test_other_attributes_are_constants_of_the_inner_tree(make_tree: Grow) -> None:
+def test_other_attributes_are_constants_of_the_inner_tree(make_tree: MakeTree) -> None:
     inner = '<BehaviorTree ID="Check"><PlanSync plan="{plan}"/></BehaviorTree>'
     tree = make_tree('<SubTreePlus ID="Check" plan="F"/>', others=inner, format=3)
     assert tree.tick_once() is F
     assert "plan" not in tree.blackboard
 
 
-def test_constant_is_a_text_even_if_it_looks_like_a_number(make_tree: Grow) -> None:
+def test_constant_is_a_text_even_if_it_looks_like_a_number(make_tree: MakeTree) -> None:
     tree = make_tree('<SubTreePlus ID="Count" n="41"/>', others=COUNT, format=3)
     assert tree.subtrees[1].blackboard["n"] == "41"
 
 
-def test_inner_tree_is_isolated_without_autoremap(make_tree: Grow) -> None:
+def test_inner_tree_is_isolated_without_autoremap(make_tree: MakeTree) -> None:
     inner = '<BehaviorTree ID="Check"><PlanSync plan="{plan}"/></BehaviorTree>'
     tree = make_tree('<SubTreePlus ID="Check"/>', others=inner, format=3)
     tree.blackboard["plan"] = "S"
@@ -147,14 +147,14 @@ def test_inner_tree_is_isolated_without_autoremap(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("written", ["true", "1"])
-def test_autoremap_shares_entries_by_name(written: str, make_tree: Grow) -> None:
+def test_autoremap_shares_entries_by_name(written: str, make_tree: MakeTree) -> None:
     tree = make_tree(f'<SubTreePlus ID="Count" __autoremap="{written}"/>', others=COUNT, format=3)
     tree.blackboard["n"] = 41
     assert tree.tick_once() is S
     assert tree.blackboard["n"] == 42
 
 
-def test_autoremap_shares_entries_that_no_port_points_to(make_tree: Grow) -> None:
+def test_autoremap_shares_entries_that_no_port_points_to(make_tree: MakeTree) -> None:
     inner = (
         '<BehaviorTree ID="Note"><Sequence><Keep/><SetBlackboard value="1" output_key="_bare"/></Sequence>'
         "</BehaviorTree>"
@@ -164,14 +164,14 @@ def test_autoremap_shares_entries_that_no_port_points_to(make_tree: Grow) -> Non
     assert (tree.blackboard["_bare"], tree.blackboard["kept"]) == ("1", 5)
 
 
-def test_constants_that_follow_autoremap_are_written_to_the_outer_tree(make_tree: Grow) -> None:
+def test_constants_that_follow_autoremap_are_written_to_the_outer_tree(make_tree: MakeTree) -> None:
     tree = make_tree('<SubTreePlus ID="Count" a="1" __autoremap="true" b="2"/>', others=COUNT, format=3)
     assert "a" not in tree.blackboard
     assert tree.blackboard["b"] == "2"
     assert tree.subtrees[1].blackboard["a"] == "1"
 
 
-def test_explicit_remapping_takes_precedence_over_autoremap(make_tree: Grow) -> None:
+def test_explicit_remapping_takes_precedence_over_autoremap(make_tree: MakeTree) -> None:
     tree = make_tree('<SubTreePlus ID="Count" __autoremap="true" n="{m}"/>', others=COUNT, format=3)
     tree.blackboard["n"] = 0
     tree.blackboard["m"] = 41
@@ -179,12 +179,12 @@ def test_explicit_remapping_takes_precedence_over_autoremap(make_tree: Grow) -> 
     assert (tree.blackboard["n"], tree.blackboard["m"]) == (0, 42)
 
 
-def test_subtree_plus_node_has_the_name_of_its_tree(make_tree: Grow) -> None:
+def test_subtree_plus_node_has_the_name_of_its_tree(make_tree: MakeTree) -> None:
     tree = make_tree('<SubTreePlus ID="Count" name="mine" n="{n}"/>', others=COUNT, format=3)
     assert tree.root.name == "Count"
 
 
-def test_format_4_has_no_subtree_plus(make_tree: Grow) -> None:
+def test_format_4_has_no_subtree_plus(make_tree: MakeTree) -> None:
     with pytest.raises(TreeError, match="SubTreePlus"):
         make_tree('<SubTreePlus ID="Count"/>', others=COUNT)
 
@@ -192,20 +192,20 @@ def test_format_4_has_no_subtree_plus(make_tree: Grow) -> None:
 # --- other differences of format 3
 
 
-def test_bool_check_takes_every_integer_except_0_as_true(make_tree: Grow) -> None:
+def test_bool_check_takes_every_integer_except_0_as_true(make_tree: MakeTree) -> None:
     for number, expected in ((3, S), (-1, S), (0, F)):
         tree = make_tree(check("Bool", "true", "{n}"), format=3)
         tree.blackboard["n"] = number
         assert tree.tick_once() is expected
 
 
-def test_dollar_braces_refer_to_an_entry_too(make_tree: Grow) -> None:
+def test_dollar_braces_refer_to_an_entry_too(make_tree: MakeTree) -> None:
     tree = make_tree('<PlanSync plan="${plan}"/>', format=3)
     tree.blackboard["plan"] = "F"
     assert tree.tick_once() is F
 
 
-def test_copied_entry_replaces_the_value_but_not_the_type(make_tree: Grow) -> None:
+def test_copied_entry_replaces_the_value_but_not_the_type(make_tree: MakeTree) -> None:
     tree = make_tree('<SetBlackboard value="{a}" output_key="b"/>', format=3)
     tree.blackboard["a"] = 2.5
     tree.blackboard["b"] = 1
@@ -216,32 +216,32 @@ def test_copied_entry_replaces_the_value_but_not_the_type(make_tree: Grow) -> No
     assert entry.declared.name == "int"
 
 
-def test_equals_sign_in_braces_copies_the_entry_with_this_name(make_tree: Grow) -> None:
+def test_equals_sign_in_braces_copies_the_entry_with_this_name(make_tree: MakeTree) -> None:
     tree = make_tree('<SetBlackboard value="{=}" output_key="b"/>', format=3)
     tree.blackboard["="] = 7
     assert tree.tick_once() is S
     assert tree.blackboard["b"] == 7
 
 
-def test_output_key_may_be_written_without_braces(make_tree: Grow) -> None:
+def test_output_key_may_be_written_without_braces(make_tree: MakeTree) -> None:
     tree = make_tree('<Inc in="1" out="n"/>', format=3)
     tree.tick_once()
     assert tree.blackboard["n"] == 2
 
 
-def test_repeat_completes_in_a_single_tick(make_tree: Grow, journal: CallLog) -> None:
+def test_repeat_completes_in_a_single_tick(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree('<Repeat num_cycles="3"><PlanSync name="p" plan="S"/></Repeat>', format=3)
     assert tree.tick_exactly_once() is S
     assert journal.calls == ["p:tick"] * 3
 
 
-def test_while_do_else_requires_exactly_three_children(make_tree: Grow) -> None:
+def test_while_do_else_requires_exactly_three_children(make_tree: MakeTree) -> None:
     tree = make_tree("<WhileDoElse><AlwaysSuccess/><AlwaysSuccess/></WhileDoElse>", format=3)
     with pytest.raises(NodeExecutionError, match="two branches, not 2 children"):
         tree.tick_once()
 
 
-def test_spaces_around_braces_make_the_value_a_text(make_tree: Grow) -> None:
+def test_spaces_around_braces_make_the_value_a_text(make_tree: MakeTree) -> None:
     for text, status in (("{plan}", F), (" {plan}", None), ("{plan} ", None)):
         tree = make_tree(f'<PlanSync plan="{text}"/>', format=3)
         tree.blackboard["plan"] = "F"
@@ -252,20 +252,20 @@ def test_spaces_around_braces_make_the_value_a_text(make_tree: Grow) -> None:
             assert tree.tick_once() is status
 
 
-def test_equals_sign_refers_to_the_entry_named_like_the_port(make_tree: Grow) -> None:
+def test_equals_sign_refers_to_the_entry_named_like_the_port(make_tree: MakeTree) -> None:
     tree = make_tree('<Sequence><PlanSync plan="="/><Inc in="1" out="="/></Sequence>', format=3)
     tree.blackboard["plan"] = "S"
     assert tree.tick_once() is S
     assert tree.blackboard["out"] == 2
 
 
-def test_every_attribute_is_a_port_even_with_an_underscore(make_tree: Grow) -> None:
+def test_every_attribute_is_a_port_even_with_an_underscore(make_tree: MakeTree) -> None:
     with pytest.raises(TreeError, match="_note"):
         make_tree('<AlwaysSuccess _note="1"/>', format=3)
     assert make_tree('<AlwaysSuccess _description="so"/>', format=3).tick_once() is S
 
 
-def test_some_control_nodes_may_be_empty(make_tree: Grow) -> None:
+def test_some_control_nodes_may_be_empty(make_tree: MakeTree) -> None:
     assert make_tree("<ReactiveSequence/>", format=3).tick_once() is S
     for tag in ("Sequence", "SequenceStar", "Fallback"):
         with pytest.raises(TreeError, match=tag):
@@ -273,7 +273,7 @@ def test_some_control_nodes_may_be_empty(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("tag", ["RetryUntilSuccessful", "RetryUntilSuccesful"])
-def test_retry_completes_in_a_single_tick(make_tree: Grow, journal: CallLog, tag: str) -> None:
+def test_retry_completes_in_a_single_tick(make_tree: MakeTree, journal: CallLog, tag: str) -> None:
     """BehaviorTree.CPP 3 keeps the first spelling, which it calls a typo."""
     tree = make_tree(
         f'<{tag} num_attempts="3"><PlanSync name="p" plan="F"/></{tag}>',
@@ -283,7 +283,7 @@ def test_retry_completes_in_a_single_tick(make_tree: Grow, journal: CallLog, tag
     assert journal.calls == ["p:tick"] * 3
 
 
-def test_mismatch_result_missing_on_the_blackboard_is_a_failure(make_tree: Grow) -> None:
+def test_mismatch_result_missing_on_the_blackboard_is_a_failure(make_tree: MakeTree) -> None:
     tree = make_tree(check("Int", "1", "2", 'return_on_mismatch="{result}"'), format=3)
     assert tree.tick_once() is F
     tree.blackboard["result"] = S

@@ -21,7 +21,7 @@ from btcore import (
 )
 from btcore.testing.plan_leaves import CallLog
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
@@ -56,7 +56,7 @@ def ticks(tree: Tree, count: int) -> list[Status]:
     ],
 )
 def test_loop_takes_one_element_per_tick_and_one_tick_to_end(
-    tag: str, text: str, elements: list[object], make_tree: Grow, sink: Sink
+    tag: str, text: str, elements: list[object], make_tree: MakeTree, sink: Sink
 ) -> None:
     tree = make_tree(
         f'<{tag} queue="{text}" value="{{v}}"><Take value="{{v}}"/></{tag}>', take, resources=[sink]
@@ -66,26 +66,26 @@ def test_loop_takes_one_element_per_tick_and_one_tick_to_end(
     assert [type(one) for one in sink.got] == [type(one) for one in elements]
 
 
-def test_loop_emits_no_wake_up(make_tree: Grow, sink: Sink) -> None:
+def test_loop_emits_no_wake_up(make_tree: MakeTree, sink: Sink) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     tree.tick_once()
     assert tree.ticks == 1
 
 
-def test_literal_list_restarts_with_the_node(make_tree: Grow, sink: Sink) -> None:
+def test_literal_list_restarts_with_the_node(make_tree: MakeTree, sink: Sink) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     assert ticks(tree, 6) == [R, R, S, R, R, S]
     assert sink.got == [1, 2, 1, 2]
 
 
 @pytest.mark.parametrize("written", ["SUCCESS", "FAILURE", "SKIPPED"])
-def test_empty_queue_returns_if_empty(written: str, make_tree: Grow) -> None:
+def test_empty_queue_returns_if_empty(written: str, make_tree: MakeTree) -> None:
     tree = make_tree(f'<LoopInt queue="" if_empty="{written}" value="{{v}}"><AlwaysSuccess/></LoopInt>')
     assert tree.tick_once() is Status[written]
 
 
 def test_failure_ends_the_loop_and_drops_the_rest_of_a_literal_list(
-    make_tree: Grow, journal: CallLog
+    make_tree: MakeTree, journal: CallLog
 ) -> None:
     tree = make_tree('<LoopInt queue="1;2;3" value="{v}"><PlanSync name="p" plan="SFSSS"/></LoopInt>')
     assert ticks(tree, 2) == [R, F]
@@ -93,12 +93,12 @@ def test_failure_ends_the_loop_and_drops_the_rest_of_a_literal_list(
     assert ticks(tree, 4) == [R, R, R, S]
 
 
-def test_skipped_child_consumes_its_element_and_the_loop_continues(make_tree: Grow) -> None:
+def test_skipped_child_consumes_its_element_and_the_loop_continues(make_tree: MakeTree) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanSync plan="K"/></LoopInt>')
     assert ticks(tree, 3) == [R, R, S]
 
 
-def test_running_child_keeps_its_element(make_tree: Grow, journal: CallLog) -> None:
+def test_running_child_keeps_its_element(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="RRS"/></LoopInt>')
     assert ticks(tree, 3) == [R, R, R]
     assert tree.blackboard["v"] == 1
@@ -107,7 +107,7 @@ def test_running_child_keeps_its_element(make_tree: Grow, journal: CallLog) -> N
     assert journal.calls == ["a:start", "a:running", "a:running", "a:start"]
 
 
-def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: Grow, journal: CallLog) -> None:
+def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="S|RR|S"/></LoopInt>')
     ticks(tree, 2)
     assert tree.blackboard["v"] == 2
@@ -117,7 +117,7 @@ def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: Grow, journ
     assert tree.blackboard["v"] == 1
 
 
-def test_a_deque_on_the_blackboard_is_consumed_in_place(make_tree: Grow, sink: Sink) -> None:
+def test_a_deque_on_the_blackboard_is_consumed_in_place(make_tree: MakeTree, sink: Sink) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     queue: deque[int] = deque([1, 2])
     tree.blackboard["q"] = queue
@@ -128,7 +128,7 @@ def test_a_deque_on_the_blackboard_is_consumed_in_place(make_tree: Grow, sink: S
     assert sink.got == [1, 2, 3]
 
 
-def test_failure_leaves_the_rest_in_a_deque(make_tree: Grow) -> None:
+def test_failure_leaves_the_rest_in_a_deque(make_tree: MakeTree) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
     queue: deque[int] = deque([1, 2, 3])
     tree.blackboard["q"] = queue
@@ -138,7 +138,7 @@ def test_failure_leaves_the_rest_in_a_deque(make_tree: Grow) -> None:
 
 @pytest.mark.parametrize("given", [[1, 2], "1;2"])
 def test_list_or_text_entry_is_read_at_each_activation_and_left_unchanged(
-    given: object, make_tree: Grow, sink: Sink
+    given: object, make_tree: MakeTree, sink: Sink
 ) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     tree.blackboard["q"] = given
@@ -148,26 +148,26 @@ def test_list_or_text_entry_is_read_at_each_activation_and_left_unchanged(
     assert sink.got == [1, 2, 7, 8]
 
 
-def test_queue_that_was_never_written_raises(make_tree: Grow) -> None:
+def test_queue_that_was_never_written_raises(make_tree: MakeTree) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
     with pytest.raises(NodeExecutionError, match=r"\{q\}, which has no value"):
         tree.tick_once()
 
 
-def test_queue_that_was_removed_raises(make_tree: Grow) -> None:
+def test_queue_that_was_removed_raises(make_tree: MakeTree) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
     tree.blackboard.unset("q")
     with pytest.raises(NodeExecutionError, match=r"\{q\}, which has no value"):
         tree.tick_once()
 
 
-def test_literal_value_is_ignored(make_tree: Grow) -> None:
+def test_literal_value_is_ignored(make_tree: MakeTree) -> None:
     for loop in ('LoopInt queue="1" value="7"', 'LoopString queue="a" value="x"'):
         tree = make_tree(f"<{loop}><AlwaysSuccess/></{loop.split()[0]}>")
         assert ticks(tree, 2) == [R, S]
 
 
-def test_equals_sign_is_a_list_and_not_the_entry_of_the_port(make_tree: Grow, sink: Sink) -> None:
+def test_equals_sign_is_a_list_and_not_the_entry_of_the_port(make_tree: MakeTree, sink: Sink) -> None:
     with pytest.raises(TreeError, match="queue"):
         make_tree('<LoopInt queue="=" value="{v}"><AlwaysSuccess/></LoopInt>')
     loop = '<LoopString queue="=" value="{v}"><Take value="{v}"/></LoopString>'
@@ -175,16 +175,16 @@ def test_equals_sign_is_a_list_and_not_the_entry_of_the_port(make_tree: Grow, si
     assert sink.got == ["="]
 
 
-def test_value_port_is_optional(make_tree: Grow) -> None:
+def test_value_port_is_optional(make_tree: MakeTree) -> None:
     assert ticks(make_tree('<LoopInt queue="1"><AlwaysSuccess/></LoopInt>'), 2) == [R, S]
 
 
-def test_missing_queue_is_a_tree_error(make_tree: Grow) -> None:
+def test_missing_queue_is_a_tree_error(make_tree: MakeTree) -> None:
     with pytest.raises(TreeError, match="queue"):
         make_tree('<LoopInt value="{v}"><AlwaysSuccess/></LoopInt>')
 
 
-def test_element_that_does_not_convert_is_a_tree_error(make_tree: Grow) -> None:
+def test_element_that_does_not_convert_is_a_tree_error(make_tree: MakeTree) -> None:
     with pytest.raises(TreeError, match="two"):
         make_tree('<LoopInt queue="1;two" value="{v}"><AlwaysSuccess/></LoopInt>')
 

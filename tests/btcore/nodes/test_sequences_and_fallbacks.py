@@ -8,7 +8,7 @@ from btcore import NodeSpec, Status, Tree
 from btcore.nodes.sequences_and_fallbacks import OrderedNode, ReactiveNode, ReactiveSequence, Sequence
 from btcore.testing.plan_leaves import CallLog
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
@@ -20,7 +20,7 @@ LEAVES = '<PlanSync name="a" plan="{}"/><PlanSync name="b" plan="{}"/>'
     ("plans", "result", "ticked"), [("FS", S, ["a", "b"]), ("SF", S, ["a"]), ("FF", F, ["a", "b"])]
 )
 def test_subclass_may_continue_after_a_failure(
-    base: type, plans: str, result: Status, ticked: list[str], make_tree: Grow, journal: CallLog
+    base: type, plans: str, result: Status, ticked: list[str], make_tree: MakeTree, journal: CallLog
 ) -> None:
     own = type("Own", (base,), {"spec": NodeSpec(continue_on=F)})
     assert make_tree(f"<Own>{LEAVES.format(*plans)}</Own>", own).tick_once() is result
@@ -40,7 +40,7 @@ def test_subclass_may_continue_after_a_failure(
     ],
 )
 def test_first_child_that_is_ticked_after_a_halt(
-    tag: str, plan: str, first: str, make_tree: Grow, journal: CallLog
+    tag: str, plan: str, first: str, make_tree: MakeTree, journal: CallLog
 ) -> None:
     tree = make_tree(f'<{tag}><PlanSync name="a" plan="{plan}"/><PlanAction name="b" plan="RRRR"/></{tag}>')
     while "b:start" not in journal.calls:

@@ -9,7 +9,7 @@ from btcore import Blackboard, NodeExecutionError, Status, Tree, TreeError
 from btcore.testing.plan_leaves import CallLog
 from tests.conformance.recorded_cases import conformance_registry
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
@@ -31,7 +31,7 @@ def switch(cases: int, *plans: str, variable: str = "{v}") -> str:
 @pytest.mark.parametrize("format", FORMATS)
 @pytest.mark.parametrize("cases", SIZES)
 def test_matching_case_is_ticked_and_otherwise_the_last_child(
-    cases: int, format: int, make_tree: Grow, journal: CallLog
+    cases: int, format: int, make_tree: MakeTree, journal: CallLog
 ) -> None:
     tree = make_tree(switch(cases), format=format)
     for number in range(1, cases + 1):
@@ -44,13 +44,13 @@ def test_matching_case_is_ticked_and_otherwise_the_last_child(
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_unreadable_variable_matches_no_case(format: int, make_tree: Grow, journal: CallLog) -> None:
+def test_unreadable_variable_matches_no_case(format: int, make_tree: MakeTree, journal: CallLog) -> None:
     assert make_tree(switch(4), format=format).tick_once() is S
     assert journal.calls == ["other:start"]
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_changed_choice_halts_the_running_child(format: int, make_tree: Grow, journal: CallLog) -> None:
+def test_changed_choice_halts_the_running_child(format: int, make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree(switch(4, "R", "RS"), format=format)
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is R
@@ -61,7 +61,7 @@ def test_changed_choice_halts_the_running_child(format: int, make_tree: Grow, jo
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_halt_halts_the_running_child(format: int, make_tree: Grow, journal: CallLog) -> None:
+def test_halt_halts_the_running_child(format: int, make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree(switch(5, "R"), format=format)
     tree.blackboard["v"] = "1"
     tree.tick_once()
@@ -70,13 +70,13 @@ def test_halt_halts_the_running_child(format: int, make_tree: Grow, journal: Cal
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_switch_returns_the_failure_of_its_child(format: int, make_tree: Grow) -> None:
+def test_switch_returns_the_failure_of_its_child(format: int, make_tree: MakeTree) -> None:
     tree = make_tree(switch(6, "F"), format=format)
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is F
 
 
-def test_switch_is_skipped_with_its_child(make_tree: Grow) -> None:
+def test_switch_is_skipped_with_its_child(make_tree: MakeTree) -> None:
     tree = make_tree(switch(4, "K"))
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is K
@@ -84,7 +84,7 @@ def test_switch_is_skipped_with_its_child(make_tree: Grow) -> None:
 
 @pytest.mark.parametrize("format", FORMATS)
 @pytest.mark.parametrize("cases", [4, 6])
-def test_number_of_children_must_be_cases_plus_one(cases: int, format: int, make_tree: Grow) -> None:
+def test_number_of_children_must_be_cases_plus_one(cases: int, format: int, make_tree: MakeTree) -> None:
     children = "<AlwaysSuccess/>" * cases
     with pytest.raises((NodeExecutionError, TreeError), match=f"Switch{cases}"):
         make_tree(
@@ -92,7 +92,7 @@ def test_number_of_children_must_be_cases_plus_one(cases: int, format: int, make
         ).tick_once()
 
 
-def test_missing_case_is_ignored(make_tree: Grow, journal: CallLog) -> None:
+def test_missing_case_is_ignored(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree(
         '<Switch4 variable="b" case_3="b"><PlanSync name="a" plan="S"/><PlanSync name="b" plan="S"/>'
         '<PlanSync name="c" plan="S"/><PlanSync name="d" plan="S"/><PlanSync name="e" plan="S"/></Switch4>'
@@ -101,7 +101,7 @@ def test_missing_case_is_ignored(make_tree: Grow, journal: CallLog) -> None:
     assert journal.calls == ["c:tick"]
 
 
-def test_first_of_two_equal_cases_is_chosen(make_tree: Grow, journal: CallLog) -> None:
+def test_first_of_two_equal_cases_is_chosen(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree(
         '<Switch2 variable="b" case_1="b" case_2="b"><PlanSync name="a" plan="S"/>'
         '<PlanSync name="b" plan="S"/><PlanSync name="c" plan="S"/></Switch2>'
@@ -137,7 +137,7 @@ class Colour(enum.Enum):
     ],
 )
 def test_format_3_compares_texts_and_format_4_compares_values(
-    variable: str, case: str, matches: bool, in_format_3: bool, make_tree: Grow
+    variable: str, case: str, matches: bool, in_format_3: bool, make_tree: MakeTree
 ) -> None:
     nodes = conformance_registry()
     nodes.add_enum(Colour)
@@ -147,20 +147,20 @@ def test_format_3_compares_texts_and_format_4_compares_values(
     assert make_tree(body, nodes=nodes, format=3).tick_once() is (S if in_format_3 else F)
 
 
-def test_number_written_by_a_script_is_compared_by_value(make_tree: Grow, journal: CallLog) -> None:
+def test_number_written_by_a_script_is_compared_by_value(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree(f'<Sequence><Script code="v := 2"/>{switch(4)}</Sequence>')
     tree.tick_once()
     assert journal.calls == ["c2:start"]
 
 
-def test_variable_that_is_not_a_text_is_refused_when_the_tree_is_built(make_tree: Grow) -> None:
+def test_variable_that_is_not_a_text_is_refused_when_the_tree_is_built(make_tree: MakeTree) -> None:
     board = Blackboard()
     board["v"] = 1
     with pytest.raises(TreeError, match="'variable' of <Switch4>"):
         make_tree(switch(4), blackboard=board)
 
 
-def test_switch_is_not_running_before_its_child_has_been_ticked(make_tree: Grow) -> None:
+def test_switch_is_not_running_before_its_child_has_been_ticked(make_tree: MakeTree) -> None:
     tree = make_tree(switch(4, "K"))
     tree.blackboard["v"] = "1"
     tree.tick_once()

@@ -7,7 +7,7 @@ import pytest
 from btcore import NodeExecutionError, SimClock, Status, Tree, TreeError, action, sleep
 from btcore.testing.plan_leaves import CallLog
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 MS = 1_000_000
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
@@ -25,21 +25,21 @@ def after(tree: Tree, clock: SimClock, *milliseconds: float) -> list[Status]:
 # --- Sleep
 
 
-def test_sleep_runs_until_its_time_is_over_and_succeeds(make_tree: Grow, clock: SimClock) -> None:
+def test_sleep_runs_until_its_time_is_over_and_succeeds(make_tree: MakeTree, clock: SimClock) -> None:
     assert after(make_tree('<Sleep msec="100"/>'), clock, 0, 50, 49.999999, 0.000001) == [R, R, R, S]
 
 
-def test_sleep_of_zero_succeeds_immediately(make_tree: Grow, clock: SimClock) -> None:
+def test_sleep_of_zero_succeeds_immediately(make_tree: MakeTree, clock: SimClock) -> None:
     assert after(make_tree('<Sleep msec="0"/>'), clock, 0) == [S]
 
 
-def test_sleep_wakes_the_tree_at_its_end(make_tree: Grow, clock: SimClock) -> None:
+def test_sleep_wakes_the_tree_at_its_end(make_tree: MakeTree, clock: SimClock) -> None:
     tree = make_tree('<Sleep msec="100"/>')
     assert tree.tick_while_running(period=60.0) is S
     assert clock.now() == 100 * MS
 
 
-def test_halted_sleep_causes_no_wake_up_and_restarts(make_tree: Grow, clock: SimClock) -> None:
+def test_halted_sleep_causes_no_wake_up_and_restarts(make_tree: MakeTree, clock: SimClock) -> None:
     tree = make_tree('<Sleep msec="100"/>')
     after(tree, clock, 0, 60)
     tree.halt()
@@ -47,7 +47,7 @@ def test_halted_sleep_causes_no_wake_up_and_restarts(make_tree: Grow, clock: Sim
     assert after(tree, clock, 0, 60, 40) == [R, R, S]
 
 
-def test_sleep_reads_its_duration_at_the_start(make_tree: Grow, clock: SimClock) -> None:
+def test_sleep_reads_its_duration_at_the_start(make_tree: MakeTree, clock: SimClock) -> None:
     tree = make_tree('<Sleep msec="{t}"/>')
     tree.blackboard["t"] = 50
     after(tree, clock, 0)
@@ -55,7 +55,7 @@ def test_sleep_reads_its_duration_at_the_start(make_tree: Grow, clock: SimClock)
     assert after(tree, clock, 50) == [S]
 
 
-def test_negative_or_missing_duration_is_refused(make_tree: Grow) -> None:
+def test_negative_or_missing_duration_is_refused(make_tree: MakeTree) -> None:
     with pytest.raises(TreeError, match="-5"):
         make_tree('<Sleep msec="-5"/>')
     with pytest.raises(NodeExecutionError, match="msec"):
@@ -66,7 +66,7 @@ def test_negative_or_missing_duration_is_refused(make_tree: Grow) -> None:
 
 
 def test_delay_ticks_its_child_only_after_its_time(
-    make_tree: Grow, clock: SimClock, journal: CallLog
+    make_tree: MakeTree, clock: SimClock, journal: CallLog
 ) -> None:
     tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RS"/></Delay>')
     assert after(tree, clock, 0, 99) == [R, R]
@@ -76,24 +76,24 @@ def test_delay_ticks_its_child_only_after_its_time(
 
 
 def test_running_child_is_not_delayed_again_but_a_completed_child_is(
-    make_tree: Grow, clock: SimClock
+    make_tree: MakeTree, clock: SimClock
 ) -> None:
     tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RS|F"/></Delay>')
     assert after(tree, clock, 0, 100, 0, 0, 99, 1) == [R, R, S, R, R, F]
 
 
-def test_delay_of_zero_takes_a_tick(make_tree: Grow, clock: SimClock, journal: CallLog) -> None:
+def test_delay_of_zero_takes_a_tick(make_tree: MakeTree, clock: SimClock, journal: CallLog) -> None:
     tree = make_tree('<Delay delay_msec="0"><PlanSync name="a" plan="S"/></Delay>')
     assert after(tree, clock, 0, 0) == [R, S]
     assert journal.calls == ["a:tick"]
 
 
-def test_delay_wakes_the_tree_when_the_child_is_due(make_tree: Grow, clock: SimClock) -> None:
+def test_delay_wakes_the_tree_when_the_child_is_due(make_tree: MakeTree, clock: SimClock) -> None:
     assert make_tree('<Delay delay_msec="70"><AlwaysFailure/></Delay>').tick_while_running(period=60.0) is F
     assert clock.now() == 70 * MS
 
 
-def test_a_halt_ends_the_delay_and_the_child(make_tree: Grow, clock: SimClock, journal: CallLog) -> None:
+def test_a_halt_ends_the_delay_and_the_child(make_tree: MakeTree, clock: SimClock, journal: CallLog) -> None:
     tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RRR"/></Delay>')
     after(tree, clock, 0, 60)
     tree.halt()
@@ -104,7 +104,7 @@ def test_a_halt_ends_the_delay_and_the_child(make_tree: Grow, clock: SimClock, j
     assert journal.take() == ["a:halted"]
 
 
-def test_a_skipped_child_is_ticked_again_without_a_new_delay(make_tree: Grow, clock: SimClock) -> None:
+def test_a_skipped_child_is_ticked_again_without_a_new_delay(make_tree: MakeTree, clock: SimClock) -> None:
     tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="K|S"/></Delay>')
     assert after(tree, clock, 0, 100, 0) == [R, K, S]
 
@@ -112,13 +112,13 @@ def test_a_skipped_child_is_ticked_again_without_a_new_delay(make_tree: Grow, cl
 # --- Timeout
 
 
-def test_child_that_completes_in_time_returns_its_own_result(make_tree: Grow, clock: SimClock) -> None:
+def test_child_that_completes_in_time_returns_its_own_result(make_tree: MakeTree, clock: SimClock) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RS|RF"/></Timeout>')
     assert after(tree, clock, 0, 99, 0, 99) == [R, S, R, F]
 
 
 def test_child_running_at_the_limit_is_halted_and_timeout_fails(
-    make_tree: Grow, clock: SimClock, journal: CallLog
+    make_tree: MakeTree, clock: SimClock, journal: CallLog
 ) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RRRRR"/></Timeout>')
     assert after(tree, clock, 0, 99.999999, 0.000001) == [R, R, F]
@@ -126,25 +126,27 @@ def test_child_running_at_the_limit_is_halted_and_timeout_fails(
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_child_is_not_ticked_again_at_the_limit(make_tree: Grow, clock: SimClock, journal: CallLog) -> None:
+def test_child_is_not_ticked_again_at_the_limit(
+    make_tree: MakeTree, clock: SimClock, journal: CallLog
+) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RS"/></Timeout>')
     assert after(tree, clock, 0, 100) == [R, F]
     assert "a:running" not in journal.calls
 
 
-def test_timeout_wakes_the_tree_at_the_limit(make_tree: Grow, clock: SimClock) -> None:
+def test_timeout_wakes_the_tree_at_the_limit(make_tree: MakeTree, clock: SimClock) -> None:
     assert (
         make_tree('<Timeout msec="70"><PlanAction plan="R"/></Timeout>').tick_while_running(period=60.0) is F
     )
     assert clock.now() == 70 * MS
 
 
-def test_timeout_of_zero_is_no_limit(make_tree: Grow, clock: SimClock) -> None:
+def test_timeout_of_zero_is_no_limit(make_tree: MakeTree, clock: SimClock) -> None:
     tree = make_tree('<Timeout msec="0"><PlanAction plan="RRRS"/></Timeout>')
     assert after(tree, clock, 0, 1e6, 1e6, 1e6) == [R, R, R, S]
 
 
-def test_limit_restarts_after_a_result_and_after_a_halt(make_tree: Grow, clock: SimClock) -> None:
+def test_limit_restarts_after_a_result_and_after_a_halt(make_tree: MakeTree, clock: SimClock) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction plan="RS|RRR|RRR"/></Timeout>')
     assert after(tree, clock, 0, 80) == [R, S]
     assert after(tree, clock, 0, 80) == [R, R]
@@ -153,7 +155,7 @@ def test_limit_restarts_after_a_result_and_after_a_halt(make_tree: Grow, clock: 
     assert after(tree, clock, 0, 80, 20) == [R, R, F]
 
 
-def test_child_that_completes_in_time_leaves_no_wake_up(make_tree: Grow, clock: SimClock) -> None:
+def test_child_that_completes_in_time_leaves_no_wake_up(make_tree: MakeTree, clock: SimClock) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction plan="RS"/></Timeout>')
     assert after(tree, clock, 0, 10) == [R, S]
     assert tree.sleep(1.0) is False
@@ -169,7 +171,7 @@ def test_child_that_completes_in_time_leaves_no_wake_up(make_tree: Grow, clock: 
     ],
 )
 def test_node_halted_by_its_parent_while_waiting_causes_no_wake_up(
-    waiting: str, make_tree: Grow, clock: SimClock
+    waiting: str, make_tree: MakeTree, clock: SimClock
 ) -> None:
     tree = make_tree(
         f'<WhileDoElse><PlanCondition plan="SF"/>{waiting}<PlanAction name="b" plan="RRR"/></WhileDoElse>'
@@ -179,12 +181,12 @@ def test_node_halted_by_its_parent_while_waiting_causes_no_wake_up(
     assert clock.now() == 1010 * MS
 
 
-def test_skipped_child_makes_timeout_skipped(make_tree: Grow, clock: SimClock) -> None:
+def test_skipped_child_makes_timeout_skipped(make_tree: MakeTree, clock: SimClock) -> None:
     assert after(make_tree('<Timeout msec="100"><PlanAction plan="K"/></Timeout>'), clock, 0) == [K]
 
 
 def test_child_not_running_at_the_limit_is_not_halted_and_has_no_limit(
-    make_tree: Grow, clock: SimClock, journal: CallLog
+    make_tree: MakeTree, clock: SimClock, journal: CallLog
 ) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="K|RRS"/></Timeout>')
     assert after(tree, clock, 0, 100, 1e6, 1e6) == [K, R, R, S]
@@ -192,7 +194,7 @@ def test_child_not_running_at_the_limit_is_not_halted_and_has_no_limit(
 
 
 def test_in_format_3_a_halt_does_not_stop_the_time(
-    make_tree: Grow, clock: SimClock, journal: CallLog
+    make_tree: MakeTree, clock: SimClock, journal: CallLog
 ) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="R"/></Timeout>', format=3)
     after(tree, clock, 0, 60)
@@ -202,14 +204,14 @@ def test_in_format_3_a_halt_does_not_stop_the_time(
     assert after(tree, clock, 0, 99, 1) == [R, R, F]
 
 
-def test_in_format_3_a_limit_between_two_starts_is_ignored(make_tree: Grow, clock: SimClock) -> None:
+def test_in_format_3_a_limit_between_two_starts_is_ignored(make_tree: MakeTree, clock: SimClock) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="R|RRS"/></Timeout>', format=3)
     after(tree, clock, 0)
     tree.halt()
     assert after(tree, clock, 100, 1e6, 1e6) == [R, R, S]
 
 
-def test_inner_limit_ends_first(make_tree: Grow, clock: SimClock, journal: CallLog) -> None:
+def test_inner_limit_ends_first(make_tree: MakeTree, clock: SimClock, journal: CallLog) -> None:
     tree = make_tree(
         '<Timeout msec="200"><Fallback><Timeout msec="50"><PlanAction name="a" plan="R"/></Timeout>'
         '<PlanAction name="b" plan="R"/></Fallback></Timeout>'
@@ -220,7 +222,7 @@ def test_inner_limit_ends_first(make_tree: Grow, clock: SimClock, journal: CallL
 
 
 @pytest.mark.parametrize("format", [3, 4])
-def test_both_formats_have_delay_and_timeout(format: int, make_tree: Grow, clock: SimClock) -> None:
+def test_both_formats_have_delay_and_timeout(format: int, make_tree: MakeTree, clock: SimClock) -> None:
     body = '<Timeout msec="100"><Delay delay_msec="30"><PlanAction plan="RRRR"/></Delay></Timeout>'
     tree = make_tree(body, format=format)
     assert after(tree, clock, 0, 30, 69, 1) == [R, R, R, F]
@@ -239,7 +241,7 @@ def test_both_formats_have_delay_and_timeout(format: int, make_tree: Grow, clock
     ],
 )
 def test_a_timer_counts_from_its_start_and_is_judged_by_the_time_at_the_start_of_a_tick(
-    make_tree: Grow, clock: SimClock, timer: str, result: Status
+    make_tree: MakeTree, clock: SimClock, timer: str, result: Status
 ) -> None:
     @action
     def slow() -> bool:

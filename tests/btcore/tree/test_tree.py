@@ -25,7 +25,7 @@ from btcore.nodes.sequences_and_fallbacks import Sequence
 from btcore.testing.plan_leaves import CallLog, PlanAction
 from tests.conformance.recorded_cases import conformance_registry
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
 
@@ -33,7 +33,7 @@ THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
 # --- ticking
 
 
-def test_leaf_cannot_tick_its_own_tree(make_tree: Grow) -> None:
+def test_leaf_cannot_tick_its_own_tree(make_tree: MakeTree) -> None:
     @action
     def again() -> Status:
         return tree.tick_once()
@@ -48,7 +48,7 @@ def test_leaf_cannot_tick_its_own_tree(make_tree: Grow) -> None:
     assert tree.ticks == 1
 
 
-def test_tree_can_be_ticked_again_after_an_error_and_after_an_interrupt(make_tree: Grow) -> None:
+def test_tree_can_be_ticked_again_after_an_error_and_after_an_interrupt(make_tree: MakeTree) -> None:
     problems: list[BaseException] = [ValueError("broken"), KeyboardInterrupt()]
 
     @action
@@ -65,7 +65,7 @@ def test_tree_can_be_ticked_again_after_an_error_and_after_an_interrupt(make_tre
     assert tree.tick_while_running() is Status.SUCCESS
 
 
-def test_second_thread_cannot_tick_a_tree_during_a_tick(make_tree: Grow) -> None:
+def test_second_thread_cannot_tick_a_tree_during_a_tick(make_tree: MakeTree) -> None:
     started, release = threading.Event(), threading.Event()
 
     @action
@@ -90,7 +90,7 @@ def test_second_thread_cannot_tick_a_tree_during_a_tick(make_tree: Grow) -> None
     assert results == [Status.SUCCESS]  # the tick in progress did not notice
 
 
-def test_second_run_of_a_tree_is_refused_while_the_first_waits(make_tree: Grow) -> None:
+def test_second_run_of_a_tree_is_refused_while_the_first_waits(make_tree: MakeTree) -> None:
     async def both() -> Status:
         tree = make_tree('<PlanAction plan="RRRS"/>')
         first = asyncio.create_task(tree.run())
@@ -111,7 +111,7 @@ def test_second_run_of_a_tree_is_refused_while_the_first_waits(make_tree: Grow) 
     assert asyncio.run(both()) is Status.SUCCESS
 
 
-def test_async_sequence_takes_a_tick_per_child_but_a_single_tick_once(make_tree: Grow) -> None:
+def test_async_sequence_takes_a_tick_per_child_but_a_single_tick_once(make_tree: MakeTree) -> None:
     tree = make_tree(f"<AsyncSequence>{THREE}</AsyncSequence>")
     assert tree.tick_exactly_once() is Status.RUNNING
     assert [child.status for child in tree.root.children].count(Status.SUCCESS) == 1
@@ -120,14 +120,14 @@ def test_async_sequence_takes_a_tick_per_child_but_a_single_tick_once(make_tree:
     assert tree.ticks == 3
 
 
-def test_tick_once_repeats_only_while_the_root_is_running(make_tree: Grow) -> None:
+def test_tick_once_repeats_only_while_the_root_is_running(make_tree: MakeTree) -> None:
     tree = make_tree('<Sequence><PlanSync plan="S"/></Sequence>')
     tree.wake()
     assert tree.tick_once() is Status.SUCCESS
     assert tree.ticks == 1
 
 
-def test_tick_once_consumes_the_wake_up_and_tick_exactly_once_keeps_it(make_tree: Grow) -> None:
+def test_tick_once_consumes_the_wake_up_and_tick_exactly_once_keeps_it(make_tree: MakeTree) -> None:
     tree = make_tree('<PlanAction plan="RRRR"/>')
     tree.wake()
     tree.tick_exactly_once()
@@ -138,14 +138,14 @@ def test_tick_once_consumes_the_wake_up_and_tick_exactly_once_keeps_it(make_tree
     assert tree.ticks == 4
 
 
-def test_a_completed_root_is_idle_and_the_tree_keeps_its_result(make_tree: Grow) -> None:
+def test_a_completed_root_is_idle_and_the_tree_keeps_its_result(make_tree: MakeTree) -> None:
     tree = make_tree('<PlanAction plan="RF"/>')
     assert tree.status is Status.IDLE
     assert (tree.tick_once(), tree.root.status, tree.status) == (Status.RUNNING,) * 3
     assert (tree.tick_once(), tree.root.status, tree.status) == (Status.FAILURE, Status.IDLE, Status.FAILURE)
 
 
-def test_skipped_ends_every_tick_method(make_tree: Grow) -> None:
+def test_skipped_ends_every_tick_method(make_tree: MakeTree) -> None:
     tree = make_tree('<AlwaysSuccess _skipIf="true"/>')
     assert tree.tick_exactly_once() is Status.SKIPPED
     assert tree.tick_once() is Status.SKIPPED
@@ -154,7 +154,7 @@ def test_skipped_ends_every_tick_method(make_tree: Grow) -> None:
 
 
 def test_sequence_with_only_skipped_children_returns_skipped_and_stays_running(
-    make_tree: Grow,
+    make_tree: MakeTree,
 ) -> None:
     tree = make_tree('<Sequence><AlwaysSuccess _skipIf="true"/></Sequence>')
     assert tree.tick_once() is Status.SKIPPED
@@ -222,7 +222,7 @@ def test_many_periods_do_not_drift(clock: SimClock) -> None:
     assert at[-1] == pytest.approx(3000 * 1000 / 30, abs=0.01)
 
 
-def test_simulated_clock_starts_at_its_given_time(make_tree: Grow) -> None:
+def test_simulated_clock_starts_at_its_given_time(make_tree: MakeTree) -> None:
     assert moments(SimClock(5_000_000_000), [0.0], 0.5) == [5000.0, 5500.0]
 
 
@@ -231,7 +231,7 @@ def test_period_of_zero_never_sleeps(clock: SimClock) -> None:
 
 
 @pytest.mark.parametrize("period", [-0.1, float("nan"), float("inf")])
-def test_negative_or_nan_period_is_refused_before_the_first_tick(make_tree: Grow, period: float) -> None:
+def test_negative_or_nan_period_is_refused_before_the_first_tick(make_tree: MakeTree, period: float) -> None:
     tree = make_tree("<AlwaysSuccess/>")
     with pytest.raises(ValueError, match=rf"invalid period {period}: use a number of seconds"):
         tree.tick_while_running(period=period)
@@ -274,7 +274,9 @@ def test_period_of_zero_advances_a_clock_that_stands_still_to_the_next_deadline(
     assert tree.ticks == 3
 
 
-def test_waiting_node_is_ticked_on_time_and_the_period_continues(make_tree: Grow, clock: SimClock) -> None:
+def test_waiting_node_is_ticked_on_time_and_the_period_continues(
+    make_tree: MakeTree, clock: SimClock
+) -> None:
     ticked: list[int] = []
 
     class Watch(btcore.Observer):
@@ -287,7 +289,7 @@ def test_waiting_node_is_ticked_on_time_and_the_period_continues(make_tree: Grow
     assert ticked == [0, 10, 20, 25, 30, 40, 45]
 
 
-def test_sleep_lets_time_pass_and_returns_whether_it_was_woken(make_tree: Grow, clock: SimClock) -> None:
+def test_sleep_lets_time_pass_and_returns_whether_it_was_woken(make_tree: MakeTree, clock: SimClock) -> None:
     tree = make_tree("<AlwaysSuccess/>")
     assert tree.sleep(2.5) is False
     assert clock.now() == 2_500_000_000
@@ -340,7 +342,7 @@ COUNTS = (
 
 
 @pytest.mark.parametrize("ticks", [0, 1, 2])
-def test_halt_runs_on_halted_of_every_node_and_twice_for_the_root(ticks: int, make_tree: Grow) -> None:
+def test_halt_runs_on_halted_of_every_node_and_twice_for_the_root(ticks: int, make_tree: MakeTree) -> None:
     tree = make_tree(COUNTS, blackboard=counter())
     for _ in range(ticks):
         tree.tick_exactly_once()
@@ -357,7 +359,7 @@ def counter() -> Blackboard:
     return board
 
 
-def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: Grow, journal: CallLog) -> None:
+def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree(
         '<Parallel><PlanAction name="a" plan="RR"/><PlanAction name="b" plan="S"/>'
         '<Inverter><PlanAction name="c" plan="RR"/></Inverter></Parallel>'
@@ -372,7 +374,7 @@ def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: Grow, 
 
 @pytest.mark.parametrize(("value", "handled"), [("true", True), ("{missing}", False), ("{empty}", False)])
 def test_a_halt_ticks_the_handler_of_a_try_catch_if_its_port_is_true(
-    value: str, handled: bool, make_tree: Grow, journal: CallLog
+    value: str, handled: bool, make_tree: MakeTree, journal: CallLog
 ) -> None:
     body = '<PlanAction name="a" plan="R"/><PlanSync name="handler" plan="S"/>'
     tree = make_tree(f'<TryCatch catch_on_halt="{value}">{body}</TryCatch>')
@@ -381,7 +383,7 @@ def test_a_halt_ticks_the_handler_of_a_try_catch_if_its_port_is_true(
     assert journal.calls == ["a:start", "a:halted", *(["handler:tick"] if handled else [])]
 
 
-def test_a_halted_tree_starts_again(make_tree: Grow, journal: CallLog) -> None:
+def test_a_halted_tree_starts_again(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree('<Sequence><PlanAction name="a" plan="S"/><PlanAction name="b" plan="RS"/></Sequence>')
     tree.tick_once()
     tree.halt()
@@ -390,7 +392,7 @@ def test_a_halted_tree_starts_again(make_tree: Grow, journal: CallLog) -> None:
     assert journal.take() == ["a:start", "b:start"]
 
 
-def test_tree_is_a_context_manager_that_halts_it(make_tree: Grow, journal: CallLog) -> None:
+def test_tree_is_a_context_manager_that_halts_it(make_tree: MakeTree, journal: CallLog) -> None:
     with make_tree('<PlanAction name="a" plan="R"/>') as tree:
         tree.tick_once()
     assert journal.calls == ["a:start", "a:halted"]
@@ -401,7 +403,7 @@ def test_tree_is_a_context_manager_that_halts_it(make_tree: Grow, journal: CallL
 SUBTREES = '<BehaviorTree ID="Sub"><Sequence name="again"><PlanSync plan="S"/></Sequence></BehaviorTree>'
 
 
-def test_paths_and_uids_match_behaviortree_cpp(make_tree: Grow) -> None:
+def test_paths_and_uids_match_behaviortree_cpp(make_tree: MakeTree) -> None:
     tree = make_tree(
         '<Sequence><SubTree ID="Sub" name="inst"/><SubTree ID="Sub"/><AlwaysSuccess name="nm"/></Sequence>',
         others=SUBTREES,
@@ -421,7 +423,7 @@ def test_paths_and_uids_match_behaviortree_cpp(make_tree: Grow) -> None:
     assert tree.subtrees[1].root is tree.nodes[2]
 
 
-def test_node_is_found_by_its_path_or_by_a_unique_name(make_tree: Grow) -> None:
+def test_node_is_found_by_its_path_or_by_a_unique_name(make_tree: MakeTree) -> None:
     tree = make_tree(
         '<Sequence><SubTree ID="Sub" name="inst"/><AlwaysSuccess name="nm"/></Sequence>', others=SUBTREES
     )
@@ -432,7 +434,7 @@ def test_node_is_found_by_its_path_or_by_a_unique_name(make_tree: Grow) -> None:
 
 @pytest.mark.parametrize("path", ["Deep/wave", "Main/Deep/wave", "Deep::9/wave", "elsewhere/wave"])
 def test_path_without_the_number_of_its_subtree_gets_the_full_path_as_a_suggestion(
-    make_tree: Grow, path: str
+    make_tree: MakeTree, path: str
 ) -> None:
     deep = '<BehaviorTree ID="Deep"><Sequence><AlwaysSuccess name="wave"/></Sequence></BehaviorTree>'
     tree = make_tree('<Sequence><Inverter><SubTree ID="Deep"/></Inverter></Sequence>', others=deep)
@@ -440,13 +442,13 @@ def test_path_without_the_number_of_its_subtree_gets_the_full_path_as_a_suggesti
         tree.node(path)
 
 
-def test_unknown_path_raises_an_error_with_a_suggestion(make_tree: Grow) -> None:
+def test_unknown_path_raises_an_error_with_a_suggestion(make_tree: MakeTree) -> None:
     tree = make_tree('<Sequence><AlwaysSuccess name="wave"/></Sequence>')
     with pytest.raises(BtcoreError, match=r"the tree has no node 'wawe'; did you mean 'wave'\?"):
         tree.node("wawe")
 
 
-def test_nodes_with_the_same_path_are_distinguished_by_number(make_tree: Grow) -> None:
+def test_nodes_with_the_same_path_are_distinguished_by_number(make_tree: MakeTree) -> None:
     tree = make_tree('<Sequence><PlanSync name="p" plan="S"/><PlanSync name="p" plan="S"/></Sequence>')
     assert list(tree.nodes_by_path()) == ["Sequence::1", "p#2", "p#3"]
     assert tree.node("p#3") is tree.nodes[2]
@@ -454,7 +456,7 @@ def test_nodes_with_the_same_path_are_distinguished_by_number(make_tree: Grow) -
         tree.node("p")
 
 
-def test_nodes_are_found_by_their_type_in_pre_order(make_tree: Grow) -> None:
+def test_nodes_are_found_by_their_type_in_pre_order(make_tree: MakeTree) -> None:
     inner = '<Sequence><PlanAction name="b" plan="S"/></Sequence>'
     tree = make_tree(f'<Sequence><PlanAction name="a" plan="S"/>{inner}</Sequence>')
     assert [node.name for node in tree.find(PlanAction)] == ["a", "b"]
@@ -463,7 +465,7 @@ def test_nodes_are_found_by_their_type_in_pre_order(make_tree: Grow) -> None:
     assert tree.find(SystemClock) == []  # type: ignore[type-var]
 
 
-def test_count_ticks_counts_from_the_first_call(make_tree: Grow) -> None:
+def test_count_ticks_counts_from_the_first_call(make_tree: MakeTree) -> None:
     tree = make_tree(
         '<ReactiveSequence name="r"><PlanCondition name="c" plan="SSF"/><PlanAction name="a" plan="RR"/>'
         '<PlanSync name="k" plan="K"/></ReactiveSequence>'
@@ -478,7 +480,7 @@ def test_count_ticks_counts_from_the_first_call(make_tree: Grow) -> None:
     assert tree.ticks == 3
 
 
-def test_tick_decided_by_a_condition_counts_with_its_result(make_tree: Grow) -> None:
+def test_tick_decided_by_a_condition_counts_with_its_result(make_tree: MakeTree) -> None:
     tree = make_tree('<AlwaysSuccess name="a" _skipIf="true"/>')
     count = tree.count_ticks()["a"]
     tree.tick_once()
@@ -488,7 +490,7 @@ def test_tick_decided_by_a_condition_counts_with_its_result(make_tree: Grow) -> 
 # --- two trees
 
 
-def test_two_trees_share_nothing(make_tree: Grow) -> None:
+def test_two_trees_share_nothing(make_tree: MakeTree) -> None:
     body = '<Sequence><Script code="x := 1"/><PlanAction plan="RS"/></Sequence>'
     one, other = make_tree(body), make_tree(body)
     one.tick_once()
@@ -500,7 +502,7 @@ def test_two_trees_share_nothing(make_tree: Grow) -> None:
     assert other.ticks == 1
 
 
-def test_two_trees_may_share_a_blackboard(make_tree: Grow) -> None:
+def test_two_trees_may_share_a_blackboard(make_tree: MakeTree) -> None:
     shared = Blackboard()
     writer = make_tree('<Script code="x := 41"/>', blackboard=shared)
     reader = make_tree('<Script code="x += 1"/>', blackboard=shared)
@@ -509,13 +511,13 @@ def test_two_trees_may_share_a_blackboard(make_tree: Grow) -> None:
     assert writer.blackboard["x"] == 42
 
 
-def test_types_of_a_given_blackboard_are_checked_when_the_tree_is_built(make_tree: Grow) -> None:
+def test_types_of_a_given_blackboard_are_checked_when_the_tree_is_built(make_tree: MakeTree) -> None:
     shared = Blackboard()
     shared["plan"] = 7
     with pytest.raises(btcore.TreeError, match="plan"):
         make_tree('<PlanSync plan="{plan}"/>', blackboard=shared)
 
 
-def test_deep_tree_can_be_ticked(make_tree: Grow) -> None:
+def test_deep_tree_can_be_ticked(make_tree: MakeTree) -> None:
     tree = make_tree("<Inverter>" * 200 + "<AlwaysSuccess/>" + "</Inverter>" * 200)
     assert tree.tick_once() is Status.SUCCESS

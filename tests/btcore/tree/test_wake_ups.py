@@ -12,7 +12,7 @@ from btcore import SimClock, StatefulAction, Status, Tree
 from btcore.clock import NS_PER_S
 from btcore.engine.context import TreeContext
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 SOON = 100.0  # s, long enough for a busy machine
 
@@ -80,7 +80,7 @@ def test_doze_ends_immediately_after_a_wake_up_with_any_clock(clock: SimClock) -
     assert (context.consume_wake_up(), clock.now()) == (False, 0)
 
 
-def test_no_wake_up_of_another_thread_is_lost(make_tree: Grow) -> None:
+def test_no_wake_up_of_another_thread_is_lost(make_tree: MakeTree) -> None:
     tree = btcore.loads(
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><Lasting/></BehaviorTree></root>',
         nodes=_registry_with_lasting(),
@@ -100,7 +100,7 @@ def test_no_wake_up_of_another_thread_is_lost(make_tree: Grow) -> None:
     assert leaf.seen == 2000
 
 
-def test_a_leaf_that_wakes_its_tree_is_ticked_again_in_the_same_step(make_tree: Grow) -> None:
+def test_a_leaf_that_wakes_its_tree_is_ticked_again_in_the_same_step(make_tree: MakeTree) -> None:
     class Eager(Lasting):
         ticks = 3
 

@@ -8,7 +8,7 @@ import pytest
 from btcore import In, NodeExecutionError, Registry, Status, Tree, TreeError, condition
 from tests.conformance.recorded_cases import conformance_registry
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 F, S = Status.FAILURE, Status.SUCCESS
 
@@ -32,14 +32,14 @@ def nodes() -> Registry:
 
 @pytest.mark.parametrize(("text", "status"), [("DRIVE", S), ("3", S), ("PARK", F), ("0", F)])
 def test_enum_is_given_by_name_or_by_number(
-    text: str, status: Status, nodes: Registry, make_tree: Grow
+    text: str, status: Status, nodes: Registry, make_tree: MakeTree
 ) -> None:
     assert make_tree(f'<Drives gear="{text}"/>', nodes=nodes).tick_once() is status
 
 
 @pytest.mark.parametrize("value", [Gear.DRIVE, 3, "DRIVE", "3"])
 def test_enum_entry_may_be_a_member_a_number_or_a_text(
-    value: object, nodes: Registry, make_tree: Grow
+    value: object, nodes: Registry, make_tree: MakeTree
 ) -> None:
     tree = make_tree('<Drives gear="{g}"/>', nodes=nodes)
     entry = tree.blackboard.find("g")
@@ -48,25 +48,25 @@ def test_enum_entry_may_be_a_member_a_number_or_a_text(
     assert tree.tick_once() is S
 
 
-def test_script_may_set_an_enum_by_a_registered_name(nodes: Registry, make_tree: Grow) -> None:
+def test_script_may_set_an_enum_by_a_registered_name(nodes: Registry, make_tree: MakeTree) -> None:
     nodes.add_enum(Gear)
     tree = make_tree('<Sequence><Script code="g := DRIVE"/><Drives gear="{g}"/></Sequence>', nodes=nodes)
     assert tree.tick_once() is S
 
 
-def test_name_registered_for_a_number_is_accepted_by_ports(nodes: Registry, make_tree: Grow) -> None:
+def test_name_registered_for_a_number_is_accepted_by_ports(nodes: Registry, make_tree: MakeTree) -> None:
     nodes.add_enum({"FORWARD": 3})
     assert make_tree('<Drives gear="FORWARD"/>', nodes=nodes).tick_once() is S
 
 
-def test_unknown_member_raises_an_error_that_lists_the_members(nodes: Registry, make_tree: Grow) -> None:
+def test_unknown_member_raises_an_error_that_lists_the_members(nodes: Registry, make_tree: MakeTree) -> None:
     with pytest.raises((TreeError, NodeExecutionError), match="PARK or DRIVE"):
         make_tree('<Drives gear="REVERSE"/>', nodes=nodes).tick_once()
 
 
 @pytest.mark.parametrize("value", ["7", 7])
 def test_number_without_a_member_is_an_error_unlike_in_cpp(
-    value: object, nodes: Registry, make_tree: Grow
+    value: object, nodes: Registry, make_tree: MakeTree
 ) -> None:
     tree = make_tree('<Drives gear="{g}"/>', nodes=nodes)
     entry = tree.blackboard.find("g")
@@ -89,7 +89,7 @@ def succeeded(last: In[Status]) -> bool:
     ],
 )
 def test_set_blackboard_and_scripts_convert_no_text_to_an_enum(
-    leaf: str, name: str, text: str, number: int, nodes: Registry, make_tree: Grow
+    leaf: str, name: str, text: str, number: int, nodes: Registry, make_tree: MakeTree
 ) -> None:
     nodes.add(succeeded)
     for write in (f'<SetBlackboard value="{text}" output_key="k"/>', f"<Script code=\"k = '{text}'\"/>"):

@@ -6,7 +6,7 @@ import pytest
 
 from btcore import Status, Tree, TreeError
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 INNER = '<BehaviorTree ID="Sub"><Script code="out := n"/></BehaviorTree>'
 
@@ -16,7 +16,7 @@ def with_model(*ports: str) -> str:
     return f'{INNER}<TreeNodesModel><SubTree ID="Sub">{"".join(ports)}</SubTree></TreeNodesModel>'
 
 
-def test_missing_port_gets_the_default(make_tree: Grow) -> None:
+def test_missing_port_gets_the_default(make_tree: MakeTree) -> None:
     tree = make_tree(
         '<SubTree ID="Sub" out="{result}"/>', others=with_model('<input_port name="n" default="7"/>')
     )
@@ -24,7 +24,7 @@ def test_missing_port_gets_the_default(make_tree: Grow) -> None:
     assert tree.blackboard["result"] == 7
 
 
-def test_the_default_may_be_an_entry(make_tree: Grow) -> None:
+def test_the_default_may_be_an_entry(make_tree: MakeTree) -> None:
     models = with_model(
         '<input_port name="n" default="{outer}"/>', '<output_port name="out" default="{out}"/>'
     )
@@ -34,7 +34,7 @@ def test_the_default_may_be_an_entry(make_tree: Grow) -> None:
     assert tree.blackboard["out"] == 5
 
 
-def test_equals_sign_in_braces_is_a_key_in_a_default_but_not_in_an_attribute(make_tree: Grow) -> None:
+def test_equals_sign_in_braces_is_a_key_in_a_default_but_not_in_an_attribute(make_tree: MakeTree) -> None:
     models = with_model('<input_port name="n" default="{=}"/>', '<output_port name="out" default="{=}"/>')
     tree = make_tree('<SubTree ID="Sub" out="{=}"/>', others=models)
     tree.blackboard["="] = 5
@@ -42,7 +42,7 @@ def test_equals_sign_in_braces_is_a_key_in_a_default_but_not_in_an_attribute(mak
     assert tree.blackboard["out"] == 5
 
 
-def test_given_value_takes_precedence_over_the_default(make_tree: Grow) -> None:
+def test_given_value_takes_precedence_over_the_default(make_tree: MakeTree) -> None:
     body = '<SubTree ID="Sub" n="8" out="{result}"/>'
     tree = make_tree(body, others=with_model('<input_port name="n" default="7"/>'))
     tree.tick_once()
@@ -50,12 +50,12 @@ def test_given_value_takes_precedence_over_the_default(make_tree: Grow) -> None:
 
 
 @pytest.mark.parametrize("kind", ["input_port", "output_port", "inout_port"])
-def test_port_without_a_default_is_required(kind: str, make_tree: Grow) -> None:
+def test_port_without_a_default_is_required(kind: str, make_tree: MakeTree) -> None:
     with pytest.raises(TreeError, match="'n'"):
         make_tree('<SubTree ID="Sub"/>', others=with_model(f'<{kind} name="n"/>'))
 
 
-def test_autoremap_ignores_the_model(make_tree: Grow) -> None:
+def test_autoremap_ignores_the_model(make_tree: MakeTree) -> None:
     models = with_model('<input_port name="n" default="7"/>', '<input_port name="m"/>')
     tree = make_tree('<SubTree ID="Sub" _autoremap="true"/>', others=models)
     tree.blackboard["n"] = 1
@@ -63,6 +63,6 @@ def test_autoremap_ignores_the_model(make_tree: Grow) -> None:
     assert tree.blackboard["out"] == 1
 
 
-def test_models_of_other_node_types_are_ignored_by_the_loader(make_tree: Grow) -> None:
+def test_models_of_other_node_types_are_ignored_by_the_loader(make_tree: MakeTree) -> None:
     models = '<TreeNodesModel><Action ID="PlanSync"><input_port name="other"/></Action></TreeNodesModel>'
     assert make_tree('<PlanSync plan="S"/>', others=models).tick_once() is Status.SUCCESS

@@ -10,7 +10,7 @@ from btcore.testing.plan_leaves import CallLog
 from tests.conformance.recorded_cases import conformance_registry
 
 
-class Grower:
+class TreeFactory:
     """Builds trees of planned leaves and other nodes; ``journal`` records the calls of the leaves."""
 
     def __init__(self) -> None:
@@ -39,5 +39,5 @@ class Grower:
 
 
 @pytest.fixture
-def grow() -> Grower:
-    return Grower()
+def make_tree() -> TreeFactory:
+    return TreeFactory()

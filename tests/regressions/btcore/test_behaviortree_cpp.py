@@ -26,7 +26,7 @@ from btcore.testing import load_substitution_rules
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
@@ -43,7 +43,7 @@ def ticks(tree: Tree, count: int) -> list[Status]:
 # --- loops
 
 
-def test_cpp_909_a_literal_loop_queue_starts_again(grow: Grow) -> None:
+def test_cpp_909_a_literal_loop_queue_starts_again(make_tree: MakeTree) -> None:
     seen: list[int] = []
 
     @action
@@ -51,14 +51,14 @@ def test_cpp_909_a_literal_loop_queue_starts_again(grow: Grow) -> None:
         seen.append(number)
         return True
 
-    tree = grow('<LoopInt queue="4;5;6" value="{n}"><Visit number="{n}"/></LoopInt>', visit)
+    tree = make_tree('<LoopInt queue="4;5;6" value="{n}"><Visit number="{n}"/></LoopInt>', visit)
     assert tree.tick_while_running() is S
     assert tree.tick_while_running() is S
     assert seen == [4, 5, 6, 4, 5, 6]
 
 
-def test_cpp_909_a_literal_queue_starts_again_after_a_halt_and_a_failure(grow: Grow) -> None:
-    tree = grow(
+def test_cpp_909_a_literal_queue_starts_again_after_a_halt_and_a_failure(make_tree: MakeTree) -> None:
+    tree = make_tree(
         '<LoopInt queue="1;2;3" value="{n}"><PlanSync name="leaf" plan="SSSFSSS"/></LoopInt>',
     )
     ticks(tree, 2)
@@ -71,9 +71,11 @@ def test_cpp_909_a_literal_queue_starts_again_after_a_halt_and_a_failure(grow: G
 
 @pytest.mark.parametrize(("plan", "result"), [("S|RF", F), ("S|RS", S), ("S|F", F)])
 def test_cpp_621_the_last_element_of_a_queue_determines_the_result(
-    plan: str, result: Status, grow: Grow
+    plan: str, result: Status, make_tree: MakeTree
 ) -> None:
-    tree = grow(f'<LoopInt queue="{{q}}" value="{{n}}"><PlanAction name="leaf" plan="{plan}"/></LoopInt>')
+    tree = make_tree(
+        f'<LoopInt queue="{{q}}" value="{{n}}"><PlanAction name="leaf" plan="{plan}"/></LoopInt>'
+    )
     tree.blackboard["q"] = deque([1, 2])
     assert tree.tick_while_running() is result
     assert tree.blackboard["n"] == 2
@@ -83,8 +85,8 @@ def test_cpp_621_the_last_element_of_a_queue_determines_the_result(
 # --- reactive nodes
 
 
-def test_cpp_586_alternating_retries_are_never_running_at_the_same_time(grow: Grow) -> None:
-    tree = grow(
+def test_cpp_586_alternating_retries_are_never_running_at_the_same_time(make_tree: MakeTree) -> None:
+    tree = make_tree(
         "<ReactiveSequence>"
         '<RetryUntilSuccessful name="first" num_attempts="-1"><PlanSync plan="FFS"/></RetryUntilSuccessful>'
         '<RetryUntilSuccessful name="second" num_attempts="2"><PlanAction name="leaf" plan="RF"/>'
@@ -107,14 +109,16 @@ class CheckSensor(DecoratorNode):
 
 
 @pytest.mark.parametrize("format", [3, 4])
-def test_cpp_573_an_earlier_child_that_starts_running_halts_the_later_child(format: int, grow: Grow) -> None:
-    tree = grow(
+def test_cpp_573_an_earlier_child_that_starts_running_halts_the_later_child(
+    format: int, make_tree: MakeTree
+) -> None:
+    tree = make_tree(
         '<ReactiveSequence><CheckSensor name="check" bad="{bad}"><PlanAction name="repair" plan="RRS"/>'
         '</CheckSensor><PlanAction name="work" plan="R"/></ReactiveSequence>',
         CheckSensor,
         format=format,
     )
-    calls = grow.journal.take
+    calls = make_tree.journal.take
     tree.blackboard["bad"] = False
     assert (ticks(tree, 2), calls()) == ([R, R], ["work:start", "work:running"])
     tree.blackboard["bad"] = True
@@ -132,13 +136,13 @@ BACKCHAINED = (
 
 @pytest.mark.parametrize("format", [3, 4])
 def test_cpp_1031_halt_order_is_the_originals_and_one_child_runs_after_the_tick(
-    format: int, grow: Grow
+    format: int, make_tree: MakeTree
 ) -> None:
-    tree = grow(BACKCHAINED, format=format)
+    tree = make_tree(BACKCHAINED, format=format)
     ticks(tree, 1)
-    assert grow.journal.take() == ["a:start", "b:start"]
+    assert make_tree.journal.take() == ["a:start", "b:start"]
     ticks(tree, 1)
-    assert grow.journal.take() == ["a:start", "b:halted"]
+    assert make_tree.journal.take() == ["a:start", "b:halted"]
     assert [node.status for node in named(tree, "a", "b")] == [R, Status.IDLE]
 
 
@@ -155,12 +159,12 @@ def test_cpp_1031_two_asynchronous_children_of_a_reactive_node_are_reported() ->
 # --- ports and blackboards
 
 
-def test_cpp_605_a_subtrees_write_reaches_the_outer_entry_and_keeps_its_type(grow: Grow) -> None:
+def test_cpp_605_a_subtrees_write_reaches_the_outer_entry_and_keeps_its_type(make_tree: MakeTree) -> None:
     @action
     def look(flag: In[bool]) -> bool:
         return flag
 
-    tree = grow(
+    tree = make_tree(
         '<Sequence><Script code="mine := true"/><Look flag="{mine}"/>'
         '<SubTree ID="Inner" theirs=" {mine}  "/><Inverter><Look flag="{mine}"/></Inverter></Sequence>',
         look,
@@ -192,16 +196,16 @@ class Ask(SyncAction):
 EMPTY_OUTPUTS = '<Sequence>\n<Measure length=""/>\n<Ask answer=""/></Sequence>'
 
 
-def test_cpp_716_empty_output_ports_are_refused_at_load_with_name_and_place(grow: Grow) -> None:
+def test_cpp_716_empty_output_ports_are_refused_at_load_with_name_and_place(make_tree: MakeTree) -> None:
     with pytest.raises(PortError) as refused:
-        grow(EMPTY_OUTPUTS, Measure, Ask)
+        make_tree(EMPTY_OUTPUTS, Measure, Ask)
     assert [(one.line, one.column) for one in refused.value.diagnostics] == [(3, 17), (4, 13)]
     assert "the port 'length' of <Measure>" in str(refused.value)
     assert "the port 'answer' of <Ask>" in str(refused.value)
 
 
-def test_cpp_716_in_format_3_writing_an_empty_port_raises_with_its_name(grow: Grow) -> None:
-    tree = grow(EMPTY_OUTPUTS, Measure, Ask, format=3)
+def test_cpp_716_in_format_3_writing_an_empty_port_raises_with_its_name(make_tree: MakeTree) -> None:
+    tree = make_tree(EMPTY_OUTPUTS, Measure, Ask, format=3)
     with pytest.raises(NodeExecutionError, match=r"<Measure>.*port \[length\].*not a blackboard entry"):
         tree.tick_once()
     assert list(tree.blackboard) == []
@@ -221,27 +225,27 @@ def test_cpp_716_in_format_3_writing_an_empty_port_raises_with_its_name(grow: Gr
         ("three", False),
     ],
 )
-def test_cpp_pr_1178_trailing_characters_in_switch(variable: str, same: bool, grow: Grow) -> None:
-    tree = grow(
+def test_cpp_pr_1178_trailing_characters_in_switch(variable: str, same: bool, make_tree: MakeTree) -> None:
+    tree = make_tree(
         f'<Switch2 variable="{variable}" case_1="1" case_2="3"><PlanSync name="one" plan="S"/>'
         '<PlanSync name="three" plan="S"/><PlanSync name="other" plan="S"/></Switch2>'
     )
     assert tree.tick_once() is S
-    assert grow.journal.calls == ["three:tick" if same else "other:tick"]
+    assert make_tree.journal.calls == ["three:tick" if same else "other:tick"]
 
 
 # --- substitution, time
 
 
-def test_cpp_930_substitution_rules_without_configurations(grow: Grow) -> None:
+def test_cpp_930_substitution_rules_without_configurations(make_tree: MakeTree) -> None:
     nodes = Registry.standard()
     nodes.add(Measure)
     load_substitution_rules(nodes, '{"SubstitutionRules": {"Measure": "AlwaysFailure"}}')
-    assert grow("<Measure/>", nodes=nodes).tick_while_running() is F
+    assert make_tree("<Measure/>", nodes=nodes).tick_while_running() is F
 
 
-def test_cpp_888_sleep_returns_at_once_before_a_synchronous_retry(grow: Grow) -> None:
-    tree = grow('<RetryUntilSuccessful num_attempts="3"><PlanSync plan="F"/></RetryUntilSuccessful>')
+def test_cpp_888_sleep_returns_at_once_before_a_synchronous_retry(make_tree: MakeTree) -> None:
+    tree = make_tree('<RetryUntilSuccessful num_attempts="3"><PlanSync plan="F"/></RetryUntilSuccessful>')
     said = [(tree.tick_exactly_once(), tree.sleep(1.0)) for _ in range(3)]
     assert said == [(R, True), (R, True), (F, False)]
     assert tree.clock.now() == 1_000_000_000
@@ -249,17 +253,17 @@ def test_cpp_888_sleep_returns_at_once_before_a_synchronous_retry(grow: Grow) ->
     assert tree.ticks == 6
 
 
-def test_cpp_888_a_retry_of_a_running_leaf_waits_for_the_period(grow: Grow) -> None:
-    tree = grow('<RetryUntilSuccessful num_attempts="3"><PlanAction plan="RF"/></RetryUntilSuccessful>')
+def test_cpp_888_a_retry_of_a_running_leaf_waits_for_the_period(make_tree: MakeTree) -> None:
+    tree = make_tree('<RetryUntilSuccessful num_attempts="3"><PlanAction plan="RF"/></RetryUntilSuccessful>')
     assert tree.tick_while_running(period=0.5) is F
     assert tree.clock.now() == 1_500_000_000
 
 
-def test_cpp_888_in_format_3_all_attempts_happen_in_a_single_tick(grow: Grow) -> None:
+def test_cpp_888_in_format_3_all_attempts_happen_in_a_single_tick(make_tree: MakeTree) -> None:
     body = '<RetryUntilSuccessful num_attempts="3"><PlanSync name="leaf" plan="F"/></RetryUntilSuccessful>'
-    tree = grow(body, format=3)
+    tree = make_tree(body, format=3)
     assert tree.tick_exactly_once() is F
-    assert grow.journal.calls == ["leaf:tick"] * 3
+    assert make_tree.journal.calls == ["leaf:tick"] * 3
     assert tree.sleep(1.0) is False
 
 

@@ -241,11 +241,11 @@ def test_later_writes_do_not_change_what_a_leaf_has_read(is_held: bool) -> None:
 
 def test_inputs_are_read_only() -> None:
     @batch.action(ID="Grow")
-    def make_tree(n: In[Floats]) -> bool:
+    def grow(n: In[Floats]) -> bool:
         n += 1.0
         return True
 
-    tree = BatchTree.loads(document('<Grow n="{n}"/>'), 2, [make_tree], blackboard={"n": 0.0})
+    tree = BatchTree.loads(document('<Grow n="{n}"/>'), 2, [grow], blackboard={"n": 0.0})
     with pytest.raises(BatchNodeError, match="read-only"):
         tree.tick()
     assert tree.blackboard["n"].tolist() == [0.0, 0.0]

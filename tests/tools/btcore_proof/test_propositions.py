@@ -8,7 +8,7 @@ from btcore import Tree
 from btcore_proof.propositions import parse_proposition
 from btcore_proof.tick_runner import Tick
 
-Grow = Callable[..., Tree]
+MakeTree = Callable[..., Tree]
 
 SETS = (
     '<Sequence><SetBlackboard value="15" output_key="battery"/><SetBlackboard value="low" output_key="mode"/>'
@@ -31,7 +31,7 @@ SETS = (
         ("{absent} != 20", False),
     ],
 )
-def test_text_is_compared_with_a_number_as_in_scripts(make_tree: Grow, text: str, holds: bool) -> None:
+def test_text_is_compared_with_a_number_as_in_scripts(make_tree: MakeTree, text: str, holds: bool) -> None:
     tree = make_tree(SETS)
     tree.tick_once()
     tick = Tick(tree, [], [], tree.status, None, {}, set())
