@@ -299,7 +299,8 @@ class TreeNode:
         """Return whether *deadline* (ns, tree's clock) had passed when the present tick began.
 
         All nodes of a tick judge their deadlines by the same time, however long the tick takes. Set a
-        deadline by `now`, so that no duration is shorter than requested.
+        deadline by `now`, so that no duration is shorter than requested. Until a node has read the clock,
+        ticks have no such time: there is no deadline yet.
         """
         start = self._context.tick_start
         return (start if start >= 0 else read_clock(self)) >= deadline

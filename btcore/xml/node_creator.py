@@ -151,7 +151,7 @@ class NodeCreator:
             key = binding.key
             if key is not None and binding.is_explicit:
                 try:
-                    entry = blackboard.create(key, port.type, not port.writes)
+                    entry = blackboard.create(key, port.type, only_read=not port.writes)
                 except (BlackboardError, ConversionError) as error:
                     self._report_type_conflict(node_plan, port, instance, blackboard.find(key), error)
                 else:

@@ -1,4 +1,7 @@
-"""Plan one tree: check its structure, then the attributes of its nodes, and find their ports and scripts."""
+"""Plan one tree: check its structure, then the attributes of its nodes, and find their ports and scripts.
+
+The caches of `PlanContext` and `_TagCache` only save time: without them the plans are the same.
+"""
 
 from collections.abc import Iterator, Sequence
 from operator import attrgetter
@@ -240,7 +243,7 @@ class _TagCache:
         self._declaring_files: dict[str | None, str] | None = None
 
     def find_node_type(self, tag: str) -> NodeType | None:
-        """Return the node type that limits the children of *tag*; None if *tag* is not the ID of a node."""
+        """Return the node type that limits the children of *tag*; None if the tag alone does not tell it."""
         manifest = self._context.manifest(tag)
         dialect = self._context.dialect
         node_type = None
