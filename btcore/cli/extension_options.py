@@ -51,7 +51,7 @@ class RunCommand(click.Command):
             return super().parse_args(ctx, words)
 
 
-class TreeRunCommand(RunCommand):
+class DeferringRunCommand(RunCommand):
     """`btcore run`, which defers the extensions until they are needed, because importing them takes time.
 
     For `btcore run tree.xml --monitor`, click calls `parse_args`, which sets the key `_DEFERRED`. The first

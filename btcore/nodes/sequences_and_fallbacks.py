@@ -59,7 +59,7 @@ class OrderedNode(ControlNode):
         count = len(children)
         previous = self._status
         if previous is not RUNNING:
-            # BehaviorTree.CPP's !isStatusActive(), SKIPPED by set_status(): a completed node keeps its count.
+            # As in BehaviorTree.CPP, a completed node that was not reset keeps its count.
             if previous is IDLE or previous is SKIPPED:
                 self._skipped_count = 0
             self.set_status(RUNNING)

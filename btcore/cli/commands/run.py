@@ -10,7 +10,7 @@ import click
 from btcore.cli import initial_blackboard, node_libraries, stub_results, substitute, terminal
 from btcore.cli.completion import complete_tree
 from btcore.cli.extension import gather_resources
-from btcore.cli.extension_options import TreeRunCommand, load_needed_extensions, warn_unused_options
+from btcore.cli.extension_options import DeferringRunCommand, load_needed_extensions, warn_unused_options
 from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
 from btcore.cli.tree_source import STDIN, SaveWatcher, TreeSource, find_source, tree_options
@@ -44,7 +44,7 @@ class FiniteRange(click.FloatRange):
         return number
 
 
-@click.command(cls=TreeRunCommand, short_help="Run a tree until it ends.")
+@click.command(cls=DeferringRunCommand, short_help="Run a tree until it ends.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @tree_options
 @stub_results.stub_results_option

@@ -242,8 +242,8 @@ class _TagCache:
         # The files that declare nodes in their TreeNodesModel, by ID; None before the first unknown node.
         self._declaring_files: dict[str | None, str] | None = None
 
-    def find_node_type(self, tag: str) -> NodeType | None:
-        """Return the node type that limits the children of *tag*; None if the tag alone does not tell it."""
+    def classify(self, tag: str) -> NodeType | None:
+        """Find the node type that limits the children of *tag*; None if the tag alone does not tell it."""
         manifest = self._context.manifest(tag)
         dialect = self._context.dialect
         node_type = None
@@ -317,7 +317,7 @@ class _TreeOutliner:
                 children = element_children(element)
                 if len(children) != len(element.children):
                     self._warn_obsolete_root(element)
-            node_type = node_types[tag] if tag in node_types else self._tag_cache.find_node_type(tag)
+            node_type = node_types[tag] if tag in node_types else self._tag_cache.classify(tag)
             if node_type is None:
                 self._check_other_tag(tag, element, children)
             elif children or tag not in leaf_tags:
