@@ -109,12 +109,11 @@ class RunExtension(Protocol):
     def requires(self, wanted: Sequence[type]) -> Sequence[type]:
         """Return the types of the resources that the extension itself needs to provide for *wanted*.
 
-        Called before `provide` of any extension. Extensions that require nothing provide their
-        resources first, then those that require something.
+        Called before `provide` of any extension, and again when another extension requires more. Extensions
+        that require nothing provide their resources first, then those that require something.
 
         Args:
-            wanted: The types that leaves declare as resources, and those that extensions require whose entry
-                points have later names in the alphabet; the requirements of the others are not known yet.
+            wanted: The types that leaves declare as resources, and those that extensions require.
         """
         return ()
 

@@ -1,9 +1,8 @@
 """Ports: their declarations, and their bindings to literals and blackboard entries.
 
-A `Port` is the declaration. A `Binding` is the result of parsing the text of a port. An
-`Input` is the binding of an input port to a literal or a blackboard; nodes of one scope with the same
-text share it. An `Output` is the binding of an output port of one node. All are created when the tree
-is loaded, so that a tick only reads and writes values.
+A `Port` is the declaration. A `Binding` is the result of parsing the text of a port. An `Input` is the
+binding of an input port to a literal or a blackboard, which nodes may share. An `Output` is the binding of an
+output port of one node. All are created when the tree is loaded, so that a tick only reads and writes values.
 """
 
 import enum
@@ -207,8 +206,8 @@ class Binding:
 class Input(Binding):
     """An input port, bound to a literal or to a key of its *blackboard*.
 
-    Nodes of one scope with the same text share one Input, except for a literal that a leaf could modify. If a
-    literal does not convert, reading it raises, as in BehaviorTree.CPP.
+    Nodes with the same ID and text share one Input in the first scope that uses it, except for a literal that
+    a leaf could modify. If a literal does not convert, reading it raises, as in BehaviorTree.CPP.
     """
 
     __slots__ = ()

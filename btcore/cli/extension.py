@@ -128,14 +128,13 @@ def gather_resources(
     taken_over = [tuple(extension.takes_over(settings, wanted)) for extension in extensions]
     all_wanted = [kind for kind in wanted if not any(kind in types for types in taken_over)]
     reserved = {id(extension): types for extension, types in zip(extensions, taken_over, strict=True)}
-    ranked: list[tuple[bool, RunExtension]] = []
-    # From the last to the first by name: see `RunExtension.requires`.
-    for extension in reversed(extensions):
-        required = extension.requires(tuple(all_wanted))
-        all_wanted += required
-        ranked.insert(0, (bool(required), extension))
+    known = -1
+    while known < len(all_wanted):  # until no extension requires another type
+        known = len(all_wanted)
+        ranked = [(tuple(extension.requires(tuple(all_wanted))), extension) for extension in extensions]
+        all_wanted += dict.fromkeys(one for types, _ in ranked for one in types if one not in all_wanted)
     # The sort is stable: extensions of equal rank keep the order of their entry points' names.
-    ranked.sort(key=lambda entry: (entry[0], entry[1].is_fallback))
+    ranked.sort(key=lambda entry: (bool(entry[0]), entry[1].is_fallback))
     resources: list[object] = []
     providers: list[RunExtension] = []
     without_resources: list[RunExtension] = []

@@ -170,7 +170,7 @@ class TreeNode:
 
     @property
     def status(self) -> Status:
-        """The stored status: the result of the last tick, or IDLE after a reset."""
+        """The stored status: what the last tick set or returned, except SKIPPED; IDLE after a reset."""
         return self._status
 
     @property

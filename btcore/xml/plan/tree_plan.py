@@ -189,7 +189,7 @@ class PlanContext:
         self.collector = collector
         self.known_nodes_by_id: dict[str, KnownNode] = {}
         self.known_nodes_by_tag: dict[str, KnownNode] = {}
-        # Names of attributes that _sort_attributes() kept. Its decision depends only on the name, so it is
+        # Names of attributes that _select_attributes() kept. Its decision depends only on the name, so it is
         # not called again for these names.
         self.kept_attributes: set[str] = set()
 
@@ -535,14 +535,14 @@ class TreePlanner:
                 other_attributes[key] = text
         if other_attributes:
             if not self._context.kept_attributes.issuperset(other_attributes):
-                other_attributes = self._sort_attributes(node, known.manifest, other_attributes)
+                other_attributes = self._select_attributes(node, known.manifest, other_attributes)
             node.attributes = other_attributes
         if known.defaults and len(bindings) < len(known.ports):
             given = {binding.port for binding in bindings}
             bindings += [binding for binding in known.defaults if binding.port not in given]
         node.bindings = bindings
 
-    def _sort_attributes(
+    def _select_attributes(
         self, node: NodePlan, manifest: Manifest, attributes: dict[str, str]
     ) -> dict[str, str]:
         """Return those of *attributes* that are kept. They hold neither ports nor the name.

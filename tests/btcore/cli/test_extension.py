@@ -99,6 +99,13 @@ def test_a_type_that_is_taken_over_is_wanted_from_no_other_extension(real: bool)
     assert (Body in observer.asked) is not real
 
 
+@pytest.mark.parametrize("step", [1, -1])
+def test_an_extension_sees_the_requirements_of_the_others_in_any_order(step: int) -> None:
+    observer = Observer("other")
+    gather_resources([DependentProvider("builder"), observer][::step], {}, [])
+    assert str in observer.asked  # which the observer requires if Body is wanted
+
+
 def test_extensions_of_the_project_follow_the_protocol() -> None:
     extensions: list[RunExtension] = [MonitorExtension(), NavigationExtension(), SimExtension()]
     assert [one.is_fallback for one in extensions] == [False, False, True]
