@@ -8,15 +8,20 @@ LIMIT = 120.0  # s, on a slow machine
 
 
 def wait_until_known(session: Any, action: str) -> None:
-    """Wait until the server of *action* knows all clients that *session* has created before.
+    """Wait until the server of *action* knows all clients that *session* has created before."""
+    request = CancelGoal.Request()
+    request.goal_info.goal_id.uuid[0] = 1  # a goal that does not exist
+    wait_until_service_knows(session, f"{action}/_action/cancel_goal", CancelGoal, request)
+
+
+def wait_until_service_knows(session: Any, service: str, service_type: Any, request: Any) -> None:
+    """Wait until the server of *service*, which gets *request*, knows all clients of *session*.
 
     A client sees that a server is ready, but not whether the server has found the client. DDS announces the
     entities of a process in order, so that a response to a new client shows that those before it are known.
     """
-    client = session.node.create_client(CancelGoal, f"{action}/_action/cancel_goal")
-    assert session.wait_for(client.service_is_ready, LIMIT), action
-    request = CancelGoal.Request()
-    request.goal_info.goal_id.uuid[0] = 1  # a goal that does not exist
+    client = session.node.create_client(service_type, service)
+    assert session.wait_for(client.service_is_ready, LIMIT), service
 
     def responds() -> bool:
         future = client.call_async(request)
@@ -24,5 +29,5 @@ def wait_until_known(session: Any, action: str) -> None:
         client.remove_pending_request(future)
         return answered
 
-    assert session.wait_for(responds, LIMIT), action
+    assert session.wait_for(responds, LIMIT), service
     session.node.destroy_client(client)

@@ -21,7 +21,7 @@ from btcore import Registry, Status, Tree
 from btcore_ros2.action_server import RosActionServer
 from btcore_ros2.leaves import RosSubscriber, register
 from btcore_ros2.session import RosSession
-from tests.ros2.discovery import wait_until_known
+from tests.ros2.discovery import wait_until_known, wait_until_service_knows
 
 LIMIT_S = 60
 NUMBERS = itertools.count()
@@ -125,6 +125,8 @@ def test_leaf_waits_for_a_late_peer_and_works_with_its_successor(
     for _ in range(2):
         with peer(session) as other:
             end = offer(other, name)
+            if body is CALL:
+                wait_until_service_knows(session, name, SetBool, SetBool.Request())
             if body is ACT:
                 wait_until_known(session, name)
             assert session.wait_for(lambda: tree.tick_once() is Status.SUCCESS, LIMIT_S)
@@ -142,6 +144,7 @@ def test_missing_server_is_a_failure_after_the_time_of_the_port(session: RosSess
     assert tree.tick_while_running(period=0.01) is Status.FAILURE
     with peer(session) as other:  # discovered after this time
         offer_service(other, name)
+        wait_until_service_knows(session, name, SetBool, SetBool.Request())
         assert session.wait_for(lambda: tree.tick_once() is Status.SUCCESS, LIMIT_S)
 
 
@@ -156,6 +159,7 @@ def test_response_that_arrives_twice_belongs_to_its_request(session: RosSession,
 
         service.send_response = send_twice
         tree = tree_of(CALL, name, session)
+        wait_until_service_knows(session, name, SetBool, SetBool.Request())
         for on in (True, False, True):
             tree.blackboard["on"] = on
             assert tree.tick_while_running(period=0.01) is Status.SUCCESS
