@@ -13,13 +13,13 @@ robot disables the hooks of a client and continues after 5 s without its request
 import contextlib
 import threading
 import time
+from collections import deque
 from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Final, NamedTuple
 
 import zmq
-from zmq.utils.monitor import recv_monitor_message
 
 from btcore_monitor.closeable import Closeable
 from btcore_monitor.errors import MonitorError
@@ -55,6 +55,9 @@ DEFAULT_TIMEOUT_S: Final = 5.0
 
 KEEP_ALIVE_INTERVAL_S: Final = 1.0
 """Seconds between requests that keep the robot's hooks enabled."""
+
+_POLL_INTERVAL_S: Final = 0.1
+"""Maximum seconds until a thread that waits for notifications uses a new subscription."""
 
 _MAX_NOTIFICATION_BYTES: Final = 1_000
 """Maximum bytes of a notification, because the other program may not be a robot."""
@@ -165,19 +168,16 @@ class BreakpointClient(Closeable):
         self._requested: list[RequestedHook] = []
         self._tree: ObservedTree | None = None
         self._closed = threading.Event()
+        self._keys = keys
         self._context: zmq.Context[Socket] = zmq.Context()
-        self._notifications = self._context.socket(zmq.SUB)
-        self._notifications.setsockopt(zmq.LINGER, 0)
-        self._notifications.setsockopt(zmq.MAXMSGSIZE, _MAX_NOTIFICATION_BYTES)
-        self._notifications.setsockopt(zmq.SUBSCRIBE, b"")
-        if keys is not None:
-            keys.secure(self._notifications)
+        self._subscriptions: deque[Socket] = deque()
+        """The present subscription to notifications, and those to later trees, which `poll` uses next."""
         self._thread = threading.Thread(target=self._keep_alive, name="btcore-breakpoints", daemon=True)
         try:
             # The first request raises an error if there is no robot, before the thread starts.
             _ = self.tree
             self._client.timeout = DEFAULT_TIMEOUT_S
-            self._subscribe(timeout)
+            self._subscriptions.append(self._subscribe(timeout))
         except BaseException:
             self._free()
             raise
@@ -382,14 +382,18 @@ class BreakpointClient(Closeable):
     def poll(self, timeout: float = 0.0) -> HookReached | None:
         """Return the next hook as `wait` does, or None if no hook fires within *timeout* s."""
         deadline = time.monotonic() + timeout
-        while self._notifications.poll(max(0, round(1000 * (deadline - time.monotonic()))), zmq.POLLIN):
-            with contextlib.suppress(ProtocolError):
-                uid = groot2.decode_breakpoint_reached(self._notifications.recv_multipart())
-                return HookReached(uid, self.path_of(uid))
+        while True:
+            while len(self._subscriptions) > 1:
+                self._subscriptions.popleft().close(linger=0)
+            notifications = self._subscriptions[0]
+            remaining = max(0.0, deadline - time.monotonic())
+            if notifications.poll(round(1000 * min(remaining, _POLL_INTERVAL_S)), zmq.POLLIN):
+                with contextlib.suppress(ProtocolError):
+                    uid = groot2.decode_breakpoint_reached(notifications.recv_multipart())
+                    return HookReached(uid, self.path_of(uid))
             # The robot may send invalid notifications without end.
             if time.monotonic() >= deadline:
-                break
-        return None
+                return None
 
     def step(self, ticks: int = 1, timeout: float = DEFAULT_TIMEOUT_S) -> HookReached:
         """Execute *ticks* ticks of the root, then stop before the next tick.
@@ -458,14 +462,18 @@ class BreakpointClient(Closeable):
         with self._lock:
             tree = self.tree
             reply = self._receive_reply(kind, body)
-            # The robot has another tree, whose uids are different and which has no hooks yet.
             if reply.tree_id != tree.tree_id:
-                self._tree = None
-                self._set_again()
+                self._use_new_tree()
             return reply
 
-    def _set_again(self) -> None:
-        """Set the requested hooks in a new tree of the robot, which has no hooks."""
+    def _use_new_tree(self) -> None:
+        """Set the requested hooks in a new tree of the robot, which has other uids and no hooks yet.
+
+        The robot may have been restarted. A SUB socket subscribes again only when its thread uses it, so that
+        notifications would be lost: a new socket subscribes before the hooks are set.
+        """
+        self._subscriptions.append(self._subscribe(DEFAULT_TIMEOUT_S))
+        self._tree = None
         hooks: list[WireHook] = []
         for request in self._requested:
             with contextlib.suppress(BreakpointError):
@@ -505,24 +513,32 @@ class BreakpointClient(Closeable):
             with contextlib.suppress(BreakpointError, ProtocolError):
                 self._ask(Request.STATUS)
 
-    def _subscribe(self, timeout: float) -> None:
-        """Connect to the notifications, and return when the connection is ready.
+    def _subscribe(self, timeout: float) -> Socket:
+        """Return a socket for notifications when its connection is ready.
 
         A PUB socket drops messages while no subscriber is connected: without waiting, a notification of the
         first hook could be lost.
         """
-        watching = self._notifications.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED)
+        notifications = self._context.socket(zmq.SUB)
+        notifications.setsockopt(zmq.LINGER, 0)
+        notifications.setsockopt(zmq.MAXMSGSIZE, _MAX_NOTIFICATION_BYTES)
+        notifications.setsockopt(zmq.SUBSCRIBE, b"")
+        if self._keys is not None:
+            self._keys.secure(notifications)
+        watching = notifications.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED)
         try:
-            self._notifications.connect(self.address.at(1))
-            if not watching.poll(max(1, round(1000 * timeout))):
-                raise BreakpointError(
-                    f"{self.address} answers, but port {self.address.port + 1} for notifications does "
-                    "not: does a firewall block this port?"
-                )
-            recv_monitor_message(watching)
+            notifications.connect(self.address.at(1))
+            is_ready = watching.poll(max(1, round(1000 * timeout)))
         finally:
-            self._notifications.disable_monitor()
+            notifications.disable_monitor()
             watching.close(linger=0)
+        if not is_ready:
+            notifications.close()
+            raise BreakpointError(
+                f"{self.address} answers, but port {self.address.port + 1} for notifications does "
+                "not: does a firewall block this port?"
+            )
+        return notifications
 
     def close(self) -> None:
         """Close the connection. After 5 s without a request, the robot disables the hooks that are left."""
