@@ -98,9 +98,9 @@ def _warn_unused(keys: Iterable[str], plans: Plans) -> None:
     """Print a warning for each of *keys* that neither a port nor a script of the tree uses."""
     from btcore.xml.lint.dry_run import DryRun  # most runs do not need it
 
-    assert plans.main is not None
+    assert plans.main_tree is not None
     dry_run = DryRun(plans)
-    dry_run.run(plans.main)
+    dry_run.run(plans.main_tree)
     board = dry_run.blackboard
     for key in keys:
         hint = did_you_mean(key, board.visible_keys())

@@ -68,8 +68,8 @@ def check(stub_letters: Mapping[str, str], plans: Plans) -> None:
 def _find_stub_leaves(plans: Plans) -> dict[str, NodeType]:
     """Return the types of the leaves that have no code, by name and by ID."""
     leaves: dict[str, NodeType] = {}
-    assert plans.main is not None
-    for tree in plans.reachable(plans.main):
+    assert plans.main_tree is not None
+    for tree in plans.reachable(plans.main_tree):
         for node in tree.nodes():
             manifest = node.manifest
             if manifest is not None and issubclass(manifest.cls, (StubAction, StubCondition)):

@@ -48,7 +48,7 @@ class TreeContext:
         lock: Held while the callbacks and counters of a node change, which any thread may do.
         woken_by: The last node that requested another tick at once.
         is_interrupted: Whether ticks that repeat nodes end as soon as possible.
-        may_end_tick: Whether nodes that repeat others call `must_end_tick` after each repetition.
+        must_check_end: Whether nodes that repeat others call `must_end_tick` after each repetition.
         has_timed_out: Whether the limit of `set_tick_limit` ended the tick.
         stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
@@ -66,7 +66,7 @@ class TreeContext:
         self.on_wake_up: Callable[[], object] | None = None
         self.woken_by: NodeConfig | None = None
         self.is_interrupted = False
-        self.may_end_tick = False
+        self.must_check_end = False
         self.has_timed_out = False
         self.stopped_ns = 0
         self.uses_time = False  # most trees without timers never read the clock, which takes time
@@ -145,12 +145,12 @@ class TreeContext:
         """
         self._tick_end = time.monotonic_ns() + round(seconds * NS_PER_S)
         self.has_timed_out = False
-        self.may_end_tick = True
+        self.must_check_end = True
 
     def clear_tick_limit(self) -> None:
         """End the effect of `set_tick_limit`."""
         self._tick_end = 0
-        self.may_end_tick = self.is_interrupted
+        self.must_check_end = self.is_interrupted
 
     def add_stopped_time(self, nanoseconds: int) -> None:
         """Do not count *nanoseconds*, during which the tick was stopped at a breakpoint."""
@@ -161,7 +161,7 @@ class TreeContext:
     def interrupt(self) -> None:
         """Let ticks that repeat nodes end as soon as possible. Thread-safe."""
         self.is_interrupted = True
-        self.may_end_tick = True
+        self.must_check_end = True
 
     def must_end_tick(self) -> bool:
         """Return whether the tick must end now. Nodes call it between two repetitions within one tick."""

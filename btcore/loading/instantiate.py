@@ -30,7 +30,7 @@ def instantiate(
         TreeError: The plans have errors, or nodes could not be created. It holds all errors.
     """
     plans.diagnostics.raise_errors()
-    main = plans.main
+    main = plans.main_tree
     assert main is not None, "a missing main tree is an error"
     creator = NodeCreator(plans, resources, clock or _find_clock(resources), blackboard)
     creator.create_nodes(main)

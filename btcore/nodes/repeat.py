@@ -80,7 +80,7 @@ class RepeatedNode(DecoratorNode):
                     and (
                         self._is_async
                         or (
-                            (self._context.may_end_tick or not self._count & 15)
+                            (self._context.must_check_end or not self._count & 15)
                             and self._context.must_end_tick()
                         )
                     )

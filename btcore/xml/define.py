@@ -54,7 +54,7 @@ class Definitions(NamedTuple):
         dialect: The rules of the main document's format, which apply to all documents.
         all: The definitions in the order of the documents.
         by_id: The definitions without unused duplicates.
-        main: The main tree; None if it is missing or ambiguous.
+        main_tree: The main tree; None if it is missing or ambiguous.
         subtree_models: For each tree that a model declares, the names of its ports with their defaults; None
             means a required port.
         are_complete: Whether all documents could be read. If not, they may define the missing trees.
@@ -65,7 +65,7 @@ class Definitions(NamedTuple):
     dialect: Dialect
     all: tuple[TreeDefinition, ...]
     by_id: Mapping[str, TreeDefinition]
-    main: TreeDefinition | None
+    main_tree: TreeDefinition | None
     subtree_models: Mapping[str, Mapping[str, str | None]]
     are_complete: bool
     diagnostics: Diagnostics
@@ -80,7 +80,7 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         format: 3 or 4, overriding the main document's `BTCPP_format`.
     """
     collector = DiagnosticCollector(sources.diagnostics)
-    main_document = sources.main
+    main_document = sources.main_document
     if format is None:
         written = main_document.root.get("BTCPP_format")
         format = parse_format(written)

@@ -126,14 +126,14 @@ class NodeCreator:
         index, own_index = len(self.nodes), len(instance.nodes)
         self.nodes.append(_PLACEHOLDER)
         instance.nodes.append(_PLACEHOLDER)
-        children: list[TreeNode | None] = []
+        children: list[TreeNode | None]
         if self._rules and not takes_children(manifest):
-            pass  # a substitution rule has replaced the node by a leaf
+            children = []  # a substitution rule has replaced the node by a leaf
         elif call is not None:
             inner = self.create_scope(node_plan, call, instance)
-            children.append(self._create_instance(self._plans.trees[call.tree_id], config.path, inner))
+            children = [self._create_instance(self._plans.trees[call.tree_id], config.path, inner)]
         else:
-            children += [self._create_with_children(child, instance) for child in node_plan.children]
+            children = [self._create_with_children(child, instance) for child in node_plan.children]
         node = self.create_node(node_plan, manifest, config, instance, children)
         if node is not None:
             self.nodes[index] = instance.nodes[own_index] = node

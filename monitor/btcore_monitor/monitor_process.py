@@ -18,8 +18,8 @@ from btcore_monitor.process_end import stop_on_signals
 if TYPE_CHECKING:
     from btcore_monitor.serve import Publisher
 
-START_TIMEOUT_S: Final = 30.0
-"""Time (s, wall clock) for a monitor process to start before the first tick."""
+CONNECT_TIMEOUT_S: Final = 30.0
+"""Time (s, wall clock) for a monitor process to start and connect before the first tick."""
 
 WRITE_TIMEOUT_S: Final = 60.0
 """Time (s, wall clock) for a recording process to finish its file after the last tick."""
@@ -128,7 +128,7 @@ class MonitorProcess:
 def wait_until_connected(publisher: "Publisher", monitors: Sequence[MonitorProcess]) -> None:
     """Wait until as many clients as *monitors* have connected, so that they receive the run's beginning.
 
-    Any client counts. If too few have connected after START_TIMEOUT_S, print a message and return.
+    Any client counts. If too few have connected after CONNECT_TIMEOUT_S, print a message and return.
 
     Args:
         publisher: The publisher to which the monitors connect.
@@ -137,7 +137,7 @@ def wait_until_connected(publisher: "Publisher", monitors: Sequence[MonitorProce
     Raises:
         click.ClickException: A process ends before all have connected.
     """
-    deadline = time.monotonic() + START_TIMEOUT_S
+    deadline = time.monotonic() + CONNECT_TIMEOUT_S
     while not publisher.wait_for_clients(len(monitors), 0.1):
         for monitor in monitors:
             code = monitor.process.poll()
@@ -147,7 +147,7 @@ def wait_until_connected(publisher: "Publisher", monitors: Sequence[MonitorProce
                 )
         if time.monotonic() > deadline:
             print_message(
-                f"the monitor is not listening after {START_TIMEOUT_S:g} s; the run begins without it"
+                f"the monitor is not listening after {CONNECT_TIMEOUT_S:g} s; the run begins without it"
             )
             return
 

@@ -56,7 +56,7 @@ def show(
     path = find_source(source)
     libraries = node_libraries.load_libraries(plugins, models, confined)
     plans = TreeSource(path, tree, libraries, format, confined).read_plans()
-    main, format = plans.main, plans.dialect.format
+    main, format = plans.main_tree, plans.dialect.format
     assert main is not None, "a document without a main tree has errors"
     if as_data:
         rows = trace_dataflow(plans)

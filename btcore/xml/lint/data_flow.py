@@ -54,9 +54,9 @@ def trace_dataflow(plans: Plans) -> list[DataflowRow]:
     Args:
         plans: The plans of a document without errors.
     """
-    assert plans.main is not None, "a document without a main tree has errors"
+    assert plans.main_tree is not None, "a document without a main tree has errors"
     dry_run = DryRun(plans)
-    dry_run.run(plans.main)
+    dry_run.run(plans.main_tree)
     paths = {tree.blackboard: tree.path for tree in reversed(dry_run.instances)}
     homes = dry_run.entry_homes()
     rows: list[DataflowRow] = []

@@ -17,7 +17,7 @@ _OF_THE_ELEMENT = ("name", "_description")
 
 def check_unused_trees(plans: Plans, main: TreePlan, reporter: LintReporter) -> None:
     """Warn about trees of the main document that neither *main* nor another unused tree calls."""
-    document = plans.definitions.sources.main
+    document = plans.definitions.sources.main_document
     used = plans.reachable(main)
     unused = [
         tree for tree in plans.trees.values() if tree not in used and tree.definition.document is document

@@ -92,8 +92,8 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
         given: As in `validate_document`.
     """
     collector = DiagnosticCollector(plans.diagnostics)
-    definitions, main, enums = plans.definitions, plans.main, plans.registry.types.enums
-    names_main = definitions.sources.main.root.get("main_tree_to_execute") is not None
+    definitions, main, enums = plans.definitions, plans.main_tree, plans.registry.types.enums
+    names_main = definitions.sources.main_document.root.get("main_tree_to_execute") is not None
     if not is_selected and definitions.all and not names_main:
         # The document is a library: no main tree is needed.
         collector.errors = [error for error in collector.errors if error.code != UNDETERMINED_MAIN_TREE]

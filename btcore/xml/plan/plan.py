@@ -38,7 +38,7 @@ class Plans(NamedTuple):
         registry: The registered nodes with which they were planned.
         trees: The plans by the IDs of the trees: of the main tree and of the trees that it calls, directly or
             indirectly, or of every tree.
-        main: The plan of the main tree; None if it is missing or ambiguous.
+        main_tree: The plan of the main tree; None if it is missing or ambiguous.
         sizes: The sizes of the planned trees, by ID, except for trees that are recursive or too large.
         diagnostics: What was found in this stage and before.
     """
@@ -46,7 +46,7 @@ class Plans(NamedTuple):
     definitions: Definitions
     registry: Registry
     trees: Mapping[str, TreePlan]
-    main: TreePlan | None
+    main_tree: TreePlan | None
     sizes: Mapping[str, TreeSize]
     diagnostics: Diagnostics
 
@@ -73,16 +73,16 @@ class Plans(NamedTuple):
 
     def roots(self) -> list[TreePlan]:
         """Return the main tree and the planned trees that no other tree calls."""
-        used = set() if self.main is None else {tree.id for tree in self.reachable(self.main)}
+        used = set() if self.main_tree is None else {tree.id for tree in self.reachable(self.main_tree)}
         others = [tree for tree in self.trees.values() if tree.id not in used]
         called = {call.tree_id for tree in others for call in tree.calls}
         roots = [tree for tree in others if tree.id not in called]
-        return roots if self.main is None else [self.main, *roots]
+        return roots if self.main_tree is None else [self.main_tree, *roots]
 
     def used_manifests(self) -> list[Manifest]:
         """Return the manifests of the nodes in the main tree and its subtrees, each once."""
         manifests: dict[str, Manifest] = {}
-        for tree in self.reachable(self.main) if self.main is not None else ():
+        for tree in self.reachable(self.main_tree) if self.main_tree is not None else ():
             for node in tree.nodes():
                 if node.manifest is not None:
                     manifests.setdefault(node.id, node.manifest)
@@ -109,7 +109,7 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
     context = PlanContext(definitions, registry, collector)
     outlines = outline_trees(context)
     trees: dict[str, TreePlan] = {}
-    by_id, main = definitions.by_id, definitions.main
+    by_id, main = definitions.by_id, definitions.main_tree
     pending: list[TreeDefinition] = [*by_id.values()][::-1] if every_tree else []
     if main is not None:
         pending.append(main)
@@ -152,7 +152,7 @@ def define_and_plan(
         every_tree: As in `plan`.
     """
     plans = plan(define(sources, tree_id, format), registry, every_tree)
-    root = sources.main.root
+    root = sources.main_document.root
     errors = plans.diagnostics.errors
     if errors and format is None and root.get("BTCPP_format") is None:
         # These plans need no hints.
@@ -163,7 +163,7 @@ def define_and_plan(
             count = "1 error" if avoided == 1 else f"{avoided} errors"
             message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
             hint = 'write <root BTCPP_format="4">'
-            cause = sources.main.diagnostic(UNKNOWN_FORMAT, message, root, hint=hint)
+            cause = sources.main_document.diagnostic(UNKNOWN_FORMAT, message, root, hint=hint)
             return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
     return plans
 

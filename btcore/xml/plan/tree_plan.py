@@ -563,7 +563,7 @@ class TreePlanner:
                     self._report(
                         UNEXPECTED_ID, message, node.element, key, 'to name the node, write name="…"'
                     )
-            elif key in dialect.reserved_attributes or (
+            elif key in dialect.comment_attributes or (
                 dialect.allows_non_port_attributes and not is_port_name(key)
             ):
                 kept[key] = text

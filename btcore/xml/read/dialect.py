@@ -32,7 +32,7 @@ class Dialect(NamedTuple):
     - *subtree_tags*: the tags that call a subtree.
     - *tags_with_unchecked_children*: those of them whose children are an error, and are not checked.
     - *tags_with_ignored_children*: those of them whose children are checked, but ignored.
-    - *reserved_attributes*: attributes of a node that are never ports.
+    - *comment_attributes*: attributes of a node that are kept, although they are neither ports nor scripts.
     - *has_conditions*: nodes have pre- and post-conditions.
     - *allows_non_port_attributes*: any other attribute whose name is not a valid port name is ignored.
     - *last_tree_wins*: the last of several trees with the same ID is used, otherwise the first.
@@ -50,7 +50,7 @@ class Dialect(NamedTuple):
     subtree_tags: frozenset[str]
     tags_with_unchecked_children: frozenset[str]
     tags_with_ignored_children: frozenset[str]
-    reserved_attributes: frozenset[str]
+    comment_attributes: frozenset[str]
     has_conditions: bool
     allows_non_port_attributes: bool
     last_tree_wins: bool
@@ -69,7 +69,7 @@ DIALECTS: Final = {
         subtree_tags=frozenset({"SubTree"}),
         tags_with_unchecked_children=frozenset(),
         tags_with_ignored_children=frozenset(),
-        reserved_attributes=frozenset({"ID", "name"}) | SCRIPT_ATTRIBUTES,
+        comment_attributes=frozenset(),
         has_conditions=True,
         allows_non_port_attributes=True,
         last_tree_wins=True,
@@ -86,7 +86,7 @@ DIALECTS: Final = {
         subtree_tags=frozenset({"SubTree", "SubTreePlus"}),
         tags_with_unchecked_children=frozenset({"SubTree"}),
         tags_with_ignored_children=frozenset({"SubTreePlus"}),
-        reserved_attributes=frozenset({"ID", "name", "_description"}),
+        comment_attributes=frozenset({"_description"}),
         has_conditions=False,
         allows_non_port_attributes=False,
         last_tree_wins=False,

@@ -324,7 +324,7 @@ class Sources(NamedTuple):
     diagnostics: Diagnostics
 
     @property
-    def main(self) -> Document:
+    def main_document(self) -> Document:
         """The document that includes the others."""
         return self.documents[-1]
 

@@ -49,8 +49,8 @@ class DiagramNode:
 
 def diagram_of_document(plans: Plans) -> DiagramNode:
     """Return the main tree of a document without errors as a drawing, numbered as in a running tree."""
-    assert plans.main is not None, "a document without a main tree has errors"
-    ensure_recursion_limit(plans.sizes[plans.main.id].depth)
+    assert plans.main_tree is not None, "a document without a main tree has errors"
+    ensure_recursion_limit(plans.sizes[plans.main_tree.id].depth)
     # NodeCreator numbers the nodes in the same order: a parent before its children.
     uids = itertools.count(1)
 
@@ -80,7 +80,7 @@ def diagram_of_document(plans: Plans) -> DiagramNode:
             sketch.children = [of_node(child, document) for child in plan.children]
         return sketch
 
-    return of_tree(plans.main)
+    return of_tree(plans.main_tree)
 
 
 def _direction(port: Port) -> str:

@@ -40,7 +40,7 @@ def choose_nodes(tree: ObservedTree, highlighted: Collection[int]) -> list[Obser
 def lane_entities(names: Sequence[str]) -> list[str]:
     """Return an entity for each lane in *names*. It begins with a number, because rerun sorts by name."""
     digits = len(str(len(names)))
-    return [f"{at:0{digits}d}_{entity_part(name)}" for at, name in enumerate(names, start=1)]
+    return [f"{number:0{digits}d}_{entity_part(name)}" for number, name in enumerate(names, start=1)]
 
 
 class Lanes:
@@ -59,13 +59,13 @@ class Lanes:
         self._running_lanes = [
             rows.create_series(entity, _create_state_columns) for entity in self.entities[: len(over)]
         ]
-        index = {node.uid: at for at, node in enumerate(tree.nodes)}
+        index_of_uid = {node.uid: index for index, node in enumerate(tree.nodes)}
         self._series = {
-            index[node.uid]: rows.create_series(entity, _create_state_columns)
+            index_of_uid[node.uid]: rows.create_series(entity, _create_state_columns)
             for node, entity in zip(nodes, self.entities[len(over) :], strict=True)
         }
         self._names = distinct_names(tree.nodes)
-        self._depths = [[index[node.uid] for node in level] for level in depths.values()]
+        self._depths = [[index_of_uid[node.uid] for node in level] for level in depths.values()]
         self._leaf = np.array([not node.children for node in tree.nodes])
         self._slots: list[int | None] = [None] * (len(slots) if over else 0)
         # The lanes of further leaves appear when several leaves run at the same time.
@@ -84,7 +84,7 @@ class Lanes:
             # Two alternating shades distinguish neighbours.
             shades = palette.busy, int(palette.fill[RUNNING])
             names = sorted(set(self._names))
-            shown = [int(palette.fill[IDLE]), *(shades[at % 2] for at in range(len(names)))]
+            shown = [int(palette.fill[IDLE]), *(shades[index % 2] for index in range(len(names)))]
             # An array of uint32, because rerun would warn that a list of three numbers is ambiguous.
             look = rr.StateConfiguration(
                 values=[NOTHING, *names], labels=[NOTHING, *names], colors=np.array(shown, dtype=np.uint32)
@@ -94,17 +94,17 @@ class Lanes:
 
     def show_states(self, states: TickStates, changed: Iterable[int]) -> None:
         """Add a state to the lane of each node in *changed* (indices of nodes)."""
-        for at in changed:
-            series = self._series.get(at)
+        for index in changed:
+            series = self._series.get(index)
             if series is not None:
-                series.add(states.stamp, states.wall, SHOWN_NAMES[states.shown[at]])
+                series.add(states.stamp, states.wall, SHOWN_NAMES[states.shown[index]])
         if not self._running_lanes:
             return
         running = states.shown == RUNNING
-        active = [next((at for at in level if running[at]), None) for level in self._depths]
+        active = [next((node for node in level if running[node]), None) for level in self._depths]
         active += self._assign_slots(np.flatnonzero(running & self._leaf).tolist())
-        for lane, index in enumerate(active):
-            name = NOTHING if index is None else self._names[index]
+        for lane, leaf in enumerate(active):
+            name = NOTHING if leaf is None else self._names[leaf]
             if name != self._shown[lane]:
                 self._shown[lane] = name
                 self._running_lanes[lane].add(states.stamp, states.wall, name)

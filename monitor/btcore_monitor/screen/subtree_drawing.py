@@ -25,7 +25,7 @@ Strip = NDArray[np.float32]
 
 
 class SubtreeDrawing:
-    """The drawing of a subtree's nodes *at* (indices in the tree) below *entity*.
+    """The drawing of a subtree's nodes with *indices* in the tree below *entity*.
 
     *pills* and *edges* are the line strips of all nodes of the tree. *pills_entity* is the entity of the
     pills (default: below *entity*).
@@ -36,17 +36,17 @@ class SubtreeDrawing:
         rows: RowBuffer,
         palette: Palette,
         entity: str,
-        at: Indices,
+        indices: Indices,
         pills: Sequence[Strip],
         edges: Sequence[Strip],
         pills_entity: str | None = None,
     ) -> None:
         self.entity = entity
         self.pills_entity = pills_entity or f"{entity}/pills"
-        self.at = at
+        self.indices = indices
         self._palette = palette
-        self._strips = [pills[index] for index in at]
-        self._edges = [edges[index] for index in at]
+        self._strips = [pills[index] for index in indices]
+        self._edges = [edges[index] for index in indices]
         self._joined = np.array([len(edge) > 0 for edge in self._edges], dtype=bool)
         self._rows = rows
         self._pills: Series[Any] = rows.create_series(self.pills_entity, create_colour_columns)
@@ -69,23 +69,23 @@ class SubtreeDrawing:
             rims: Border colours of all nodes of the tree.
             running: For all nodes of the tree, whether the node is RUNNING.
         """
-        own = pills[self.at]
+        own = pills[self.indices]
         # Rows are sent only for changes: an unchanged subtree costs nothing.
         if not np.array_equal(own, self._last_pills):
             self._last_pills = own
             self._pills.add(stamp, wall, own)
-        own = rims[self.at]
+        own = rims[self.indices]
         if not np.array_equal(own, self._last_rims):
             self._last_rims = own
             self._rims.add(stamp, wall, own)
-        path = np.flatnonzero(running[self.at] & self._joined).tolist()
+        path = np.flatnonzero(running[self.indices] & self._joined).tolist()
         if path != self._last_path:
             self._last_path = path
             self._path.add(stamp, wall, [self._edges[index] for index in path])
 
     def draw_rings(self, stamp: int, wall: int, raised: Iterable[int]) -> None:
         """Draw rings around exactly those nodes of this subtree that are in *raised* (tree indices)."""
-        inside = np.flatnonzero(np.isin(self.at, list(raised))).tolist()
+        inside = np.flatnonzero(np.isin(self.indices, list(raised))).tolist()
         if inside != self._last_rings:
             self._last_rings = inside
             self._rings.add(stamp, wall, [self._strips[index] for index in inside])
@@ -109,12 +109,12 @@ class SubtreeDrawing:
             rr.LineStrips2D(
                 self._strips,
                 radii=[half - RIM],
-                labels=[labels[index] for index in self.at],
+                labels=[labels[index] for index in self.indices],
                 show_labels=False,
                 draw_order=5.0,
             ),
             create_hover_values(
-                {name: [column[index] for index in self.at] for name, column in hover.items()}
+                {name: [column[index] for index in self.indices] for name, column in hover.items()}
             ),
             static=True,
         )
@@ -170,11 +170,11 @@ def split_by_subtree(tree: ObservedTree, most: int = MAX_BRANCHES) -> dict[str, 
         level[subtree] = level.get(outer, 0) + 1
     own = set(sorted(level, key=lambda subtree: level[subtree])[:most])
     indices: dict[str, list[int]] = {}
-    for at, node in enumerate(tree.nodes):
+    for index, node in enumerate(tree.nodes):
         subtree = node.subtree
         while subtree not in own and subtree in above:
             subtree = above[subtree]
-        indices.setdefault(subtree, []).append(at)
+        indices.setdefault(subtree, []).append(index)
     return indices
 
 
@@ -189,7 +189,7 @@ def node_entities(tree: ObservedTree, origin: str) -> tuple[list[str], dict[str,
     for node in tree.nodes:
         outer = subtrees.get(node.subtree)
         path = node.path if outer is None else node.path.removeprefix(f"{node.subtree}/")
-        entity = "/".join([outer or origin, *map(_entity_part, path.split("/"))])
+        entity = "/".join([outer or origin, *map(_node_part, path.split("/"))])
         # Replaced characters may make two entities equal, or equal to a part of the drawing.
         if entity in taken or entity.rsplit("/", 1)[1] in PARTS:
             entity += f".{node.uid}"
@@ -200,5 +200,5 @@ def node_entities(tree: ObservedTree, origin: str) -> tuple[list[str], dict[str,
     return entities, subtrees
 
 
-def _entity_part(name: str) -> str:
+def _node_part(name: str) -> str:
     return entity_part(name.replace("::", "."))

@@ -80,14 +80,14 @@ class TreeView:
         whole = whole or tree
         self.captions, self.layout = _arrange_readable(tree, whole, view_size)
         self._rows = rows
-        index = {node.uid: at for at, node in enumerate(whole.nodes)}
-        self._index = np.array([index[node.uid] for node in tree.nodes], dtype=np.intp)
-        self._at = {node.uid: at for at, node in enumerate(tree.nodes)}
+        index_of_uid = {node.uid: index for index, node in enumerate(whole.nodes)}
+        self._whole_indices = np.array([index_of_uid[node.uid] for node in tree.nodes], dtype=np.intp)
+        self._index_of_uid = {node.uid: index for index, node in enumerate(tree.nodes)}
         self._whole = whole
-        self._highlighted = {at for uid in highlighted if (at := self._nearest(uid)) is not None}
+        self._highlighted = {index for uid in highlighted if (index := self._nearest(uid)) is not None}
         self._exceptions: dict[int, bool] = {} if exceptions is None else exceptions
         self._inner = np.array([bool(node.children) for node in tree.nodes])
-        self._pills = [_pill(place, style.PILL_HEIGHT / 2) for place in self.layout.places]
+        self._pill_strips = [_pill(place, style.PILL_HEIGHT / 2) for place in self.layout.places]
         edges = [np.array(line, dtype=np.float32) for line in self.layout.edges]
         self._entities, inside = node_entities(tree, self.origin)
         branches = split_by_subtree(tree, most=1 if self._is_folded else MAX_BRANCHES)
@@ -96,16 +96,16 @@ class TreeView:
                 rows,
                 palette,
                 inside[path],
-                np.array(at, dtype=np.intp),
-                self._pills,
+                np.array(indices, dtype=np.intp),
+                self._pill_strips,
                 edges,
                 f"{FOLDED}/{PILLS}/{number}" if self._is_folded else None,
             )
-            for path, at in branches.items()
+            for path, indices in branches.items()
         ]
         self._frames: dict[int, list[Stroke]] = {}
-        for at, *corners in self.layout.frames:
-            content = self._at[tree.nodes[at].children[0]]
+        for index, *corners in self.layout.frames:
+            content = self._index_of_uid[tree.nodes[index].children[0]]
             self._frames.setdefault(content, []).append(_rounded(*corners))
 
     @property
@@ -124,17 +124,17 @@ class TreeView:
     def colour(self, states: TickStates) -> None:
         """Add rows for the nodes whose colours change with *states*."""
         palette, stamp, wall = self.palette, states.stamp, states.wall
-        shown = states.shown[self._index]
+        shown = states.shown[self._whole_indices]
         running = shown == RUNNING
         pills = np.where(self._inner & running, np.uint32(palette.busy), palette.fill[shown])
-        rims = np.where(shown == IDLE, palette.rest[states.results[self._index]], palette.rim[shown])
+        rims = np.where(shown == IDLE, palette.rest[states.results[self._whole_indices]], palette.rim[shown])
         for subtree in self.subtrees:
             subtree.colour(stamp, wall, pills, rims, running)
         rings = dict(self._exceptions)
         self._exceptions.clear()
         for uid, was_idle in rings.items():
-            at = self._nearest(uid)
-            is_idle = at is None or bool(shown[at] == IDLE)
+            index = self._nearest(uid)
+            is_idle = index is None or bool(shown[index] == IDLE)
             if not was_idle or is_idle:
                 self._exceptions[uid] = was_idle or is_idle
         if self._exceptions or rings:
@@ -154,14 +154,14 @@ class TreeView:
         self._draw_rings(stamp, wall)
 
     def _draw_rings(self, stamp: int, wall: int) -> None:
-        rings = {at for uid in self._exceptions if (at := self._nearest(uid)) is not None}
+        rings = {index for uid in self._exceptions if (index := self._nearest(uid)) is not None}
         for subtree in self.subtrees:
             subtree.draw_rings(stamp, wall, rings)
 
     def _nearest(self, uid: int) -> int | None:
         """Return the index of the node *uid* of the complete tree, or of its nearest drawn ancestor."""
         uids = (uid, *(node.uid for node in self._whole.ancestors(uid)))
-        return next((self._at[uid] for uid in uids if uid in self._at), None)
+        return next((self._index_of_uid[uid] for uid in uids if uid in self._index_of_uid), None)
 
     def draw(self) -> None:
         """Draw the parts that never change."""
@@ -178,17 +178,18 @@ class TreeView:
         # 3.4, rings 3.6, selected nodes 3.8, rims 4, pills 5, badges 6, text and symbols 7.
         for subtree in self.subtrees:
             subtree.draw(labels, hover, stroke)
-            places = [self.layout.places[at] for at in subtree.at]
-            frames = [frame for at in subtree.at for frame in self._frames.get(int(at), ())]
+            places = [self.layout.places[index] for index in subtree.indices]
+            frames = [frame for index in subtree.indices for frame in self._frames.get(int(index), ())]
             subtree.log_strips("frames", frames, 1.0, colors=[palette.frame], radii=[style.FRAME_STROKE])
-            highlighted = [self._pills[at] for at in subtree.at if at in self._highlighted]
+            marked = self._highlighted.intersection(subtree.indices.tolist())
+            highlighted = [self._pill_strips[index] for index in sorted(marked)]
             subtree.log_strips(
                 "highlights", highlighted, 3.4, colors=[palette.highlight], radii=[half + style.HALO]
             )
             # A strip needs a length; its round ends make it a disc.
             badges = [((place.x + half, place.y), (place.x + half + 0.01, place.y)) for place in places]
             subtree.log_strips("badges", badges, 6.0, colors=[palette.badge], radii=[style.BADGE_RADIUS])
-            strokes, colours, radii = self._strokes(subtree.at.tolist())
+            strokes, colours, radii = self._strokes(subtree.indices.tolist())
             subtree.log_strips("ink", strokes, 7.0, colors=np.array(colours, dtype=np.uint32), radii=radii)
         if not self._is_folded:
             x0, _, _, y1 = self.bounds()
@@ -205,7 +206,7 @@ class TreeView:
         selected node.
         """
         has_shape = len(self.tree.nodes) <= FOLD_ABOVE_NODES
-        for node, pill, entity in zip(self.tree.nodes, self._pills, self._entities, strict=True):
+        for node, pill, entity in zip(self.tree.nodes, self._pill_strips, self._entities, strict=True):
             # A single component, because each component takes a kilobyte of the file.
             components = [
                 create_hover_values({"node": f"{node.id}  {node.path}  {format_ports(node)}".rstrip()})
@@ -222,8 +223,8 @@ class TreeView:
         strokes: list[Stroke] = []
         colours: list[int] = []
         radii: list[float] = []
-        for at in indices:
-            node, place = self.tree.nodes[at], self.layout.places[at]
+        for index in indices:
+            node, place = self.tree.nodes[index], self.layout.places[index]
             caption = self.captions[node.uid]
             centre = place.x + style.PILL_HEIGHT / 2
             left = centre + style.BADGE_RADIUS + 7.0
@@ -250,11 +251,11 @@ def arrange(tree: ObservedTree, written: Mapping[int, Caption], view_size: tuple
         written: The nodes' captions by uid, which determine the widths of the pills.
         view_size: Width and height of the view (pixels).
     """
-    index = {node.uid: at for at, node in enumerate(tree.nodes)}
+    index_of_uid = {node.uid: index for index, node in enumerate(tree.nodes)}
     boxes = [
         Box(
             width=written[node.uid].width,
-            children=tuple(index[child] for child in node.children),
+            children=tuple(index_of_uid[child] for child in node.children),
             has_frame=node.type == "subtree" and bool(node.children),
         )
         for node in tree.nodes

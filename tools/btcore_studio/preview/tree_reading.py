@@ -133,12 +133,13 @@ def draw(plans: Plans, tree: str | None, folded: Collection[str], styled: bool =
         styled: Whether the drawing contains its style sheet.
     """
     definitions = plans.definitions
-    main = definitions.by_id.get(tree or "") or definitions.main or next(iter(definitions.by_id.values()))
-    if main is not definitions.main:
-        plans = plan(definitions._replace(main=main), plans.registry)
+    trees = definitions.by_id
+    main_tree = trees.get(tree or "") or definitions.main_tree or next(iter(trees.values()))
+    if main_tree is not definitions.main_tree:
+        plans = plan(definitions._replace(main_tree=main_tree), plans.registry)
         fatal = [error for error in plans.diagnostics.errors if error.code not in _DRAWABLE]
         if fatal:
-            return {"tree": main.id, "error": fatal[0].message}
+            return {"tree": main_tree.id, "error": fatal[0].message}
     root = diagram_of_document(plans)
     nodes = diagram_nodes(root)
     keys = diagram_keys(nodes)
@@ -169,9 +170,9 @@ def draw(plans: Plans, tree: str | None, folded: Collection[str], styled: bool =
             }
         )
     return {
-        "tree": main.id,
-        "file": definitions.sources.main.file,
-        "svg": diagram_to_svg(_pruned(root, hidden), main.id, plans.dialect.format, styled),
+        "tree": main_tree.id,
+        "file": definitions.sources.main_document.file,
+        "svg": diagram_to_svg(_pruned(root, hidden), main_tree.id, plans.dialect.format, styled),
         "nodes": rows,
         "about": {node.id: node.about for node, _ in nodes if node.about},
         "files": [{"name": name, "text": document.text} for name, (_, document) in files.items()],

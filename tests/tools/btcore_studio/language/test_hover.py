@@ -114,9 +114,9 @@ def test_writers_and_readers_are_those_of_the_analysis(project: Project, path: P
     document = project.open(path.as_uri(), path.read_text(encoding="utf-8"), 1)
     plans = define_and_plan(read(parse_file(path)), project.registry)
     assert not plans.diagnostics.errors
-    assert plans.main is not None
+    assert plans.main_tree is not None
     links = links_of(project)
-    main = next(tree for tree in file_symbols(project, document).trees if tree.id == plans.main.id)
+    main = next(tree for tree in file_symbols(project, document).trees if tree.id == plans.main_tree.id)
 
     def places(uses: list[KeyUse]) -> set[tuple[str, str]]:
         line = document.positions.line
