@@ -58,14 +58,14 @@ class RunSession:
         self._is_output_incomplete = False
         self._printed_error: NodeExecutionError | None = None
 
-    def run(self) -> int:
+    def run_and_report(self) -> int:
         """Run to the end, print the summary, and return the exit code.
 
         Raises:
             LogError: A log cannot be written.
             click.UsageError: An extension rejects the options of the run.
         """
-        end_reason, code, extension_reports = self.execute()
+        end_reason, code, extension_reports = self.run()
         report = self.report
         report.print_summary(self.tree, end_reason, extension_reports)
         if report.error is not None and report.error is not self._printed_error:
@@ -74,7 +74,7 @@ class RunSession:
             terminal.print_json(report.as_data(self.tree, extension_reports))
         return code
 
-    def execute(self) -> tuple[EndReason, ExitCode, dict[str, object]]:
+    def run(self) -> tuple[EndReason, ExitCode, dict[str, object]]:
         """Run to the end without printing a summary.
 
         Returns:

@@ -31,6 +31,7 @@ def _parse_letters(ctx: click.Context, parameter: click.Parameter, texts: Sequen
 
 stub_results_option = click.option(
     "--plan",
+    "stub_letters",
     multiple=True,
     callback=_parse_letters,
     metavar="NAME=LETTERS",

@@ -84,7 +84,7 @@ def huge_frames(to: socket.socket) -> None:
 def unread_replies(to: socket.socket) -> None:
     """Send requests and subscriptions that are requests, and never read the replies."""
     for number in range(1_000_000_000):
-        topic = b"again/tree/%d" % number
+        topic = b"request/tree/%d" % number
         size = bytes([1 + len(topic)])
         to.sendall(b"\0" + size + b"\1" + topic + b"\0" + size + b"\0" + topic)
 
@@ -105,7 +105,7 @@ def slow_reading(to: socket.socket) -> None:
 def old_pieces(to: socket.socket) -> None:
     """Request all past messages again and again, and read the replies at 10 kB/s."""
     for number in range(1_000_000_000):
-        to.sendall(b"".join(subscription(b"again/%d/%d" % (first, number)) for first in range(1, 31)))
+        to.sendall(b"".join(subscription(b"request/%d/%d" % (first, number)) for first in range(1, 31)))
         if not to.recv(1_000):
             break
         time.sleep(0.1)

@@ -78,7 +78,7 @@ def _run(command: Sequence[str]) -> Result:
         cause = FailureCause()
         session = create_session(context, context.params, [cause], _installed())
         try:
-            _, code, extension_reports = session.execute()
+            _, code, extension_reports = session.run()
         except click.UsageError:
             raise
         except click.ClickException as reason:

@@ -117,7 +117,7 @@ def run(ctx: click.Context, /, **settings: Any) -> int:
       130  interrupted by Ctrl-C
       143  terminated by SIGTERM
     """
-    return create_session(ctx, settings).run()
+    return create_session(ctx, settings).run_and_report()
 
 
 def create_session(
@@ -152,7 +152,7 @@ def create_session(
     (installed_extensions, unavailable), settings = load_needed_extensions(ctx, settings, wanted)
     resources, extensions, without_resources = gather_resources(installed_extensions, settings, wanted)
     clock = choose_clock(resources, settings["fast"])
-    resources += [random.Random(settings["seed"]), StubResults(settings["plan"])]
+    resources += [random.Random(settings["seed"]), StubResults(settings["stub_letters"])]
     try:
         tree = instantiate(plans, resources, clock=clock, tick_limit=settings["tick_limit"])
     except TreeError as error:
@@ -204,7 +204,7 @@ def read_source_and_plans(
     source = TreeSource(path, settings["tree"], libraries, settings["format"], confined)
     substitute.add_rules(libraries.nodes, settings["substitute"])
     plans = source.read_plans()
-    stub_results.check(settings["plan"], plans)
+    stub_results.check(settings["stub_letters"], plans)
     return source, plans
 
 

@@ -78,7 +78,7 @@ _PRIORITY = 5  # "nice" steps below the robot's process
 _MORE, _LONG, _COMMAND = 1, 2, 4  # bits of a frame's first byte
 _SIGNATURE_SIZE, _GREETING_SIZE_2, _GREETING_SIZE_3 = 10, 12, 64
 _WITHOUT_ENCRYPTION = b"NULL".ljust(20, b"\0")
-_REQUEST_TOPIC = b"again/"  # requests of the run channel: REQUEST_TOPIC of wire/run_channel.py
+_REQUEST_TOPIC = b"request/"  # requests of the run channel: REQUEST_TOPIC of wire/run_channel.py
 _SUBSCRIBE, _CANCEL = b"SUBSCRIBE", b"CANCEL"
 _COMMANDS = (b"READY", b"ERROR", b"PING", b"PONG")
 

@@ -77,10 +77,10 @@ class RunChannelServer:
     def add_item(self, item: QueueItem) -> None:
         """Add *item* to the stream."""
         if isinstance(item, TransitionItem):
-            self._add_transition(item)
+            self._buffer_transition(item)
             return
         if isinstance(item, TickItem):
-            self._add_transitions(item.tick, item.stamp, item.wall, item.duration_ns, int(item.status), True)
+            self._add_buffered(item.tick, item.stamp, item.wall, item.duration_ns, int(item.status), True)
             return
         self.flush()
         head = self.tree_id, self.history.latest_seq + 1, item.stamp, item.wall
@@ -98,7 +98,7 @@ class RunChannelServer:
         """Add a message with the transitions of an unfinished tick, so that clients show them early."""
         if self._transitions:
             stamp, wall, tick = self._transitions[-1][:3]
-            self._add_transitions(tick, stamp, wall, 0, int(Status.IDLE), False)
+            self._add_buffered(tick, stamp, wall, 0, int(Status.IDLE), False)
 
     def take_pending_frames(self) -> Iterator[Frames]:
         """Yield the messages since the last call, in few large pieces.
@@ -111,7 +111,7 @@ class RunChannelServer:
             self._sent_seq = piece.last
             yield STREAM_TOPIC, encode(piece)
 
-    def _add_transition(self, item: TransitionItem) -> None:
+    def _buffer_transition(self, item: TransitionItem) -> None:
         number, stamp, tick, uid, previous, status = item.transition
         # A message's transitions have consecutive numbers, so a gap starts a new message.
         if self._next_number is not None and number != self._next_number:
@@ -124,7 +124,7 @@ class RunChannelServer:
         self._next_number = number + 1
         self._transitions.append([stamp, item.wall, tick, uid, int(previous), int(status)])
 
-    def _add_transitions(
+    def _add_buffered(
         self, tick: int, stamp: int, wall: int, duration_ns: int, status: int, is_end: bool
     ) -> None:
         transitions, self._transitions = self._transitions, []

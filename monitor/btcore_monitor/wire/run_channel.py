@@ -7,17 +7,17 @@ A publisher's XPUB socket sends two frames: a topic, and a MessagePack map with 
 fields of the message. Under the topic `stream` it sends `PieceMessage`, which holds messages of the
 stream, each encoded separately. Each message has the robot's `tree_id` and a `seq` that counts from 1
 without gaps, so a client notices missing messages. When the robot replaces its tree, the topic also carries
-the `TreeMessage` and `StaticSceneMessage` of the new tree. Under `alive` the publisher sends
-heartbeats; a heartbeat of an unknown tree makes a client request that tree.
+the `TreeMessage` and `StaticSceneMessage` of the new tree. Under `heartbeat` the publisher
+sends heartbeats; a heartbeat of an unknown tree makes a client request that tree.
 
 A client sends a request by subscribing to a topic, so a SUB socket is enough. The last part of the topic is
 a token that the client chooses, and the reply has the same topic:
 
-===================  ====================================================================
-`again/tree/TOKEN`   `TreeMessage`, `StaticSceneMessage`
-`again/N/TOKEN`      `PieceMessage`: the stream from number N to the number in the field `last`
-`here/TOKEN`         no reply; counts a client, for which a run that begins or ends waits
-===================  ====================================================================
+====================  ====================================================================
+`request/tree/TOKEN`  `TreeMessage`, `StaticSceneMessage`
+`request/N/TOKEN`     `PieceMessage`: the stream from number N to the number in the field `last`
+`presence/TOKEN`      no reply; counts a client, for which a run that begins or ends waits
+====================  ====================================================================
 
 Stamps are ns of the tree's clock, `wall` is ns since the epoch, lengths are in metres, quaternions are
 x y z w, and every pose names its frame.
@@ -56,18 +56,17 @@ ZeroMQ's own heartbeat (`ZMQ_HEARTBEAT_IVL`) would be faster, but it disconnects
 STREAM_TOPIC: Final = b"stream"
 """The topic of the stream's messages."""
 
-HEARTBEAT_TOPIC: Final = b"alive"
+HEARTBEAT_TOPIC: Final = b"heartbeat"
 """The topic of heartbeats."""
 
-REQUEST_TOPIC, PRESENCE_TOPIC, TREE_REQUEST = b"again", b"here", b"tree"
+REQUEST_TOPIC, PRESENCE_TOPIC, TREE_REQUEST = b"request", b"presence", b"tree"
 """Parts of the topics that clients subscribe to; serve/gateway_process.py repeats the first."""
 
-ANNOUNCEMENT: Final = b"<!-- scene channel -->"
+ANNOUNCEMENT: Final = b"<!-- run channel -->"
 """The end of the tree that a robot with a run channel sends by the protocols of Groot 2 and Groot 1.
 
-The bytes contain an earlier name of the run channel, because existing robots and clients use them. Readers
-of XML ignore a comment, and readers of flatbuffers ignore what follows. A client that does not know whether
-there is a run channel would switch to it in the middle of a run, if the machine is busy.
+Readers of XML ignore a comment, and readers of flatbuffers ignore what follows. A client that does not know
+whether there is a run channel would switch to it in the middle of a run, if the machine is busy.
 """
 
 
@@ -175,7 +174,7 @@ class HeartbeatMessage(Message):
     *latest* is the number of the stream's newest message, so a client notices if the last messages were lost.
     """
 
-    kind: ClassVar[str] = "alive"
+    kind: ClassVar[str] = "heartbeat"
     latest: int
 
 

@@ -161,9 +161,9 @@ def test_a_client_of_zmtp_3_0_receives_what_it_subscribes_to(endless, no_threads
         with client:
             client.sendall(V30)
             receive(client, 64)
-            client.sendall(frame(b"\1alive"))
+            client.sendall(frame(b"\1heartbeat"))
             data = b""
-            while frame(b"alive", 1) not in data:
+            while frame(b"heartbeat", 1) not in data:
                 data += client.recv(1000)
 
 
@@ -256,16 +256,16 @@ def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(stream, monke
     with contextlib.ExitStack() as clients:
         names = [b"%d" % number for number in range(gateway_process.MAX_PIECES_AT_ONCE)]
         for name in names:
-            clients.enter_context(subscriber(port, b"again/1/" + name, b"again/2/" + name))
-            assert robot.recv() == b"\1again/1/" + name
-        fifth = clients.enter_context(subscriber(port, b"again/1/fifth"))
+            clients.enter_context(subscriber(port, b"request/1/" + name, b"request/2/" + name))
+            assert robot.recv() == b"\1request/1/" + name
+        fifth = clients.enter_context(subscriber(port, b"request/1/fifth"))
         with subscriber(port, b"other"):
             assert robot.recv() == b"\1other"
         assert robot.recv() == b"\0other"
-        robot.send_multipart([b"again/1/0", bytes(1 << 20)])
-        assert robot.recv() == b"\1again/1/fifth"
-        robot.send_multipart([b"again/1/fifth", b"piece"])
-        assert robot.recv() == b"\1again/2/0"
+        robot.send_multipart([b"request/1/0", bytes(1 << 20)])
+        assert robot.recv() == b"\1request/1/fifth"
+        robot.send_multipart([b"request/1/fifth", b"piece"])
+        assert robot.recv() == b"\1request/2/0"
         receive(fifth, 2 + 13 + 2 + 5)
 
 
@@ -276,8 +276,8 @@ def test_a_request_without_a_reply_delays_the_next_request_for_a_limited_time(st
     monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT_S", 0.0)
     monkeypatch.setattr(gateway_process, "_SWEEP_INTERVAL_S", 0.05)
     robot, port, _ = stream()
-    with subscriber(port, b"again/invalid", b"again/1/token", b"stream"):
-        assert [robot.recv() for _ in range(3)] == [b"\1again/invalid", b"\1again/1/token", b"\1stream"]
+    with subscriber(port, b"request/invalid", b"request/1/token", b"stream"):
+        assert [robot.recv() for _ in range(3)] == [b"\1request/invalid", b"\1request/1/token", b"\1stream"]
 
 
 def test_encrypted_clients_are_forwarded_and_limited():
@@ -480,7 +480,7 @@ def test_a_closed_publisher_sends_its_last_messages_first(endless, no_threads_le
         publisher = serve(endless, groot2_port=0)
         client.linger = 0
         client.subscribe(b"stream")
-        client.subscribe(b"here/me")
+        client.subscribe(b"presence/me")
         client.connect(f"tcp://127.0.0.1:{publisher.port + 2}")
         assert publisher.wait_for_clients(1, 60)
         endless.tick_exactly_once()

@@ -171,7 +171,7 @@ def strangers(publisher: Publisher, count: int) -> Iterator[Callable[[], None]]:
     with zmq.Context() as context, ExitStack() as clients:
         for number in range(count):
             client = clients.enter_context(context.socket(zmq.SUB))
-            client.subscribe(b"here/%d" % number)
+            client.subscribe(b"presence/%d" % number)
             client.connect(f"tcp://127.0.0.1:{publisher.port + wire.PORT_OFFSET}")
         assert publisher.wait_for_clients(count, 60)
         yield clients.close
@@ -240,11 +240,11 @@ def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, unt
             return any(one.startswith(b"\x01" + topic) for one in topics)
 
         try:
-            until(lambda: asked(b"again/tree/"), "the request for the tree")
-            (topic,) = (one[1:] for one in topics if one.startswith(b"\x01again/tree/"))
+            until(lambda: asked(b"request/tree/"), "the request for the tree")
+            (topic,) = (one[1:] for one in topics if one.startswith(b"\x01request/tree/"))
             robot.send_multipart([topic, wire.encode(wire.TreeMessage("a", 0, 0, b"<root/>", 1, 1, {}))])
-            until(lambda: asked(b"again/1/"), "the request for the first message")
-            topic = next(one[1:] for one in topics if one.startswith(b"\x01again/1/"))
+            until(lambda: asked(b"request/1/"), "the request for the first message")
+            topic = next(one[1:] for one in topics if one.startswith(b"\x01request/1/"))
             client.read()
             ticks = wire.encode(wire.TransitionsMessage("a", 1, 0, 0, 1, 0, 1, True, 1, []))
             robot.send_multipart([topic, wire.encode(wire.PieceMessage("a", 1, 1, 1, [ticks]))])
@@ -396,9 +396,9 @@ def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until)
                 # The client repeats its request after some time only, because a reply may be on its way.
                 robot.send_multipart([wire.HEARTBEAT_TOPIC, wire.encode(wire.HeartbeatMessage("second", 0))])
                 client.read()
-                while robot.poll(0) and not heard[-1].startswith(b"\x01again/tree/"):
+                while robot.poll(0) and not heard[-1].startswith(b"\x01request/tree/"):
                     heard.append(robot.recv())
-                return heard[-1].startswith(b"\x01again/tree/")
+                return heard[-1].startswith(b"\x01request/tree/")
 
             until(asked, "a question")
             return heard[-1][1:]
@@ -464,7 +464,7 @@ def test_a_hanging_viewer_does_not_delay_the_end(endless):
         with serve(endless, groot2_port=0, grace=0.1) as publisher:
             hanging.setsockopt(zmq.RCVHWM, 1)
             hanging.subscribe(b"")
-            hanging.subscribe(b"here/hanging")
+            hanging.subscribe(b"presence/hanging")
             hanging.connect(f"tcp://127.0.0.1:{publisher.port + 2}")
             assert publisher.wait_for_clients(1, 60)
             for _ in range(500):

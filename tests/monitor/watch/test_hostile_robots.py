@@ -210,9 +210,9 @@ SCENES: dict[str, list[bytes]] = {
     "a piece up to 2^62": [tree(), piece(last=HUGE, first=1), piece(ticks(ROW, seq=HUGE), first=HUGE)],
     "a piece from 2^62 on": [tree(), piece(ticks(), first=HUGE - 1)],
     "a piece of messages that end at 2^62": [tree(), piece(ticks(), ticks(), last=HUGE - 1)],
-    "a latest number of 2^62": [tree(), message("alive", latest=HUGE - 1), piece(latest=HUGE - 1)],
+    "a latest number of 2^62": [tree(), message("heartbeat", latest=HUGE - 1), piece(latest=HUGE - 1)],
     "a tree whose oldest message is 2^62": [tree(oldest=HUGE - 1, latest=HUGE - 1), piece(ticks())],
-    "numbers of 64 bits": [tree(), piece(ticks(first=2**64 - 1)), message("alive", latest=2**64 - 1)],
+    "numbers of 64 bits": [tree(), piece(ticks(first=2**64 - 1)), message("heartbeat", latest=2**64 - 1)],
     "a million early pieces": [tree(), *(piece(ticks(), first=at * 7) for at in range(2, 200))],
     "stamps of 2^62": [tree(stamp=1 - HUGE), piece(ticks([HUGE - 1, 1 - HUGE, 1, 2, 0, 1], stamp=HUGE - 1))],
     "numbers of transitions at 2^62": [
@@ -420,7 +420,7 @@ class Robot(threading.Thread):
                     self._notifications.send_multipart(self.notices)
             while self._run_channel.poll(0):
                 frame = self._run_channel.recv()
-                if self.messages and frame.startswith(b"\x01again/tree/"):
+                if self.messages and frame.startswith(b"\x01request/tree/"):
                     self._run_channel.send_multipart([frame[1:], self.messages[0]])
             if time.monotonic() - scene > 0.25:
                 scene = time.monotonic()

@@ -30,7 +30,7 @@ class Robot:
         while self._socket.poll(20):
             frame = self._socket.recv()
             topic, parts = frame[1:], frame[1:].split(b"/")
-            if frame[0] != 1 or parts[0] != b"again":
+            if frame[0] != 1 or parts[0] != b"request":
                 continue
             if parts[1] == b"tree":
                 tree = wire.TreeMessage(TREE_ID, 0, 0, b"", 1, MESSAGES, {})
