@@ -73,6 +73,7 @@ MISTAKES ?=
 	accept-robot accept-engine accept-tools accept-ros2 docs vscode npm-checks dist bench clean
 
 help:
+	@echo 'make setup   .venv with all packages; make setup-core: only what work on the engine needs'
 	@echo 'make demo    a simulated Tiago bumps and goes, seen in the monitor'
 	@echo 'make test    style, types, and the tests on both builds of the engine'
 	@echo '             CI=true as in CI: also types on Windows, all pages, full counts of random examples'

@@ -89,7 +89,7 @@ class Registry:
         registry = cls()
         for format, nodes in BUILTIN_NODES.items():
             for ID, node in nodes.items():
-                common = BUILTIN_NODES[7 - format].get(ID) is node  # 7 - format: the other format, 3 or 4
+                common = BUILTIN_NODES[3 if format == 4 else 4].get(ID) is node
                 table = registry._shared if common else registry._of_format[format]
                 table[ID] = node
         registry._libraries.append("btcore")
