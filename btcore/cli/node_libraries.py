@@ -16,7 +16,7 @@ from btcore.errors import Diagnostic
 from btcore.registry.registry import Plugin, Registry, import_plugin, library_of
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.read.dialect import EXPLICIT_TAGS
-from btcore.xml.read.read import Document, read_includes
+from btcore.xml.read.read import Document, read
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -133,7 +133,7 @@ class NodeLibraries:
             return self.nodes
         # A copy, since the same explicit tag may have other ports in another document.
         nodes = self.nodes.copy()
-        add_explicit_nodes(nodes, read_includes(document).documents)
+        add_explicit_nodes(nodes, read(document).documents)
         return nodes
 
     def missing_library_notes(self, diagnostics: Iterable[Diagnostic]) -> list[str]:

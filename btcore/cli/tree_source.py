@@ -18,7 +18,7 @@ from btcore.input_files import read_error, read_stream
 from btcore.loading.hot_reload import FileWatcher
 from btcore.registry.registry import Registry
 from btcore.xml.plan.plan import Plans, define_and_plan
-from btcore.xml.read.read import Document, parse_bytes, parse_file, read_includes
+from btcore.xml.read.read import Document, parse_bytes, parse_file, read
 
 STDIN: Final = Path("-")
 """Stands for the standard input in place of the path of a file."""
@@ -148,10 +148,10 @@ class TreeSource:
         """
         try:
             document = parse_source(self.path, self.confined)
-            sources = read_includes(document, self.libraries.nodes.documents)
+            sources = read(document, self.libraries.nodes.documents)
             if self.libraries.load_for(sources.documents):
                 # A library may have registered trees, which are among the sources.
-                sources = read_includes(document, self.libraries.nodes.documents)
+                sources = read(document, self.libraries.nodes.documents)
             nodes = self.libraries.nodes_for(document)
             if substitute is not None:
                 nodes = substitute(nodes)

@@ -7,7 +7,7 @@ from btcore.errors import BtcoreError
 from btcore.loading.instantiate import instantiate
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
-from btcore.xml.read.read import parse_file, read_includes
+from btcore.xml.read.read import parse_file, read
 
 
 class FileWatcher:
@@ -34,7 +34,7 @@ class FileWatcher:
 
     def _all_files(self) -> set[Path]:
         try:
-            documents = read_includes(parse_file(self._path, confined=self._confined)).documents
+            documents = read(parse_file(self._path, confined=self._confined)).documents
         except BtcoreError:
             return {self._path}
         return {self._path, *(Path(document.file) for document in documents if document.file)}

@@ -16,7 +16,7 @@ from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans, define_and_plan
-from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_text, read_includes
+from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_text, read
 
 __all__ = ["LoadOptions"]  # for the API reference, which has the functions on the page of `btcore`
 
@@ -223,7 +223,7 @@ def _plan_documents(documents: Sequence[Document], options: LoadOptions) -> Plan
         raise TypeError(f"unexpected keyword argument '{name}'{hint}")
     registry = _registry(options.get("nodes"))
     main, *others = documents
-    sources = read_includes(main, [*registry.documents, *others], options.get("packages"))
+    sources = read(main, [*registry.documents, *others], options.get("packages"))
     return define_and_plan(sources, registry, options.get("tree"), options.get("format"))
 
 

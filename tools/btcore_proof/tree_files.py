@@ -12,7 +12,7 @@ from btcore.tree.drawing import to_text
 from btcore.tree.tree import Tree
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.plan.plan import Plans, define_and_plan
-from btcore.xml.read.read import parse_file, read_includes
+from btcore.xml.read.read import parse_file, read
 from btcore_proof.answer_text import lines_of_answer
 from btcore_proof.counterexample import TreeMaker
 from btcore_proof.declarations import Declarations, declarations_beside, read_declarations
@@ -316,8 +316,8 @@ def _plans(
     for model in models:
         add_models(available, model)
     if models:
-        add_explicit_nodes(available, read_includes(document).documents)
+        add_explicit_nodes(available, read(document).documents)
     leaves = with_model_leaves(available, declared.leaves)
-    plans = define_and_plan(read_includes(document, leaves.documents), leaves, tree, format)
+    plans = define_and_plan(read(document, leaves.documents), leaves, tree, format)
     plans.diagnostics.raise_errors()
     return plans

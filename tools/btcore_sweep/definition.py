@@ -16,7 +16,7 @@ from btcore.cli.commands.run import read_source_and_plans, run
 from btcore.cli.tree_source import find_tree_file
 from btcore.input_files import read_file
 from btcore.suggestions import join_names
-from btcore.xml.read.read import parse_file, read_includes
+from btcore.xml.read.read import parse_file, read
 from btcore_sweep import options, parameters
 
 FORM: Final = 1
@@ -165,7 +165,7 @@ def create_definition(
             raise click.UsageError(f"--{key} and --param {key}=… cannot be used together.")
     arguments = tuple(options.option_arguments(ctx, texts))
     path = find_tree_file(source)
-    documents = read_includes(parse_file(path, confined="confined" in texts)).documents
+    documents = read(parse_file(path, confined="confined" in texts)).documents
     files = {path, *(Path(document.file) for document in documents if document.file)}
     files |= options.named_files([*texts.values(), *varied.values()])
     existing = sorted(file for file in files if file.is_file())

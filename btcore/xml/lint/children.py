@@ -36,10 +36,10 @@ def check_child_count(node: NodePlan, document: Document, format: int, reporter:
         # Format 3 counts the children by the tag.
         requirement = "a decorator has exactly 1"
     if requirement:
-        reporter.warn(FIRST_TICK_REFUSED, f"{has}; {requirement}", document, node, hint=_TICK_RAISES)
+        reporter.report(FIRST_TICK_REFUSED, f"{has}; {requirement}", document, node, hint=_TICK_RAISES)
     for port, number, results in _thresholds(node, count):
         message = f"{has}, too few for {number} {results}"
-        reporter.warn(FIRST_TICK_REFUSED, message, document, node, port, _TICK_RAISES)
+        reporter.report(FIRST_TICK_REFUSED, message, document, node, port, _TICK_RAISES)
 
 
 def _child_requirement(cls: type[TreeNode], count: int) -> str:
@@ -118,7 +118,7 @@ def _check_order(
 
 def _warn_unreached(document: Document, node: NodePlan, reason: str, reporter: LintReporter) -> None:
     message = f"{node_label(node)} is never ticked: {reason}"
-    reporter.warn(UNREACHABLE_CHILD, message, document, node, hint="remove it, or the cause")
+    reporter.report(UNREACHABLE_CHILD, message, document, node, hint="remove it, or the cause")
 
 
 def _check_asynchronous_children(
@@ -141,7 +141,7 @@ def _check_asynchronous_children(
                 f"{before}, which halts {node_label(child)} unless it completes at once"
             )
             hint = f"put both into a <{'Sequence' if continue_on is SUCCESS else 'Fallback'}>"
-            reporter.warn(SECOND_ASYNC_CHILD, message, document, child, hint=hint)
+            reporter.report(SECOND_ASYNC_CHILD, message, document, child, hint=hint)
             return
         if not outcome.passes(continue_on):
             return

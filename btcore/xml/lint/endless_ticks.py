@@ -74,7 +74,7 @@ class EndlessTickCheck:
             message = f"{label} does not end a tick until {repeated} {until}"
         else:
             message = f"{label} never ends a tick: it repeats {repeated} forever"
-        self._reporter.warn(
+        self._reporter.report(
             ENDLESS_TICK,
             f"{message}, and no node below it can be RUNNING",
             tree.definition.document,

@@ -68,7 +68,7 @@ def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, write: str, reporter: Li
     message = f"{write}, but the entry '{use.key}' has the type {entry.declared.name}: every write raises"
     declaration = dry_run.declared_by(entry)
     hint = f"declared by {declaration}; the type of an entry never changes" if declaration else ""
-    reporter.warn(
+    reporter.report(
         REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint, within=use.within
     )
 
@@ -95,7 +95,7 @@ def _check_base_class(
     )
     origin = dry_run.declared_by(entry)
     hint = f"declared by {origin}" if origin else ""
-    reporter.warn(BASE_CLASS_READ, message, use.document, use.node, use.attribute, hint)
+    reporter.report(BASE_CLASS_READ, message, use.document, use.node, use.attribute, hint)
 
 
 def _written_value(use: EntryUse) -> Binding | None:
@@ -260,7 +260,7 @@ def _warn_untyped(use: EntryUse, creator: EntryUse, reporter: LintReporter) -> N
         f"'{creator.attribute}' of {node_label(creator.node)} in {line_of(creator.document, creator.node)} "
         f"creates the entry; a Script works in both: {use.key} := '{text}'"
     )
-    reporter.warn(TEXT_FOR_UNTYPED_ENTRY, message, use.document, use.node, use.attribute, hint)
+    reporter.report(TEXT_FOR_UNTYPED_ENTRY, message, use.document, use.node, use.attribute, hint)
 
 
 def _assignments_of(text: str, enums: dict[str, int]) -> dict[int, Assignment]:
@@ -301,7 +301,7 @@ def _check_script(
             if declaration
             else ""
         )
-        reporter.warn(
+        reporter.report(
             REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint,
             within=use.within, width=len(use.key),
         )  # fmt: skip
@@ -335,7 +335,7 @@ def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry, reporte
         )
         if text.isidentifier():
             hint += f"; to pass the entry, write {{{text}}}"
-        reporter.warn(code, message, use.document, use.node, use.attribute, hint)
+        reporter.report(code, message, use.document, use.node, use.attribute, hint)
         return
 
 

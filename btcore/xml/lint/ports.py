@@ -58,12 +58,12 @@ def check_ignored_attributes(node: NodePlan, document: Document, reporter: LintR
             if near is not None:
                 message = f"the attribute '{key}' of {node_label(node)} is ignored: unknown name"
                 hint = f"did you mean '{near}'?"
-                reporter.warn(IGNORED_ATTRIBUTE, message, document, node, key, hint, part="name")
+                reporter.report(IGNORED_ATTRIBUTE, message, document, node, key, hint, part="name")
         elif key not in ("ID", "name"):
             reason = port_name_error(key)
             message = f"the attribute '{key}' of {node_label(node)} is ignored: invalid port name ({reason})"
             hint = "rename the port, here and in the code that registers it"
-            reporter.warn(IGNORED_ATTRIBUTE, message, document, node, key, hint, part="name")
+            reporter.report(IGNORED_ATTRIBUTE, message, document, node, key, hint, part="name")
 
 
 @lru_cache(maxsize=64)  # every node of a file that btcore or Groot wrote may have the same attributes
@@ -91,7 +91,7 @@ def check_missing_ports(node: NodePlan, document: Document, reporter: LintReport
     else:
         message = f"the ports {names} of <{node.id}> are missing and have no default"
     examples = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
-    reporter.warn(EMPTY_PORT, message, document, node, hint="write " + " ".join(examples))
+    reporter.report(EMPTY_PORT, message, document, node, hint="write " + " ".join(examples))
 
 
 def is_required(manifest: Manifest, port: Port) -> bool:
@@ -126,26 +126,26 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
                 message = f"the {label} has the type {port.type.name}: {error}"
                 key = intended or (text if is_port_name(text) else "")
                 hint = f"to use the blackboard entry, write {{{key}}}" if key else ""
-                reporter.warn(INCONVERTIBLE_TEXT, message, document, node, port.name, hint)
+                reporter.report(INCONVERTIBLE_TEXT, message, document, node, port.name, hint)
         elif intended:
             message = f"the {label} is the text '{text}', not an entry"
             hint = f"to use the entry, write {{{intended}}}"
-            reporter.warn(INCOMPLETE_POINTER, message, document, node, port.name, hint)
+            reporter.report(INCOMPLETE_POINTER, message, document, node, port.name, hint)
         elif port.direction is Direction.OUT and format == 4:
             message = f"the output {label} has no entry: '{text}' is only a text"
             hint = f'write {port.name}="{{{text if text.isidentifier() else "…"}}}"'
-            reporter.warn(UNCONNECTED_OUTPUT, message, document, node, port.name, hint)
+            reporter.report(UNCONNECTED_OUTPUT, message, document, node, port.name, hint)
         else:
             for item, part, kind in partly_read(text, _literal_type(node, port), format):
                 message = f"the {label} has the type {kind}: only '{part}' of '{item}' is read"
                 hint = f"write {_replacement(item, part, kind)}"
-                reporter.warn(PARTIAL_NUMBER, message, document, node, port.name, hint)
+                reporter.report(PARTIAL_NUMBER, message, document, node, port.name, hint)
     for key, text in node.subtree_call.constants.items() if node.subtree_call is not None else ():
         intended = intended_key(text)
         if intended:
             message = f"'{key}' of {node_label(node)} is the text '{text}', not an entry"
             hint = f"to use the entry, write {{{intended}}}"
-            reporter.warn(INCOMPLETE_POINTER, message, document, node, key, hint)
+            reporter.report(INCOMPLETE_POINTER, message, document, node, key, hint)
 
 
 def check_literals_of_class(node: NodePlan, document: Document, reporter: LintReporter) -> None:
@@ -155,7 +155,7 @@ def check_literals_of_class(node: NodePlan, document: Document, reporter: LintRe
     for problem in node.manifest.cls.check_literals(valid_literals(node)):
         code = UNCHECKED_LITERAL if problem.is_unchecked else INCONVERTIBLE_TEXT
         message = f"the port '{problem.port}' of {node_label(node)}: {problem.message}"
-        reporter.warn(
+        reporter.report(
             code,
             message,
             document,

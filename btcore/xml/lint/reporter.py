@@ -1,4 +1,4 @@
-"""Report warnings about nodes, and name nodes in messages."""
+"""Report diagnostics about nodes, and name nodes in messages."""
 
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.xml.plan.tree_plan import NodePlan
@@ -8,7 +8,7 @@ from btcore.xml.read.read import Document
 
 
 class LintReporter:
-    """Collects warnings, once per code and place, because a tree that is called twice is checked twice."""
+    """Collects diagnostics, once per code and place, because a tree that is called twice is checked twice."""
 
     def __init__(self, collector: DiagnosticCollector) -> None:
         self.collector = collector
@@ -16,7 +16,7 @@ class LintReporter:
             (warning.code, warning.file, warning.line, warning.column) for warning in collector.warnings
         }
 
-    def warn(
+    def report(
         self,
         code: DiagnosticCode,
         message: str,
@@ -28,7 +28,7 @@ class LintReporter:
         within: int = 0,
         width: int = 0,
     ) -> None:
-        """Add a warning (or, depending on *code*, an error) about *node* or one of its attributes.
+        """Add a diagnostic about *node* or one of its attributes.
 
         Args:
             attribute: The attribute that the message is about; "" means the node itself.

@@ -135,7 +135,7 @@ def check_script_results(
     for attribute, text, is_condition in node.iter_scripts():
         if not text and is_condition and attribute not in node.conditions:
             message = f"the script in '{attribute}' of {node_label(node)} always raises: it is empty"
-            reporter.warn(SCRIPT_RAISES, message, document, node, attribute)
+            reporter.report(SCRIPT_RAISES, message, document, node, attribute)
         try:
             statements = parse_statements(text, enums)
         except ScriptError:
@@ -143,7 +143,7 @@ def check_script_results(
         error = find_certain_error(statements, enums)
         if error is not None:
             message = f"the script in '{attribute}' of {node_label(node)} always raises: {error.message}"
-            reporter.warn(
+            reporter.report(
                 SCRIPT_RAISES, message, document, node, attribute, within=error.column, width=error.width
             )
         elif is_condition:
@@ -162,7 +162,7 @@ def _check_condition(
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
         message = f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}' instead of comparing"
         hint = f"to compare, write {last.target.name} == …"
-        reporter.warn(
+        reporter.report(
             CONDITION_ASSIGNS, message, document, node, attribute, hint, within=last.column, width=last.width
         )
         return
@@ -180,6 +180,6 @@ def _check_condition(
         else:
             message = f"{failure}: its result is {result}, neither true nor false"
             hint = "valid results are 0, 1 and reals from 0 up; or write a comparison"
-        reporter.warn(
+        reporter.report(
             SCRIPT_RAISES, message, document, node, attribute, hint, within=value.column, width=value.width
         )

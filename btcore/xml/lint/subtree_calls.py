@@ -122,20 +122,20 @@ def check_remappings(
         if node.id == "SubTree" and call.remaps.get(key) == text and remapped_key(text, key, 3) is not None:
             message = f"in format 3 {node_label(node)} takes keys without braces: '{key}' has no effect"
             hint = f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree_id}" {key}="{text}"/>'
-            reporter.warn(BRACES_IN_FORMAT_3, message, document, node, key, hint)
+            reporter.report(BRACES_IN_FORMAT_3, message, document, node, key, hint)
         if call.remaps.get(key) == "=" and node.element.get(key) is None:
             message = (
                 f"the model of '{call.tree_id}' has the default '{text}' for '{key}', which means the entry "
                 "'=' of the calling tree"
             )
             hint = f'write default="{{{key}}}" in the model'
-            reporter.warn(INCOMPLETE_POINTER, message, document, node, hint=hint)
+            reporter.report(INCOMPLETE_POINTER, message, document, node, hint=hint)
         if used is None or key in used or key in declared or node.element.get(key) is None:
             continue
         message = f"no port or script in the tree of {node_label(node)} uses '{key}'"
         may_search = reporter.collector.take_comparisons(used)
         hint = _unused_key_hint(key, used, call.port_texts) if may_search else ""
-        reporter.warn(USELESS_REMAPPING, message, document, node, key, hint, part="name")
+        reporter.report(USELESS_REMAPPING, message, document, node, key, hint, part="name")
 
 
 def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> str:

@@ -82,7 +82,7 @@ def _warn_empty_script_entry(uses: Sequence[EntryUse], reporter: LintReporter, o
         hint = "load the tree with a blackboard that holds the script: load(…, blackboard=…)"
         if not of_root:
             hint = f'pass the script in the SubTree element: {use.key}="…"'
-        reporter.warn(UNWRITTEN_KEY, message, use.document, use.node, use.attribute, hint)
+        reporter.report(UNWRITTEN_KEY, message, use.document, use.node, use.attribute, hint)
         return True
     return False
 
@@ -100,7 +100,7 @@ def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_k
     hint = f"to create it, write {use.key} := …"
     if root_key:
         hint += f"; or fill the blackboard before the first tick: {fill_example(root_key)}"
-    reporter.warn(
+    reporter.report(
         ASSIGNMENT_TO_MISSING_ENTRY,
         f"{script} assigns to the entry '{use.key}', which is never created",
         use.document,
@@ -145,7 +145,7 @@ def _warn_never_written(
     more = f" ({others} more {'place reads' if others == 1 else 'places read'} it)" if others else ""
     reader = f"the {'script in' if use.port is None else 'port'} '{use.attribute}' of {node_label(use.node)}"
     key_text = f"{{{use.key}}}" if use.port is not None and is_pointer(use) else f"'{use.key}'"
-    reporter.warn(
+    reporter.report(
         UNWRITTEN_KEY,
         f"{reader} reads {key_text}, which is never written{more}",
         use.document,

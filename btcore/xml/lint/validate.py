@@ -33,7 +33,7 @@ from btcore.xml.lint.unwritten_keys import check_keys
 from btcore.xml.node_creator import ensure_recursion_limit
 from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
-from btcore.xml.read.read import Document, read_includes
+from btcore.xml.read.read import Document, read
 
 # After these errors each tree can still be dry-run: no main tree is selected, or only a tick raises.
 _HARMLESS: Final = frozenset({UNDETERMINED_MAIN_TREE, FIRST_TICK_REFUSED})
@@ -75,7 +75,7 @@ def validate_document(
     was_enabled = gc.isenabled()
     gc.disable()  # the collector would scan the plans again and again, although they are no garbage
     try:
-        sources = read_includes(document, nodes.documents)
+        sources = read(document, nodes.documents)
         plans = define_and_plan(sources, nodes, tree, format, every_tree=True)
         collector = _check_plans(plans, tree is not None, given)
     finally:

@@ -26,7 +26,7 @@ from btcore.xml.models.tree_nodes_model import PORT_TAGS
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import Document, parse_file, read_includes
+from btcore.xml.read.read import Document, parse_file, read
 
 # Other names for types of BehaviorTree.CPP, as users and other compilers write them.
 _ALIASES: Final = {
@@ -64,7 +64,7 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
     Raises:
         TreeError: The file or an included file can't be read, or the file contains no valid model.
     """
-    sources = read_includes(parse_file(path, confined=confined))
+    sources = read(parse_file(path, confined=confined))
     sources.diagnostics.raise_errors()
     documents = sources.documents
     added = [id for document in documents for id in add_document_models(nodes, document, override=True)]

@@ -329,7 +329,7 @@ class Sources(NamedTuple):
         return self.documents[-1]
 
 
-def read_includes(
+def read(
     document: Document, shared_documents: Iterable[Document] = (), packages: PackageResolver | None = None
 ) -> Sources:
     """Read the documents that *document* and *shared_documents* include, directly or indirectly.

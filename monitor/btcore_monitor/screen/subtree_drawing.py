@@ -15,7 +15,7 @@ from btcore_monitor.events import ObservedTree
 from btcore_monitor.screen.row_buffer import RowBuffer, Series, create_colour_columns, entity_part
 from btcore_monitor.screen.style import EDGE_STROKE, PATH_STROKE, PILL_HEIGHT, RIM, RING, Colours, Palette
 
-PARTS: Final = ("frames", "edges", "path", "raised", "highlights", "rims", "pills", "badges", "ink")
+PARTS: Final = ("frames", "edges", "running_edges", "raised", "highlights", "rims", "pills", "badges", "ink")
 """Names of the parts from the lowest layer to the highest; only pills react to the mouse."""
 MAX_BRANCHES: Final = 8
 """Greatest number of subtrees with their own entity. Each changed subtree adds three chunks to each send."""
@@ -51,10 +51,10 @@ class SubtreeDrawing:
         self._rows = rows
         self._pills: Series[Any] = rows.create_series(self.pills_entity, create_colour_columns)
         self._rims: Series[Any] = rows.create_series(f"{entity}/rims", create_colour_columns)
-        self._path: Series[Any] = rows.create_series(f"{entity}/path", create_strip_columns)
+        self._running_edges: Series[Any] = rows.create_series(f"{entity}/running_edges", create_strip_columns)
         self._rings: Series[Any] = rows.create_series(f"{entity}/raised", create_strip_columns)
         self._last_rims = self._last_pills = np.zeros(0, dtype=np.uint32)
-        self._last_path: list[int] | None = None
+        self._last_running: list[int] | None = None
         self._last_rings: list[int] = []
 
     def colour(
@@ -78,10 +78,10 @@ class SubtreeDrawing:
         if not np.array_equal(own, self._last_rims):
             self._last_rims = own
             self._rims.add(stamp, wall, own)
-        path = np.flatnonzero(running[self.indices] & self._joined).tolist()
-        if path != self._last_path:
-            self._last_path = path
-            self._path.add(stamp, wall, [self._edges[index] for index in path])
+        edges = np.flatnonzero(running[self.indices] & self._joined).tolist()
+        if edges != self._last_running:
+            self._last_running = edges
+            self._running_edges.add(stamp, wall, [self._edges[index] for index in edges])
 
     def draw_rings(self, stamp: int, wall: int, raised: Iterable[int]) -> None:
         """Draw rings around exactly those nodes of this subtree that are in *raised* (tree indices)."""
@@ -101,7 +101,7 @@ class SubtreeDrawing:
         palette, half = self._palette, PILL_HEIGHT / 2
         edges = [edge for edge in self._edges if len(edge)]
         self.log_strips("edges", edges, 2.0, colors=[palette.edge], radii=[EDGE_STROKE])
-        self.log_style("path", 3.0, colors=[palette.path], radii=[max(PATH_STROKE, stroke)])
+        self.log_style("running_edges", 3.0, colors=[palette.path], radii=[max(PATH_STROKE, stroke)])
         self.log_style("raised", 3.6, colors=[palette.raised], radii=[half + RING])
         self.log_strips("rims", self._strips, 4.0, radii=[half])
         self._rows.log(

@@ -12,7 +12,7 @@ from btcore import Registry, TreeError, builds, loads
 from btcore.loading.instantiate import instantiate
 from btcore.xml.define import define
 from btcore.xml.plan.plan import plan
-from btcore.xml.read.read import parse_text, read_includes
+from btcore.xml.read.read import parse_text, read
 
 CALLING = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main">
@@ -24,7 +24,7 @@ CALLING = """<root BTCPP_format="4" main_tree_to_execute="Main">
 
 
 def test_each_stage_gets_the_result_of_the_stage_before() -> None:
-    sources = read_includes(parse_text(CALLING))
+    sources = read(parse_text(CALLING))
     definitions = define(sources)
     plans = plan(definitions, Registry.standard())
     assert definitions.sources is sources
@@ -37,7 +37,7 @@ def test_each_stage_gets_the_result_of_the_stage_before() -> None:
 
 
 def test_trees_that_are_not_used_are_planned_on_request_only() -> None:
-    definitions = define(read_includes(parse_text(CALLING)))
+    definitions = define(read(parse_text(CALLING)))
     assert plan(definitions, Registry.standard()).diagnostics.errors == ()
     (error,) = plan(definitions, Registry.standard(), every_tree=True).diagnostics.errors
     assert (error.code, error.line) == ("E202", 6)
@@ -45,7 +45,7 @@ def test_trees_that_are_not_used_are_planned_on_request_only() -> None:
 
 def test_a_stage_keeps_what_the_stages_before_have_found() -> None:
     text = CALLING.replace("</root>", '<include path="absent.xml"/><BehaviorTree ID="Inner"/></root>')
-    sources = read_includes(parse_text(text))
+    sources = read(parse_text(text))
     definitions = define(sources, tree_id="Unused")
     plans = plan(definitions, Registry.standard())
     found = [sources.diagnostics, definitions.diagnostics, plans.diagnostics]

@@ -10,7 +10,7 @@ from btcore.errors import Diagnostic, TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import parse_text, read_includes
+from btcore.xml.read.read import parse_text, read
 
 
 @condition
@@ -165,7 +165,7 @@ def tree_error(
     def make(source: str | tuple[object, ...]) -> TreeError:
         text = source if isinstance(source, str) else document(*source)
         with pytest.raises(TreeError) as caught:
-            instantiate(define_and_plan(read_includes(parse_text(text, "t.xml")), nodes), resources=[nodes])
+            instantiate(define_and_plan(read(parse_text(text, "t.xml")), nodes), resources=[nodes])
         return caught.value
 
     return make

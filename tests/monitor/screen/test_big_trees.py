@@ -132,7 +132,7 @@ def test_a_big_tree_unfolds_what_runs_and_returns_to_an_earlier_drawing(big_tree
     assert again[0] == first[0]
     assert again[1][leaves[0].name] == GROOT.fill[RUNNING]
     assert len(colours(recording, tree, "tree", 2 * SECOND)) == 400
-    assert len(drawn(recording, "tree", "path", "LineStrips2D:strips", round(1.5 * SECOND))) == 3
+    assert len(drawn(recording, "tree", "running_edges", "LineStrips2D:strips", round(1.5 * SECOND))) == 3
 
 
 def test_a_tree_that_fits_is_drawn_once(run, tmp_path, recorded):

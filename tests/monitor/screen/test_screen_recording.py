@@ -115,7 +115,7 @@ def test_lanes_show_the_result_of_a_leaf_that_was_reset_in_the_same_tick(run, tm
 
 def test_the_running_path_leads_from_the_root_to_the_running_leaf(run, tmp_path, recorded):
     recording = recorded(run(70), tmp_path / "run.rrd")
-    strips = recording.at("/tree/path", "LineStrips2D:strips", 4_500_000_000)
+    strips = recording.at("/tree/running_edges", "LineStrips2D:strips", 4_500_000_000)
     edges = recording.of("/tree/edges", "LineStrips2D:strips")[0][1]
     assert len(strips) == 3  # to avoid, escape and Back
     assert all(strip in edges for strip in strips)

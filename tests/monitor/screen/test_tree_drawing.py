@@ -115,7 +115,7 @@ def test_entities_follow_the_subtrees_and_avoid_the_names_of_drawing_parts(big_t
 def test_all_parts_of_a_subtree_are_below_its_entity(recorded, tmp_path):
     recording = recorded([TreeEvent(NESTED, 0, 0, {})], tmp_path / "run.rrd")
     entities = {entity for entity, _ in recording.rows if entity.startswith("/tree/Drive/")}
-    shown = {"frames", "edges", "path", "rims", "pills", "badges", "ink", "raised"}
+    shown = {"frames", "edges", "running_edges", "rims", "pills", "badges", "ink", "raised"}
     assert shown | {"Steps.3", "Go.4"} == {entity.rsplit("/", 1)[1] for entity in entities}
     assert len(recording.at("/tree/Drive/pills", "LineStrips2D:colors", 0)) == 2
     assert len(recording.at("/tree/pills", "LineStrips2D:colors", 0)) == 3

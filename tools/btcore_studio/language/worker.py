@@ -26,7 +26,7 @@ from btcore.xml.models.model_file import (
     add_models,
     has_models,
 )
-from btcore.xml.read.read import Document, parse_file, parse_text, read_includes
+from btcore.xml.read.read import Document, parse_file, parse_text, read
 from btcore_studio.language.diagnostics import check
 from btcore_studio.language.node_models import NodeModel, add_stubs, models_of
 from btcore_studio.language.python_source import module_file, read_nodes
@@ -171,7 +171,7 @@ class Libraries:
         While a tree is written, the code of its nodes may be missing, so the models of the document suffice
         for unknown nodes. Only the models of a project override installed nodes, as with `--model`.
         """
-        documents = read_includes(document).documents
+        documents = read(document).documents
         is_project = document.file.endswith(".btproj")
         if not (self._has_models or is_project or any(map(has_models, documents))):
             return self.nodes

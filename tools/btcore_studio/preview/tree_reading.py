@@ -12,7 +12,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_undeclared_nodes
 from btcore.xml.plan.plan import Plans, define_and_plan, plan
-from btcore.xml.read.read import Document, parse_file, parse_text, read_includes
+from btcore.xml.read.read import Document, parse_file, parse_text, read
 from btcore.xml.render.node_card import FAMILY_COLOURS
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
@@ -75,7 +75,7 @@ class TreeFile:
         except TreeError as error:
             return TreeReading(list(error.diagnostics), None, self._content() if text is None else text)
         drawn = nodes.copy()
-        sources = read_includes(document, drawn.documents)
+        sources = read(document, drawn.documents)
         add_undeclared_nodes(drawn, sources.documents)
         plans = define_and_plan(sources, drawn, self.tree, self.format)
         is_known = _DRAWABLE.issuperset(error.code for error in plans.diagnostics.errors)
