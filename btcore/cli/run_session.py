@@ -59,12 +59,7 @@ class RunSession:
         self._printed_error: NodeExecutionError | None = None
 
     def run_and_report(self) -> int:
-        """Run to the end, print the summary, and return the exit code.
-
-        Raises:
-            LogError: A log cannot be written.
-            click.UsageError: An extension rejects the options of the run.
-        """
+        """Call `run`, print the summary, and return the exit code."""
         end_reason, code, extension_reports = self.run()
         report = self.report
         report.print_summary(self.tree, end_reason, extension_reports)
