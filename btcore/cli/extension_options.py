@@ -19,10 +19,6 @@ _DEFERRED: Final = "btcore.cli.extension_options.deferred"
 """The key in the context's `meta`: whether the command has no options of extensions so far."""
 
 
-CORE_RESOURCES: Final[tuple[type, ...]] = (random.Random, StubResults)
-"""The types of the resources that every run has without an extension: see `create_session`."""
-
-
 class RunCommand(click.Command):
     """A command that also has the options of all extensions of `btcore run`."""
 
@@ -88,7 +84,7 @@ def load_needed_extensions(
     """
     if not ctx.meta.get(_DEFERRED):
         return load_extensions(ctx), settings
-    if all(kind in CORE_RESOURCES for kind in wanted):
+    if all(kind in (random.Random, StubResults) for kind in wanted):  # `create_session` adds these itself
         return LoadedExtensions([], []), settings
     loaded = load_extensions(ctx)
     added: list[click.Parameter] = [option for item in loaded.extensions for option in item.options]

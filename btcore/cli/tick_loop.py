@@ -1,10 +1,10 @@
 """Ticking a tree at a fixed rate on its clock, until the run ends.
 
 Ticks are due at multiples of 1/rate from the start, also after a late tick: the sensors and controllers of a
-robot have such times, too. (A late tick delays all later ticks of a `TickSchedule`.)
-If a node needs an earlier tick, because its delay has elapsed or a thread has woken the tree, an additional
-tick takes place. Ctrl-C, SIGTERM and SIGHUP (the terminal was closed) end the run between two ticks, so that
-the tree is halted as usual. A second signal interrupts the tick.
+robot have such times, too. In a `TickSchedule`, a late tick delays all later ticks. If a node needs an
+earlier tick, because its delay has elapsed or a thread has woken the tree, an additional tick takes place.
+Ctrl-C, SIGTERM and SIGHUP (the terminal was closed) end the run between two ticks, so that the tree is halted
+as usual. A second signal interrupts the tick.
 """
 
 import signal

@@ -384,7 +384,7 @@ class BreakpointClient(Closeable):
         deadline = time.monotonic() + timeout
         while True:
             while len(self._subscriptions) > 1:
-                self._subscriptions.popleft().close(linger=0)
+                self._subscriptions.popleft().close()
             notifications = self._subscriptions[0]
             remaining = max(0.0, deadline - time.monotonic())
             if notifications.poll(round(1000 * min(remaining, _POLL_INTERVAL_S)), zmq.POLLIN):

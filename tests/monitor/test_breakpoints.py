@@ -214,7 +214,7 @@ def test_a_restarted_robot_gets_its_breakpoints_again(robot, until):
         try:
             until(lambda: breaks.tree.tree_id != before and again.tree.hooks.all(), "set again")
             again.start()
-            until(lambda: breaks.status("go/legs") == "RUNNING", "waits")  # also before `wait`
+            until(lambda: breaks.status("go/legs") == "RUNNING", "stops before the client waits")
             assert breaks.wait(LIMIT).path == "go/left"
         finally:
             again.end()

@@ -199,8 +199,8 @@ def test_a_changed_tree_is_published_at_the_same_port_and_saved_separately(tmp_p
     _, told = process.communicate(timeout=60)
     assert process.returncode == 130, told
     assert [event.tree.name for event in seen] == ["M", "Saved"]
-    assert links[:2] == ["waiting", "connected"]
-    assert links[-1] == "ended"  # on a starved machine, the robot may count as lost in between
+    # A robot on a starved machine may count as lost for a moment.
+    assert re.fullmatch(r"waiting connected( lost connected)*( lost)? ended", " ".join(links))
     assert "Traceback" not in told
     for file in (recording, tmp_path / "run.2.rrd"):
         assert file.stat().st_size > 1000

@@ -101,7 +101,7 @@ class Lanes:
         if not self._running_lanes:
             return
         running = states.shown == RUNNING
-        active = [next((node for node in level if running[node]), None) for level in self._depths]
+        active = [next((index for index in level if running[index]), None) for level in self._depths]
         active += self._assign_slots(np.flatnonzero(running & self._leaf).tolist())
         for lane, leaf in enumerate(active):
             name = NOTHING if leaf is None else self._names[leaf]

@@ -15,7 +15,7 @@ TEXT_STROKE: Final = 1.15
 BADGE_RADIUS: Final = 15.0
 BADGE_STROKE: Final = 1.25
 EDGE_STROKE: Final = 1.6
-PATH_STROKE: Final = 2.6
+RUNNING_STROKE: Final = 2.6
 FRAME_STROKE: Final = 1.1
 RING: Final = 6.0
 HALO: Final = 7.0
@@ -51,7 +51,7 @@ class Palette:
     busy: int
     background: int = 0x0E1218FF
     edge: int = 0x4A5364FF
-    path: int = 0xFFA726FF
+    running_edge: int = 0xFFA726FF
     frame: int = 0x4468A3FF
     text: int = 0xF5F7FAFF
     note: int = 0xD9DEE8FF
@@ -95,7 +95,7 @@ COLOUR_BLIND: Final = Palette(
     rest=_colours(0x5A6477FF, 0x5A6477FF, 0x2F7FC4FF, 0xB0461BFF, 0x8C93A1FF),
     ink=_colours(0x7E8899FF, 0xFFD84DFF, 0x69B7FFFF, 0xF0763CFF, 0xD0D5DEFF),
     busy=0x8A6A0AFF,
-    path=0xFFD84DFF,
+    running_edge=0xFFD84DFF,
     raised=0xFFFFFFFF,
     highlight=0x7CF5FFFF,
 )

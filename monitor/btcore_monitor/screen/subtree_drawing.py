@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from btcore_monitor.events import ObservedTree
 from btcore_monitor.screen.row_buffer import RowBuffer, Series, create_colour_columns, entity_part
-from btcore_monitor.screen.style import EDGE_STROKE, PATH_STROKE, PILL_HEIGHT, RIM, RING, Colours, Palette
+from btcore_monitor.screen.style import EDGE_STROKE, PILL_HEIGHT, RIM, RING, RUNNING_STROKE, Colours, Palette
 
 PARTS: Final = ("frames", "edges", "running_edges", "raised", "highlights", "rims", "pills", "badges", "ink")
 """Names of the parts from the lowest layer to the highest; only pills react to the mouse."""
@@ -25,7 +25,7 @@ Strip = NDArray[np.float32]
 
 
 class SubtreeDrawing:
-    """The drawing of a subtree's nodes with *indices* in the tree below *entity*.
+    """The drawing of the nodes of a subtree, below *entity*; *indices* are their indices in the tree.
 
     *pills* and *edges* are the line strips of all nodes of the tree. *pills_entity* is the entity of the
     pills (default: below *entity*).
@@ -96,12 +96,14 @@ class SubtreeDrawing:
         Args:
             labels: The labels of all nodes of the tree.
             hover: Values of all nodes of the tree that the viewer displays for a selected pill, by name.
-            stroke: The smallest radius of the running path, so that it is visible in a small drawing.
+            stroke: The smallest radius of the running edges, so that they are visible in a small drawing.
         """
         palette, half = self._palette, PILL_HEIGHT / 2
         edges = [edge for edge in self._edges if len(edge)]
         self.log_strips("edges", edges, 2.0, colors=[palette.edge], radii=[EDGE_STROKE])
-        self.log_style("running_edges", 3.0, colors=[palette.path], radii=[max(PATH_STROKE, stroke)])
+        self.log_style(
+            "running_edges", 3.0, colors=[palette.running_edge], radii=[max(RUNNING_STROKE, stroke)]
+        )
         self.log_style("raised", 3.6, colors=[palette.raised], radii=[half + RING])
         self.log_strips("rims", self._strips, 4.0, radii=[half])
         self._rows.log(

@@ -38,8 +38,8 @@ _MIN_SCALE: Final = 0.62
 """Scale (pixels per unit) at which a tree needs no wrapping."""
 _MIN_NOTE_SCALE: Final = 0.78
 """Scale (pixels per unit) below which a tree is drawn without notes."""
-_MIN_PATH_RADIUS: Final = 1.2
-"""Smallest radius (pixels) of the running path."""
+_MIN_RUNNING_EDGE_RADIUS: Final = 1.2
+"""Smallest radius (pixels) of the running edges."""
 _MARGIN: Final = 8.0
 """Margin (pixels) around the tree."""
 _MAX_SCALE: Final = 1.35
@@ -173,8 +173,8 @@ class TreeView:
             "ID": [node.id for node in tree.nodes],
             "ports": [format_ports(node) for node in tree.nodes],
         }
-        stroke = min(half / 2, _MIN_PATH_RADIUS * _pixel(self.layout, self.view_size))
-        # Drawing orders, from the lowest to the highest: legend and frames 1, edges 2, running path 3, halos
+        stroke = min(half / 2, _MIN_RUNNING_EDGE_RADIUS * _pixel(self.layout, self.view_size))
+        # Drawing orders, from the lowest to the highest: legend and frames 1, edges 2, running edges 3, halos
         # 3.4, rings 3.6, selected nodes 3.8, rims 4, pills 5, badges 6, text and symbols 7.
         for subtree in self.subtrees:
             subtree.draw(labels, hover, stroke)
