@@ -32,7 +32,7 @@ DATA = {"benchmarks": "*.py", "docs": "*.md", "trees": "*.xml"}
 GROUPS = {"btcore": "btcore", "btcore_batch": "tools/btcore_batch"}
 # Modules that run once, or only produce output for people, are not compiled. Neither is any __init__.py, nor
 # btcore/builds.py, which selects the build.
-COLD_FOLDERS = {"cli", "loading", "logs", "registry", "testing", "xml"}
+COLD_FOLDERS = {"cli", "loading", "logs", "registry", "runs", "testing", "xml"}
 COLD_FILES = {
     "__init__.py",
     "btcore/__main__.py",
@@ -52,7 +52,7 @@ COLD_FILES = {
     "btcore/json_text.py",
     "btcore/names.py",
     "btcore/program_runner.py",
-    "btcore/run_extension.py",
+    "btcore/signals.py",
     "btcore/suggestions.py",
     "btcore/tree/drawing.py",
     "btcore/tree/hooks.py",

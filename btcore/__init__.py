@@ -61,6 +61,15 @@ if TYPE_CHECKING:
     from btcore.loading.load import required_resources as required_resources
     from btcore.nodes.loop import LoopNode as LoopNode
     from btcore.registry.registry import Registry as Registry
+    from btcore.runs.providers import OutputError as OutputError
+    from btcore.runs.providers import ProviderError as ProviderError
+    from btcore.runs.providers import Report as Report
+    from btcore.runs.providers import Resources as Resources
+    from btcore.runs.providers import provider as provider
+    from btcore.runs.run import Run as Run
+    from btcore.runs.settings import RunSettings as RunSettings
+    from btcore.runs.settings import Settings as Settings
+    from btcore.runs.settings import option as option
     from btcore.script.program import compile_script as compile_script
     from btcore.status import FAILURE as FAILURE
     from btcore.status import IDLE as IDLE
@@ -107,6 +116,9 @@ _HOMES = {
     "btcore.loading.load": ("load", "loads", "make", "required_resources"),
     "btcore.nodes.loop": ("LoopNode",),
     "btcore.registry.registry": ("Registry",),
+    "btcore.runs.providers": ("OutputError", "ProviderError", "Report", "Resources", "provider"),
+    "btcore.runs.run": ("Run",),
+    "btcore.runs.settings": ("RunSettings", "Settings", "option"),
     "btcore.script.program": ("compile_script",),
     "btcore.status": (
         "FAILURE",

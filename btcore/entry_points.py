@@ -20,7 +20,7 @@ OWN_DISTRIBUTION = "btcore"
 
 NODES_GROUP: Final = "btcore.nodes"  # node libraries
 COMMANDS_GROUP: Final = "btcore.commands"  # click commands
-RUN_EXTENSIONS_GROUP: Final = "btcore.run_extensions"  # extensions of `btcore run`
+PROVIDERS_GROUP: Final = "btcore.providers"  # providers of a run
 LOGS_GROUP: Final = "btcore.logs"  # formats of log files
 
 LIMIT_VARIABLE: Final = "BTCORE_ENTRY_POINTS"
@@ -105,7 +105,10 @@ def find(group: str, own: bool = True) -> "list[EntryPoint]":
         return points
     permitted = limit.split()
     return [
-        point for point in points if point.name in permitted and distribution_of(point) == OWN_DISTRIBUTION
+        point
+        for point in points
+        # The name of a provider's entry point continues with a type.
+        if point.name.partition("-")[0] in permitted and distribution_of(point) == OWN_DISTRIBUTION
     ]
 
 
@@ -133,11 +136,20 @@ def load(group: str, name: str | None = None) -> tuple[list[LoadedEntryPoint], l
     for point in find(group):
         if name is not None and point.name != name:
             continue
-        try:
-            loaded.append(LoadedEntryPoint(point.name, distribution_of(point), point.load()))
-        except Exception as error:
-            unavailable.append(UnavailableEntryPoint(point.name, distribution_of(point), error))
+        found = load_point(point)
+        if isinstance(found, LoadedEntryPoint):
+            loaded.append(found)
+        else:
+            unavailable.append(found)
     return loaded, unavailable
+
+
+def load_point(point: "EntryPoint") -> LoadedEntryPoint | UnavailableEntryPoint:
+    """Load one entry point."""
+    try:
+        return LoadedEntryPoint(point.name, distribution_of(point), point.load())
+    except Exception as error:
+        return UnavailableEntryPoint(point.name, distribution_of(point), error)
 
 
 def distribution_of(point: "EntryPoint") -> str:

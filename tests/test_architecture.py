@@ -49,12 +49,13 @@ TIERS = (
         "json_text",
         "output_files",
         "process_group",
+        "signals",
     },
     {"values", "blackboard", "script", "xml.read"},
     {"engine", "nodes", "registry"},
     {"xml"},
     {"tree", "loading", "logs", ""},  # "" is btcore/__init__.py
-    {"testing", "bundled_trees", "run_extension", "cli", "program_runner", "__main__"},
+    {"testing", "bundled_trees", "runs", "cli", "program_runner", "__main__"},
 )
 ROBOT_PACKAGES = ("btcore_navigation", "btcore_robot", "btcore_sim")
 GENERIC_NAMES = {"utils", "util", "helpers", "helper", "common", "misc", "base", "manager"}
@@ -168,17 +169,27 @@ def texts(module: str) -> list[str]:
     return [node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
 
 
-def test_monitor_client_imports_four_modules_of_the_engine() -> None:
+def test_monitor_client_imports_five_modules_of_the_engine() -> None:
     commands = (
-        "btcore_monitor.run_extension",
+        "btcore_monitor.providers",
         "btcore_monitor.preview_extension",
+        "btcore_monitor.drawing_options",
+        "btcore_monitor.key_options",
+        "btcore_monitor.viewer_options",
+        "btcore_monitor.commands.hook",
         "btcore_monitor.commands.monitor",
         "btcore_monitor.log_writer",
         "btcore_monitor.commands.record",
         "btcore_monitor.commands.replay",
     )
     reached = violations("btcore_monitor", "btcore", but=("btcore_monitor.serve", *commands))
-    shared = {"btcore.escaping", "btcore.extras", "btcore.flatbuffer", "btcore.process_group"}
+    shared = {
+        "btcore.escaping",
+        "btcore.extras",
+        "btcore.flatbuffer",
+        "btcore.process_group",
+        "btcore.signals",
+    }
     assert {edge.split(" → ")[1] for edge in reached} <= shared
     for module in shared:
         assert {name.split(".")[0] for name in imports(module)} <= sys.stdlib_module_names
@@ -204,7 +215,7 @@ SHARED = (
 
 def test_simulation_imports_only_the_robot_protocol_and_maps() -> None:
     assert (
-        violations("btcore_sim", "btcore")
+        violations("btcore_sim", "btcore", but=("btcore_sim.providers",))
         + violations("btcore_sim", "btcore_monitor")
         + violations("btcore_sim", "btcore_navigation")
         + violations("btcore_robot", "btcore_sim")
@@ -247,7 +258,7 @@ def test_navigation_uses_the_robot_only_through_its_protocol() -> None:
 
 
 WITH_TREES = tuple(
-    f"btcore_navigation.{name}" for name in ("drive_command", "leaves", "navigator", "nodes", "run_extension")
+    f"btcore_navigation.{name}" for name in ("drive_command", "leaves", "navigator", "nodes", "providers")
 )
 
 

@@ -53,7 +53,7 @@ def test_every_package_is_installed_and_named_btcore() -> None:
 
 def test_engine_dependencies_exclude_the_monitor_and_the_robot() -> None:
     needed = {requirement.split(">")[0] for requirement in PROJECT["project"]["dependencies"]}
-    assert needed == {"click", "lxml", "mypy-extensions", "rich"}
+    assert needed == {"click", "lxml", "msgspec", "mypy-extensions", "rich"}
 
 
 def test_every_data_file_is_installed_with_its_package() -> None:
@@ -178,5 +178,5 @@ def test_the_bill_of_materials_lists_every_dependency() -> None:
     references = {one["bom-ref"] for one in (bill["metadata"]["component"], *bill["components"])}
     assert required.keys() == references
     assert {one for ones in required.values() for one in ones} <= references
-    engine = {components[name]["purl"] for name in ("click", "lxml", "mypy-extensions", "rich")}
+    engine = {components[name]["purl"] for name in ("click", "lxml", "msgspec", "mypy-extensions", "rich")}
     assert engine <= set(required[bill["metadata"]["component"]["purl"]])

@@ -1,7 +1,7 @@
 """The nodes of a command: built-in, installed, loaded by `--plugin`, and declared by `--model`."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -147,7 +147,11 @@ class NodeLibraries:
 
 
 def load_libraries(
-    plugins: Sequence[str], models: Sequence[Path] = (), confined: bool = False, partial: bool = False
+    plugins: Sequence[str],
+    models: Sequence[Path] = (),
+    confined: bool = False,
+    partial: bool = False,
+    imported: Mapping[str, Plugin] | None = None,
 ) -> NodeLibraries:
     """Load all installed node libraries, *plugins* and *models*.
 
@@ -160,22 +164,26 @@ def load_libraries(
         partial: Whether to leave out the libraries of btcore's own packages until `NodeLibraries.load_for`
             needs them. They are loaded nevertheless if a plugin has imported one of these packages, because
             the plugin may use their types.
+        imported: Plugins that are imported already, by their names in *plugins*.
 
     Raises:
         RegistrationError: One of *plugins* cannot be loaded.
         click.UsageError: One of *plugins* is given twice.
         TreeError: One of *models* is invalid.
     """
-    imported: list[Plugin] = []
+    loaded: list[Plugin] = []
     seen: set[str | Path] = set()
     for plugin in plugins:
         module_or_file = Path(plugin).resolve() if plugin.endswith(".py") else plugin
         if module_or_file in seen:
             raise click.UsageError(f"--plugin {plugin} is given more than once.")
         seen.add(module_or_file)
-        imported.append(import_plugin(plugin))
-    libraries = NodeLibraries(Registry(), plugins=imported)
-    libraries.load(own=not partial or not own_packages(NODES_GROUP).isdisjoint(sys.modules))
+        loaded.append((imported or {}).get(plugin) or import_plugin(plugin))
+    libraries = NodeLibraries(Registry(), plugins=loaded)
+    # Providers import these packages, too, but not their nodes.
+    libraries.load(
+        own=not partial or (bool(loaded) and not own_packages(NODES_GROUP).isdisjoint(sys.modules))
+    )
     libraries.add_models(models, confined)
     return libraries
 

@@ -2,17 +2,22 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from btcore.cli import terminal
-from btcore.logs import Log, LogError, open_log
-from btcore.logs.formats import CONSOLE
 from btcore.tree.tree import Tree
+
+if TYPE_CHECKING:
+    from btcore.logs import Log
+
+_CONSOLE: Final = "-"
+"""The name of the log on stdout, as `btcore.logs.formats.CONSOLE`, which only a run with logs imports."""
 
 
 def _reject_duplicates(ctx: click.Context, parameter: click.Parameter, names: Sequence[str]) -> Sequence[str]:
-    places = [name if name == CONSOLE else str(Path(name).resolve()) for name in names]
+    places = [name if name == _CONSOLE else str(Path(name).resolve()) for name in names]
     for number, place in enumerate(places):
         if place in places[:number]:
             raise click.UsageError(f"--log '{names[number]}' is given more than once.")
@@ -52,8 +57,11 @@ class Logs:
         Raises:
             LogError: A file cannot be written.
         """
-        for name in self.names:
-            self._open.append(open_log(tree, name))
+        if self.names:
+            from btcore.logs import open_log
+
+            for name in self.names:
+                self._open.append(open_log(tree, name))
 
     def open_next(self, tree: Tree) -> None:
         """Close the logs, and log *tree* to files with the next number in their names: `run.2.btlog`.
@@ -62,6 +70,10 @@ class Logs:
         """
         self.close()
         self.number += 1
+        if not self.names:
+            return
+        from btcore.logs import LogError, open_log
+
         for name in self.names:
             try:
                 self._open.append(open_log(tree, self._number_file(name)))
@@ -77,7 +89,7 @@ class Logs:
             self.are_incomplete = self.are_incomplete or log.is_incomplete
 
     def _number_file(self, name: str) -> str:
-        if name == CONSOLE:
+        if name == _CONSOLE:
             return name
         path = Path(name)
         return str(path.with_name(f"{path.stem}.{self.number}{path.suffix}"))

@@ -11,12 +11,11 @@ from rich.text import Text
 import btcore
 from btcore.builds import env_flag
 from btcore.cli import terminal
-from btcore.cli.tick_loop import EndReason
 from btcore.engine.node import tick_counts_of
 from btcore.errors import NodeExecutionError, excerpt
-from btcore.status import Status
+from btcore.runs.run import Run
+from btcore.runs.tick_loop import EndReason
 from btcore.tree.drawing import node_depths
-from btcore.tree.tree import Tree
 
 END_REASON_TEXT: Final[dict[EndReason, str]] = {
     "done": "",
@@ -39,33 +38,20 @@ _MIN_NAME: Final = 8
 
 
 class RunReport:
-    """The report of the run *name*.
+    """The report of the run *name*, which has ended."""
 
-    Attributes:
-        status: The status after the last tick.
-        error: The exception that a leaf raised, or None.
-        elapsed_s: The duration of the whole run (s) by the tree's clock.
-        wall_s: The duration of the whole run (s) in real time.
-    """
-
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, run: Run) -> None:
         self.name = name
-        self.status = Status.IDLE
-        self.error: NodeExecutionError | None = None
-        self.elapsed_s = 0.0
-        self.wall_s = 0.0
+        self._run = run
 
     @property
     def real_time_factor(self) -> float:
         """The speed of the run as a multiple of real time."""
-        return self.elapsed_s / self.wall_s if self.wall_s > 0 else 0.0
+        return self._run.elapsed_s / self._run.wall_s if self._run.wall_s > 0 else 0.0
 
-    def print_summary(self, tree: Tree, end_reason: EndReason, reports: Mapping[str, object]) -> None:
-        """Print the summary on stderr.
-
-        Args:
-            reports: The reports of the extensions, such as a simulated robot's.
-        """
+    def print_summary(self) -> None:
+        """Print the summary on stderr."""
+        tree = self._run.tree
         console = terminal.stderr_console()
         table = terminal.new_table()
         table.add_column("node", no_wrap=True)
@@ -73,7 +59,7 @@ class RunReport:
             table.add_column(title, justify="right", style=style, no_wrap=True)
         depths = node_depths(tree)
         # `tick_counts` lists the nodes in the order of the tree.
-        rows = list(zip(tree.nodes, self.tick_counts(tree).values(), strict=True))[:_MAX_NODES]
+        rows = list(zip(tree.nodes, self.tick_counts().values(), strict=True))[:_MAX_NODES]
         widths = [max(len(title), *(len(str(row[title])) for _, row in rows)) for title in _COUNTS]
         room = max(console.width - sum(widths) - _GAP * len(widths) - _MARGINS, _MIN_NAME)
         for node, counts in rows:
@@ -86,55 +72,54 @@ class RunReport:
             name.truncate(room, overflow="ellipsis")
             columns = [str(counts[key] or "·") for key in _COUNTS]
             table.add_row(name, *columns, style="dim" if never_ticked else "")
-        console.print(self._format_heading(tree, end_reason), soft_wrap=True)
+        console.print(self._format_heading(), soft_wrap=True)
         console.print()
         console.print(table)
         if len(tree.nodes) > _MAX_NODES:
             console.print(f"  … and {len(tree.nodes) - _MAX_NODES} more nodes; --json lists all", style="dim")
-        print_reports(reports)
+        print_reports(self._run.report)
 
-    def _format_heading(self, tree: Tree, end_reason: EndReason) -> Text:
+    def _format_heading(self) -> Text:
         """Return a line with the result, the time, the number of ticks, and the reason why the run ended."""
+        run = self._run
         raised = Text("✘ RAISED", style="bold red")
-        result = terminal.format_status(self.status) if self.error is None else raised
-        ticks = terminal.counted(tree.ticks, "tick")
-        duration = f"{self.elapsed_s:.1f} s, {ticks}, ×{self.real_time_factor:.1f} real time"
-        return Text.assemble(result, "  ", (self.name, "bold"), "  ", duration, END_REASON_TEXT[end_reason])
+        result = terminal.format_status(run.status) if run.error is None else raised
+        ticks = terminal.counted(run.tree.ticks, "tick")
+        duration = f"{run.elapsed_s:.1f} s, {ticks}, ×{self.real_time_factor:.1f} real time"
+        end = END_REASON_TEXT[run.end_reason]
+        return Text.assemble(result, "  ", (self.name, "bold"), "  ", duration, end)
 
-    def tick_counts(self, tree: Tree) -> dict[str, dict[str, object]]:
+    def tick_counts(self) -> dict[str, dict[str, object]]:
         """Return the ID and the tick counts of each node, by full path.
 
         Equal paths are distinguished by `#<uid>`.
         """
         rows: dict[str, dict[str, object]] = {}
-        for key, node in tree.nodes_by_path().items():
+        for key, node in self._run.tree.nodes_by_path().items():
             counts = tick_counts_of(node)
             assert counts is not None, "RunSession counts the ticks of each of its trees"
             rows[key] = {"id": node.config.id, **{name: getattr(counts, name) for name in _COUNTS}}
         return rows
 
-    def as_data(self, tree: Tree, reports: Mapping[str, object]) -> dict[str, object]:
-        """Return the object of `--json`.
-
-        Args:
-            reports: The reports of the extensions, which are added to the object.
-        """
+    def as_data(self) -> dict[str, object]:
+        """Return the object of `--json`, with the reports of providers."""
+        run = self._run
         data: dict[str, object] = {
-            "status": self.status.name,
-            "ticks": tree.ticks,
-            "time_s": self.elapsed_s,
+            "status": run.status.name,
+            "ticks": run.tree.ticks,
+            "time_s": run.elapsed_s,
             "real_time_factor": round(self.real_time_factor, 3),
-            "nodes": self.tick_counts(tree),
-            **reports,
+            "nodes": self.tick_counts(),
+            **run.report,
         }
-        if self.error is not None:
-            frame = _find_leaf_frame(self.error.cause)
+        if run.error is not None:
+            frame = _find_leaf_frame(run.error.cause)
             data["error"] = {
-                "node": self.error.path,
-                "id": self.error.node_id,
-                "while": self.error.doing,
-                "exception": type(self.error.cause).__name__,
-                "message": str(self.error.cause),
+                "node": run.error.path,
+                "id": run.error.node_id,
+                "while": run.error.doing,
+                "exception": type(run.error.cause).__name__,
+                "message": str(run.error.cause),
                 "at": f"{frame.filename}:{frame.lineno}" if frame is not None else None,
             }
         return data

@@ -8,7 +8,6 @@ import click
 from btcore.cli import terminal
 from btcore.registry.registry import Registry
 from btcore.suggestions import join_names, nearest_name
-from btcore.testing.substitution_rules import SubstitutionError, load_substitution_rules
 from btcore.tree.tree import Tree
 
 substitute_option = click.option(
@@ -27,6 +26,10 @@ def add_rules(nodes: Registry, files: Sequence[Path]) -> None:
     Raises:
         click.UsageError: A file cannot be read, or contains invalid rules.
     """
+    if not files:
+        return
+    from btcore.testing.substitution_rules import SubstitutionError, load_substitution_rules
+
     for file in files:
         try:
             load_substitution_rules(nodes, file)

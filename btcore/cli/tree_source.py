@@ -12,11 +12,11 @@ import click
 from btcore import bundled_trees
 from btcore.cli.completion import complete_tree_id
 from btcore.cli.node_libraries import NodeLibraries, library_options
-from btcore.cli.tick_loop import POLL_INTERVAL_S
 from btcore.errors import TreeError
 from btcore.input_files import read_error, read_stream
 from btcore.loading.hot_reload import FileWatcher
 from btcore.registry.registry import Registry
+from btcore.runs.tick_loop import POLL_INTERVAL_S
 from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.read import Document, parse_bytes, parse_file, read
 

@@ -5,6 +5,11 @@ from typing import cast
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock, SystemClock
+from btcore.engine.context import TreeContext
+from btcore.engine.node import TreeNode
+from btcore.engine.node_config import NodeConfig
+from btcore.registry.manifest import Resources
+from btcore.registry.registry import Registry
 from btcore.tree.tree import Subtree, Tree
 from btcore.xml.node_creator import NodeCreator
 from btcore.xml.plan.plan import Plans
@@ -44,6 +49,26 @@ def instantiate(
         plans.registry,
         tick_limit,
     )
+
+
+def make_leaf_tree(leaf: type[TreeNode], ID: str, clock: Clock) -> Tree:
+    """Return a tree of a single leaf, which no document describes.
+
+    Args:
+        leaf: The class of the leaf, without parameters.
+        ID: The ID of the leaf and, with the suffix `Alone`, of the tree.
+        clock: The clock.
+    """
+    registry = Registry.standard()
+    registry.add(leaf, ID=ID)
+    manifest = registry.get(ID, 4)
+    assert manifest is not None
+    config = NodeConfig(ID, ID, uid=1)
+    config.path = f"{ID}::1"
+    context, board = TreeContext(clock), Blackboard(clock=clock)
+    nodes = [manifest.make(config, context, board, Resources(()), [])]
+    main = f"{ID}Alone"
+    return Tree(main, 4, [Subtree(main, "", board, nodes)], nodes, context, registry)
 
 
 def _find_clock(resources: Sequence[object]) -> Clock:

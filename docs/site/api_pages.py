@@ -13,6 +13,9 @@ GROUPS = {
     "Loading and ticking trees": (
         "load", "loads", "make", "Tree", "Subtree", "TreeState", "required_resources",
     ),
+    "Runs and providers": (
+        "Run", "RunSettings", "Program", "provider", "Settings", "option", "Report", "Resources",
+    ),
     "Registering nodes": ("Registry", "condition", "action"),
     "Base classes of nodes": (
         "Condition", "SyncAction", "StatefulAction", "ThreadedAction", "ControlNode", "DecoratorNode",
@@ -31,7 +34,7 @@ GROUPS = {
     "Errors": (
         "BtcoreError", "TreeError", "XmlSyntaxError", "UnknownNodeError", "PortError", "ScriptError",
         "ConversionError", "RegistrationError", "NodeError", "NodeExecutionError", "BlackboardError",
-        "Diagnostic", "LiteralProblem",
+        "ProviderError", "OutputError", "Diagnostic", "LiteralProblem",
     ),
     "Builds": ("builds",),
 }  # fmt: skip

@@ -17,9 +17,10 @@ from click.testing import CliRunner
 from mentions import PAGES, links_to_mentions
 
 from btcore.cli import exit_codes
-from btcore.cli.extension import load_extensions
 from btcore.cli.main import OWN_COMMANDS, main
+from btcore.cli.provider_options import available_providers
 from btcore.entry_points import COMMANDS_GROUP
+from btcore.runs.settings import SettingOption
 
 ROOT: Final = Path(__file__).parents[2]
 EXAMPLES: Final[dict[str, Any]] = tomllib.loads(
@@ -161,23 +162,20 @@ def _description(command: click.Command) -> tuple[list[str], list[str]]:
 
 def _options(command: click.Command, context: click.Context) -> list[str]:
     """Return tables of the options: those of the command, and those of each package that adds options."""
-    extensions = load_extensions(context).extensions
-    packages = {
-        id(option): type(extension).__module__.partition(".")[0]
-        for extension in extensions
-        for option in extension.options
-    }
+    available_providers(context).has_options = True
     tables: dict[str, list[str]] = {}
     for option in command.get_params(context):
         if isinstance(option, click.Option) and not option.hidden:
             record = option.get_help_record(context)
             assert record is not None
-            title = f"Options of {packages[id(option)]}" if id(option) in packages else "Options"
+            is_added = isinstance(option, SettingOption) and option not in command.params
+            package = option.settings.__module__.partition(".")[0] if is_added else "btcore"
+            title = "Options" if package == "btcore" else f"Options of {package}"
             # As HTML, because a table in Markdown would show the escape before a | in code.
             name = html.escape(record[0]).replace("|", "&#124;")
             tables.setdefault(title, []).append(f"| <code>{name}</code> | {_about(option, context)} |")
     lines = []
-    for title, rows in tables.items():
+    for title, rows in sorted(tables.items()):
         lines += [f"## {title}", "", "| option | |", "|---|---|", *rows, ""]
     return lines
 

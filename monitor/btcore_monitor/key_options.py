@@ -2,26 +2,33 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
+
+from btcore.runs.settings import Settings, option
 
 if TYPE_CHECKING:
     from btcore_monitor.keys import ClientKeys
 
-key_file_option = click.option(
-    "--key-file",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Your secret key (see btcore keys), for a robot that was started with --allow-key.",
-)
-robot_key_option = click.option(
-    "--robot-key",
-    "robot_keys",
-    multiple=True,
-    metavar="KEY",
-    help="With --key-file: the robot's public key, or the file with it.",
-)
+# The types of the fields, which the settings of the preview have, too.
+KeyFileOption = Annotated[
+    Path,
+    option(
+        "Your secret key (see btcore keys), for a robot that was started with --allow-key.", metavar="FILE"
+    ),
+]
+RobotKeysOption = Annotated[
+    tuple[str, ...],
+    option("With --key-file: the robot's public key, or the file with it.", metavar="KEY", name="robot-key"),
+]
+
+
+class KeySettings(Settings):
+    """The keys of a client."""
+
+    key_file: KeyFileOption | None = None
+    robot_keys: RobotKeysOption = ()
 
 
 def client_keys(

@@ -6,18 +6,20 @@ Statuses and entries come from a `Feed`, so from any robot. Breakpoints need Gro
 import json
 import time
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import click
 
+from btcore.runs.settings import Settings, option
 from btcore_monitor.installed_packages import check_installed
-from btcore_monitor.key_options import client_keys, key_file_option, robot_key_option
+from btcore_monitor.key_options import KeyFileOption, RobotKeysOption, client_keys
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient
     from btcore_monitor.events import Event, ObservedNode, ObservedTree
     from btcore_monitor.keys import ClientKeys
 
+_PACKAGES: Final = ("zmq", "msgpack", "lxml")
 _CONNECT_TIMEOUT_S: Final = 2.0
 """Maximum time (s) to connect for breakpoints. Meanwhile the statuses are not updated."""
 _MAX_ENTRIES: Final = 1_000
@@ -51,51 +53,48 @@ class RobotState(NamedTuple):
     problem: str = ""
 
 
-class RobotPreview:
+class RobotPreview(Settings):
     """Connects the preview with any robot that the monitor can watch.
 
     It satisfies the protocol of the entry point group `btcore.preview`, which the preview declares.
+
+    Raises:
+        click.UsageError: An option has an invalid value.
+        click.ClickException: A package is not installed.
     """
 
-    def __init__(self) -> None:
-        def collected(decorate: Any) -> list[click.Option]:
-            command = decorate(lambda: None)
-            return list(command.__click_params__)
-
-        self.options: Sequence[click.Option] = (
-            click.Option(
-                ["--live"],
-                is_flag=False,
-                flag_value="tcp://127.0.0.1:1667",
+    live: (
+        Annotated[
+            str,
+            option(
+                "Watch the running tree at this address.  [address: tcp://127.0.0.1:1667]",
                 metavar="[ADDRESS]",
-                help="Watch the running tree at this address.  [address: tcp://127.0.0.1:1667]",
+                bare_value="tcp://127.0.0.1:1667",
             ),
-            *collected(key_file_option),
-            *collected(robot_key_option),
-        )
+        ]
+        | None
+    ) = None
+    key_file: KeyFileOption | None = None
+    robot_keys: RobotKeysOption = ()
 
-    def check(self, settings: Mapping[str, Any]) -> str:
-        """Check the options, and return the address of the running tree to watch from the start, or "".
+    def __post_init__(self) -> None:
+        if self.live or self.key_file is not None:
+            check_installed(*_PACKAGES)
+            client_keys(self.key_file, self.robot_keys)
 
-        Raises:
-            click.UsageError: An option has an invalid value.
-            click.ClickException: A package is not installed.
-        """
-        address: str = settings["live"] or ""
-        if not address and settings["key_file"] is None:
-            return ""
-        check_installed("zmq", "msgpack", "lxml")
-        client_keys(settings["key_file"], settings["robot_keys"])
-        return address
+    @property
+    def address(self) -> str:
+        """The address of the running tree to watch from the start, or ""."""
+        return self.live or ""
 
-    def connect(self, address: str, settings: Mapping[str, Any]) -> "RobotConnection":
+    def connect(self, address: str) -> "RobotConnection":
         """Return a connection to the robot at *address*.
 
         Raises:
             click.ClickException: The address is invalid, or a package is not installed.
         """
-        check_installed("zmq", "msgpack", "lxml")
-        [keys] = client_keys(settings["key_file"], settings["robot_keys"])
+        check_installed(*_PACKAGES)
+        [keys] = client_keys(self.key_file, self.robot_keys)
         return RobotConnection(address, keys)
 
 

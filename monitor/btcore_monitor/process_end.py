@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Final, NoReturn
 
+from btcore.signals import ending_signals, signal_handlers
 from btcore_monitor.console import print_line
 from btcore_monitor.errors import RecordingError
 
@@ -45,34 +46,23 @@ def exit_on_sigterm() -> Iterator[Callable[[], contextlib.AbstractContextManager
         if received:
             raise SystemExit(128 + received[0])
 
-    if threading.current_thread() is not threading.main_thread():
-        yield delay  # only the main thread may set handlers
-        return
-    before = signal.signal(signal.SIGTERM, handle)
-    try:
+    with signal_handlers([signal.SIGTERM], handle):
         yield delay
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @contextlib.contextmanager
 def stop_on_signals(stop: threading.Event) -> Iterator[None]:
-    """Set *stop* on SIGINT (Ctrl-C) and SIGTERM, so that files are completed."""
+    """Set *stop* on SIGINT (Ctrl-C), SIGTERM and SIGHUP, so that files are completed."""
 
     def handle(number: int, frame: FrameType | None) -> None:
         stop.set()
 
-    # Only the main thread may set handlers, so commands call this function there.
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with signal_handlers(ending_signals(), handle):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def wait_for_stop(duration: float | None = None) -> None:
-    """Return on SIGINT or SIGTERM, or after *duration* s, while a view is served to browsers."""
+    """Return on a signal, or after *duration* s, while a view is served to browsers."""
     print_line("monitor: Ctrl-C ends it", err=True)
     stop = threading.Event()
     with stop_on_signals(stop):

@@ -7,60 +7,76 @@ import contextlib
 import functools
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
+from btcore.runs.settings import Settings, option, option_names, pass_settings
 from btcore_monitor.console import print_line
-from btcore_monitor.drawing_options import drawing_options
+from btcore_monitor.drawing_options import DrawingSettings
 from btcore_monitor.output_files import check_folder, check_is_recording
 
 if TYPE_CHECKING:
     from btcore_monitor.screen.sinks import RecordingSinks, WebView
 
-_FILE: Final = click.Path(dir_okay=False, path_type=Path)
 
-DESTINATIONS: Final[Mapping[str, Mapping[str, Any]]] = {
-    "--save": {"type": _FILE, "metavar": "FILE.rrd"},
-    "--serve-web": {
-        "type": click.IntRange(1, 65535),
-        "is_flag": False,
-        "flag_value": 9090,
-        "metavar": "[PORT]",
-    },
-    "--screenshot": {"type": _FILE, "metavar": "FILE.png"},
-}
-"""The options that name a destination of a view, with their attributes except the help text.
+class ViewerSettings(Settings):
+    """The destinations of a view, and how they are opened.
 
-The help text depends on the command."""
-
-
-@dataclass(frozen=True, slots=True)
-class ViewerOptions:
-    """The destinations of a view, as chosen by the options of `viewer_options`.
-
-    *at* is the displayed time (s) of the screenshot (None: the last tick), and *size* is its width
-    and height in pixels. *verbose* is true if rerun prints its log lines.
+    Raises:
+        click.BadParameter: The size is invalid.
     """
 
-    save: Path | None
-    serve_web: int | None
-    screenshot: Path | None
-    at: float | None
-    size: tuple[int, int]
-    memory_limit: str
-    verbose: bool
+    save: Annotated[Path, option("Write a recording.", metavar="FILE.rrd")] | None = None
+    serve_web: (
+        Annotated[
+            int,
+            option(
+                "Serve the viewer to browsers instead of opening a window.  [port: 9090]",
+                metavar="[PORT]",
+                ge=1,
+                le=65535,
+                bare_value=9090,
+            ),
+        ]
+        | None
+    ) = None
+    screenshot: (
+        Annotated[
+            Path,
+            option("Picture of the monitor at the last tick; needs no display.", metavar="FILE.png"),
+        ]
+        | None
+    ) = None
+    at: (
+        Annotated[
+            float,
+            option(
+                "Time of the screenshot, as the viewer shows it: since the first data of the robot, or of "
+                "the first of several robots.  [default: the last tick]",
+                metavar="SECONDS",
+            ),
+        ]
+        | None
+    ) = None
+    size: Annotated[str, option("Of the screenshot.", metavar="WxH")] = "1920x1080"
+    memory_limit: Annotated[
+        str,
+        option(
+            "What the viewer may use before it drops its oldest data: 2GB, or a share of the memory.",
+            metavar="SIZE",
+        ),
+    ] = "25%"
+    verbose: Annotated[bool, option("Print the log of the viewer (rerun).")] = False
+
+    def __post_init__(self) -> None:
+        _parse_size(self.size)
 
     def list_given(self) -> list[str]:
         """Return the options that name a destination and are present on the command line."""
-        return [
-            option
-            for option in DESTINATIONS
-            if getattr(self, option.removeprefix("--").replace("-", "_")) is not None
-        ]
+        return [name for name in option_names(self) if name in ("--save", "--serve-web", "--screenshot")]
 
     @contextlib.contextmanager
     def open_sinks(self, opens_viewer: bool) -> "Iterator[RecordingSinks]":
@@ -123,80 +139,39 @@ class ViewerOptions:
             from btcore_monitor.screen.screenshot import write_screenshot
 
             try:
-                write_screenshot(recordings[-1], self.screenshot, self.at, self.size)
+                write_screenshot(recordings[-1], self.screenshot, self.at, _parse_size(self.size))
             except OSError as error:
                 reason = error.strerror or error
                 raise click.ClickException(f"cannot write the picture {self.screenshot}: {reason}") from error
             print_line(f"monitor: the picture is {self.screenshot}", err=True)
 
 
-def parse_size(context: click.Context, option: click.Parameter, value: str) -> tuple[int, int]:
-    """Return width and height (pixels) from the text of the option `--size`; a click callback.
+def _parse_size(text: str) -> tuple[int, int]:
+    """Return width and height (pixels) from the value of the option `--size`.
 
     Raises:
-        click.BadParameter: *value* is not a size, or less than 320x240.
+        click.BadParameter: *text* is not a size, or less than 320x240.
     """
-    width, _, height = value.partition("x")
+    width, _, height = text.partition("x")
     if not (width.isdigit() and height.isdigit() and int(width) >= 320 and int(height) >= 240):
-        raise click.BadParameter(f"'{value}' is not a size: use WIDTHxHEIGHT in pixels, such as 1920x1080")
+        raise click.BadParameter(
+            f"'{text}' is not a size: use WIDTHxHEIGHT in pixels, such as 1920x1080", param_hint="'--size'"
+        )
     return int(width), int(height)
 
 
 def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options for the viewer to *command*.
 
-    The parameters are `options`, a `ViewerOptions`, and `drawing`, a `DrawingOptions`.
+    The parameters are `options`, `ViewerSettings`, and `drawing`, `DrawingSettings`.
     """
-    # The drawing options first, so that they follow the options of the viewer in the help text.
-    command = drawing_options(command)
 
     @functools.wraps(command)
-    def with_viewer(*arguments: Any, **settings: Any) -> Any:
-        if not settings["verbose"]:
+    def with_viewer(*arguments: Any, options: ViewerSettings, **others: Any) -> Any:
+        if not options.verbose:
             # rerun reads the variable when it is imported, so this precedes the imports of the command.
             os.environ.setdefault("RUST_LOG", "off")
-        options = ViewerOptions(**{field.name: settings.pop(field.name) for field in fields(ViewerOptions)})
-        return command(*arguments, options=options, **settings)
+        return command(*arguments, options=options, **others)
 
-    for option in reversed(_create_options()):
-        with_viewer = option(with_viewer)
-    return with_viewer
-
-
-def _create_options() -> list[Callable[[Callable[..., Any]], Callable[..., Any]]]:
-    return [
-        click.option("--save", **DESTINATIONS["--save"], help="Write a recording."),
-        click.option(
-            "--serve-web",
-            **DESTINATIONS["--serve-web"],
-            help="Serve the viewer to browsers instead of opening a window.  [port: 9090]",
-        ),
-        click.option(
-            "--screenshot",
-            **DESTINATIONS["--screenshot"],
-            help="Picture of the monitor at the last tick; needs no display.",
-        ),
-        click.option(
-            "--at",
-            type=float,
-            metavar="SECONDS",
-            help="Time of the screenshot, as the viewer shows it: since the first data of the robot, or of "
-            "the first of several robots.  [default: the last tick]",
-        ),
-        click.option(
-            "--size",
-            default="1920x1080",
-            callback=parse_size,
-            show_default=True,
-            metavar="WxH",
-            help="Of the screenshot.",
-        ),
-        click.option(
-            "--memory-limit",
-            default="25%",
-            show_default=True,
-            metavar="SIZE",
-            help="What the viewer may use before it drops its oldest data: 2GB, or a share of the memory.",
-        ),
-        click.option("--verbose", is_flag=True, help="Print the log of the viewer (rerun)."),
-    ]
+    # The drawing options first, so that they follow the options of the viewer in the help text.
+    return pass_settings(ViewerSettings, "options")(pass_settings(DrawingSettings, "drawing")(with_viewer))

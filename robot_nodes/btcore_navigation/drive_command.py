@@ -1,15 +1,15 @@
 """`btcore drive`: drive the robot with keys, and make a map on the way."""
 
-from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
+from btcore import Run, RunSettings
 from btcore.escaping import escape_controls
-from btcore.program_runner import FiniteRange, RunCommand, print_json, require_resources, run_program
+from btcore.program_runner import CommandRun, RunCommand, TreelessProgram, print_json, setting_options
 from btcore_robot.control.keyboard import (
     HELP,
     KeyboardTeleop,
@@ -18,7 +18,7 @@ from btcore_robot.control.keyboard import (
     Terminal,
     parse_key_script,
 )
-from btcore_robot.robot import InitialPose, Phase, Robot
+from btcore_robot.robot import Phase, Robot, WorldPlaces
 
 if TYPE_CHECKING:
     from btcore_navigation.mapping.mapper import Mapper
@@ -36,62 +36,63 @@ if TYPE_CHECKING:
     metavar="FILE.yaml",
     help="Make a map, and save it at the end.",
 )
-@click.option("--duration", type=FiniteRange(0, min_open=True), metavar="S", help="Stop after this time.")
-@click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Random seed."
-)
-@click.option("--fast", is_flag=True, help="Run as fast as possible, not in real time; only with --keys.")
+@setting_options(RunSettings, "duration", "seed", "fast")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object as the last line of stdout.")
 @click.pass_context
-def drive(ctx: click.Context, /, **settings: Any) -> int:
-    """Drive the robot: w or ↑ forward, s or ↓ back, a or ← left, d or → right, space stop, x end."""
-    path: Path | None = settings["map_to"]
-    if path is not None and not path.resolve().parent.is_dir():
-        raise click.UsageError(f"--map-to {path}: there is no folder {path.resolve().parent}")
+def drive(
+    ctx: click.Context, /, keys: str | None, map_to: Path | None, as_json: bool, **settings: object
+) -> int:
+    """Drive the robot: w or ↑ forward, s or ↓ back, a or ← left, d or → right, space stop, x end.
+
+    With --fast, which needs --keys, the robot drives as fast as possible instead of in real time.
+    """
+    if map_to is not None and not map_to.resolve().parent.is_dir():
+        raise click.UsageError(f"--map-to {map_to}: there is no folder {map_to.resolve().parent}")
     try:
-        keys: KeySource = Terminal() if settings["keys"] is None else parse_key_script(settings["keys"])
+        source: KeySource = Terminal() if keys is None else parse_key_script(keys)
     except KeyInputError as error:
-        raise click.UsageError(f"--keys: {error}" if settings["keys"] is not None else str(error)) from error
-    gathered = require_resources(ctx, settings, (Robot,), _map_resources() if path is not None else ())
-    robot = next(resource for resource in gathered.resources if isinstance(resource, Robot))
-    mapper = _mapper(robot, gathered.resources) if path is not None else None
-    teleop = KeyboardTeleop(robot, keys)
+        raise click.UsageError(f"--keys: {error}" if keys is not None else str(error)) from error
+    program = TreelessProgram("Drive")
     results: dict[str, object] = {}
+    mappers: list[Mapper] = []
 
-    def end() -> None:
-        if mapper is not None and path is not None:
-            results["map"] = _save(mapper, path)
+    def prepare(run: Run) -> None:
+        robot = run.find(Robot)
+        assert robot is not None
+        if map_to is not None:
+            mappers.append(_mapper(run, robot))
+            run.resources.extend(mappers)
+        program.keep_running = KeyboardTeleop(robot, source).step
 
-    with ExitStack() as attached:
-        if isinstance(keys, Terminal):
-            attached.enter_context(keys)
+    run = CommandRun(ctx, program, prepare).want(Robot)
+    if map_to is not None:
+        # What puts the map into the frame of a simulated world.
+        from btcore_robot.occupancy_map import OccupancyMap
+
+        run.want(WorldPlaces, OccupancyMap, optional=True)
+    with run, ExitStack() as stack:
+        if isinstance(source, Terminal):
+            stack.enter_context(source)
             click.echo(HELP, err=True)
-        shown = [] if mapper is None else [mapper]
-        done = run_program("Drive", gathered, settings, end, extra_resources=shown, keep_running=teleop.step)
-    output = {"time_s": round(done.seconds, 3), **results, **done.report}
-    if settings["as_json"]:
-        print_json(output)
-    return done.code
+        run.until_done()
+        if map_to is not None:
+            results["map"] = _save(mappers[0], map_to)
+    if as_json:
+        print_json({"time_s": round(run.elapsed_s, 3), **results, **run.report})
+    return run.exit_code
 
 
-def _map_resources() -> Sequence[type]:
-    """Return the types of the resources that put a map into the frame of a simulated world."""
-    from btcore_robot.occupancy_map import OccupancyMap
-
-    return InitialPose, OccupancyMap
-
-
-def _mapper(robot: Robot, resources: Sequence[object]) -> "Mapper":
+def _mapper(run: Run, robot: Robot) -> "Mapper":
     """Return a mapper on the robot's schedule, with the transforms that it needs.
 
-    If the initial pose is among *resources*, the map is in its frame, with the keep-out areas of the world.
+    If the start pose is known, the map is in its frame, with the keep-out areas of the world.
     """
     from btcore_navigation.mapping.mapper import Mapper
     from btcore_robot.occupancy_map import OccupancyMap
     from btcore_robot.transforms import FrameBroadcaster, TransformTree
 
-    start = next((resource.pose for resource in resources if isinstance(resource, InitialPose)), None)
-    world = next((resource for resource in resources if isinstance(resource, OccupancyMap)), None)
+    places, world = run.find(WorldPlaces), run.find(OccupancyMap)
+    start = None if places is None else places.start
     keepout = world.keepout if world is not None and start is not None else ()
     tree = TransformTree()
     frames = FrameBroadcaster(robot, tree)

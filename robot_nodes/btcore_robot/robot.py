@@ -484,10 +484,12 @@ class Waypoints:
     Attributes:
         places: The poses by name.
         source: The origin of the poses, for error messages: a file, or "this world".
+        remedy: How to add a waypoint that is missing, for error messages. `{name}` stands for its name.
     """
 
     places: Mapping[str, Pose2D]
     source: str = "this world"
+    remedy: str = ""
 
     def name_at(self, pose: Pose2D) -> str | None:
         """Return the name of the first waypoint at most 5 cm from *pose* with any heading, or None."""
@@ -502,13 +504,17 @@ class Waypoints:
 
 
 @dataclass(frozen=True, slots=True)
-class InitialPose:
-    """The *pose* of the robot in the frame `map` at the start of a run; None if it is unknown.
+class WorldPlaces:
+    """The places in the frame `map` that are known without a map file.
 
-    The localiser begins with this pose. If it is unknown, the localiser searches the whole map.
+    Attributes:
+        waypoints: The named poses.
+        start: The pose of the robot at the start of the run, with which the localiser begins; if it is None,
+            the pose is unknown, and the localiser searches the whole map.
     """
 
-    pose: Pose2D | None
+    waypoints: Waypoints
+    start: Pose2D | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 from statistics import median
 
 from btcore_robot.rigid_transform import wrap_angle
@@ -67,12 +68,13 @@ class KidnapRecovery:
 class RunMetrics:
     """Measures a run of the robot *body*.
 
-    If there is a *navigator*, its pose estimate is compared with the true pose ten times a second.
+    If a `NavigationReporter` is among *resources*, its pose estimate is compared with the true pose ten times
+    a second. It is searched at the first measurement: the resources of a run are not complete before.
     """
 
-    def __init__(self, body: SimulatedRobot, navigator: NavigationReporter | None) -> None:
+    def __init__(self, body: SimulatedRobot, resources: Sequence[object]) -> None:
         self._body = body
-        self._navigator = navigator
+        self._resources = resources
         self._errors: list[float] = []
         self._yaw_error = 0.0
         self._unknown = 0
@@ -80,8 +82,11 @@ class RunMetrics:
         self._failed: list[GoalOutcome] = []
         self._visited: list[str] = []
         self._recoveries: list[KidnapRecovery] = []
-        if navigator is not None:
-            body.schedule.add_task(_RATE, Phase.EVALUATION, lambda now: self._measure(navigator, now))
+        body.schedule.add_task(_RATE, Phase.EVALUATION, self._measure)
+
+    @cached_property
+    def _navigator(self) -> NavigationReporter | None:
+        return next((one for one in self._resources if isinstance(one, NavigationReporter)), None)
 
     def figures(self) -> dict[str, object]:
         """Return the measures of the run, for its report.
@@ -128,7 +133,10 @@ class RunMetrics:
             "failed_goals": [self._failed_goal(outcome) for outcome in self._failed],
         }
 
-    def _measure(self, navigator: NavigationReporter, now: int) -> None:
+    def _measure(self, now: int) -> None:
+        navigator = self._navigator
+        if navigator is None:
+            return
         self._evaluate(navigator.outcomes())
         body, estimate = self._body, navigator.estimate()
         true = body.true_pose()
@@ -173,11 +181,6 @@ def odometry_error(body: SimulatedRobot) -> float:
     cos, sin = math.cos(start.yaw), math.sin(start.yaw)
     x, y = start.x + cos * pose.x - sin * pose.y, start.y + sin * pose.x + cos * pose.y
     return math.hypot(x - true.x, y - true.y)
-
-
-def navigator_among(resources: Sequence[object]) -> NavigationReporter | None:
-    """Return the first of *resources* that is a `NavigationReporter`, or None."""
-    return next((resource for resource in resources if isinstance(resource, NavigationReporter)), None)
 
 
 def _apart(first: Pose2D, second: Pose2D) -> float:

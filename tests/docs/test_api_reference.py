@@ -235,6 +235,8 @@ SHOWN_BY = {
     "btcore.FAILURE": "btcore.Status",
     "btcore.IDLE": "btcore.Status",
     "btcore.RUNNING": "btcore.Status",
+    "btcore.RunSettings": "btcore.Run",
+    "btcore.option": "btcore.Settings",
     "btcore.SKIPPED": "btcore.Status",
     "btcore.SUCCESS": "btcore.Status",
     "btcore.Transitions": "btcore.Observer",
@@ -282,24 +284,24 @@ SHOWN_BY = {
     "btcore_monitor.serve.Publisher": "btcore_monitor.serve.serve",
 }
 # … or these, for other reasons.
-PROGRAM = "run by `btcore run` and its commands; docs/guides/your_robot.md has a complete program"
+PROGRAM = "run by `btcore run` and its commands; docs/guides/your_resources.md has examples"
+PROVIDER = "a parameter of providers; docs/guides/your_resources.md has examples"
 EVENT = "the feed creates it; an example would only repeat the attributes"
 WITHOUT = {
     "btcore_batch.BatchNode": "a tree creates its nodes",
     "btcore.builds.compiled_modules": "raises an exception without the compiled build",
     "btcore.logs.Gap": "part of a damaged file",
     "btcore.logs.read_fbl": "no code of the project writes files of format 3's logger",
+    "btcore.program_runner.CommandRun": PROGRAM,
     "btcore.program_runner.FiniteRange": PROGRAM,
-    "btcore.program_runner.GatheredResources": PROGRAM,
-    "btcore.program_runner.ProgramResult": PROGRAM,
+    "btcore.program_runner.TreelessProgram": PROGRAM,
     "btcore.program_runner.RunCommand": PROGRAM,
     "btcore.program_runner.load_nodes": PROGRAM,
+    "btcore.program_runner.pass_settings": PROGRAM,
     "btcore.program_runner.print_result": PROGRAM,
-    "btcore.program_runner.provide_resources": PROGRAM,
-    "btcore.program_runner.require_resources": PROGRAM,
-    "btcore.program_runner.run_program": PROGRAM,
-    "btcore.program_runner.run_server": PROGRAM,
-    "btcore.run_extension.ProgramSettings": "added by btcore's ROS 2 commands",
+    "btcore.program_runner.setting_options": PROGRAM,
+    "btcore.Report": PROVIDER,
+    "btcore.Resources": PROVIDER,
     "btcore.values.PortDirection": "an enum that scripts use",
     "btcore.values.UserType": "a registry creates it for a class of the user",
     "btcore_monitor.breakpoints.HookReached": EVENT,

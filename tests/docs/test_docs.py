@@ -57,6 +57,7 @@ NEEDS = {
     "add_a_wire_message": ("zmq", "msgpack"),
     "add_a_robot": BOOK_NEEDS,
     "add_a_world": BOOK_NEEDS,
+    "your_resources": ("distributed",),
     "your_robot": ("numpy", "cv2", "scipy", "yaml", "zmq", "msgpack"),
     "mapping": BOOK_NEEDS,
     "navigation": BOOK_NEEDS,

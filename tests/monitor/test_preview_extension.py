@@ -21,7 +21,6 @@ XML = """<root BTCPP_format="4" main_tree_to_execute="Main">
   </BehaviorTree>
   <BehaviorTree ID="Inner"><ForceSuccess><AlwaysFailure/></ForceSuccess></BehaviorTree>
 </root>"""
-SETTINGS = {"live": None, "key_file": None, "robot_keys": ()}
 
 
 @pytest.fixture
@@ -33,7 +32,7 @@ def tree() -> btcore.Tree:
 def connection(tree: btcore.Tree) -> Iterator[RobotConnection]:
     with (
         serve(tree, groot2_port=0, allow_control=True) as publisher,
-        closing(RobotPreview().connect(publisher.address, SETTINGS)) as connection,
+        closing(RobotPreview().connect(publisher.address)) as connection,
     ):
         assert isinstance(connection, RobotConnection)
         yield connection
@@ -144,4 +143,4 @@ def test_robot_with_keys_is_watched_and_controlled_by_its_clients_only(
 
 def test_invalid_address_is_an_error() -> None:
     with pytest.raises(click.ClickException, match="not an address"):
-        RobotPreview().connect("http://x/y z", SETTINGS)
+        RobotPreview().connect("http://x/y z")

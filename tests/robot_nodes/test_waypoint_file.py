@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from btcore import Program, Run
 from btcore.cli.main import main
-from btcore_navigation.run_extension import NavigationExtension
+from btcore_navigation.providers import MapSettings
 from btcore_robot.occupancy_map import MapError, OccupancyMap, save_map
-from btcore_robot.robot import Pose2D, Waypoints
+from btcore_robot.robot import Pose2D, Robot, Waypoints
 from btcore_robot.waypoint_file import load_waypoints, save_waypoints, waypoints_path
 from btcore_sim.worlds import load_world_description
 
@@ -89,6 +90,14 @@ def test_a_map_of_a_world_without_waypoints_is_refused_for_a_patrol(tmp_path: Pa
 def test_a_robot_without_waypoints_on_its_map_gets_none(tmp_path: Path) -> None:
     path = tmp_path / "office.yaml"
     save_map(OccupancyMap(np.zeros((2, 2), dtype=np.int8), 0.05, (0.0, 0.0)), path)
-    settings = {"map_file": path}
-    (waypoints,) = NavigationExtension().provide(settings, [Waypoints], [])
-    assert waypoints == Waypoints({}, source="the robot's map")
+    run = Run(Program("Look"), settings=[MapSettings(path)], provided=[Rover()]).want(Robot, Waypoints)
+    with run:
+        waypoints = run.find(Waypoints)
+        assert waypoints is not None
+        assert (waypoints.places, waypoints.source) == ({}, "the robot's map")
+        assert "write them to the file" in waypoints.remedy
+        assert [one.name for one in run.choice.order] == ["waypoints"]
+
+
+class Rover(Robot):
+    """A robot without a simulator."""

@@ -208,14 +208,12 @@ def test_unknown_topic_is_an_error() -> None:
 
 @pytest.fixture
 def only_telemetry(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make the telemetry the only extension of `btcore run`, whatever is installed."""
-    point = metadata.EntryPoint(
-        "ros2_telemetry", "btcore_ros2.telemetry_extension:TelemetryExtension", "btcore.run_extensions"
-    )
+    """Make the telemetry the only provider of `btcore run`, whatever is installed."""
+    point = metadata.EntryPoint("telemetry", "btcore_ros2.providers:telemetry", "btcore.providers")
     installed = metadata.entry_points
 
     def entry_points(**query: str) -> Any:
-        return [point] if query.get("group") == "btcore.run_extensions" else installed(**query)
+        return [point] if query.get("group") == "btcore.providers" else installed(**query)
 
     monkeypatch.setattr(metadata, "entry_points", entry_points)
 

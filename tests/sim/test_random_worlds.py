@@ -16,9 +16,9 @@ from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.commands import world_command
 from btcore_sim.errors import SimError
 from btcore_sim.laser import RayCaster
+from btcore_sim.providers import parse_worlds
 from btcore_sim.random_world_kinds import KINDS
 from btcore_sim.random_worlds import AROUND_WAYPOINT, DOORS, WAY, random_world, random_world_json
-from btcore_sim.run_extension import parse_worlds
 from btcore_sim.worlds import load_world_description
 from btcore_sweep.command import sweep
 from btcore_sweep.definition import create_definition

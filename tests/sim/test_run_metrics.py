@@ -10,7 +10,7 @@ import pytest
 from btcore_robot.robot import GoalOutcome, NavigationReporter, Odometry, Pose2D
 from btcore_sim.faults import parse_fault
 from btcore_sim.robot_description import load_robot_description
-from btcore_sim.run_metrics import RunMetrics, navigator_among, odometry_error
+from btcore_sim.run_metrics import RunMetrics, odometry_error
 from btcore_sim.worlds import load_world_description
 
 
@@ -46,7 +46,7 @@ def body(robot_at: Any) -> Any:
 
 
 def test_without_a_navigator_battery_and_odometry_are_reported(body: Any, steer: Any):
-    metrics = RunMetrics(body, None)
+    metrics = RunMetrics(body, [])
     steer(body, 10.0, (0.0, 0.5))
     figures = metrics.figures()
     assert list(figures) == ["battery_min", "odometry_error_m"]
@@ -67,7 +67,7 @@ def test_the_odometry_error_is_measured_from_the_true_start(
 
 def test_localisation_errors_are_measured_from_the_first_second_on_also_at_rest(body: Any, steer: Any):
     navigator = Navigator(body, Pose2D(3.0, 4.0, -0.2))
-    metrics = RunMetrics(body, navigator)
+    metrics = RunMetrics(body, [navigator])
     steer(body, 0.9, None)
     assert metrics.figures()["localization_error_m"] == {"median": None, "max": None}
     steer(body, 1.0, None)
@@ -80,7 +80,7 @@ def test_localisation_errors_are_measured_from_the_first_second_on_also_at_rest(
 
 
 def test_time_without_a_pose_is_counted_and_is_not_an_error(body: Any, steer: Any):
-    metrics = RunMetrics(body, Navigator(body))
+    metrics = RunMetrics(body, [Navigator(body)])
     steer(body, 3.0, None)
     figures = metrics.figures()
     assert figures["localization_error_m"] == {"median": None, "max": None}
@@ -90,7 +90,7 @@ def test_time_without_a_pose_is_counted_and_is_not_an_error(body: Any, steer: An
 def test_failures_that_have_begun_are_reported(robot_at: Any, steer: Any):
     faults = [parse_fault(text) for text in ("wheel:0.5-1.5", "laser:0.7-", "camera:60-70")]
     body = robot_at(faults=faults)
-    metrics = RunMetrics(body, None)
+    metrics = RunMetrics(body, [])
     assert "faults" not in metrics.figures()
     steer(body, 2.0, (0.3, 0.0))
     assert metrics.figures()["faults"] == ["wheel:0.5-1.5", "laser:0.7-"]
@@ -98,7 +98,7 @@ def test_failures_that_have_begun_are_reported(robot_at: Any, steer: Any):
 
 def test_goals_are_reported_by_their_results_and_the_robots_places(body: Any, steer: Any):
     navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
-    metrics = RunMetrics(body, navigator)
+    metrics = RunMetrics(body, [navigator])
     navigator.end(0.2, 0.1, "SUCCEEDED")
     navigator.end(0.1, 0.0, "SUCCEEDED")
     navigator.end(0.3, 0.3, "SUCCEEDED")
@@ -117,11 +117,13 @@ def test_goals_are_reported_by_their_results_and_the_robots_places(body: Any, st
     ]
 
 
-def test_a_navigator_is_recognised_by_its_methods(body: Any):
-    navigator = Navigator(body)
-    assert isinstance(navigator, NavigationReporter)
-    assert navigator_among([object(), body, navigator]) is navigator
-    assert navigator_among([object(), body]) is None
+def test_a_navigator_is_recognised_by_its_methods_at_the_first_measurement(body: Any, steer: Any):
+    resources = [object(), body]
+    metrics = RunMetrics(body, resources)
+    resources.append(Navigator(body))
+    steer(body, 0.1, None)
+    assert "unlocalized_s" in metrics.figures()
+    assert isinstance(resources[-1], NavigationReporter)
 
 
 @pytest.mark.parametrize("world", ["house", "aws_house"])
@@ -154,7 +156,7 @@ def test_odometry_is_wrong_by_some_degrees_after_turning_on_the_spot(robot_at: A
 
 def test_the_times_to_notice_a_kidnapping_and_find_the_pose_are_reported(body: Any, steer: Any):
     navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
-    metrics = RunMetrics(body, navigator)
+    metrics = RunMetrics(body, [navigator])
     steer(body, 2.0, (0.5, 0.0))
     assert "carried" not in metrics.figures()
     body.teleport(Pose2D(3.0, 3.0, 0.0))
@@ -174,7 +176,7 @@ def test_the_times_to_notice_a_kidnapping_and_find_the_pose_are_reported(body: A
 
 
 def test_the_distance_driven_after_an_unnoticed_kidnapping_is_reported(body: Any, steer: Any):
-    metrics = RunMetrics(body, Navigator(body, Pose2D(0.0, 2.0, 0.0)))
+    metrics = RunMetrics(body, [Navigator(body, Pose2D(0.0, 2.0, 0.0))])
     body.teleport(Pose2D(3.0, 3.0, 0.0))
     steer(body, 4.0, (0.5, 0.0))
     (one,) = metrics.figures()["carried"]
@@ -184,7 +186,7 @@ def test_the_distance_driven_after_an_unnoticed_kidnapping_is_reported(body: Any
 
 def test_a_carried_robot_has_found_its_pose_only_after_it_was_put_down(body: Any, steer: Any):
     navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
-    metrics = RunMetrics(body, navigator)
+    metrics = RunMetrics(body, [navigator])
     start = body.true_pose()
     body.carry([start, Pose2D(start.x + 2.0, start.y, start.yaw)], 1.0)
     steer(body, 1.0, None)

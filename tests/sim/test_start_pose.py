@@ -4,20 +4,21 @@ import json
 import math
 import re
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from btcore.cli.extension import gather_resources
+from btcore import Program, Run, RunSettings
 from btcore_navigation.action import GoalStatus
-from btcore_navigation.run_extension import NavigationExtension
+from btcore_navigation.providers import NavigationSettings
 from btcore_navigation.stack import Navigation
 from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap
 from btcore_sim.errors import SimError
+from btcore_sim.providers import SimulatorSettings
 from btcore_sim.robot_description import LaserErrors, load_robot_description
-from btcore_sim.run_extension import SimExtension
 from btcore_sim.scenario import with_start
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World, random_generator
@@ -127,62 +128,67 @@ def test_a_robot_cannot_start_where_it_touches_an_object(yard: Path, start: str,
     world.close()
 
 
-def navigation(yard: Path, **settings: Any) -> tuple[SimulatedRobot, Navigation]:
-    chosen = {"world": str(yard), "fast": True, "rate": 10.0, "camera": "off", "seed": 1, **settings}
-    resources, _, _ = gather_resources([NavigationExtension(), SimExtension()], chosen, [Navigation])
-    body = next(one for one in resources if isinstance(one, SimulatedRobot))
-    return body, next(one for one in resources if isinstance(one, Navigation))
+@contextmanager
+def navigation(
+    yard: Path, start: str | None = None, nav_params: Path | None = None
+) -> Iterator[tuple[SimulatedRobot, Navigation]]:
+    settings = [
+        SimulatorSettings(world=str(yard), camera="off", start=start),
+        NavigationSettings(nav_params),
+        RunSettings(fast=True, seed=1),
+    ]
+    with Run(Program("Navigate"), settings=settings).want(Navigation) as run:
+        body, found = run.find(SimulatedRobot), run.find(Navigation)
+        assert body is not None
+        assert found is not None
+        yield body, found
 
 
 @pytest.mark.parametrize("start", [None, "21,9,90", "random"])
 def test_the_localiser_is_given_the_start_pose(yard: Path, start: str | None):
-    body, found = navigation(yard, start=start)
-    true, pose = body.true_pose(), found.localiser.pose()
-    assert (pose.x, pose.y, pose.yaw) == pytest.approx((true.x, true.y, true.yaw), abs=0.01)
-    body.world.wait_until(2_000_000_000, threading.Event())
-    assert found.estimate() is not None
-    assert not found.localiser.searching
-    body.world.close()
+    with navigation(yard, start=start) as (body, found):
+        true, pose = body.true_pose(), found.localiser.pose()
+        assert (pose.x, pose.y, pose.yaw) == pytest.approx((true.x, true.y, true.yaw), abs=0.01)
+        body.world.wait_until(2_000_000_000, threading.Event())
+        assert found.estimate() is not None
+        assert not found.localiser.searching
 
 
 def test_a_robot_can_navigate_in_a_closed_room_outside_the_start_area(yard: Path):
     world = json.loads(yard.read_text(encoding="utf-8"))
     world["objects"].append({"kind": "wall", "points": [[17, 12], [20, 12], [20, 13]], "height": 1})
     yard.write_text(json.dumps(world), encoding="utf-8")
-    body, found = navigation(yard, start="18,12.5")
-    for place in ((18.0, 12.5), (19.0, 9.0)):
-        assert found.map.free[found.map.cell(*place)]
-    handle = found.go_to(Pose2D(19.0, 12.5, 0.0))
-    while not handle.done and body.world.now() < 30_000_000_000:
-        body.world.wait_until(body.world.now() + 500_000_000, threading.Event())
-    assert handle.status is GoalStatus.SUCCEEDED
-    body.world.close()
+    with navigation(yard, start="18,12.5") as (body, found):
+        for place in ((18.0, 12.5), (19.0, 9.0)):
+            assert found.map.free[found.map.cell(*place)]
+        handle = found.go_to(Pose2D(19.0, 12.5, 0.0))
+        while not handle.done and body.world.now() < 30_000_000_000:
+            body.world.wait_until(body.world.now() + 500_000_000, threading.Event())
+        assert handle.status is GoalStatus.SUCCEEDED
 
 
 def test_the_users_initial_pose_replaces_the_start_pose(yard: Path, tmp_path: Path):
     file = tmp_path / "nav2.yaml"
     file.write_text("amcl: {ros__parameters: {initial_pose: {x: 18.5, y: 9.0, yaw: 0.4}}}", encoding="utf-8")
-    body, found = navigation(yard, nav_params=file)
-    assert found.localiser.pose() == Pose2D(18.5, 9.0, pytest.approx(0.4))
-    body.world.close()
+    with navigation(yard, nav_params=file) as (_, found):
+        assert found.localiser.pose() == Pose2D(18.5, 9.0, pytest.approx(0.4))
 
 
 def test_a_robot_with_an_unknown_start_stands_until_it_has_found_its_pose(yard: Path):
-    body, found = navigation(yard, start="unknown")
-    handle = found.go_to(Pose2D(19.0, 9.0, 0.0))
-    begin = body.true_pose()
-    while found.estimate() is None and body.world.now() < 60_000_000_000:
-        true = body.true_pose()
-        assert math.dist((begin.x, begin.y), (true.x, true.y)) < 0.05
-        body.world.wait_until(body.world.now() + 500_000_000, threading.Event())
-    pose, true = found.estimate(), body.true_pose()
-    assert pose is not None
-    assert math.dist((pose.x, pose.y), (true.x, true.y)) < 0.05
-    while not handle.done and body.world.now() < 120_000_000_000:
-        body.world.wait_until(body.world.now() + 500_000_000, threading.Event())
-    assert handle.status is GoalStatus.SUCCEEDED
-    assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
-    body.world.close()
+    with navigation(yard, start="unknown") as (body, found):
+        handle = found.go_to(Pose2D(19.0, 9.0, 0.0))
+        begin = body.true_pose()
+        while found.estimate() is None and body.world.now() < 60_000_000_000:
+            true = body.true_pose()
+            assert math.dist((begin.x, begin.y), (true.x, true.y)) < 0.05
+            body.world.wait_until(body.world.now() + 500_000_000, threading.Event())
+        pose, true = found.estimate(), body.true_pose()
+        assert pose is not None
+        assert math.dist((pose.x, pose.y), (true.x, true.y)) < 0.05
+        while not handle.done and body.world.now() < 120_000_000_000:
+            body.world.wait_until(body.world.now() + 500_000_000, threading.Event())
+        assert handle.status is GoalStatus.SUCCEEDED
+        assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
 
 
 def test_noise_is_a_factor_on_the_errors_of_all_sensors():

@@ -8,9 +8,9 @@ from typing import Any
 import click
 
 from btcore.cli import terminal
-from btcore.cli.commands.run import FiniteRange
 from btcore.cli.completion import complete_tree
 from btcore.errors import ScriptError
+from btcore.runs.settings import FiniteRange
 from btcore.script.program import Program, compile_script
 from btcore_sweep.definition import create_definition
 from btcore_sweep.episode_runner import run_sweep
@@ -106,7 +106,8 @@ def sweep(
     scheduler: str | None,
     attempts: int,
     as_json: bool,
-    **settings: Any,
+    duration: float,
+    **run_options: Any,
 ) -> int:
     """Run TREE in simulated time with many seeds and parameter values, and report the success rates.
 
@@ -130,7 +131,7 @@ def sweep(
         import_module(module)
     from btcore_sweep import cluster
 
-    definition = create_definition(ctx, source, params, seeds, settings["duration"])
+    definition = create_definition(ctx, source, params, seeds, duration)
     folder = output if output is not None else Path(f"{Path(source).stem}.sweep")
     with Journal(folder, definition) as journal:
         if scheduler is not None:

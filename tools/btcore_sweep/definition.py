@@ -12,7 +12,8 @@ import click
 
 import btcore
 from btcore.cli import terminal
-from btcore.cli.commands.run import read_source_and_plans, run
+from btcore.cli.commands.run import RunOptions, read_source_and_plans, run
+from btcore.cli.provider_options import available_providers
 from btcore.cli.tree_source import find_tree_file
 from btcore.input_files import read_file
 from btcore.suggestions import join_names
@@ -151,9 +152,9 @@ def create_definition(
     """
     choices = options.collect_run_options(ctx)
     varied = parameters.parse_parameters(params, choices)
-    for key, values in options.varied_by_extensions(ctx).items():
+    for key, values in options.varied_by_plurals(ctx).items():
         if key in varied:
-            name = "/".join(options.varying_options(ctx)[key].opts)
+            name = "/".join(options.plural_options(ctx)[key].opts)
             raise click.UsageError(f"{name} and --param {key}=… cannot be used together.")
         varied[key] = values
     texts = options.given(ctx)
@@ -186,7 +187,8 @@ def _check(sweep: SweepDefinition) -> None:
         try:
             with run.make_context("run", words) as context:
                 if values is first:
-                    _, plans = read_source_and_plans(context.params)
+                    plugins = available_providers(context).plugins
+                    _, plans = read_source_and_plans(RunOptions.of(context), plugins=plugins)
                     terminal.print_diagnostics(plans.diagnostics.warnings)
         except click.ClickException as error:
             if not values:

@@ -7,8 +7,8 @@ import io
 import json
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
+from collections.abc import Sequence
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from functools import cache
 from typing import Any, Final
 
@@ -19,7 +19,6 @@ from btcore.cli.exit_codes import ExitCode
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError
-from btcore.run_extension import RunExtension
 from btcore.status import Status, Transition
 from btcore.tree.tree import Tree
 
@@ -75,19 +74,28 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
 
 def _run(command: Sequence[str]) -> Result:
     with run.make_context("run", list(command)) as context:
+        session = create_session(context, _installed())
         cause = FailureCause()
-        session = create_session(context, context.params, [cause], _installed())
+        has_begun = False
+
+        def begin(tree: Tree) -> None:
+            nonlocal has_begun
+            has_begun = True
+            tree.subscribe(cause)
+
         try:
-            _, code, extension_reports = session.run()
+            session.run(begin)
         except click.UsageError:
             raise
         except click.ClickException as reason:
+            if not has_begun:
+                raise
             return {**_not_started(ExitCode.USER_ERROR, reason.format_message()), "began": True}
         # Convert to JSON and back, as for --json: a report that is not JSON data raises here, in the worker.
-        report = json.loads(json.dumps(session.report.as_data(session.tree, extension_reports)))
-        error = session.report.error
-        failed_at = error.path if error is not None else cause.node_path
-        return {"code": code, "report": report, "failed_at": failed_at, "fault": None}
+        report = json.loads(json.dumps(session.report.as_data()))
+        finished = session.tree_run
+        failed_at = finished.error.path if finished.error is not None else cause.find(finished.tree)
+        return {"code": finished.exit_code, "report": report, "failed_at": failed_at, "fault": None}
 
 
 @cache
@@ -110,18 +118,12 @@ def _warnings(text: str) -> list[str]:
     return list(dict.fromkeys(warnings))[:_MAX_WARNINGS]
 
 
-class FailureCause(Observer, RunExtension):
-    """An extension of a run that finds the node that made the tree fail in the last tick.
-
-    The search starts at the root and descends to the child that failed in that tick; if several children
-    failed, to the child that failed last. After the run, `node_path` is the path of the lowest node that the
-    search reaches, or None if the root did not fail in the last tick.
-    """
+class FailureCause(Observer):
+    """An observer that finds the node that made the tree fail in the last tick."""
 
     def __init__(self) -> None:
         self._tick = 0
         self._failed: list[int] = []
-        self.node_path: str | None = None
 
     def transition(self, change: Transition) -> None:
         """Record the node if *change* is a transition to FAILURE."""
@@ -131,20 +133,14 @@ class FailureCause(Observer, RunExtension):
                 self._failed.clear()
             self._failed.append(change.uid)
 
-    @contextmanager
-    def attach(self, tree: Tree, resources: Sequence[object], settings: Mapping[str, Any]) -> Iterator[None]:
-        """Return a context in which the transitions of *tree* are recorded."""
-        unsubscribe = tree.subscribe(self)
-        try:
-            yield
-        finally:
-            unsubscribe()
-            if tree.ticks == self._tick:
-                self.node_path = self._find_cause(tree)
+    def find(self, tree: Tree) -> str | None:
+        """Return the path of the node, or None if the root did not fail in the last tick.
 
-    def _find_cause(self, tree: Tree) -> str | None:
+        The search starts at the root and descends to the child that failed in that tick; if several children
+        failed, to the child that failed last.
+        """
         order = {uid: number for number, uid in enumerate(self._failed)}
-        if tree.root.config.uid not in order:
+        if tree.ticks != self._tick or tree.root.config.uid not in order:
             return None
         paths = {node.config.uid: path for path, node in tree.nodes_by_path().items()}
         node = tree.root

@@ -14,8 +14,8 @@ from rich.text import Text
 
 from btcore.cli import terminal
 from btcore.cli.exit_codes import ExitCode
-from btcore.cli.tick_loop import signal_handlers
 from btcore.script.program import Program
+from btcore.signals import signal_handlers
 from btcore_sweep import table
 from btcore_sweep.definition import Episode, SweepDefinition, format_setting
 from btcore_sweep.journal import Journal, Record

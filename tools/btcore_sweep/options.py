@@ -7,8 +7,8 @@ from typing import Any, Final, cast
 import click
 
 from btcore.cli.commands.run import run
-from btcore.cli.extension import load_extensions
-from btcore.cli.extension_options import explain_missing_options
+from btcore.cli.provider_options import available_providers, explain_missing_options, find_providers
+from btcore.runs.settings import Plural, SettingOption
 from btcore_sweep.parameters import RunOptions
 
 _GIVEN: Final = "btcore_sweep.options.given"
@@ -36,10 +36,11 @@ class SweepCommand(click.Command):
             for key, option in collect_run_options(ctx).options.items()
             if option.name not in names and key not in _OWN
         ]
-        return [*own[:-1], *varying_options(ctx).values(), *run_options, own[-1]]
+        return [*own[:-1], *plural_options(ctx).values(), *run_options, own[-1]]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse *args*, and keep the unconverted texts of the options for the command lines of the runs."""
+        find_providers(ctx, args)
         words = list(args)  # click's parser removes the arguments from its list
         with explain_missing_options(ctx):
             rest = super().parse_args(ctx, args)
@@ -49,12 +50,12 @@ class SweepCommand(click.Command):
 
 def collect_run_options(ctx: click.Context) -> RunOptions:
     """Return the options of `btcore run` that a sweep accepts, and the reasons why it rejects others."""
-    refused = dict(_REFUSED)
-    for extension in load_extensions(ctx).extensions:
-        for option in extension.options:
-            if option.name in extension.single_run_options:
-                refused[_key(option)] = "it applies to a single run; replay a single episode with it"
+    available_providers(ctx).has_options = True
     options = {_key(item): item for item in run.get_params(ctx) if isinstance(item, click.Option)}
+    refused = dict(_REFUSED)
+    for key, option in options.items():
+        if isinstance(option, SettingOption) and option.one_run_only:
+            refused[key] = "it applies to a single run; replay a single episode with it"
     accepted = {key: option for key, option in options.items() if key not in {*refused, "help"}}
     return RunOptions(accepted, refused)
 
@@ -66,16 +67,23 @@ def given(ctx: click.Context) -> dict[str, Any]:
     return {key: texts[item.name] for key, item in _options_with_set(ctx).items() if item.name in texts}
 
 
-def varied_by_extensions(ctx: click.Context) -> dict[str, tuple[str, ...]]:
-    """Return the values of the parameters that the additional options of extensions vary, by KEY."""
-    values = {key: ctx.params[str(option.name)] for key, option in varying_options(ctx).items()}
+def varied_by_plurals(ctx: click.Context) -> dict[str, tuple[str, ...]]:
+    """Return the values of the parameters that plural options such as `--worlds` vary, by KEY."""
+    values = {key: ctx.params[str(option.name)] for key, option in plural_options(ctx).items()}
     return {key: tuple(texts) for key, texts in values.items() if texts is not None}
 
 
-def varying_options(ctx: click.Context) -> dict[str, click.Option]:
-    """Return the additional options of extensions, by the KEY of the parameter that they vary."""
-    extensions = load_extensions(ctx).extensions
-    return {key: option for extension in extensions for key, option in extension.sweep_options.items()}
+def plural_options(ctx: click.Context) -> dict[str, click.Option]:
+    """Return the plural options of settings, by the KEY of the parameter that they vary."""
+    settings = (item for item in collect_run_options(ctx).options.values() if isinstance(item, SettingOption))
+    return {_key(item): _plural_option(item.vary) for item in settings if item.vary is not None}
+
+
+def _plural_option(plural: Plural) -> click.Option:
+    def parse(ctx: click.Context, option: click.Parameter, text: str | None) -> Sequence[str] | None:
+        return None if text is None else plural.parse(text)
+
+    return click.Option([f"--{plural.name}"], metavar=plural.metavar, help=plural.help, callback=parse)
 
 
 def option_arguments(ctx: click.Context, texts: dict[str, Any]) -> list[str]:

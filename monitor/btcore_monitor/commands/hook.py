@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import click
 
+from btcore.runs.settings import setting_options
 from btcore_monitor.console import print_line
 from btcore_monitor.installed_packages import check_installed
-from btcore_monitor.key_options import client_keys, key_file_option, robot_key_option
+from btcore_monitor.key_options import KeySettings, client_keys
 from btcore_monitor.process_end import stop_on_signals
 from btcore_monitor.watch_options import duration_option
 
@@ -76,8 +77,7 @@ class _Connection(NamedTuple):
     metavar="SECONDS",
     help="How long to wait for the robot.",
 )
-@key_file_option
-@robot_key_option
+@setting_options(KeySettings)
 @click.pass_context
 def hook(
     context: click.Context,

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from btcore.runs.settings import option_names, setting_options
 from btcore_monitor.console import print_line
-from btcore_monitor.drawing_options import DrawingOptions, list_given_options
+from btcore_monitor.drawing_options import DrawingSettings
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.installed_packages import check_installed
-from btcore_monitor.key_options import client_keys, key_file_option, robot_key_option
+from btcore_monitor.key_options import KeySettings, client_keys
 from btcore_monitor.output_files import check_folder
 from btcore_monitor.process_end import abandon, stop_on_signals, time_limit, wait_for_stop
-from btcore_monitor.viewer_options import ViewerOptions, viewer_options
+from btcore_monitor.viewer_options import ViewerSettings, viewer_options
 from btcore_monitor.watch_options import duration_option, robot_options
 
 if TYPE_CHECKING:
@@ -40,16 +41,15 @@ _CHECK_VIEWER_INTERVAL_S: Final = 2.0
 @click.argument("addresses", nargs=-1, metavar="[ADDRESS]...")
 @viewer_options
 @robot_options
-@key_file_option
-@robot_key_option
+@setting_options(KeySettings)
 @click.option("--no-view", "--headless", "no_view", is_flag=True, help="Open no window.")
 @click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
 @duration_option
 @click.option("--quiet", is_flag=True, help="Print problems only, not changes of the connection.")
 def monitor(
     addresses: tuple[str, ...],
-    options: ViewerOptions,
-    drawing: DrawingOptions,
+    options: ViewerSettings,
+    drawing: DrawingSettings,
     no_record: bool,
     blackboard_rate: float,
     key_file: Path | None,
@@ -83,7 +83,7 @@ def monitor(
         if recordings:
             if robots:
                 raise click.UsageError("recordings and robots cannot be shown together")
-            _check_is_live()
+            _check_is_live(drawing)
             _show_recordings(recordings, options, duration)
             return
         robots = robots or [DEFAULT_ADDRESS]
@@ -115,9 +115,9 @@ def monitor(
         raise click.ClickException(str(error)) from None
 
 
-def _check_is_live() -> None:
+def _check_is_live(drawing: DrawingSettings) -> None:
     """Raise click.UsageError if there are drawing options, because a recording keeps its own options."""
-    for option in list_given_options():
+    for option in option_names(drawing):
         raise click.UsageError(
             f"{option} has no effect on a recording: use it with a robot, or with btcore replay and a log"
         )
@@ -139,7 +139,7 @@ def _check_addresses(addresses: list[str]) -> None:
 def _watch(
     feeds: "list[Feed]",
     sinks: "RecordingSinks",
-    drawing: DrawingOptions,
+    drawing: DrawingSettings,
     until_end: bool,
     duration: float | None,
     quiet: bool,
@@ -239,7 +239,7 @@ def _process_feed(
             return
 
 
-def _show_recordings(recordings: list[Path], options: ViewerOptions, duration: float | None) -> None:
+def _show_recordings(recordings: list[Path], options: ViewerSettings, duration: float | None) -> None:
     from btcore_monitor.screen.sinks import open_viewer
 
     for recording in recordings:

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from btcore.runs.settings import pass_settings, setting_options
 from btcore.suggestions import join_names
 from btcore_monitor.commands.monitor import DEFAULT_ADDRESS
 from btcore_monitor.console import print_line
-from btcore_monitor.drawing_options import DrawingOptions, drawing_options
+from btcore_monitor.drawing_options import DrawingSettings
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.installed_packages import check_installed
-from btcore_monitor.key_options import client_keys, key_file_option, robot_key_option
+from btcore_monitor.key_options import KeySettings, client_keys
 from btcore_monitor.output_files import check_writable
 from btcore_monitor.process_end import INCOMPLETE_OUTPUT, abandon, stop_on_signals, time_limit
 from btcore_monitor.watch_options import duration_option, robot_options
@@ -53,9 +54,8 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
 @duration_option
 @click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
 @robot_options
-@key_file_option
-@robot_key_option
-@drawing_options
+@setting_options(KeySettings)
+@pass_settings(DrawingSettings, "drawing")
 def record(
     address: str,
     outputs: Sequence[Path],
@@ -66,7 +66,7 @@ def record(
     blackboard_rate: float,
     key_file: Path | None,
     robot_keys: tuple[str, ...],
-    drawing: DrawingOptions,
+    drawing: DrawingSettings,
 ) -> None:
     """Record the tree at ADDRESS, on any robot that btcore monitor can show.
 
@@ -120,7 +120,7 @@ def record(
 class _Files:
     """The output files: logs, and recordings for the viewer."""
 
-    def __init__(self, outputs: Sequence[Path], drawing: DrawingOptions) -> None:
+    def __init__(self, outputs: Sequence[Path], drawing: DrawingSettings) -> None:
         from btcore_monitor.log_writer import LogWriter
 
         recordings = _filter_recordings(outputs)

@@ -14,7 +14,7 @@ from btcore.logs.console import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import nearest_name
 from btcore_monitor.console import print_line
-from btcore_monitor.drawing_options import DrawingOptions
+from btcore_monitor.drawing_options import DrawingSettings
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.events import (
     NODE_TYPES,
@@ -29,7 +29,7 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.process_end import abandon, wait_for_stop
-from btcore_monitor.viewer_options import ViewerOptions, viewer_options
+from btcore_monitor.viewer_options import ViewerSettings, viewer_options
 
 _NOT_KEPT: Final = "not in a log file"
 LOG_FILE: Final = DataSource(
@@ -67,8 +67,8 @@ def replay(
     node_patterns: Sequence[str],
     from_s: float | None,
     to_s: float | None,
-    options: ViewerOptions,
-    drawing: DrawingOptions,
+    options: ViewerSettings,
+    drawing: DrawingSettings,
 ) -> None:
     """Show LOG: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2), a bag (.mcap) or a .fbl.
 
@@ -181,7 +181,7 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
 
 
 def _show_recording(
-    recording: Recording, window: range, options: ViewerOptions, drawing: DrawingOptions
+    recording: Recording, window: range, options: ViewerSettings, drawing: DrawingSettings
 ) -> None:
     from btcore_monitor.screen.rerun_process import ScreenError
     from btcore_monitor.screen.robot_layouts import SingleRobotLayout

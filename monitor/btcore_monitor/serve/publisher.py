@@ -91,6 +91,7 @@ class Publisher(Closeable):
                 f"{PORT_BESIDE_GROOT2} for Groot 1"
             )
         self._grace = grace
+        self._resources = resources
         self._serves_run_channel = serves_run_channel
         self._max_heartbeat_delay = max_heartbeat_delay
         self._serves_groot2 = groot2_port is not None
@@ -250,7 +251,7 @@ class Publisher(Closeable):
         with self._clients_changed:
             return self._clients_changed.wait_for(lambda: self._client_count == 0, timeout)
 
-    def replace_tree(self, tree: Tree, resources: Sequence[object] = ()) -> None:
+    def replace_tree(self, tree: Tree, resources: Sequence[object] | None = None) -> None:
         """Publish *tree* instead of the previous tree. Only the tick thread may call this method.
 
         Ports and connections stay. Clients first get the queued messages of the previous tree, then the new
@@ -258,15 +259,17 @@ class Publisher(Closeable):
 
         Args:
             tree: The new tree.
-            resources: Objects of the robot, as for `serve`.
+            resources: Objects of the robot, as for `serve`; by default those of the previous tree.
         """
         if self._has_ended:
             return
+        if resources is not None:
+            self._resources = resources
         # Groot 1 notices the new tree by its uids, so they continue after the previous tree.
         groot1_server = self._ticking_tree.groot1_server
         new_tree = PublishedTree(
             tree,
-            resources,
+            self._resources,
             self._serves_run_channel,
             previous_uid=None if groot1_server is None else groot1_server.end,
             max_heartbeat_delay=self._max_heartbeat_delay,

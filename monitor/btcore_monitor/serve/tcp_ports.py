@@ -48,10 +48,12 @@ class PortInUseError(ServeError):
 
     Attributes:
         port: The port in use.
+        option: As given.
     """
 
     def __init__(self, port: int, first: int, count: int = GROOT2_PORT_COUNT, option: str = "--port") -> None:
         self.port = port
+        self.option = option
         message = f"port {port} is in use"
         if port != first:
             message += f" ({first} to {first + count - 1} are needed)"

@@ -1,12 +1,21 @@
 """`btcore book`: the systems of *A Concise Introduction to Robot Programming with ROS2*."""
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import click
 
-from btcore.program_runner import FiniteRange
-from btcore_robot.book.runner import BookRunner, report_usage_errors, world_command
+from btcore import RunSettings, Settings, option
+from btcore.program_runner import FiniteRange, setting_options
+from btcore.runs.settings import pass_settings
+from btcore_robot.book.runner import (
+    BookRunner,
+    OutputSettings,
+    Results,
+    report_usage_errors,
+    run_processes,
+    world_command,
+)
 from btcore_robot.process.launch import launch_processes, read_launch
 from btcore_robot.process.process import ProcessOptions
 from btcore_robot.process.programs import create_processes
@@ -26,39 +35,42 @@ def book() -> None:
 
 @book.command("hello", short_help="The first programs: publisher, subscriber, executor …")
 @click.argument("program", type=click.Choice(FIRST_STEPS), default="executor")
-@click.option("--duration", type=FiniteRange(0, min_open=True), metavar="S", help="Stop after this time.")
-@click.option("--fast", is_flag=True, help="Simulated time, as fast as it goes, instead of real time.")
+@setting_options(RunSettings, "duration", "fast")
 @click.option("--params", type=click.Path(path_type=Path), metavar="FILE.yaml", help="ROS 2 parameters.")
 @click.pass_context
 @report_usage_errors
-def hello(ctx: click.Context, /, **settings: Any) -> int:
+def hello(ctx: click.Context, /, program: str, params: Path | None, **settings: object) -> int:
     """Run a program of chapter 2; by default the executor with publisher and subscriber."""
     from btcore_robot.process.parameters import load_process_parameters
 
-    runner = BookRunner(ctx, {**settings, "as_json": False, "seed": 0}, embodied=False)
-    program = settings["program"]
     options = ProcessOptions()
-    if settings["params"] is not None:
-        parameters = load_process_parameters(settings["params"], f"{program}_node")
-        options = ProcessOptions(parameters=parameters)
-    runner.add(*create_processes(program, runner.context, options))
-    return runner.run("Hello")
+    if params is not None:
+        options = ProcessOptions(parameters=load_process_parameters(params, f"{program}_node"))
+
+    def create(runner: BookRunner) -> Results:
+        runner.add(*create_processes(program, runner.context, options))
+        return Results()
+
+    return run_processes(ctx, "Hello", create, embodied=False)
 
 
 @world_command(book, "launch", "Start the programs of a launch file.")
 @click.argument("file", type=click.Path(path_type=Path))
-def launch(ctx: click.Context, /, **settings: Any) -> int:
+def launch(ctx: click.Context, /, file: Path, output: OutputSettings, **settings: object) -> int:
     """Start the programs of FILE, a launch file in ROS 2's YAML format; 'bridge' needs a robot."""
     from btcore_robot.book.topic_graph import draw_graph
 
-    entries = read_launch(settings["file"])
-    runner = BookRunner(ctx, settings, embodied=any(entry.program == "bridge" for entry in entries))
-    runner.add(*launch_processes(entries, runner.context))
-    return runner.run(
-        "Launched",
-        lambda: {"processes": [process.name for process in runner.executor.processes]},
-        lambda: draw_graph(runner.context.topics),
-    )
+    entries = read_launch(file)
+
+    def create(runner: BookRunner) -> Results:
+        runner.add(*launch_processes(entries, runner.context))
+        return Results(
+            lambda: {"processes": [process.name for process in runner.executor.processes]},
+            lambda: draw_graph(runner.context.topics),
+        )
+
+    is_embodied = any(entry.program == "bridge" for entry in entries)
+    return run_processes(ctx, "Launched", create, output, embodied=is_embodied)
 
 
 @world_command(book, "bumpgo-fsm", "Bump and go by a state machine (chapter 3).")
@@ -69,82 +81,98 @@ def launch(ctx: click.Context, /, **settings: Any) -> int:
     show_default=True,
     help="How to turn: as in the book, or as in its exercises.",
 )
-def bumpgo_fsm(ctx: click.Context, /, **settings: Any) -> int:
+def bumpgo_fsm(ctx: click.Context, /, turn: str, output: OutputSettings, **settings: object) -> int:
     """Drive forward, turn away from obstacles nearer than 1 m, and log every change of state."""
     from btcore_robot.book.trail import Trail
     from btcore_robot.control.bumpgo_fsm import BumpGo
 
-    runner = BookRunner(ctx, settings)
-    chosen = settings["turn"].replace("-", "_")
-    program = "bumpgo" if chosen == "left" else f"bumpgo_{chosen}"
-    [process] = create_processes(program, runner.context, ProcessOptions(remap=_DRIVEN))
-    assert isinstance(process, BumpGo)
-    runner.add(*create_processes("bridge", runner.context), process)
-    trail = Trail(runner.context, lambda: process.state.value)
+    program = "bumpgo" if turn == "left" else f"bumpgo_{turn.replace('-', '_')}"
     colours = {"forward": (46, 130, 80), "back": (200, 70, 50), "turn": (40, 100, 190), "stop": (90, 90, 90)}
-    return runner.run(
-        "BumpGo",
-        lambda: {"changes": process.changes, "state": process.state.value},
-        lambda: trail.draw(colours, "bump and go: the way by odometry, what the laser saw").image,
-    )
+
+    def create(runner: BookRunner) -> Results:
+        [process] = create_processes(program, runner.context, ProcessOptions(remap=_DRIVEN))
+        assert isinstance(process, BumpGo)
+        runner.add(*create_processes("bridge", runner.context), process)
+        trail = Trail(runner.context, lambda: process.state.value)
+        return Results(
+            lambda: {"changes": process.changes, "state": process.state.value},
+            lambda: trail.draw(colours, "bump and go: the way by odometry, what the laser saw").image,
+        )
+
+    return run_processes(ctx, "BumpGo", create, output)
 
 
 @world_command(book, "vff", "Avoidance by a virtual force field (chapter 5.1).")
 @click.option("--all", "all_near", is_flag=True, help="Avoid all near obstacles, not only the nearest.")
-def vff(ctx: click.Context, /, **settings: Any) -> int:
+def vff(ctx: click.Context, /, all_near: bool, output: OutputSettings, **settings: object) -> int:
     """Drive forward and avoid obstacles by a virtual force field."""
     from btcore_robot.book.force_watcher import ForceWatcher
     from btcore_robot.control.vff import Avoidance
 
-    runner = BookRunner(ctx, settings)
-    program = "avoidance_vff_all" if settings["all_near"] else "avoidance_vff"
-    [process] = create_processes(program, runner.context, ProcessOptions(remap=_DRIVEN))
-    assert isinstance(process, Avoidance)
-    watcher = ForceWatcher(runner.context)
-    runner.add(*create_processes("bridge", runner.context), process, watcher)
-    return runner.run("AvoidanceVff", watcher.results, watcher.draw, [watcher])
+    def create(runner: BookRunner) -> Results:
+        program = "avoidance_vff_all" if all_near else "avoidance_vff"
+        [process] = create_processes(program, runner.context, ProcessOptions(remap=_DRIVEN))
+        assert isinstance(process, Avoidance)
+        watcher = ForceWatcher(runner.context)
+        runner.add(*create_processes("bridge", runner.context), process, watcher)
+        return Results(watcher.results, watcher.draw, [watcher])
+
+    return run_processes(ctx, "AvoidanceVff", create, output)
 
 
-def _obstacle(ctx: click.Context, settings: dict[str, Any], detector: str, name: str) -> int:
+class DetectorSettings(Settings):
+    """The settings of the obstacle detectors."""
+
+    drive: Annotated[float, option("Drive meanwhile, as with a keyboard.", metavar="M/S")] = 0.0
+    turn: Annotated[float, option("Turn meanwhile.", metavar="RAD/S")] = 0.0
+    colour_by_distance: Annotated[bool, option("Colour the arrow: green if far, red if near.")] = False
+    displacement: Annotated[bool, option("Log each second how far the robot has moved.")] = False
+    frames: Annotated[bool, option("Log its position in three frames.")] = False
+
+
+def _obstacle(
+    ctx: click.Context, detector: str, name: str, settings: DetectorSettings, output: OutputSettings
+) -> int:
     from btcore_robot.book.obstacle_watcher import ObstacleWatcher
 
-    runner = BookRunner(ctx, settings)
-    parameters = {"colour_by_distance": settings["colour_by_distance"]}
-    processes = create_processes(detector, runner.context, ProcessOptions(remap=_DRIVEN))
-    processes += create_processes("obstacle_monitor", runner.context, ProcessOptions(parameters=parameters))
-    for program in ("displacement", "obstacle_in_frames"):
-        if settings[program]:
-            processes += create_processes(program, runner.context)
-    watcher = ObstacleWatcher(runner.context, settings["drive"], settings["turn"])
-    runner.add(*create_processes("bridge", runner.context), *processes, watcher)
-    return runner.run(name, watcher.results, watcher.draw, [watcher])
+    def create(runner: BookRunner) -> Results:
+        parameters = {"colour_by_distance": settings.colour_by_distance}
+        processes = create_processes(detector, runner.context, ProcessOptions(remap=_DRIVEN))
+        processes += create_processes(
+            "obstacle_monitor", runner.context, ProcessOptions(parameters=parameters)
+        )
+        if settings.displacement:
+            processes += create_processes("displacement", runner.context)
+        if settings.frames:
+            processes += create_processes("obstacle_in_frames", runner.context)
+        watcher = ObstacleWatcher(runner.context, settings.drive, settings.turn)
+        runner.add(*create_processes("bridge", runner.context), *processes, watcher)
+        return Results(watcher.results, watcher.draw, [watcher])
+
+    return run_processes(ctx, name, create, output)
 
 
-_DETECTOR_OPTIONS = [
-    click.option(
-        "--drive", type=FiniteRange(), default=0.0, metavar="M/S", help="Drive meanwhile, as with a keyboard."
-    ),
-    click.option("--turn", type=FiniteRange(), default=0.0, metavar="RAD/S", help="Turn meanwhile."),
-    click.option("--colour-by-distance", is_flag=True, help="Colour the arrow: green if far, red if near."),
-    click.option("--displacement", is_flag=True, help="Log each second how far the robot has moved."),
-    click.option("--frames", "obstacle_in_frames", is_flag=True, help="Log its position in three frames."),
-]
+_DETECTOR_OPTIONS = [pass_settings(DetectorSettings, "detector")]
 
 
 @world_command(
     book, "obstacle-detector", "An obstacle as a frame below the laser (chapter 4).", _DETECTOR_OPTIONS
 )
-def obstacle_detector(ctx: click.Context, /, **settings: Any) -> int:
+def obstacle_detector(
+    ctx: click.Context, /, detector: DetectorSettings, output: OutputSettings, **settings: object
+) -> int:
     """Publish the obstacle ahead as a static frame below the laser's frame, which moves with the robot."""
-    return _obstacle(ctx, settings, "obstacle_detector", "ObstacleDetector")
+    return _obstacle(ctx, "obstacle_detector", "ObstacleDetector", detector, output)
 
 
 @world_command(
     book, "obstacle-detector-improved", "An obstacle as a frame below odom (chapter 4).", _DETECTOR_OPTIONS
 )
-def obstacle_detector_improved(ctx: click.Context, /, **settings: Any) -> int:
+def obstacle_detector_improved(
+    ctx: click.Context, /, detector: DetectorSettings, output: OutputSettings, **settings: object
+) -> int:
     """Publish the obstacle ahead as a frame below odom, which stays in place when the robot drives."""
-    return _obstacle(ctx, settings, "obstacle_detector_improved", "ObstacleDetectorImproved")
+    return _obstacle(ctx, "obstacle_detector_improved", "ObstacleDetectorImproved", detector, output)
 
 
 @world_command(book, "colour", "Objects by their colour (chapter 5.2).")
@@ -158,31 +186,47 @@ def obstacle_detector_improved(ctx: click.Context, /, **settings: Any) -> int:
 @click.option("--each", is_flag=True, help="Detect every object separately.")
 @click.option("--pan", type=FiniteRange(), default=0.0, metavar="RAD", help="Pan of the head, + is left.")
 @click.option("--tilt", type=FiniteRange(), default=0.0, metavar="RAD", help="Tilt of the head, + is up.")
-def colour(ctx: click.Context, /, **settings: Any) -> int:
+def colour(
+    ctx: click.Context,
+    /,
+    hsv: str,
+    each: bool,
+    pan: float,
+    tilt: float,
+    output: OutputSettings,
+    **settings: object,
+) -> int:
     """Detect objects of a colour in the camera images and log where they are."""
     from btcore_robot.book.colour_watcher import ColourWatcher, parse_hsv_ranges
 
-    ranges = parse_hsv_ranges(settings["hsv"])
-    runner = BookRunner(ctx, settings)
-    options = ProcessOptions(remap=_DRIVEN, parameters={"hsv_ranges": ranges, "each": settings["each"]})
-    watcher = ColourWatcher(runner.context, ranges, settings["each"])
-    runner.add(
-        *create_processes("bridge", runner.context),
-        *create_processes("object_detector", runner.context, options),
-        watcher,
-    )
-    runner.robot.move_head(settings["pan"], settings["tilt"])
-    return runner.run("ColourDetection", watcher.results, watcher.draw, [watcher])
+    ranges = parse_hsv_ranges(hsv)
+
+    def create(runner: BookRunner) -> Results:
+        options = ProcessOptions(remap=_DRIVEN, parameters={"hsv_ranges": ranges, "each": each})
+        watcher = ColourWatcher(runner.context, ranges, each)
+        runner.add(
+            *create_processes("bridge", runner.context),
+            *create_processes("object_detector", runner.context, options),
+            watcher,
+        )
+        runner.robot.move_head(pan, tilt)
+        return Results(watcher.results, watcher.draw, [watcher])
+
+    return run_processes(ctx, "ColourDetection", create, output)
 
 
 @world_command(book, "head-tracking", "The head follows a colour, by PID (chapter 5.2).")
 @click.option("--turn", type=FiniteRange(), default=0.0, metavar="RAD/S", help="Turn the base meanwhile.")
 @click.option("--reactive", is_flag=True, help="Use higher gains and 20 Hz, as in the book's exercise.")
-def head_tracking(ctx: click.Context, /, **settings: Any) -> int:
+def head_tracking(
+    ctx: click.Context, /, turn: float, reactive: bool, output: OutputSettings, **settings: object
+) -> int:
     """Turn the head towards objects of the colour of wooden furniture."""
     from btcore_robot.book.head_watcher import HeadWatcher
 
-    runner = BookRunner(ctx, settings)
-    watcher = HeadWatcher(runner.context, settings["turn"], settings["reactive"])
-    runner.add(watcher)
-    return runner.run("HeadTracking", watcher.results, watcher.draw, [watcher])
+    def create(runner: BookRunner) -> Results:
+        watcher = HeadWatcher(runner.context, turn, reactive)
+        runner.add(watcher)
+        return Results(watcher.results, watcher.draw, [watcher])
+
+    return run_processes(ctx, "HeadTracking", create, output)

@@ -3,22 +3,23 @@
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, NamedTuple, cast
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore import Run, RunSettings, Settings, option
 from btcore.escaping import escape_controls
 from btcore.program_runner import (
-    FiniteRange,
-    GatheredResources,
+    CommandRun,
     RunCommand,
+    TreelessProgram,
     print_json,
     print_result,
-    require_resources,
-    run_program,
+    setting_options,
 )
+from btcore.runs.settings import from_values, pass_settings
 from btcore_robot.book.top_view import is_image_format_supported, save_picture
 from btcore_robot.errors import RobotError
 from btcore_robot.process.process import Executor, LogMessage, Process, ProcessContext
@@ -27,30 +28,39 @@ from btcore_robot.schedule import RealTimeSchedule, SimulatedSchedule
 from btcore_robot.transforms import FrameBroadcaster
 
 Image = NDArray[np.uint8]
-Settings = Mapping[str, Any]
 
 
-_WORLD_OPTIONS = [
-    click.option("--duration", type=FiniteRange(0, min_open=True), metavar="S", help="Stop after this time."),
-    click.option(
-        "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Random seed."
-    ),
-    click.option("--fast", is_flag=True, help="Run as fast as possible instead of in real time."),
-    click.option(
-        "--picture",
-        type=click.Path(dir_okay=False, path_type=Path),
-        metavar="FILE.png",
-        help="Draw the result at the end.",
-    ),
-    click.option("--json", "as_json", is_flag=True, help="Print a JSON object as the last line."),
-    click.option("--quiet", is_flag=True, help="Omit the log of the programs."),
-]
+class OutputSettings(Settings):
+    """The outputs of a run of processes."""
+
+    picture: (
+        Annotated[Path, option("Draw the result at the end.", metavar="FILE.png", one_run_only=True)] | None
+    ) = None
+    as_json: Annotated[bool, option("Print a JSON object as the last line.", name="json")] = False
+    quiet: Annotated[bool, option("Omit the log of the programs.")] = False
+
+    def __post_init__(self) -> None:
+        path = self.picture
+        if path is not None and not path.resolve().parent.is_dir():
+            raise click.UsageError(f"--picture {path}: there is no folder {path.resolve().parent}")
+        if path is not None and not is_image_format_supported(path):
+            raise click.UsageError(
+                f"--picture {path}: format '{path.suffix}' is not supported; use .png or .jpg"
+            )
+
+
+_WORLD_OPTIONS: Sequence[Callable[[Any], Any]] = (
+    setting_options(RunSettings, "duration", "seed", "fast"),
+    pass_settings(OutputSettings, "output"),
+)
 
 
 def world_command(
     group: click.Group, name: str, help_line: str, options: Sequence[Callable[[Any], Any]] = ()
 ) -> Callable[[Callable[..., int]], click.Command]:
     """Return a decorator that adds a function to a group, as a command that runs in a robot's world.
+
+    The function gets its `OutputSettings` as the parameter `output`.
 
     Args:
         group: The group to which the command is added.
@@ -60,8 +70,8 @@ def world_command(
     """
 
     def decorate(function: Callable[..., int]) -> click.Command:
-        for option in (*reversed(options), *reversed(_WORLD_OPTIONS)):
-            function = option(function)
+        for each in (*reversed(options), *reversed(_WORLD_OPTIONS)):
+            function = each(function)
         command = click.pass_context(report_usage_errors(function))
         return group.command(name, cls=RunCommand, short_help=help_line)(command)
 
@@ -81,34 +91,37 @@ def report_usage_errors(function: Callable[..., int]) -> Callable[..., int]:
     return call
 
 
+class Results(NamedTuple):
+    """The results of processes.
+
+    Attributes:
+        report: A function that returns the results at the end.
+        draw: A function that returns the picture (RGB) at the end.
+        shown: Objects with `static_scene()` and `moving_scene()` that a viewer shows during the run.
+    """
+
+    report: Callable[[], Mapping[str, object]] = dict
+    draw: Callable[[], Image] | None = None
+    shown: Sequence[object] = ()
+
+
 class BookRunner:
-    """A run of processes with a robot, or with a clock alone.
+    """The processes of a run with a robot, or with a clock alone.
 
     An executor runs all processes. The robot's frames are written to the transform tree 50 times a second.
 
     Args:
-        ctx: The context of the command.
-        settings: The values of the command's options.
-        embodied: Whether the run needs a robot.
+        context: What the processes share.
     """
 
-    def __init__(self, ctx: click.Context, settings: Settings, *, embodied: bool = True) -> None:
-        self.settings = settings
-        self.clock: RealTimeSchedule | SimulatedSchedule | None = None
-        log_sink = (lambda line: None) if settings.get("quiet") else _print
-        if embodied:
-            self.gathered = require_resources(ctx, settings, (Robot,))
-            robot = next(resource for resource in self.gathered.resources if isinstance(resource, Robot))
-            self.context = ProcessContext(robot.clock, robot.schedule, log_sink, robot=robot)
-            broadcaster = FrameBroadcaster(robot, self.context.transforms)
+    def __init__(self, context: ProcessContext) -> None:
+        self.context = context
+        if context.robot is not None:
+            broadcaster = FrameBroadcaster(context.robot, context.transforms)
             # Once before the start, so that the first callbacks find the frames.
-            broadcaster.step(robot.clock.now())
-            robot.schedule.add_task(FrameBroadcaster.RATE, Phase.TRANSFORMS, broadcaster.step)
-        else:
-            self.gathered = GatheredResources([], [], [])
-            self.clock = SimulatedSchedule() if settings["fast"] else RealTimeSchedule()
-            self.context = ProcessContext(self.clock, self.clock, _since(self.clock, log_sink))
-        self.executor = Executor(self.context.schedule, self.context.clock)
+            broadcaster.step(context.clock.now())
+            context.schedule.add_task(FrameBroadcaster.RATE, Phase.TRANSFORMS, broadcaster.step)
+        self.executor = Executor(context.schedule, context.clock)
 
     @property
     def robot(self) -> Robot:
@@ -122,53 +135,66 @@ class BookRunner:
                 click.echo(f"warning: {escape_controls(warning)}", err=True)
             self.executor.add(process)
 
-    def run(
-        self,
-        name: str,
-        get_results: Callable[[], Mapping[str, object]] = dict,
-        draw: Callable[[], Image] | None = None,
-        shown: Sequence[object] = (),
-    ) -> int:
-        """Run the processes, then draw the picture and print the results.
 
-        Args:
-            name: The name of the run.
-            get_results: A function that returns the results at the end.
-            draw: A function that returns the picture (RGB) at the end.
-            shown: Objects with `static_scene()` and `moving_scene()` that a viewer shows during the run.
+def run_processes(
+    ctx: click.Context,
+    name: str,
+    create: Callable[[BookRunner], Results],
+    output: OutputSettings | None = None,
+    *,
+    embodied: bool = True,
+) -> int:
+    """Run processes, then draw the picture and print the results.
 
-        Returns:
-            The exit code.
+    Args:
+        ctx: The context of the command.
+        name: The name of the run.
+        create: Adds the processes to the run, and returns how to obtain their results.
+        output: The outputs.
+        embodied: Whether the run needs a robot.
 
-        Raises:
-            click.UsageError: The picture cannot be written.
-        """
-        path: Path | None = self.settings.get("picture")
-        if path is not None and not path.resolve().parent.is_dir():
-            raise click.UsageError(f"--picture {path}: there is no folder {path.resolve().parent}")
-        if path is not None and not is_image_format_supported(path):
-            raise click.UsageError(
-                f"--picture {path}: format '{path.suffix}' is not supported; use .png or .jpg"
-            )
-        results: dict[str, object] = {}
+    Returns:
+        The exit code.
 
-        def end() -> None:
-            results.update(get_results())
-            if path is not None and draw is not None:
-                try:
-                    save_picture(draw(), path)
-                except OSError as error:
-                    raise click.UsageError(
-                        f"--picture {path}: cannot be written: {error.strerror}"
-                    ) from error
+    Raises:
+        click.UsageError: The picture cannot be written.
+    """
+    output = output or OutputSettings()
+    log_sink = (lambda line: None) if output.quiet else _print
+    clock: RealTimeSchedule | SimulatedSchedule | None = None
+    if not embodied:
+        settings = from_values(RunSettings, ctx.params) or RunSettings()
+        clock = SimulatedSchedule() if settings.fast else RealTimeSchedule()
+    results = Results()
 
-        done = run_program(name, self.gathered, self.settings, end, clock=self.clock, extra_resources=shown)
-        command = click.get_current_context().info_name
-        print_result(command or name, done, results)
-        if self.settings["as_json"]:
-            output = {"time_s": round(done.seconds, 3), **results, **done.report}
-            print_json(output)
-        return done.code
+    def prepare(run: Run) -> None:
+        nonlocal results
+        if clock is None:
+            robot = run.find(Robot)
+            assert robot is not None
+            context = ProcessContext(robot.clock, robot.schedule, log_sink, robot=robot)
+        else:
+            context = ProcessContext(clock, clock, _since(clock, log_sink))
+        results = create(BookRunner(context))
+        run.resources.extend(results.shown)
+
+    run = CommandRun(ctx, TreelessProgram(name), prepare, clock=clock)
+    with run.want(*([Robot] if embodied else [])):
+        run.until_done()
+        report = dict(results.report())
+        if output.picture is not None and results.draw is not None:
+            _save_picture(results.draw(), output.picture)
+    print_result(ctx.info_name or name, run, report)
+    if output.as_json:
+        print_json({"time_s": round(run.elapsed_s, 3), **report, **run.report})
+    return run.exit_code
+
+
+def _save_picture(image: Image, path: Path) -> None:
+    try:
+        save_picture(image, path)
+    except OSError as error:
+        raise click.UsageError(f"--picture {path}: cannot be written: {error.strerror}") from error
 
 
 def _print(line: LogMessage) -> None:

@@ -9,11 +9,16 @@ from typing import Annotated
 
 from btcore import BtcoreError, In, NodeError, NodeSpec, Out, SyncAction, TreeState
 from btcore.suggestions import join_names
+from btcore_robot.errors import RobotError
 from btcore_robot.robot import Pose2D, Waypoints
 
 RECHARGE = "recharge"
 FIRST = "wp1"
 """The first waypoint of a patrol. The others are wp2, wp3 and so on, as far as they exist."""
+
+
+class WaypointError(RobotError, BtcoreError):
+    """Raised when a tree is created whose `GetWaypoint` needs a waypoint that does not exist."""
 
 
 class PatrolProgress(TreeState):
@@ -41,6 +46,7 @@ class GetWaypoint(SyncAction):
         self.waypoints = waypoints
         names = takewhile(waypoints.places.__contains__, (f"wp{number}" for number in count(1)))
         self.route = tuple(names) or (FIRST,)
+        self._check_waypoints()
 
     def tick(self) -> bool:
         """Write the waypoint."""
@@ -64,9 +70,16 @@ class GetWaypoint(SyncAction):
             raise NodeError(f"{source} has no waypoint '{name}'; its waypoints are {known}")
         return places[name]
 
-    def missing_waypoint(self) -> str | None:
-        """Return the name of the first waypoint that the node needs, if there is no such waypoint."""
+    def _check_waypoints(self) -> None:
+        """Raise WaypointError if the first waypoint that the node needs does not exist."""
         name = FIRST
         with suppress(BtcoreError):  # an entry that no node has written yet
             name = RECHARGE if self.wp_id == RECHARGE else FIRST
-        return None if name in self.waypoints.places else name
+        found = self.waypoints
+        if name in found.places:
+            return
+        needed = f"waypoint '{name}', but {self.config.path} needs it"
+        if not found.places:
+            needed = f"waypoints, but {self.config.path} needs them"
+        remedy = f"; {found.remedy.replace('{name}', name)}" if found.remedy else ""
+        raise WaypointError(f"{found.source} has no {needed}{remedy}")

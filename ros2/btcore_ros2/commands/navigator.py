@@ -1,21 +1,24 @@
 """`btcore ros2 navigator`: a navigator in place of Nav2's bt_navigator."""
 
-from contextlib import ExitStack
+import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Final
 
 import click
 
-from btcore import RegistrationError, Tree
-from btcore.program_runner import FiniteRange, RunCommand, require_resources, run_program
-from btcore_ros2.errors import RosError
-from btcore_ros2.session import RosSession, node_arguments
+from btcore import Run
+from btcore.clock import NS_PER_S
+from btcore.program_runner import CommandRun, FiniteRange, RunCommand, TreelessProgram, pass_settings
+from btcore_ros2.providers import RosSettings, open_session
 
 if TYPE_CHECKING:
     from btcore_ros2.nav2.navigator_server import NavigatorServer
 
-TICK_RATE = 100.0
+TICK_RATE: Final = 100.0
 """The default rate (Hz) of ticks: that of Nav2's `bt_loop_duration` of 10 ms."""
+
+PUBLISH_PERIOD_NS: Final = NS_PER_S // 10
+"""The time (ns) between two checks whether a goal has a new tree."""
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
@@ -44,47 +47,44 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option(
     "--plugin", "plugins", multiple=True, metavar="MODULE", help="Library with further nodes; repeatable."
 )
+@pass_settings(RosSettings, "ros")
 @click.pass_context
-def navigator(ctx: click.Context, /, **settings: Any) -> int:
+def navigator(
+    ctx: click.Context,
+    /,
+    ros: RosSettings,
+    to_pose: Path | None,
+    through_poses: Path | None,
+    tick_frequency: float,
+    plugins: tuple[str, ...],
+    **settings: object,
+) -> int:
     """Serve Nav2's actions navigate_to_pose and navigate_through_poses with btcore's trees.
 
     Start Nav2 without bt_navigator. The trees send goals to Nav2's servers, such as planner_server and
     controller_server. A goal may name another tree in the field behavior_tree. Ctrl-C cancels the goals and
     ends the navigator, and so does a client that shuts down the lifecycle node bt_navigator.
     """
-    with ExitStack() as stack:
-        try:
-            arguments = node_arguments(settings.get("ros_args"))
-            session = stack.enter_context(RosSession("bt_navigator", arguments=arguments))
-            # Imported here: ROS 2 is installed, since there is a session.
-            from btcore_ros2.nav2.navigator_server import NavigatorServer
+    if ros.lockstep:
+        raise click.UsageError("--lockstep does not belong here: the navigator runs in real time")
+    with open_session(ros, name="bt_navigator") as session:
+        # Imported here: ROS 2 is installed, since there is a session.
+        from btcore_ros2.nav2.navigator_server import NavigatorServer
 
-            server = NavigatorServer(
-                session,
-                settings["to_pose"],
-                settings["through_poses"],
-                plugins=settings["plugins"],
-                rate=settings["tick_frequency"],
-            )
-        except (RosError, RegistrationError, ValueError) as error:
-            raise click.UsageError(str(error)) from error
+        server = NavigatorServer(session, to_pose, through_poses, plugins=plugins, rate=tick_frequency)
         session.node.get_logger().info("waiting for goals of navigate_to_pose and navigate_through_poses")
-        return _run(ctx, server, {**settings, "duration": None, "fast": False})
+        with CommandRun(ctx, TreelessProgram("Navigator"), provided=[session], used=[RosSettings]) as run:
+            stopped = threading.Event()
+            run.serve(lambda: _serve(server, run, stopped), stopped.set)
+    return run.exit_code
 
 
-def _run(ctx: click.Context, server: "NavigatorServer", settings: dict[str, Any]) -> int:
-    """Serve goals until a signal arrives, and return the exit code. Extensions publish the running tree."""
-    gathered = require_resources(ctx, settings, (), used=["--ros-args"])
-    published: Tree | None = None
-
-    def publish() -> bool:
-        nonlocal published
-        if server.tree is not None and server.tree is not published:
-            published = server.tree
-            for extension in gathered.extensions:
-                extension.replace_tree(published, (), settings)
-        return not server.is_shut_down
-
+def _serve(server: "NavigatorServer", run: Run, stopped: threading.Event) -> None:
+    """Serve goals until *stopped* is set; the providers of *run* publish the tree of the latest goal."""
     clock = server.session.clock
-    done = run_program("Navigator", gathered, settings, server.close, clock=clock, keep_running=publish)
-    return done.code
+    while not (stopped.is_set() or server.is_shut_down):
+        # The wait ticks the trees. A signal handler must not set the event of a wait, which has a lock.
+        clock.wait_until(clock.now() + PUBLISH_PERIOD_NS, threading.Event())
+        if server.tree is not None and server.tree is not run.tree:
+            run.replace_tree(server.tree)
+    server.close()

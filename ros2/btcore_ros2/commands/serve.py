@@ -1,31 +1,30 @@
 """`btcore ros2 serve`: trees as goals of an action, as by BehaviorTree.ROS2's TreeExecutionServer."""
 
 import importlib.util
-import random
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import click
 
-from btcore import Registry, Tree
+from btcore import Registry, Run, RunSettings, Tree
 from btcore.escaping import escape_controls
 from btcore.extras import install_command
 from btcore.program_runner import (
+    CommandRun,
     FiniteRange,
     RunCommand,
+    TreelessProgram,
     load_nodes,
-    provide_resources,
-    run_server,
+    pass_settings,
+    setting_options,
 )
-from btcore.run_extension import ProgramSettings, RunExtension
 from btcore.suggestions import did_you_mean
-from btcore.xml.models.stubs import StubResults
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
 from btcore_ros2.parameters import declare_parameter
-from btcore_ros2.session import DRAIN_RATE, RosSession, node_arguments
+from btcore_ros2.providers import RosRobotSettings, RosSettings, open_session
+from btcore_ros2.session import DRAIN_RATE, RosSession
 from btcore_ros2.tree_server import LoadedTrees, TreeServer
 
 NODE_NAME = "bt_action_server"
@@ -53,94 +52,147 @@ FIXED_PORT = "read-only, because viewers stay connected to this port between goa
 @click.option(
     "--plugin", "plugins", multiple=True, metavar="MODULE|FILE.py", help="Load a node library. Repeatable."
 )
-@click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, metavar="N", help="Random seed."
-)
+@setting_options(RunSettings, "seed")
+@pass_settings(RosRobotSettings, "ros_robot")
+@pass_settings(RosSettings, "ros")
 @click.pass_context
-def serve(ctx: click.Context, /, trees: tuple[Path, ...], **settings: Any) -> int:
+def serve(
+    ctx: click.Context,
+    /,
+    ros: RosSettings,
+    ros_robot: RosRobotSettings | None,
+    trees: tuple[Path, ...],
+    action_name: str | None,
+    tick_frequency: float | None,
+    plugins: tuple[str, ...],
+    **settings: object,
+) -> int:
     """Serve the trees in TREES, XML files or folders, as the action btcpp_ros2_interfaces/ExecuteTree.
 
     The parameters of BehaviorTree.ROS2's TreeExecutionServer can be given by --ros-args:
     '-p tick_frequency:=50' or '--params-file FILE.yaml'. Ctrl-C ends the server.
     """
-    with ExitStack() as stack:
-        try:
-            arguments = node_arguments(settings.get("ros_args"))
-            for option in ("action_name", "tick_frequency"):
-                if settings[option] is not None:
-                    arguments += ["-p", f"{option}:={settings[option]}"]
-            session = stack.enter_context(RosSession(NODE_NAME, arguments=arguments))
-            files = trees or _files_of_parameter(session)
-            plugins = _plugins_of_parameter(session)
-            nodes = _load_nodes(settings["plugins"], plugins)
-            wanted = LoadedTrees(files, nodes).check()
-            added: ProgramSettings = {"ros_session": session}
-            settings = {**settings, **added, "fast": False}
-            _publish_by_default(session, settings)
-            gathered = provide_resources(ctx, settings, [RosSession, *wanted])
-            resources = [*gathered.resources, random.Random(settings["seed"]), StubResults({})]
-            clock: Any = session.clock
-            robot = next((resource for resource in resources if isinstance(resource, Robot)), None)
+    arguments = [] if action_name is None else ["-p", f"action_name:={action_name}"]
+    if tick_frequency is not None:
+        arguments += ["-p", f"tick_frequency:={tick_frequency}"]
+    with open_session(ros, ros_robot, NODE_NAME, arguments) as session:
+        source = _TreeSource(ctx, session, trees, plugins)
+        wanted = LoadedTrees(source.read_files(), source.nodes).check()
+        defaults = _publish_by_default(ctx, session)
+        run = CommandRun(
+            ctx, TreelessProgram("Waiting"), provided=[session], used=[RosSettings], option_defaults=defaults
+        ).want(*wanted, optional=True)
+        with _explain_port("port" in defaults), run:
+            robot = run.find(Robot)
             if robot is not None and robot.clock is not session.clock:
-                clock = robot.clock
                 robot.schedule.add_task(DRAIN_RATE, Phase.SENSORS, lambda now: session.drain())
-            server = PublishedTreeServer(session, files, nodes=nodes, resources=resources, clock=clock)
-        except RosError as error:
-            raise click.UsageError(str(error)) from error
-        _warn_about_misspelt_parameters(session)
-        server.extensions, server.settings = gathered.extensions, settings
-        server.has_arguments, server.plugins = bool(trees), plugins
+            with PublishedTreeServer(source, run) as server:
+                _warn_about_misspelt_parameters(session)
+                ids = ", ".join(server.tree_ids)
+                session.node.get_logger().info(f"serving {ids} as the action {server.action_name}")
+                run.serve(server.run, server.stop)
+    return run.exit_code
 
-        def run() -> None:
-            with server:
-                trees = ", ".join(server.tree_ids)
-                session.node.get_logger().info(f"serving {trees} as the action {server.action_name}")
-                server.run()
 
-        return run_server(gathered, settings, resources, run, server.stop)
+class _TreeSource:
+    """The files and the nodes of the server's trees, by the command's arguments or by ROS parameters.
+
+    Args:
+        ctx: The context of the command.
+        session: The session, whose ROS node has the parameters.
+        trees: The files and folders; if there are none, they are those of the parameter `behavior_trees`.
+        plugins: The values of the option `--plugin`.
+
+    Attributes:
+        session: The session.
+        nodes: The nodes that the trees may use; `read_nodes` changes them.
+
+    Raises:
+        RosError: The parameter `plugins` is invalid.
+        RegistrationError: A plugin cannot be loaded.
+    """
+
+    nodes: Registry
+
+    def __init__(
+        self, ctx: click.Context, session: RosSession, trees: Sequence[Path], plugins: Sequence[str]
+    ) -> None:
+        self.session = session
+        self._ctx = ctx
+        self._trees = trees
+        self._plugins = plugins
+        self._further_plugins: Sequence[str] | None = None
+        self.read_nodes()
+
+    def read_files(self) -> Sequence[Path]:
+        """Return the files and folders.
+
+        Raises:
+            RosError: The parameter is not given, or names a package or folder that does not exist.
+        """
+        return self._trees or _find_files(
+            declare_parameter(self.session.node, "behavior_trees", [], check=_find_files)
+        )
+
+    def read_nodes(self) -> Registry:
+        """Return the nodes of the installed libraries, of the options and of the parameter `plugins`."""
+        further: Sequence[str] = declare_parameter(self.session.node, "plugins", [])
+        if further != self._further_plugins:
+            self.nodes = load_nodes(self._ctx, [*self._plugins, *_usable(further)])
+            self._further_plugins = further
+        return self.nodes
 
 
 class PublishedTreeServer(TreeServer):
-    """A tree server whose trees are published by the extensions of `btcore run`.
+    """A tree server whose trees are published by the providers of a run.
 
-    Attributes:
-        extensions: The extensions, which are attached already.
-        settings: The options of the command.
-        has_arguments: Whether the files are arguments of the command. They are those of the ROS parameter
-            `behavior_trees` otherwise.
-        plugins: The value of the ROS parameter `plugins` when the last goal began.
+    Args:
+        source: The files and the nodes.
+        run: The run, whose resources the trees get.
     """
 
-    extensions: Sequence[RunExtension] = ()
-    settings: dict[str, Any]
-    has_arguments = True
-    plugins: Sequence[str] = ()
+    def __init__(self, source: _TreeSource, run: Run) -> None:
+        self._source = source
+        self._run_of_trees = run
+        super().__init__(
+            source.session,
+            source.read_files(),
+            nodes=source.nodes,
+            resources=run.resources_for_leaves(),
+            clock=run.clock,
+        )
 
     def _read_parameters(self) -> None:
         super()._read_parameters()
-        if not self.has_arguments:
-            self._files = _files_of_parameter(self.session)
-        plugins = _plugins_of_parameter(self.session)
-        if plugins != self.plugins:
-            self._nodes = _load_nodes(self.settings["plugins"], plugins)
-            self.plugins = plugins
+        self._files = self._source.read_files()
+        self._nodes = self._source.read_nodes()
 
     def on_tree_created(self, tree: Tree, payload: str) -> None:
         """Publish *tree* instead of the previous tree; clients stay connected."""
-        for extension in self.extensions:
-            extension.replace_tree(tree, self._resources, self.settings)
+        self._run_of_trees.replace_tree(tree)
 
 
-def _publish_by_default(session: RosSession, settings: dict[str, Any]) -> None:
-    """Publish for Groot 2 at the port of the ROS parameter `groot2_port`, unless options choose otherwise."""
+def _publish_by_default(ctx: click.Context, session: RosSession) -> dict[str, object]:
+    """Return the defaults of options: publish for Groot 2, at the port of the ROS parameter `groot2_port`."""
     port = declare_parameter(session.node, "groot2_port", GROOT2_PORT, fixed=FIXED_PORT)
-    if "publish" not in settings or importlib.util.find_spec("zmq") is None:
+    if importlib.util.find_spec("zmq") is None:
         _warn(f"the trees are not published for Groot: {install_command('zmq')}")
-        return
-    settings["publish"] = settings["publish"] or ("groot2",)
-    if settings["port"] is None and "groot2" in settings["publish"]:
-        settings["port"] = port
-        settings["port_hint"] = "; for a server that ros2 launch starts, set the ROS parameter groot2_port"
+        return {}
+    published = ctx.params.get("publish") or ("groot2",)
+    has_port = ctx.params.get("port") is not None or "groot2" not in published
+    return {"publish": published} if has_port else {"publish": published, "port": port}
+
+
+@contextmanager
+def _explain_port(is_parameter: bool) -> Iterator[None]:
+    """Return a context that explains how to choose another port, if a ROS parameter has chosen it."""
+    try:
+        yield
+    except click.UsageError as error:
+        if not is_parameter or getattr(error, "option", None) != "port":
+            raise
+        hint = "for a server that ros2 launch starts, set the ROS parameter groot2_port"
+        raise click.UsageError(f"{error.message}; {hint}") from error
 
 
 def _warn_about_misspelt_parameters(session: RosSession) -> None:
@@ -152,20 +204,8 @@ def _warn_about_misspelt_parameters(session: RosSession) -> None:
             _warn(f"the ROS parameter {name} has no effect{hint}")
 
 
-def _plugins_of_parameter(session: RosSession) -> Sequence[str]:
-    """Return the ROS parameter `plugins`."""
-    plugins: list[str] = declare_parameter(session.node, "plugins", [])
-    return plugins
-
-
-def _load_nodes(given: Sequence[str], plugins: Sequence[str]) -> Registry:
-    """Return the nodes of the installed libraries, of the options and of the ROS parameter `plugins`.
-
-    Args:
-        given: The values of the option `--plugin`.
-        plugins: The value of the parameter.
-    """
-    named = list(given)
+def _usable(plugins: Sequence[str]) -> Iterator[str]:
+    """Yield the plugins of the ROS parameter that are not C++ libraries."""
     for plugin in plugins:
         if "/" in plugin and not plugin.endswith(".py"):
             _warn(
@@ -173,17 +213,7 @@ def _load_nodes(given: Sequence[str], plugins: Sequence[str]) -> Registry:
                 "give a Python module or file with the same nodes"
             )
         else:
-            named.append(plugin)
-    return load_nodes(named)
-
-
-def _files_of_parameter(session: RosSession) -> tuple[Path, ...]:
-    """Return the files and folders of the ROS parameter `behavior_trees`.
-
-    Raises:
-        RosError: The parameter is not given, or names a package or folder that does not exist.
-    """
-    return _find_files(declare_parameter(session.node, "behavior_trees", [], check=_find_files))
+            yield plugin
 
 
 def _find_files(names: Sequence[str]) -> tuple[Path, ...]:

@@ -2,23 +2,17 @@
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from std_srvs.srv import SetBool, Trigger
 
 from btcore_ros2.session import RosSession
 from btcore_sim.errors import SimError
-from btcore_sim.events import EventRunner
-from btcore_sim.simulated_robot import SimulatedRobot
+from btcore_sim.simulated_run import SimulatedRun
 
 
-def offer_services(
-    session: RosSession,
-    robot: SimulatedRobot,
-    events: EventRunner,
-    report: Callable[[], Mapping[str, object]],
-) -> None:
+def offer_services(session: RosSession, simulated: SimulatedRun) -> None:
     """Create the services of the simulator, of the type std_srvs/Trigger, except those of doors.
 
     - `sim/recharge` fills the battery.
@@ -32,10 +26,10 @@ def offer_services(
 
     Args:
         session: The ROS node.
-        robot: The simulated robot.
-        events: The runner of the events.
-        report: A function that returns the figures of the run.
+        simulated: The simulated robot, in a world with events.
     """
+    robot, events = simulated.robot, simulated.events
+    assert events is not None
 
     def offer(kind: Any, name: str, action: Callable[[Any], str]) -> None:
         def answer(request: Any, response: Any) -> Any:
@@ -69,7 +63,7 @@ def offer_services(
         return "the robot is being carried to another place"
 
     def summary(_: Trigger.Request) -> str:
-        return json.dumps({"time_s": robot.clock.now() / 1e9, **report()})
+        return json.dumps({"time_s": robot.clock.now() / 1e9, **simulated.report()})
 
     def offer_door(name: str) -> None:
         def set_door(request: SetBool.Request) -> str:

@@ -211,10 +211,10 @@ def test_installed_nodes_are_loaded_if_the_tree_or_a_plugin_uses_them(tmp_path: 
 
 
 @pytest.mark.usefixtures("folder")
-def test_options_of_extensions_are_known_although_extensions_are_loaded_on_demand() -> None:
+def test_options_of_providers_are_known_although_providers_are_loaded_on_demand() -> None:
     pytest.importorskip("zmq")
     run = [sys.executable, "-m", "btcore", "run", "tree.xml", "--fast"]
-    done = subprocess.run([*run, "--world", "arena"], capture_output=True, text=True, check=True)
+    done = subprocess.run([*run, "--world", "house"], capture_output=True, text=True, check=True)
     assert "--world has no effect" in done.stderr
     done = subprocess.run([*run, "--wrld", "arena"], capture_output=True, text=True, check=False)
     assert done.returncode == 2
@@ -223,20 +223,25 @@ def test_options_of_extensions_are_known_although_extensions_are_loaded_on_deman
 
 
 @pytest.mark.usefixtures("folder")
-def test_extension_of_another_distribution_takes_part_in_each_run(tmp_path: Path) -> None:
+def test_provider_of_another_distribution_takes_part_if_its_option_is_given(tmp_path: Path) -> None:
     information = tmp_path / "rover-1.0.dist-info"
     information.mkdir()
     (information / "METADATA").write_text("Metadata-Version: 2.1\nName: rover\nVersion: 1.0\n")
-    (information / "entry_points.txt").write_text("[btcore.run_extensions]\nrover = rover:Extension\n")
+    (information / "entry_points.txt").write_text("[btcore.providers]\nrover = rover:rover\n")
     Path("rover.py").write_text(
-        "from btcore.run_extension import RunExtension\n\n"
-        "class Extension(RunExtension):\n    def report(self):\n        return {'rover': {'battery': 0.5}}\n"
+        "from typing import Annotated\n"
+        "from btcore import Report, Settings, option, provider\n\n"
+        "class RoverSettings(Settings):\n"
+        "    rover: Annotated[str, option('The address.')]\n\n"
+        "@provider\n"
+        "def rover(settings: RoverSettings, report: Report) -> None:\n"
+        "    report.add('rover', {'address': settings.rover})\n"
     )
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    command = [sys.executable, "-m", "btcore", "run", "tree.xml", "--fast", "--json"]
+    command = [sys.executable, "-m", "btcore", "run", "tree.xml", "--fast", "--json", "--rover", "10.0.0.7"]
     environment = {**os.environ, "PYTHONPATH": path}
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    assert json.loads(done.stdout.splitlines()[-1])["rover"] == {"battery": 0.5}
+    assert json.loads(done.stdout.splitlines()[-1])["rover"] == {"address": "10.0.0.7"}
 
 
 @pytest.mark.usefixtures("folder")

@@ -202,7 +202,7 @@ def test_robot_options_for_a_tree_without_a_robot_are_reported(cli: Cli, tree_fi
     result = cli("run", tree, "--fast", "--gui", "--world", "house", "--fault", "laser:1-2")
     assert result.exit_code == 0
     assert result.stderr.splitlines()[0] == (
-        "warning: --world, --gui and --fault have no effect: the tree has no leaf that needs a robot"
+        "warning: --world, --gui and --fault have no effect: no leaf needs a Robot"
     )
     assert "warning: --camera has no effect" in cli("run", tree, "--camera", "off").stderr
     assert "warning" not in cli("run", tree, "--bind", "127.0.0.1").stderr

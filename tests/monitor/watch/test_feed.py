@@ -344,7 +344,7 @@ def test_a_replaced_tree_is_seen_on_the_same_connection(sample, endless, watch, 
         assert publisher.wait_for_clients(1, 60)
         sample.tick_exactly_once()
         sample.halt()
-        publisher.replace_tree(endless, resources=[Scene()])
+        publisher.replace_tree(endless)
         for _ in range(100):
             endless.tick_exactly_once()
         assert publisher.client_count == 1

@@ -9,6 +9,7 @@ import btcore
 from btcore import Registry, Status, Tree
 from btcore_navigation.action import ActionServer, GoalHandle
 from btcore_robot.control.head_tracker import HeadTracker
+from btcore_robot.leaves.waypoint import WaypointError
 from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import HeadInfo, HeadPosition, Phase, Pose2D, Waypoints
 from btcore_sim.worlds import load_world_description
@@ -160,6 +161,20 @@ def test_get_waypoint_btn_recharge(robot):
     assert tree.tick_once() is Status.SUCCESS
     place = tree.blackboard["wp"]
     assert (place.x, place.y) == pytest.approx((3.67, -0.24), abs=1e-7)
+
+
+def test_a_missing_waypoint_is_an_error_when_the_tree_is_created():
+    nodes = Registry.standard()
+    nodes.add_plugin("btcore_robot.leaves")
+    body = '<GetWaypoint wp_id="{}" waypoint="{{wp}}"/>'
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
+    places = Waypoints({"wp1": WP1}, source="the map", remedy="add '{name}' to the file")
+    assert btcore.loads(text.format("{kind}"), nodes=nodes, resources=[places])
+    said = "the map has no waypoint 'recharge', but GetWaypoint::1 needs it; add 'recharge' to the file"
+    with pytest.raises(WaypointError, match=said):
+        btcore.loads(text.format("recharge"), nodes=nodes, resources=[places])
+    with pytest.raises(WaypointError, match=r"this world has no waypoints, but GetWaypoint::1 needs them$"):
+        btcore.loads(text.format("next"), nodes=nodes, resources=[Waypoints({})])
 
 
 SEQUENCE = (

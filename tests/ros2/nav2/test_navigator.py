@@ -1,5 +1,6 @@
 """`btcore ros2 navigator` serves Nav2's actions to a plain rclpy client, with servers in a third process."""
 
+import re
 import signal
 import subprocess
 import sys
@@ -19,6 +20,8 @@ from rclpy.action import ActionClient
 from tf2_msgs.msg import TFMessage
 
 from btcore import Status
+from btcore_monitor.events import TreeEvent
+from btcore_monitor.watch.feed import Feed
 from btcore_navigation.action import GoalStatus
 from btcore_robot.robot import NS_PER_S, Pose2D
 from btcore_ros2.nav2 import navigator_server
@@ -273,6 +276,31 @@ def test_ctrl_c_cancels_the_goals_and_ends_the_process(client, navigator, drive)
     assert navigator.returncode == 130
     assert "Traceback" not in output
     assert "--ros-args has no effect" not in output
+
+
+def test_viewers_see_the_tree_of_a_goal(session):
+    """In a namespace without tf: the goal waits for the robot's pose."""
+    command = [sys.executable, "-m", "btcore", "ros2", "navigator", "--publish", "groot2", "--port", "0"]
+    command += ["--ros-args", "-r __ns:=/seen"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        address = next(found for line in process.stderr if (found := re.search(r"127.0.0.1:(\d+)", line)))
+        goals = session.node.create_publisher(PoseStamped, "/seen/goal_pose", 1)
+        seen: list[str] = []
+        with Feed(f":{address[1]}") as feed:
+
+            def sees(name: str) -> bool:
+                for event in feed.poll(0.05):
+                    if isinstance(event, TreeEvent):
+                        seen.extend(node.name for node in event.tree.nodes)
+                return name in seen
+
+            assert session.wait_for(lambda: sees("Navigator"), LIMIT)
+            assert session.wait_for(lambda: goals.get_subscription_count() > 0, LIMIT)
+            goals.publish(pose_to_stamped(Pose2D(2.0, 0.0, 0.0)))
+            assert session.wait_for(lambda: sees("NavigateRecovery"), LIMIT), seen
+        process.send_signal(signal.SIGINT)
+        assert process.wait(LIMIT) == 130
 
 
 def test_a_goal_waits_longer_for_the_first_pose(monkeypatch):

@@ -27,8 +27,8 @@ def test_the_cause_is_found_by_following_failed_nodes_down(body: str, cause: str
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     tree = loads(text, nodes=Registry.standard(), clock=SimClock())
     finder = FailureCause()
-    with finder.attach(tree, [], {}):
-        status = tree.tick_while_running(period=0.1)
-        tree.halt()
-    assert finder.node_path == cause
+    tree.subscribe(finder)
+    status = tree.tick_while_running(period=0.1)
+    tree.halt()
+    assert finder.find(tree) == cause
     assert (status is Status.FAILURE) == (cause is not None)

@@ -88,6 +88,41 @@ def test_same_sweep_gives_an_identical_table(sweep: Sweep, tree: Tree, scheduler
         assert one.read_bytes() == other.read_bytes()
 
 
+GRIPPER = """
+from typing import Annotated
+from btcore import Settings, condition, option, provider
+
+class GripperSettings(Settings):
+    force: Annotated[float, option("Force, in N.")] = 1.0
+
+class Gripper:
+    force = 0.0
+
+@provider
+def gripper(settings: GripperSettings) -> Gripper:
+    gripper = Gripper()
+    gripper.force = settings.force
+    return gripper
+
+@condition
+def is_strong(gripper: Gripper) -> bool:
+    return gripper.force > 15
+"""
+
+
+def test_settings_of_a_provider_in_a_plugin_are_parameters(
+    sweep: Sweep, tree: Tree, folder: Path, scheduler: str
+) -> None:
+    (folder / "gripper.py").write_text(GRIPPER, encoding="utf-8")
+    plugin = ["--plugin", str(folder / "gripper.py"), "--scheduler", scheduler]
+    result = sweep(tree("<IsStrong/>"), "--seeds", "1", "--param", "force=10,20", *plugin)
+    assert result.exit_code == 1, result.stderr
+    assert [(row["param.force"], row["status"]) for row in read_table()] == [
+        ("10", "FAILURE"),
+        ("20", "SUCCESS"),
+    ]
+
+
 def test_raising_leaf_is_counted_and_its_output_is_hidden(
     sweep: Sweep, tree: Tree, last_json: LastJson, scheduler: str
 ) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
-from btcore.cli.commands.run import FiniteRange
 from btcore.cli.exit_codes import code_of_signal
+from btcore.runs.settings import FiniteRange
 
 
 @click.command(short_help="Serve AI agents that write trees (MCP).")

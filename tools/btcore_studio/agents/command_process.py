@@ -33,7 +33,11 @@ PROCESSES: Final = 2
 """The number of commands that run at the same time; further commands wait."""
 MAX_WAITING: Final = 20
 """The number of commands that may wait."""
-SIMULATION: Final = ("mcap", "nav2", "navigation", "prove", "replay", "robot_nodes", "sim", "sweep")
+SIMULATION: Final = (
+    *("mcap", "nav2", "prove", "replay", "robot_nodes", "sweep"),
+    *("simulator", "world_map", "world_places", "map_file", "waypoints"),
+    *("navigation", "exploration", "head_tracker", "object_locator"),
+)
 """The entry points of btcore that are used: logs and nodes of btcore, and a robot in a simulated world."""
 
 _PATIENCE: Final = 0.75

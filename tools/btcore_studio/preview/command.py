@@ -4,6 +4,7 @@ import threading
 import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -14,20 +15,16 @@ from btcore import entry_points
 from btcore.cli import node_libraries, terminal
 from btcore.cli.completion import complete_tree
 from btcore.cli.exit_codes import code_of_signal
-from btcore.cli.tick_loop import POLL_INTERVAL_S, ending_signals, signal_handlers
-from btcore.cli.tree_source import (
-    STDIN,
-    SaveWatcher,
-    find_source,
-    tree_options,
-)
-from btcore_studio.preview.live import LiveConnection, PreviewExtension
+from btcore.cli.tree_source import STDIN, SaveWatcher, find_source, tree_options
+from btcore.runs.settings import Settings, create_options, from_values
+from btcore.runs.tick_loop import POLL_INTERVAL_S
+from btcore.signals import ending_signals, signal_handlers
+from btcore_studio.preview.live import PreviewExtension
 from btcore_studio.preview.server import PreviewServer
 from btcore_studio.preview.session import PreviewSession
 from btcore_studio.preview.tree_reading import TreeFile
 
 PREVIEW_GROUP: Final = "btcore.preview"
-_META: Final = "btcore_studio.preview.command.extensions"
 
 
 class PreviewCommand(click.Command):
@@ -36,17 +33,15 @@ class PreviewCommand(click.Command):
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the command's options, those of the extension, and `--help`."""
         own = super().get_params(ctx)  # the last is --help
-        extension = _extension(ctx)
-        return own if extension is None else [*own[:-1], *extension.options, own[-1]]
+        extension = _find_extension()
+        return own if extension is None else [*own[:-1], *create_options(extension), own[-1]]
 
 
-def _extension(ctx: click.Context) -> PreviewExtension | None:
+@cache
+def _find_extension() -> type[Settings] | None:
     """Return the first extension that can be loaded, or None."""
-    if _META not in ctx.meta:
-        loaded, _ = entry_points.load(PREVIEW_GROUP)
-        ctx.meta[_META] = loaded[0].value() if loaded else None
-    extension: PreviewExtension | None = ctx.meta[_META]
-    return extension
+    loaded, _ = entry_points.load(PREVIEW_GROUP)
+    return loaded[0].value if loaded else None
 
 
 @click.command(cls=PreviewCommand, short_help="Show a tree in a browser, and watch it run.")
@@ -74,7 +69,7 @@ def preview(
     http_port: int,
     opens: bool,
     as_json: bool,
-    **settings: Any,
+    **extension_values: Any,
 ) -> int:
     """Serve a page with a drawing of TREE on this machine, until Ctrl-C.
 
@@ -86,17 +81,14 @@ def preview(
     path = find_source(source)
     if path == STDIN:
         raise click.UsageError("btcore preview needs a file: a tree on stdin cannot be saved again.")
-    extension = _extension(ctx)
-    address = extension.check(settings) if extension is not None else ""
+    kind = _find_extension()
+    # A class of settings that satisfies the protocol.
+    extension: Any = None if kind is None else from_values(kind, extension_values)
+    live: PreviewExtension | None = extension
     save_watcher = SaveWatcher(path, confined)
     libraries = node_libraries.load_libraries(plugins, models, confined)
-
-    def connect(address: str) -> LiveConnection:
-        assert extension is not None
-        return extension.connect(address, settings)
-
     file = TreeFile(path, libraries.nodes_for, tree, format, confined)
-    session = PreviewSession(file, connect if extension is not None else None)
+    session = PreviewSession(file, None if live is None else live.connect)
     try:
         server = PreviewServer(session, http_port)
     except OSError as error:
@@ -104,8 +96,8 @@ def preview(
     with server, _stop_on_signals() as (stop, received), TemporaryDirectory() as folder:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
-            if address:
-                session.watch(address)
+            if live is not None and live.address:
+                session.watch(live.address)
             if as_json:
                 terminal.print_json({"url": server.url})
             else:

@@ -5,15 +5,12 @@ A package offers an extension under the entry point group `btcore.preview`:
     [project.entry-points."btcore.preview"]
     robot = "rover_driver.preview:RoverPreview"
 
-The entry point names a class, which is created without arguments. It needs no import of this module: the
-preview uses what the protocols list.
+The entry point names a class of settings. It needs no import of this module: the preview uses what the
+protocols list.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
-
-if TYPE_CHECKING:
-    import click
+from typing import Protocol
 
 
 class LiveNode(Protocol):
@@ -111,28 +108,21 @@ class LiveConnection(Protocol):
 
 
 class PreviewExtension(Protocol):
-    """A package that connects the preview with running trees."""
+    """The settings of a package that connects the preview with running trees.
 
-    options: Sequence["click.Option"]
-    """The options that the extension adds to `btcore preview`."""
+    The class is derived from `btcore.Settings`: its fields are options of `btcore preview`, and
+    `__post_init__` checks them.
+    """
 
-    def check(self, settings: Mapping[str, Any]) -> str:
-        """Check the options, and return the address of the running tree to watch from the start, or "".
+    @property
+    def address(self) -> str:
+        """The address of the running tree to watch from the start, or ""."""
 
-        Args:
-            settings: The options of the command by their click names.
-
-        Raises:
-            click.UsageError: An option has an invalid value.
-        """
-        ...
-
-    def connect(self, address: str, settings: Mapping[str, Any]) -> LiveConnection:
+    def connect(self, address: str) -> LiveConnection:
         """Return a connection to the running tree at *address*. It need not run yet.
 
         Args:
             address: The address, as a user wrote it.
-            settings: The options of the command by their click names.
 
         Raises:
             click.ClickException: The address is invalid, or a package is not installed.

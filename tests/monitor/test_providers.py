@@ -11,11 +11,15 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 from click.testing import CliRunner
 from rerun.chunk import RrdReader
 
+from btcore import Run, RunSettings
 from btcore.cli.main import main
+from btcore.runs.settings import arguments, create_options, from_values, given_fields
+from btcore_monitor.drawing_options import DrawingSettings, choose_palette
 from btcore_monitor.events import (
     ConnectionEvent,
     LostTransitionsEvent,
@@ -25,11 +29,14 @@ from btcore_monitor.events import (
     TransitionEvent,
     TreeEvent,
 )
+from btcore_monitor.key_options import KeySettings
 from btcore_monitor.keys import create_keys
 from btcore_monitor.monitor_process import wait_until_connected
 from btcore_monitor.process_end import exit_on_sigterm
+from btcore_monitor.providers import MonitorSettings
 from btcore_monitor.screen.style import COLOUR_BLIND
 from btcore_monitor.serve import serve
+from btcore_monitor.viewer_options import ViewerSettings
 from btcore_monitor.watch.feed import Feed
 
 BUMPGO = ["bumpgo", "--world", "arena", "--seed", "3", "--fast", "--json"]
@@ -351,6 +358,39 @@ def test_monitor_without_a_display_is_refused_before_the_run(tree_file, monkeypa
         "error: --monitor: there is no display here. --serve-web shows the run in a browser, --save FILE.rrd "
         "records it for later, and --publish groot2 lets a monitor connect from elsewhere\n"
     )
+
+
+def test_a_port_in_use_is_recognised_by_the_name_of_its_setting(sample, tree_file, free_port):
+    with serve(sample, groot2_port=free_port):
+        settings = MonitorSettings(publish=("groot2",), port=free_port)
+        with pytest.raises(click.UsageError, match=f"port {free_port} is in use") as caught:
+            Run(tree_file, settings=[settings, RunSettings(fast=True)]).__enter__()
+    assert getattr(caught.value, "option", None) == "port"
+
+
+def test_palette_of_the_environment_is_a_default_and_no_option(tree_file, monkeypatch):
+    monkeypatch.setenv("BTCORE_PALETTE", "colour-blind")
+    assert choose_palette(None) == "colour-blind"
+    assert choose_palette("groot") == "groot"
+    assert given_fields(DrawingSettings()) == []
+    arguments = ["run", tree_file, "--fast", "--duration", "1", "--publish", "groot2", "--port", "0"]
+    assert CliRunner().invoke(main, arguments).exit_code == 0
+    monkeypatch.setenv("BTCORE_PALETTE", "rainbow")
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 2
+    assert "(env var: 'BTCORE_PALETTE'): 'rainbow' is not one of 'groot', 'colour-blind'" in done.stderr
+
+
+@pytest.mark.parametrize("bare", [False, True])
+def test_arguments_give_the_settings_to_another_process(bare):
+    settings = [
+        MonitorSettings(publish=("groot1", "groot2"), port=0, serve_web=8080, find=("-a", "b")),
+        ViewerSettings(save=Path("a.rrd"), at=-1.5, size="400x300", verbose=True),
+        KeySettings(Path("desk"), ("k1", "k2")),
+    ]
+    for one in [type(one)() for one in settings] if bare else settings:
+        command = click.Command("any", params=list(create_options(type(one))))
+        assert from_values(type(one), command.make_context("any", arguments(one)).params) == one
 
 
 def test_a_run_without_monitors_of_its_own_does_not_wait_for_others(endless, until, capsys):

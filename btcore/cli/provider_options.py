@@ -1,0 +1,198 @@
+"""The options of providers: which commands have them, and how they become settings."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Final
+
+import click
+from click.core import ParameterSource
+
+from btcore import entry_points
+from btcore.registry.registry import Plugin, import_plugin
+from btcore.runs.providers import Provider, ProviderError, ProviderSource, providers_in
+from btcore.runs.settings import RunSettings, SettingOption, Settings, create_options, from_values
+
+_META_KEY: Final = "btcore.cli.provider_options"
+
+
+class AvailableProviders:
+    """The providers that a command can use.
+
+    Args:
+        plugins: The values of the option `--plugin`.
+
+    Attributes:
+        source: The providers.
+        plugins: The imported plugins, by the values of the option.
+        has_options: Whether the command has the options of all providers. An option of a provider that is not
+            given need not be known, and finding out takes time.
+    """
+
+    def __init__(self, plugins: Sequence[str]) -> None:
+        self.plugins: dict[str, Plugin] = {name: import_plugin(name) for name in plugins}
+        self.source = ProviderSource(
+            one for plugin in self.plugins.values() for one in providers_in(plugin.module)
+        )
+        self.has_options = False
+
+    def options(self, own: Sequence[click.Parameter] = ()) -> list[SettingOption]:
+        """Return the options of the providers' settings, without settings that *own* options belong to.
+
+        Raises:
+            ProviderError: Two providers have an option of the same name.
+        """
+        kinds = {option.settings for option in own if isinstance(option, SettingOption)} | {RunSettings}
+        taken = {name: "the command" for option in own for name in (*option.opts, option.name or "")}
+        options: list[SettingOption] = []
+        for one in self.source.all() if self.has_options else self.source.users:
+            for kind, _ in one.settings:
+                if kind not in kinds:
+                    kinds.add(kind)
+                    options += _without_clash(one, kind, taken)
+        return options
+
+
+def _without_clash(one: Provider, kind: type[Settings], taken: dict[str, str]) -> list[SettingOption]:
+    options = create_options(kind)
+    for option in options:
+        for name in (option.opts[0], option.name or ""):
+            if name in taken:
+                raise ProviderError(
+                    f"{option.opts[0]} is an option of {one} and of {taken[name]}: rename one"
+                )
+            taken[name] = repr(one)
+    return options
+
+
+def find_providers(ctx: click.Context, args: Sequence[str]) -> AvailableProviders:
+    """Find the providers for the command with the context *ctx*, also in its plugins.
+
+    Args:
+        ctx: The context.
+        args: The arguments of the command, which may contain the option `--plugin`.
+    """
+    found = ctx.meta[_META_KEY] = AvailableProviders(list(_plugins_in(args)))
+    return found
+
+
+def available_providers(ctx: click.Context) -> AvailableProviders:
+    """Return the providers for the command with the context *ctx*."""
+    if _META_KEY not in ctx.meta:
+        ctx.meta[_META_KEY] = AvailableProviders(())
+    found: AvailableProviders = ctx.meta[_META_KEY]
+    return found
+
+
+class RunCommand(click.Command):
+    """A command that also has the options of all providers.
+
+    Importing the providers takes time. Therefore `btcore run tree.xml` is parsed without their options first.
+    If that fails, as for `--monitor`, it is parsed again with all options; so are `--help` and shell
+    completion. The options of providers in plugins always exist.
+    """
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Return the command's options, those of providers, and `--help`."""
+        own = super().get_params(ctx)  # the last is --help
+        return [*own[:-1], *available_providers(ctx).options(own), own[-1]]
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse *args*; for an unknown option explain which packages may add it.
+
+        Args:
+            ctx: The context of the command.
+            args: The arguments.
+
+        Returns:
+            The arguments that remain.
+        """
+        has_plugins = any(parameter.name == "plugins" for parameter in self.params)
+        providers = find_providers(ctx, args if has_plugins else ())
+        providers.has_options = ctx.resilient_parsing
+        words = list(args)  # click's parser removes the arguments from its list
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption:
+            providers.has_options = True
+        with explain_missing_options(ctx):
+            return super().parse_args(ctx, words)
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the help with the options of all providers.
+
+        Args:
+            ctx: The context of the command.
+            formatter: The formatter, to which the help is written.
+        """
+        available_providers(ctx).has_options = True
+        super().format_help(ctx, formatter)
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options; those of providers in plugins in a section for each file.
+
+        Args:
+            ctx: The context of the command.
+            formatter: The formatter, to which the help is written.
+        """
+        sections: dict[str, list[tuple[str, str]]] = {}
+        users = {kind: one for one in available_providers(ctx).source.users for kind, _ in one.settings}
+        for option in self.get_params(ctx):
+            record = option.get_help_record(ctx)
+            if record is not None and not isinstance(option, click.Argument):
+                one = users.get(option.settings) if isinstance(option, SettingOption) else None
+                file = "" if one is None else one.place.rpartition(":")[0].rpartition("/")[2]
+                sections.setdefault(f"Options of {file}" if file else "Options", []).append(record)
+        for title, records in sections.items():
+            with formatter.section(title):
+                formatter.write_dl(records)
+
+
+def _plugins_in(args: Sequence[str]) -> Iterator[str]:
+    """Yield the values of the option `--plugin` in *args*, once each."""
+    seen: set[str] = set()
+    for word, following in zip(args, [*args, ""][1:], strict=True):
+        if word == "--":
+            return
+        value = following if word == "--plugin" else word.removeprefix("--plugin=")
+        if value and (word == "--plugin" or value != word) and value not in seen:
+            seen.add(value)
+            yield value
+
+
+def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -> list[Settings]:
+    """Return the settings in the options of the command with the context *ctx*.
+
+    Args:
+        ctx: The context.
+        defaults: Values of options that were not given, by the names of their parameters, as in click's
+            `default_map`.
+
+    Raises:
+        click.UsageError: Settings contradict each other.
+    """
+    values = dict(ctx.params)
+    if defaults:
+        available_providers(ctx).has_options = True
+        not_given = (None, ParameterSource.DEFAULT)
+        values |= {name: one for name, one in defaults.items() if ctx.get_parameter_source(name) in not_given}
+    kinds = {option.settings for option in ctx.command.get_params(ctx) if isinstance(option, SettingOption)}
+    found = [from_values(kind, values) for kind in sorted(kinds, key=lambda kind: kind.__name__)]
+    return [one for one in found if one is not None]
+
+
+@contextmanager
+def explain_missing_options(ctx: click.Context) -> Iterator[None]:
+    """Return a context that explains that an unknown option may come from a package that is not installed."""
+    try:
+        yield
+    except click.NoSuchOption as error:
+        unavailable = available_providers(ctx).source.unavailable
+        if not unavailable:
+            raise
+        text = error.format_message().rstrip(".")
+        packages = "; ".join(
+            f"{names}: {remedy}" for remedy, names in entry_points.names_by_remedy(unavailable).items()
+        )
+        raise click.UsageError(
+            f"{text}. The option may belong to a provider that cannot be loaded: {packages}", ctx
+        ) from error

@@ -1,0 +1,1 @@
+"""Running trees: providers of what leaves need, their settings, and runs."""

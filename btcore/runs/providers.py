@@ -1,0 +1,350 @@
+"""Providers: functions that provide what leaves need, and what else takes part in a run, as fixtures in
+pytest.
+
+    @provider
+    def gripper(settings: GripperSettings, clock: Clock) -> Iterator[Gripper]:
+        with connect(settings.port) as gripper:
+            yield gripper
+
+The return annotation is the type that is provided, and the parameters are the settings and the objects that
+the provider needs, by their types. A package offers a provider by an entry point of the group
+`btcore.providers`:
+
+    [project.entry-points."btcore.providers"]
+    "gripper-grippers.arm.Gripper" = "grippers.providers:gripper"
+
+The name of the entry point is that of the provider, a dash, and the full name of the type; a provider of
+several types has several entry points, and a provider of nothing has its name alone. Nothing is imported to
+find out which packages provide a type.
+"""
+
+import ast
+import inspect
+import sys
+import typing
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType, NoneType, UnionType
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Union, get_args, get_origin, overload
+
+from btcore import entry_points
+from btcore.clock import Clock
+from btcore.errors import BtcoreError
+from btcore.runs.settings import Settings
+from btcore.tree.tree import Tree
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+_UNNAMED: Final = ("builtins", "typing", "abc", "typing_extensions")
+"""Modules whose classes are no types of resources, although they are base classes of them."""
+
+
+class ProviderError(BtcoreError):
+    """Raised when providers cannot be used together, are declared wrongly, or raise an exception."""
+
+
+class OutputError(BtcoreError):
+    """Raised when an output of a run, such as a recording, is incomplete, for example on a full disk."""
+
+
+class Report(dict[str, object]):
+    """The results of a run for the summary and for `--json`, by heading. A provider may have it as parameter.
+
+    Attributes:
+        is_interrupted: Whether a signal or an error ended the run.
+    """
+
+    is_interrupted = False
+
+    def add(self, heading: str, values: dict[str, object]) -> None:
+        """Add results under *heading*, besides those that are there already.
+
+        Args:
+            heading: The heading in the summary, and the key in `--json`.
+            values: The results, as JSON data.
+        """
+        before = self.get(heading)
+        self[heading] = {**before, **values} if isinstance(before, dict) else values
+
+
+class Resources(list[object]):
+    """The objects that a run provides, in the order in which they were made: a parameter of a provider.
+
+    The list grows while the providers are opened; it is complete when the tree is created.
+    """
+
+
+class Need(NamedTuple):
+    """A parameter of a provider.
+
+    Attributes:
+        parameter: The name of the parameter.
+        type: The type, which may stand for a class that is not imported, see `full_name`.
+        is_optional: Whether the parameter may be None.
+    """
+
+    parameter: str
+    type: Any
+    is_optional: bool
+
+
+class Provider:
+    """A provider: a function, with what its annotations declare.
+
+    Args:
+        function: The function or generator function.
+        provides: Further types under which the object is provided, such as protocols that it satisfies: the
+            classes, or their full names.
+        default: Whether the provider is used only if no other provides the type.
+
+    Attributes:
+        name: The name of the function.
+        is_installed: Whether the provider comes from an installed package, not from the user's program.
+    """
+
+    def __init__(
+        self, function: Callable[..., Any], provides: Sequence[type | str] = (), default: bool = False
+    ) -> None:
+        self.function = function
+        self.name = function.__name__
+        self.is_default = default
+        self.is_installed = False
+        self._provides = provides
+        self.__doc__ = function.__doc__
+        self.__module__ = function.__module__
+
+    def __call__(self, *arguments: Any, **keywords: Any) -> Any:
+        """Call the function."""
+        return self.function(*arguments, **keywords)
+
+    def __repr__(self) -> str:
+        return f"{self.name} ({self.place})"
+
+    @property
+    def place(self) -> str:
+        """The file and the line of the function."""
+        code = self.function.__code__
+        return f"{code.co_filename}:{code.co_firstlineno}"
+
+    @cached_property
+    def _hints(self) -> dict[str, Any]:
+        try:
+            return _resolve(self.function)
+        except (NameError, TypeError) as error:
+            raise ProviderError(f"the annotations of the provider {self} cannot be read: {error}") from error
+
+    @cached_property
+    def types(self) -> tuple[Any, ...]:
+        """The provided types of each object: those that were passed, then that of the annotation."""
+        if "return" not in self._hints:
+            raise ProviderError(f"the provider {self} has no return annotation: write -> Iterator[Gripper]")
+        kinds = (kind for kind in self._object_types if kind not in (NoneType, object))
+        return (*self._provides, *kinds)
+
+    @cached_property
+    def _object_types(self) -> tuple[Any, ...]:
+        """The type of each object that the function yields or returns."""
+        kind = self._hints["return"]
+        if get_origin(kind) in (Iterator, Iterable, Generator):
+            kind = get_args(kind)[0]
+        return get_args(kind) if get_origin(kind) is tuple else (kind or NoneType,)
+
+    @property
+    def provides_several(self) -> bool:
+        """Whether the function yields or returns a tuple of objects."""
+        return len(self._object_types) > 1
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """The full names of the provided types and of their base classes."""
+        return frozenset(name for kind in self.types for name in _names_with_bases(kind))
+
+    @cached_property
+    def needs(self) -> tuple[Need, ...]:
+        """The parameters."""
+        needs = []
+        for parameter in inspect.signature(self.function).parameters.values():
+            if parameter.name not in self._hints:
+                raise ProviderError(f"the parameter '{parameter.name}' of the provider {self} has no type")
+            kind = self._hints[parameter.name]
+            is_optional = get_origin(kind) in (Union, UnionType) and NoneType in get_args(kind)
+            if is_optional:
+                [kind] = [part for part in get_args(kind) if part is not NoneType]
+            needs.append(Need(parameter.name, kind, is_optional))
+        return tuple(needs)
+
+    @property
+    def settings(self) -> list[tuple[type[Settings], bool]]:
+        """The classes of its settings, and whether each is optional."""
+        return [(need.type, need.is_optional) for need in self.needs if is_settings(need.type)]
+
+    @property
+    def follows_tree(self) -> bool:
+        """Whether the provider needs the tree, so that it is opened after the tree was created."""
+        return any(need.type is Tree for need in self.needs)
+
+    @property
+    def provides_clock(self) -> bool:
+        """Whether the object, or one of them, is the run's clock."""
+        return full_name(Clock) in self.names
+
+
+@overload
+def provider(function: Callable[..., Any], /) -> Provider: ...
+
+
+@overload
+def provider(
+    *, provides: Sequence[type | str] = (), default: bool = False
+) -> Callable[[Callable[..., Any]], Provider]: ...
+
+
+def provider(
+    function: Callable[..., Any] | None = None, *, provides: Sequence[type | str] = (), default: bool = False
+) -> Provider | Callable[[Callable[..., Any]], Provider]:
+    """Mark a function or generator function as a provider of what leaves need.
+
+    The return annotation is the type that is provided, and the parameters are what the provider needs. A
+    generator function yields the object once. What follows the `yield` is executed after the run, also after
+    an error, in the reverse order of the providers. The function may yield a tuple of objects, annotated as
+    `tuple[Arm, Gripper]`, or None.
+
+    Parameters may have the types of objects that others provide (`X | None`: the object is not necessary),
+    classes of `Settings`, and these types: `RunSettings`; `Clock`, the clock of the run; `Report`;
+    `Resources`, all provided objects; `Tree`. A provider that has the parameter `Tree` is opened after the
+    tree was created. When another tree replaces it (`--watch`), the method `replace_tree(tree)` of the object
+    is called; an object without such a method is closed, and the provider opened again.
+
+    Args:
+        function: The function; without it, a decorator is returned.
+        provides: Further types under which the object is provided: protocols that it satisfies, and `Clock`,
+            if the object, or its attribute `clock`, is the clock of the run. A type whose import would take
+            time is given by its full name, as text.
+        default: Whether the provider is used only if no other provides the type.
+
+    Examples:
+        >>> from collections.abc import Iterator
+        >>> import btcore
+        >>> class Gripper:
+        ...     pass
+        >>> @btcore.provider
+        ... def gripper() -> Iterator[Gripper]:
+        ...     yield Gripper()
+        >>> gripper.types
+        (<class '...Gripper'>,)
+    """
+    if function is not None:
+        return Provider(function, provides, default)
+    return lambda function: Provider(function, provides, default)
+
+
+def is_settings(kind: Any) -> bool:
+    """Return whether *kind* is a class of settings."""
+    return isinstance(kind, type) and issubclass(kind, Settings)
+
+
+def full_name(kind: Any) -> str:
+    """Return the module and the qualified name of a type.
+
+    An annotation may name a class that is imported under TYPE_CHECKING alone; its place is taken by an empty
+    class with the same name and module. A full name stands for itself.
+    """
+    if isinstance(kind, str):
+        return kind
+    return f"{getattr(kind, '__module__', '?')}.{getattr(kind, '__qualname__', kind)}"
+
+
+def _names_with_bases(kind: Any) -> Iterator[str]:
+    for base in getattr(kind, "__mro__", (kind,)):
+        if getattr(base, "__module__", None) not in _UNNAMED:
+            yield full_name(base)
+
+
+def _resolve(function: Callable[..., Any]) -> dict[str, Any]:
+    """Return the annotations of *function*, with stand-ins for classes that are imported for types alone."""
+    try:
+        return typing.get_type_hints(function)
+    except NameError:
+        return typing.get_type_hints(function, localns=_stand_ins(sys.modules[function.__module__]))
+
+
+def _stand_ins(module: ModuleType) -> dict[str, Any]:
+    """Return an empty class for each name that *module* imports under TYPE_CHECKING alone."""
+    source = ast.parse(Path(str(module.__file__)).read_bytes())
+    guarded = (
+        statement
+        for block in source.body
+        if isinstance(block, ast.If) and "TYPE_CHECKING" in ast.unparse(block.test)
+        for statement in block.body
+        if isinstance(statement, ast.ImportFrom)
+    )
+    return {
+        alias.asname or alias.name: type(alias.name, (), {"__module__": statement.module})
+        for statement in guarded
+        for alias in statement.names
+    }
+
+
+# --- finding providers
+
+
+def providers_in(module: ModuleType) -> list[Provider]:
+    """Return the providers that *module* defines."""
+    own = (thing for thing in vars(module).values() if isinstance(thing, Provider))
+    return [one for one in own if one.__module__ == module.__name__]
+
+
+class ProviderSource:
+    """The providers that a run can use: those of the user, and those of installed packages.
+
+    Args:
+        users: The providers of the user's program and plugins.
+        is_installed_used: Whether to use those of installed packages, too.
+
+    Attributes:
+        unavailable: The entry points that could not be imported.
+    """
+
+    def __init__(self, users: Iterable[Provider] = (), is_installed_used: bool = True) -> None:
+        self.users = list(users)
+        self.unavailable: list[entry_points.UnavailableEntryPoint] = []
+        points = entry_points.find(entry_points.PROVIDERS_GROUP) if is_installed_used else []
+        self._points = {point: point.name.partition("-")[2] for point in points}
+        self._loaded: dict[str, Provider | None] = {}
+
+    def of_type(self, name: str) -> list[Provider]:
+        """Return the providers of the type with the full *name*."""
+        self._load(point for point, provided in self._points.items() if provided == name)
+        return [one for one in self._known() if name in one.names]
+
+    def of_nothing(self) -> list[Provider]:
+        """Return the providers that provide no type, such as a publisher."""
+        self._load(point for point, provided in self._points.items() if not provided)
+        return [one for one in self._known() if not one.types]
+
+    def all(self) -> list[Provider]:
+        """Return all providers, the user's first."""
+        self._load(self._points)
+        return self._known()
+
+    def _known(self) -> list[Provider]:
+        return [*self.users, *(one for one in self._loaded.values() if one is not None)]
+
+    def _load(self, points: "Iterable[EntryPoint]") -> None:
+        for point in points:
+            if point.value in self._loaded:
+                continue
+            found = entry_points.load_point(point)
+            self._loaded[point.value] = None
+            if isinstance(found, entry_points.UnavailableEntryPoint):
+                self.unavailable.append(found._replace(name=found.name.partition("-")[0]))
+            elif isinstance(found.value, Provider):
+                found.value.is_installed = True
+                self._loaded[point.value] = found.value
+            else:
+                raise ProviderError(
+                    f"the entry point '{point.name}' of the distribution '{found.distribution}' is no "
+                    f"provider: {point.value} is a {type(found.value).__name__}; mark it by @btcore.provider"
+                )

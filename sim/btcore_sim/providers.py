@@ -1,0 +1,247 @@
+"""The simulator in a run: a robot in a simulated world, the world's waypoints, and its map."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
+
+import click
+
+from btcore import Report, Resources, RunSettings, Settings, option, provider
+from btcore.clock import Clock
+from btcore.runs.settings import Plural
+from btcore_sim.completion import complete_world
+from btcore_sim.errors import SimError
+
+if TYPE_CHECKING:
+    from btcore_robot.occupancy_map import OccupancyMap
+    from btcore_robot.robot import BaseInfo, WorldPlaces
+    from btcore_sim.simulated_robot import SimulatedRobot
+    from btcore_sim.simulated_run import SimulatedRun
+
+UNKNOWN_START: Final = "unknown"
+"""The value of `--start` for a random start pose of which the navigation is not informed."""
+
+_RANGE: Final = re.compile(r"([a-z]+):(\d{1,9})-(\d{1,9})")
+_MOST_WORLDS: Final = 10_000
+
+
+def parse_worlds(text: str) -> list[str]:
+    """Return the worlds in the value of `--worlds`, with all worlds of a range.
+
+    Args:
+        text: The names, separated by commas; a range of seeds is written as `office:1-30`.
+
+    Raises:
+        click.UsageError: A range is invalid, or a world is listed twice.
+
+    Examples:
+        >>> from btcore_sim.providers import parse_worlds
+        >>> parse_worlds("house,office:1-3")
+        ['house', 'office:1', 'office:2', 'office:3']
+    """
+    worlds: list[str] = []
+    for part in text.split(","):
+        match = _RANGE.fullmatch(part.strip())
+        if match is None:
+            worlds.append(part.strip())
+            continue
+        first, last = int(match[2]), int(match[3])
+        if not 0 <= last - first < _MOST_WORLDS:
+            raise click.UsageError(
+                f"--worlds {text}: {part.strip()} has to ascend, with at most {_MOST_WORLDS} worlds."
+            )
+        worlds += [f"{match[1]}:{number}" for number in range(first, last + 1)]
+    if len(set(worlds)) < len(worlds):
+        raise click.UsageError(f"--worlds {text}: a world is listed more than once.")
+    return worlds
+
+
+_WORLDS: Final = Plural(
+    "worlds",
+    parse_worlds,
+    "NAME:A-B,…",
+    "Run in several worlds: names, files, and ranges of random worlds like office:1-30,home:1-30.",
+)
+
+
+class SimulatorSettings(Settings):
+    """The settings of the simulator."""
+
+    world: Annotated[
+        str,
+        option(
+            "The robot's world: a name, a JSON file, a map (YAML), or office:N or home:N for a random world.",
+            metavar="NAME",
+            vary=_WORLDS,
+            complete=complete_world,
+        ),
+    ] = "arena"
+    waypoints: (
+        Annotated[Path, option("Waypoints to use instead of the world's own.", metavar="FILE.yaml")] | None
+    ) = None
+    gui: Annotated[bool, option("Open the physics engine's window.", one_run_only=True)] = False
+    robot: (
+        Annotated[Path, option("Description of a robot to use instead of the Tiago.", metavar="FILE.json")]
+        | None
+    ) = None
+    camera: Annotated[
+        str,
+        option(
+            "Size and rate of the camera's pictures, which are rendered only when a leaf requests them.",
+            metavar="off|WxH@HZ",
+        ),
+    ] = "320x240@10"
+    start: (
+        Annotated[
+            str,
+            option(
+                "Start pose (m, degrees), or a random free place; unknown: the navigation has to find the "
+                "place itself.  [default: the world's own rule]",
+                metavar="random|unknown|X,Y,YAW",
+            ),
+        ]
+        | None
+    ) = None
+    noise: Annotated[
+        float,
+        option(
+            "Factor of the errors and latencies of the sensors: 0 removes them, 2 doubles them.",
+            metavar="FACTOR",
+            ge=0,
+        ),
+    ] = 1.0
+    battery: Annotated[
+        float, option("Level of the robot's battery at the start.", metavar="PERCENT", ge=0, le=100)
+    ] = 100.0
+    fault: Annotated[
+        tuple[str, ...],
+        option(
+            "Let laser, odometry, camera or wheel fail from START to END (s); repeatable.",
+            metavar="PART:START-END",
+        ),
+    ] = ()
+    people: Annotated[
+        int,
+        option("Number of people who walk in the world; they stop in front of the robot.", metavar="N", ge=0),
+    ] = 0
+    obstacles: Annotated[
+        int, option("Number of boxes at random places that are not on the map.", metavar="N", ge=0)
+    ] = 0
+    event: Annotated[
+        tuple[str, ...],
+        option(
+            "At 30 s, box:30 drops a box ahead, or box:30@2,0.3 at 2 m ahead and 0.3 m to the left; "
+            "kidnap:30 moves the robot elsewhere, carry:30 carries it; door:NAME:open@30 opens a door, or "
+            "close. box:30-60 waits until 60 s for a suitable moment. Repeatable.",
+            metavar="KIND:TIME",
+        ),
+    ] = ()
+
+
+class SpareBoxes(NamedTuple):
+    """The number of boxes for events that a program triggers itself; the program provides the object."""
+
+    number: int
+
+
+@provider(provides=("btcore_robot.robot.Robot", Clock), default=True)
+def simulator(
+    settings: SimulatorSettings,
+    run: RunSettings,
+    report: Report,
+    resources: Resources,
+    spare_boxes: SpareBoxes | None,
+) -> "Iterator[tuple[SimulatedRobot, SimulatedRun]]":
+    """Provide a robot in a simulated world, and report its run.
+
+    At the end, also after an error, stop the robot and close the world. Print a warning for each event that
+    has not happened.
+
+    Args:
+        settings: The settings of the simulator.
+        run: The settings of the run.
+        report: Gets the results; see `SimulatedRun.report`.
+        resources: If a `NavigationReporter` is among them, its pose errors and failed goals are reported.
+        spare_boxes: The boxes for events that the program triggers by `SimulatedRun.events`.
+
+    Raises:
+        click.UsageError: An option has an invalid value.
+        click.ClickException: An event was not possible at its time.
+    """
+    try:
+        simulated = _simulate(settings, run, resources, 0 if spare_boxes is None else spare_boxes.number)
+    except SimError as error:
+        raise click.UsageError(str(error)) from error
+    try:
+        yield simulated.robot, simulated
+        for event in simulated.events.pending if simulated.events is not None else ():
+            click.echo(f"warning: event '{event}' did not happen: the run ended before", err=True)
+    except SimError as error:
+        raise click.ClickException(str(error)) from error
+    finally:
+        simulated.robot.stop()
+        report.update(simulated.report())
+        simulated.robot.world.close()
+
+
+@provider
+def world_places(simulated: "SimulatedRun") -> "WorldPlaces":
+    """Return the waypoints of the simulated world, and the robot's start pose if it is known."""
+    from btcore_robot.robot import WorldPlaces
+
+    return WorldPlaces(simulated.description.waypoint_poses(), simulated.known_start)
+
+
+@provider
+def world_map(simulated: "SimulatedRun") -> "OccupancyMap":
+    """Return the map of the simulated world, without the objects that the run adds."""
+    from btcore_sim.map_rasteriser import rasterise
+
+    return rasterise(simulated.description)
+
+
+def _simulate(
+    settings: SimulatorSettings, run: RunSettings, resources: Resources, spare_boxes: int
+) -> "SimulatedRun":
+    from btcore_sim.camera import parse_camera
+    from btcore_sim.events import check_events, parse_event
+    from btcore_sim.faults import parse_fault
+    from btcore_sim.robot_description import TIAGO, load_robot_description
+    from btcore_sim.scenario import Scenario, with_start
+    from btcore_sim.simulated_robot import SimulatedRobot
+    from btcore_sim.simulated_run import SimulatedRun
+    from btcore_sim.world import World, random_generator
+    from btcore_sim.worlds import load_world_description
+
+    robot = load_robot_description(settings.robot or TIAGO).with_noise(settings.noise)
+    radius = robot.base.radius
+    description = load_world_description(
+        settings.world, seed=run.seed, radius=radius, waypoints=settings.waypoints
+    )
+    if settings.start is not None:
+        random = random_generator(run.seed, "start")
+        description = with_start(description, settings.start, random, radius)
+    _check_rate(run.rate, robot.base)
+    camera = parse_camera(settings.camera)
+    faults = [parse_fault(text) for text in settings.fault]
+    planned = [parse_event(text) for text in settings.event]
+    scenario = Scenario(settings.people, settings.obstacles, planned, spare_boxes)
+    check_events(planned, description, run.duration)
+    world = World(
+        scenario.add_to(description, run.seed, radius), seed=run.seed, fast=run.fast, gui=settings.gui
+    )
+    body = SimulatedRobot(world, robot, camera=camera, faults=faults, battery=settings.battery)
+    events = scenario.begin(world, body, radius)
+    known_start = None if settings.start == UNKNOWN_START else body.start_pose
+    return SimulatedRun(body, description, events, resources, known_start)
+
+
+def _check_rate(rate: float, base: "BaseInfo") -> None:
+    least = 1.0 / base.command_timeout
+    if rate < least:
+        raise SimError(
+            f"--rate {rate:g} is too slow for a tree that drives: the base stops "
+            f"{base.command_timeout:g} s after a velocity command, so the tree "
+            f"has to be ticked at least {least:g} times a second"
+        )

@@ -1,0 +1,444 @@
+"""Which providers a run uses, in which order they are opened and closed, and the errors about them."""
+
+import inspect
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Protocol
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import btcore
+from btcore import (
+    OutputError,
+    ProviderError,
+    Report,
+    Resources,
+    Run,
+    RunSettings,
+    Settings,
+    option,
+    provider,
+)
+from btcore.clock import Clock, SimClock
+from btcore.errors import BtcoreError, TreeError
+from btcore.runs.providers import Provider
+from btcore.runs.run import TreelessProgram
+from btcore.tree.tree import Tree
+
+FAST = RunSettings(fast=True)
+
+
+class Robot(Protocol):
+    """What leaves need."""
+
+    name: str
+
+
+class Simulated:
+    """A robot that satisfies the protocol."""
+
+    def __init__(self, name: str = "simulated", clock: Clock | None = None) -> None:
+        self.name = name
+        self.clock = clock
+
+
+class WorldMap:
+    """A map that fits the simulated robot alone."""
+
+
+class RealSettings(Settings):
+    address: Annotated[str, option("The address.")]
+
+
+class BagSettings(Settings):
+    bag: Annotated[str, option("The file.")]
+
+
+class WorldSettings(Settings):
+    world: Annotated[str, option("The world.")] = "arena"
+
+
+class OutputSettings(Settings):
+    output: Annotated[str | None, option("The file.")] = None  # type: ignore[assignment]
+
+
+def run_with(*providers: Provider, want: Any = (), settings: Any = (), provided: Any = ()) -> Run:
+    """Return the run of a program that wants types, with no installed providers."""
+    run = Run(TreelessProgram("Test", lambda: False), provided=provided, settings=[FAST, *settings])
+    run.providers._points.clear()
+    run.providers.users.extend(providers)
+    return run.want(*want)
+
+
+@provider(provides=(Robot,), default=True)
+def simulator(settings: WorldSettings) -> Iterator[Simulated]:
+    yield Simulated(settings.world)
+
+
+@provider
+def world_map(robot: Simulated) -> WorldMap:
+    return WorldMap()
+
+
+@provider(provides=(Robot,))
+def real(settings: RealSettings) -> Iterator[int]:
+    yield 7
+
+
+@provider(provides=(Robot,))
+def recorded(settings: BagSettings, described: RealSettings | None) -> str:
+    return f"{settings.bag} {described}"
+
+
+def test_the_default_is_used_without_an_option() -> None:
+    with run_with(simulator, real, recorded, want=[Robot], settings=[WorldSettings("house")]) as run:
+        assert run.find(Simulated).name == "house"  # type: ignore[union-attr]
+
+
+def test_a_given_required_option_selects_its_provider_and_excludes_what_needs_the_other() -> None:
+    with run_with(simulator, real, world_map, want=[Robot], settings=[RealSettings("10.0.0.7")]).want(
+        WorldMap, optional=True
+    ) as run:
+        assert list(run.resources)[:1] == [7]
+        assert run.find(WorldMap) is None
+        assert "because real provides the Robot" in next(iter(run.choice.problems.values()))
+
+
+def test_a_provider_that_takes_the_settings_of_another_replaces_it() -> None:
+    both = [BagSettings("drive.mcap"), RealSettings("tiago")]
+    with run_with(simulator, real, recorded, want=[Robot], settings=both) as run:
+        assert run.resources[0] == "drive.mcap RealSettings(address='tiago')"
+
+
+@provider(provides=(Robot,))
+def second_real(settings: BagSettings) -> int:
+    return 8
+
+
+def test_two_providers_that_were_given_by_options_are_an_error_that_names_both() -> None:
+    both = [BagSettings("drive.mcap"), RealSettings("tiago")]
+    with pytest.raises(ProviderError) as caught:
+        run_with(real, second_real, want=[Robot], settings=both).__enter__()
+    for name in ("real", "second_real", Path(__file__).name, "2 providers provide a Robot"):
+        assert name in str(caught.value)
+
+
+class Arm:
+    """A part."""
+
+
+class Hand:
+    """Another part."""
+
+
+def test_providers_that_need_each_other_are_shown_as_a_chain() -> None:
+    @provider
+    def arm(hand: Hand) -> Arm:
+        return Arm()
+
+    @provider
+    def hand(arm: Arm) -> Hand:
+        return Hand()
+
+    with pytest.raises(
+        ProviderError, match=r"arm \(.*\) needs a Hand, .*needs itself: arm .* → hand .* → arm"
+    ):
+        run_with(arm, hand, want=[Arm]).__enter__()
+
+
+def test_a_missing_need_is_shown_as_a_chain() -> None:
+    @provider
+    def arm(hand: Hand) -> Arm:
+        return Arm()
+
+    with pytest.raises(ProviderError, match=r"nothing provides a Arm: arm \(.*\) needs a Hand, but nothing"):
+        run_with(arm, want=[Arm]).__enter__()
+
+
+def test_objects_of_the_program_win_over_providers() -> None:
+    own = Simulated("own")
+    with run_with(simulator, world_map, want=[Simulated, WorldMap], provided=[own]) as run:
+        assert run.find(Simulated) is own
+        assert run.find(WorldMap) is not None
+
+
+def test_a_provider_that_is_used_anyway_is_preferred() -> None:
+    class Both(NamedTuple):
+        kind: str
+
+    @provider(provides=(Arm, Hand), default=True)
+    def both() -> Both:
+        return Both("both")
+
+    @provider
+    def arm() -> Arm:
+        raise AssertionError("not used")
+
+    with run_with(arm, both, want=[Arm, Hand]) as run:
+        assert run.resources[0] == Both("both")
+
+
+def test_several_objects_are_found_by_their_types() -> None:
+    @provider
+    def body() -> Iterator[tuple[Arm, Hand]]:
+        yield Arm(), Hand()
+
+    with run_with(body, want=[Hand, Arm]) as run:
+        assert isinstance(run.find(Hand), Hand)
+        assert isinstance(run.find(Arm), Arm)
+
+
+def test_the_clock_of_a_used_provider_is_that_of_the_run() -> None:
+    clock = SimClock()
+
+    @provider(provides=(Robot, Clock))
+    def robot() -> Simulated:
+        return Simulated(clock=clock)
+
+    seen = []
+
+    @provider
+    def hand(now: Clock) -> Hand:
+        seen.append(now)
+        return Hand()
+
+    with run_with(robot, hand, want=[Hand, Robot]) as run:
+        assert run.clock is clock
+        assert run.tree.clock is clock
+        assert seen == [clock]
+
+
+def test_two_clocks_are_an_error() -> None:
+    @provider(provides=(Clock,))
+    def arm() -> Arm:
+        return Arm()
+
+    @provider(provides=(Clock,))
+    def hand() -> Hand:
+        return Hand()
+
+    with pytest.raises(ProviderError, match=r"one clock, but 2 of its providers are clocks: arm .* and hand"):
+        run_with(arm, hand, want=[Arm, Hand]).__enter__()
+
+
+def test_a_clock_alone_is_used_only_beside_what_it_needs() -> None:
+    clock = SimClock()
+
+    @provider
+    def arm() -> Arm:
+        return Arm()
+
+    @provider
+    def arm_clock(arm: Arm) -> Clock:
+        return clock
+
+    with run_with(arm, arm_clock, want=[Arm]) as run:
+        assert run.clock is clock
+    with run_with(arm, arm_clock) as run:
+        assert run.clock is not clock
+
+
+# --- providers of nothing, errors, the tree
+
+
+def test_a_provider_of_nothing_is_used_if_a_setting_was_given() -> None:
+    opened = []
+
+    @provider
+    def output(settings: OutputSettings, tree: Tree, resources: Resources, report: Report) -> Iterator[None]:
+        opened.append((settings.output, tree.id))
+        yield
+        report.add("output", {"file": settings.output})
+
+    with run_with(output) as run:
+        pass
+    assert run.report == {}
+    with run_with(output, settings=[OutputSettings("a.txt")]) as run:
+        run.until_done()
+    assert opened == [("a.txt", "TestAlone")]
+    assert run.report == {"output": {"file": "a.txt"}}
+
+
+@pytest.mark.parametrize("follows", [True, False])
+def test_a_new_tree_is_passed_on_or_the_provider_is_opened_again(follows: bool) -> None:
+    log = []
+
+    class Follower:
+        def replace_tree(self, tree: Tree) -> None:
+            log.append(f"follow {tree.id}")
+
+    @provider
+    def output(settings: OutputSettings, tree: Tree) -> Iterator[object]:
+        log.append(f"open {tree.id}")
+        yield Follower() if follows else None
+        log.append("close")
+
+    with run_with(output, settings=[OutputSettings("a.txt")]) as run:
+        run.replace_tree(TreelessProgram("Next").make_tree(run.clock))
+    reopened = ["follow NextAlone"] if follows else ["close", "open NextAlone"]
+    assert log == ["open TestAlone", *reopened, "close"]
+
+
+def test_a_provider_that_raises_is_named_with_its_line_and_the_others_are_closed() -> None:
+    closed = []
+
+    @provider
+    def arm() -> Iterator[Arm]:
+        yield Arm()
+        closed.append("arm")
+
+    @provider
+    def hand(arm: Arm) -> Iterator[Hand]:
+        raise ValueError("no power")
+        yield Hand()
+
+    with pytest.raises(
+        ProviderError, match=r"the provider hand \(.*\) raised ValueError at .*test_choice.py:\d+: no"
+    ):
+        run_with(arm, hand, want=[Hand]).__enter__()
+    assert closed == []  # as with contextlib.contextmanager, the exception was raised at its yield
+
+
+def test_an_error_after_the_yield_is_named_and_an_incomplete_output_is_passed_on() -> None:
+    @provider
+    def arm() -> Iterator[Arm]:
+        yield Arm()
+        raise ValueError("no power")
+
+    with pytest.raises(ProviderError, match="provider arm"), run_with(arm, want=[Arm]):
+        pass
+
+    @provider
+    def hand() -> Iterator[Hand]:
+        yield Hand()
+        raise OutputError("disk full")
+
+    with pytest.raises(OutputError, match="disk full"), run_with(hand, want=[Hand]):
+        pass
+
+
+def test_an_exception_of_the_run_reaches_the_providers_and_stays_itself() -> None:
+    seen = []
+
+    @provider
+    def arm(report: Report) -> Iterator[Arm]:
+        try:
+            yield Arm()
+        finally:
+            seen.append(report.is_interrupted)
+
+    with pytest.raises(KeyError), run_with(arm, want=[Arm]):
+        raise KeyError("x")
+    assert seen == [True]
+
+
+def test_a_provider_without_types_is_explained() -> None:
+    @provider
+    def arm(hand) -> Arm:  # type: ignore[no-untyped-def]
+        return Arm()
+
+    with pytest.raises(ProviderError, match=r"the parameter 'hand' of the provider arm .* has no type"):
+        run_with(arm, want=[Arm]).__enter__()
+
+
+def test_leaves_get_what_providers_provide(tmp_path: Path) -> None:
+    @provider
+    def arm() -> Arm:
+        return Arm()
+
+    @btcore.condition
+    def HasArm(arm: Arm) -> bool:
+        return isinstance(arm, Arm)
+
+    nodes = btcore.Registry.standard()
+    nodes.add(HasArm)
+    file = tmp_path / "tree.xml"
+    file.write_text('<root BTCPP_format="4"><BehaviorTree ID="Main"><HasArm/></BehaviorTree></root>')
+    with Run(file, nodes=nodes, providers=[arm], settings=[FAST]) as run:
+        run.until_done()
+    assert run.status is btcore.SUCCESS
+    assert run.exit_code == 0
+    with pytest.raises(TreeError, match="HasArm"):
+        Run(file, nodes=nodes, settings=[FAST]).__enter__()
+
+
+# --- random sets of providers
+
+TYPES = [type(f"T{number}", (), {}) for number in range(6)]
+
+
+class Plan(NamedTuple):
+    """A random provider: indices of types, and what it does."""
+
+    provides: list[int]
+    needs: list[tuple[int, bool]]
+    raises: str
+    is_default: bool
+    is_installed: bool
+
+
+plans = st.builds(
+    Plan,
+    st.lists(st.integers(0, 5), min_size=1, max_size=2, unique=True),
+    st.lists(st.tuples(st.integers(0, 5), st.booleans()), max_size=3, unique_by=lambda need: need[0]),
+    st.sampled_from(["", "", "", "before", "after", "output"]),
+    st.booleans(),
+    st.booleans(),
+)
+
+
+def make_provider(number: int, plan: Plan, log: list[tuple[str, int]]) -> Provider:
+    """Return a provider that does as planned, and logs when it is opened and closed."""
+
+    def function(**arguments: object) -> Iterator[object]:
+        for index, is_optional in plan.needs:
+            value = arguments[f"t{index}"]
+            assert isinstance(value, TYPES[index]) or (is_optional and value is None)
+        if plan.raises == "before":
+            raise ValueError("before")
+        log.append(("open", number))
+        try:
+            yield type("Made", tuple(TYPES[index] for index in plan.provides), {})()
+        finally:
+            log.append(("close", number))
+        if plan.raises == "after":
+            raise ValueError("after")
+        if plan.raises == "output":
+            raise OutputError("output")
+
+    hints: dict[str, Any] = {
+        f"t{index}": TYPES[index] | None if is_optional else TYPES[index] for index, is_optional in plan.needs
+    }
+    function.__annotations__ = {**hints, "return": Iterator[TYPES[plan.provides[0]]]}  # type: ignore[valid-type]
+    parameters = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in hints]
+    function.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    made = Provider(function, [TYPES[index] for index in plan.provides[1:]], plan.is_default)
+    made.is_installed = plan.is_installed
+    return made
+
+
+@given(st.lists(plans, max_size=6), st.lists(st.integers(0, 5), unique=True), st.sampled_from(["", "body"]))
+def test_random_providers_open_after_their_needs_and_close_in_reverse(
+    chosen: list[Plan], wanted: list[int], raises: str
+) -> None:
+    log: list[tuple[str, int]] = []
+    made = [make_provider(number, plan, log) for number, plan in enumerate(chosen)]
+    with (
+        suppress(BtcoreError, KeyError),
+        run_with(*made).want(*(TYPES[index] for index in wanted), optional=True) as run,
+    ):
+        for index in wanted:
+            found = run.find(TYPES[index])
+            assert found is None or isinstance(found, TYPES[index])
+            if found is None:  # only if there is a reason
+                assert run.choice.problems
+        if raises:
+            raise KeyError("body")
+    opened = [number for action, number in log if action == "open"]
+    closed = [number for action, number in log if action == "close"]
+    assert len(set(opened)) == len(opened)
+    assert closed == opened[::-1]
+    assert log == [("open", number) for number in opened] + [("close", number) for number in closed]
