@@ -201,6 +201,22 @@ def required_resources(
     return plans.required_resources()
 
 
+def plan_source(source: str | PathLike[str], options: LoadOptions, is_text: bool = False) -> Plans:
+    """Return the plans of a tree, for callers that need them before the tree is created.
+
+    Args:
+        source: The path of the XML file, or with *is_text* the XML.
+        options: As in `load`.
+        is_text: Whether *source* is the XML.
+
+    Raises:
+        TreeError: The source cannot be read or parsed; other errors are in the diagnostics of the plans.
+        TypeError: *nodes* is not a Registry, or an option is unknown.
+    """
+    documents = _parse(parse_text, options, str(source)) if is_text else _parse(parse_file, options, source)
+    return _plan_documents(documents, options)
+
+
 def _load(documents: Sequence[Document], options: LoadOptions) -> Tree:
     """Return the tree of the first of *documents*."""
     resources = options.get("resources", ())

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from os import PathLike
 from types import FrameType, TracebackType
-from typing import Any, Final, Self, TypeVar
+from typing import Any, Final, Self, TypeVar, Unpack
 
 import click
 
@@ -20,7 +20,7 @@ from btcore.errors import BtcoreError, NodeExecutionError, TreeError
 from btcore.extras import describe_missing
 from btcore.loading.hot_reload import rebuild_tree
 from btcore.loading.instantiate import instantiate, make_leaf_tree
-from btcore.registry.registry import Registry
+from btcore.loading.load import LoadOptions, plan_source
 from btcore.runs.choice import Choice, ChosenSettings, choose
 from btcore.runs.providers import (
     Need,
@@ -38,8 +38,7 @@ from btcore.signals import ending_signals, signal_handlers
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.models.stubs import StubResults
-from btcore.xml.plan.plan import Plans, define_and_plan
-from btcore.xml.read.read import parse_file, read
+from btcore.xml.plan.plan import Plans
 
 T = TypeVar("T")
 
@@ -81,17 +80,15 @@ class Run:
 
     Args:
         source: The path of an XML file, the plans of a tree, or a program.
-        nodes: The nodes that the file may use; default `Registry.standard`.
         provided: Objects for leaves and providers; they are preferred to providers of the same types.
         providers: Providers of the program, besides those of installed packages.
         settings: Settings of providers, and `RunSettings`.
-        clock: The clock; default that of a provider, or of *provided*; without one, the system's clock, or a
-            simulated clock with `RunSettings.fast`.
-        tick_limit: As in `btcore.LoadOptions`.
         stubs: The results of stubs.
         prepare: Called on entry when the tree was created, before the providers that follow the tree are
             opened.
         source_of_providers: The providers, if they were searched before; then *providers* is ignored.
+        options: As in `btcore.load`, except `resources`. The default of `clock` is that of a provider, or of
+            *provided*; without one, the system's clock, or a simulated clock with `RunSettings.fast`.
 
     Attributes:
         tree: The tree that is ticked; `replace_tree` changes it.
@@ -128,20 +125,19 @@ class Run:
         self,
         source: str | PathLike[str] | Plans | TreelessProgram,
         *,
-        nodes: Registry | None = None,
         provided: Sequence[object] = (),
         providers: Sequence[Provider] = (),
         settings: Sequence[Settings] = (),
-        clock: Clock | None = None,
-        tick_limit: float | None = None,
         stubs: StubResults | None = None,
         prepare: Callable[["Run"], None] | None = None,
         source_of_providers: ProviderSource | None = None,
+        **options: Unpack[LoadOptions],
     ) -> None:
-        if isinstance(source, (str, PathLike)):
-            registry = nodes if nodes is not None else Registry.standard()
-            source = define_and_plan(read(parse_file(source), registry.documents), registry)
-        self._source = source
+        if options.get("resources"):
+            raise TypeError("a run has no argument 'resources': write provided=[…]")
+        self._source = plan_source(source, options) if isinstance(source, (str, PathLike)) else source
+        source = self._source
+        self._options = options
         self._provided = list(provided)
         self._wanted: list[Any] = source.required_resources() if isinstance(source, Plans) else []
         self._required: list[Any] = []
@@ -150,8 +146,6 @@ class Run:
         self.run_settings = self.settings.find(RunSettings) or RunSettings()
         self.providers = source_of_providers or ProviderSource(providers)
         self._own: list[object] = [random.Random(self.run_settings.seed), stubs or StubResults({})]
-        self._given_clock = clock
-        self._tick_limit = tick_limit
         self._prepare = prepare
         self._stack = ExitStack()
         self._opened: dict[Provider, _Opened] = {}
@@ -235,7 +229,7 @@ class Run:
     def clock(self) -> Clock:
         """The clock of the run."""
         if self._clock is None:
-            self._clock = self._given_clock or self._find_clock()
+            self._clock = self._options.get("clock") or self._find_clock()
         return self._clock
 
     def _find_clock(self) -> Clock:
@@ -252,7 +246,13 @@ class Run:
         if isinstance(source, TreelessProgram):
             return source.make_tree(self.clock)
         try:
-            tree = instantiate(source, self.resources_for_leaves(), None, self.clock, self._tick_limit)
+            tree = instantiate(
+                source,
+                self.resources_for_leaves(),
+                self._options.get("blackboard"),
+                self.clock,
+                self._options.get("tick_limit"),
+            )
         except TreeError as error:
             for name in map(full_name, source.required_resources()):
                 if name in self.choice.problems and self.providers.of_type(name):

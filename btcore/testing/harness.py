@@ -10,16 +10,21 @@ A test ticks its tree step by step:
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from os import PathLike
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import NS_PER_S, SimClock, SystemClock, TickSchedule
-from btcore.loading.load import load, loads
+from btcore.loading.load import load, loads, plan_source
 from btcore.status import IDLE, RUNNING, Status
 from btcore.testing.trace import Trace, TraceStep, format_trace
 from btcore.tree.tree import Tree
+
+if TYPE_CHECKING:
+    from btcore.runs.providers import Provider
+    from btcore.runs.run import Run
+    from btcore.runs.settings import Settings
 
 MAX_TICKS_PER_INSTANT: Final = 10_000
 """The number of ticks without progress of the clock after which a harness stops ticking."""
@@ -32,6 +37,7 @@ class Harness:
 
     Args:
         tree: The tree, on a simulated clock.
+        run: The run of the tree, whose providers `close` closes.
 
     Attributes:
         tree: The tree.
@@ -50,7 +56,7 @@ class Harness:
         (<Status.RUNNING: 1>, <Status.RUNNING: 1>, <Status.SUCCESS: 2>, <Status.SUCCESS: 2>)
     """
 
-    def __init__(self, tree: Tree) -> None:
+    def __init__(self, tree: Tree, run: "Run | None" = None) -> None:
         if isinstance(tree.clock, SystemClock):
             raise ValueError(
                 f"the tree '{tree.id}' uses the system's clock, which a test cannot advance; "
@@ -58,13 +64,24 @@ class Harness:
             )
         self.tree = tree
         self.trace = Trace(tree)
+        self._run = run
 
     @classmethod
-    def load(cls, path: str | PathLike[str], **options: Any) -> "Harness":
+    def load(
+        cls,
+        path: str | PathLike[str],
+        *,
+        providers: "Sequence[Provider]" = (),
+        settings: "Sequence[Settings]" = (),
+        **options: Any,
+    ) -> "Harness":
         """Return a harness for the tree in an XML file.
 
         Args:
             path: The XML file.
+            providers: Providers of resources; those of installed packages are not used. They are open until
+                `close`, which the fixture `btcore_harness` calls at the end of the test.
+            settings: The settings of the providers.
             options: Keyword arguments of `btcore.load`, for example `nodes` and `resources`. The
                 default of `clock` is a new `SimClock`.
 
@@ -73,15 +90,23 @@ class Harness:
             TypeError: An option is unknown, `nodes` is not a Registry, or `resources` is not a list.
             ValueError: The tree would use the system's clock.
         """
-        # A clock among the options takes precedence.
-        return cls(load(path, **{"clock": SimClock(), **options}))
+        return cls._make(path, False, providers, settings, options)
 
     @classmethod
-    def loads(cls, text: str, **options: Any) -> "Harness":
+    def loads(
+        cls,
+        text: str,
+        *,
+        providers: "Sequence[Provider]" = (),
+        settings: "Sequence[Settings]" = (),
+        **options: Any,
+    ) -> "Harness":
         """Return a harness for the tree in an XML text.
 
         Args:
             text: The XML. Paths of includes are relative to the working directory.
+            providers: As in `load`.
+            settings: As in `load`.
             options: Keyword arguments of `btcore.loads`, for example `nodes` and `resources`. The
                 default of `clock` is a new `SimClock`.
 
@@ -90,7 +115,40 @@ class Harness:
             TypeError: An option is unknown, `nodes` is not a Registry, or `resources` is not a list.
             ValueError: The tree would use the system's clock.
         """
-        return cls(loads(text, **{"clock": SimClock(), **options}))
+        return cls._make(text, True, providers, settings, options)
+
+    @classmethod
+    def _make(
+        cls,
+        source: str | PathLike[str],
+        is_text: bool,
+        providers: "Sequence[Provider]",
+        settings: "Sequence[Settings]",
+        options: Any,
+    ) -> "Harness":
+        if not providers:
+            # A clock among the options takes precedence.
+            options = {"clock": SimClock(), **options}
+            return cls(loads(str(source), **options) if is_text else load(source, **options))
+        from btcore.runs.providers import ProviderSource
+        from btcore.runs.run import Run
+        from btcore.runs.settings import RunSettings
+
+        run = Run(
+            plan_source(source, options, is_text),
+            provided=options.pop("resources", ()),
+            settings=[RunSettings(fast=True), *settings],
+            source_of_providers=ProviderSource(providers, is_installed_used=False),
+            **options,
+        )
+        return cls(run.__enter__().tree, run)
+
+    def close(self) -> None:
+        """Halt the tree and close the providers, if there are any."""
+        if self._run is not None:
+            self.tree.halt()
+            self._run.__exit__(None, None, None)
+            self._run = None
 
     def tick(self, times: int = 1) -> Status:
         """Tick the root *times* times without advancing the clock, and return the last result."""

@@ -46,7 +46,8 @@ def btcore_harness(
 
     *source* is a text that begins with `<` (XML), the path of a file, or a Tree. A text or a file is loaded
     with the fixtures `btcore_registry` and `btcore_clock`, and with *options*, the keyword arguments of
-    `btcore.load`. The report of a failed test shows the last steps.
+    `btcore.load`, or `providers` and `settings` as in `Harness.load`. The report of a failed test shows the
+    last steps.
     """
 
     def make(source: Tree | str | Path, **options: Any) -> Harness:
@@ -57,6 +58,7 @@ def btcore_harness(
             text = isinstance(source, str) and source.lstrip().startswith("<")
             harness = Harness.loads(str(source), **options) if text else Harness.load(source, **options)
         _add_to_report(request, harness.trace)
+        request.addfinalizer(harness.close)
         return harness
 
     return make

@@ -1,6 +1,6 @@
 """The harness, which ticks a tree on a simulated clock, and its trace."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -17,6 +17,34 @@ def document(body: str) -> str:
 
 
 # --- driving
+
+
+def test_providers_are_open_until_the_harness_is_closed() -> None:
+    log: list[str] = []
+
+    class Lamp:
+        pass
+
+    @btcore.provider
+    def lamp() -> Iterator[Lamp]:
+        yield Lamp()
+        log.append("closed")
+
+    @action
+    def shine(lamp: Lamp) -> Status:
+        log.append(type(lamp).__name__)
+        return Status.SUCCESS
+
+    nodes = Registry.standard()
+    nodes.add(shine)
+    harness = Harness.loads(
+        document('<Sequence><Sleep msec="300"/><Shine/></Sequence>'), nodes=nodes, providers=[lamp]
+    )
+    assert harness.run() is Status.SUCCESS
+    assert log == ["Lamp"]
+    harness.close()
+    harness.close()
+    assert log == ["Lamp", "closed"]
 
 
 def test_tick_ticks_once_and_takes_no_time(patrol: Patrol) -> None:
