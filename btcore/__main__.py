@@ -10,7 +10,7 @@ from types import FrameType
 from typing import NoReturn
 
 INTERRUPTED = 130
-"""The exit code, as in btcore.cli.exit_codes, which is not imported yet."""
+"""The exit code, as in btcore.runs.exit_codes, which is not imported yet."""
 CONFINEMENT = "BTCORE_CONFINEMENT"
 """The environment variable that confines the process, as in btcore.confinement."""
 

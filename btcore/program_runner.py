@@ -1,6 +1,6 @@
 """What commands of other packages need to run a tree or a program with the providers of a run.
 
-A command of class `RunCommand` has the options of all providers. `CommandRun` opens the providers of the
+A command of class `ProviderCommand` has the options of all providers. `CommandRun` opens the providers of the
 types that the program wants, such as a robot, and advances the time of the robot's world until the program
 ends:
 
@@ -17,7 +17,7 @@ from rich.text import Text
 from btcore.cli import terminal
 from btcore.cli.command_run import CommandRun
 from btcore.cli.node_libraries import load_libraries
-from btcore.cli.provider_options import RunCommand, available_providers
+from btcore.cli.provider_options import ProviderCommand, available_providers
 from btcore.cli.run_report import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
 from btcore.registry.registry import Registry
@@ -27,7 +27,7 @@ from btcore.runs.settings import FiniteRange, pass_settings, setting_options
 __all__ = [
     "CommandRun",
     "FiniteRange",
-    "RunCommand",
+    "ProviderCommand",
     "TreelessProgram",
     "load_nodes",
     "pass_settings",
@@ -41,7 +41,7 @@ def load_nodes(ctx: click.Context, plugins: Sequence[str]) -> Registry:
     """Return the nodes of the installed libraries and of *plugins*.
 
     Args:
-        ctx: The context of a command of class `RunCommand`.
+        ctx: The context of a command of class `ProviderCommand`.
         plugins: Modules and Python files, such as the values of the option `--plugin`.
 
     Raises:

@@ -18,7 +18,7 @@ from btcore.xml.plan.plan import Plans
 
 
 class CommandRun(Run):
-    """A run of a command of class `RunCommand`.
+    """A run of a command of class `ProviderCommand`.
 
     On entry, it prints a warning for options that no provider uses; on exit, it prints the error of an
     incomplete output.

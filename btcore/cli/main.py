@@ -17,8 +17,8 @@ import click
 
 import btcore
 from btcore import builds, entry_points
-from btcore.cli.exit_codes import ExitCode
 from btcore.cli.terminal_encoding import make_encodable
+from btcore.runs.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from pathlib import Path

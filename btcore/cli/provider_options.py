@@ -83,7 +83,7 @@ def available_providers(ctx: click.Context) -> AvailableProviders:
     return found
 
 
-class RunCommand(click.Command):
+class ProviderCommand(click.Command):
     """A command that also has the options of all providers.
 
     Importing the providers takes time. Therefore `btcore run tree.xml` is parsed without their options first.

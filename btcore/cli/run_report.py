@@ -37,7 +37,7 @@ _MARGINS: Final = 2
 _MIN_NAME: Final = 8
 
 
-class RunReport:
+class RunSummary:
     """The report of the run *name*, which has ended."""
 
     def __init__(self, name: str, run: Run) -> None:
@@ -153,7 +153,7 @@ def print_leaf_error(error: NodeExecutionError) -> None:
 
 
 def print_reports(reports: Mapping[str, object]) -> None:
-    """Print the reports of extensions on stderr: a line for each heading."""
+    """Print the reports of providers on stderr: a line for each heading."""
     for heading, report in reports.items():
         line = Text.assemble("\n ", (f"{heading}  ", "bold"), *_format_report(report))
         line.rstrip()

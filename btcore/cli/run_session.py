@@ -7,7 +7,7 @@ from btcore.cli import initial_blackboard, terminal
 from btcore.cli.command_run import CommandRun
 from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.run_logs import Logs
-from btcore.cli.run_report import RunReport, print_leaf_error
+from btcore.cli.run_report import RunSummary, print_leaf_error
 from btcore.cli.tree_source import SaveWatcher, TreeSource
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.runs.tick_loop import TickLoop, Until
@@ -46,7 +46,7 @@ class RunSession:
         self.until: Until = until
         self.save_watcher = save_watcher
         self.logs = Logs(logs)
-        self.report = RunReport(name, run)
+        self.report = RunSummary(name, run)
         self.reloads = 0
         self._printed_error: NodeExecutionError | None = None
 

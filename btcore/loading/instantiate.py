@@ -1,7 +1,7 @@
 """Create a tree from its plans: the last stage of loading."""
 
 from collections.abc import Sequence
-from typing import cast
+from typing import TypeGuard
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock, SystemClock
@@ -74,10 +74,12 @@ def make_leaf_tree(leaf: type[TreeNode], ID: str, clock: Clock) -> Tree:
 def _find_clock(resources: Sequence[object]) -> Clock:
     """Return the first of *resources* that is a clock, or else the system clock.
 
-    An attribute `clock` of a resource is not used: in an arbitrary object it may be anything. `btcore run`
-    does use it, since all its resources are made by extensions; see `btcore.cli.commands.run.choose_clock`.
+    An attribute `clock` of a resource is not used: in an arbitrary object it may be anything. `btcore.Run`
+    uses it only for the provider that declares a clock.
     """
-    for resource in resources:
-        if hasattr(resource, "now") and hasattr(resource, "wait_until"):
-            return cast(Clock, resource)
-    return SystemClock()
+    return next((resource for resource in resources if is_clock(resource)), None) or SystemClock()
+
+
+def is_clock(thing: object) -> TypeGuard[Clock]:
+    """Return whether *thing* has the methods of a clock."""
+    return hasattr(thing, "now") and hasattr(thing, "wait_until")

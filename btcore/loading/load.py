@@ -62,8 +62,8 @@ class LoadOptions(TypedDict, total=False):
         resources: Objects that leaves get by the types of their parameters, for example a robot.
         blackboard: The blackboard of the main tree; it may have entries, and other trees may share it.
         clock: The clock; default the first of *resources* that is a clock, else the system's clock. The
-            clock of a robot is not found by default: pass `clock=robot.clock`. Only `btcore run` uses the
-            attribute `clock` of its resources, which extensions make for this purpose.
+            clock of a robot is not found by default: pass `clock=robot.clock`. Only `btcore.Run` uses the
+            attribute `clock` of what a provider of a clock provides.
         tick_limit: The longest time (s, real time) for which a tick may repeat nodes; default no limit. See
             `Tree`.
 

@@ -40,7 +40,7 @@ _OF_THE_RUN = (Clock, Tree, Report, Resources)
 
 
 class ChosenSettings(dict[type[Settings], Settings]):
-    """The settings of a run by their classes, without those that have their defaults."""
+    """The settings of a run by their classes. A class that is missing has its defaults."""
 
     def __init__(self, settings: Iterable[Settings] = ()) -> None:
         super().__init__((type(one), one) for one in settings)

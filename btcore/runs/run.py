@@ -12,16 +12,16 @@ from typing import Any, Final, Self, TypeVar, Unpack
 
 import click
 
-from btcore.cli.exit_codes import ExitCode, code_of_signal
 from btcore.clock import NS_PER_S, Clock, SimClock, SystemClock
 from btcore.engine.leaf import StatefulAction
 from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, NodeExecutionError, TreeError
 from btcore.extras import describe_missing
 from btcore.loading.hot_reload import rebuild_tree
-from btcore.loading.instantiate import instantiate, make_leaf_tree
+from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
 from btcore.loading.load import LoadOptions, plan_source
 from btcore.runs.choice import Choice, ChosenSettings, choose
+from btcore.runs.exit_codes import ExitCode, code_of_signal
 from btcore.runs.providers import (
     Need,
     Provider,
@@ -234,12 +234,14 @@ class Run:
 
     def _find_clock(self) -> Clock:
         one = self.choice.clock
-        candidates = self._opened[one].objects if one is not None and one in self._opened else self._provided
-        for thing in candidates:
-            for clock in (thing, getattr(thing, "clock", None) if one is not None else None):
-                if hasattr(clock, "now") and hasattr(clock, "wait_until"):
-                    return clock
-        return SimClock() if self.run_settings.fast else SystemClock()
+        if one is not None and one in self._opened:
+            for thing in self._opened[one].objects:
+                for clock in (thing, getattr(thing, "clock", None)):
+                    if is_clock(clock):
+                        return clock
+            raise ProviderError(f"the provider {one} declares a Clock, but provides no object with a clock")
+        given = next((thing for thing in self._provided if is_clock(thing)), None)
+        return given or (SimClock() if self.run_settings.fast else SystemClock())
 
     def _create_tree(self) -> Tree:
         source = self._source

@@ -16,10 +16,10 @@ import click
 from click.testing import CliRunner
 from mentions import PAGES, links_to_mentions
 
-from btcore.cli import exit_codes
 from btcore.cli.main import OWN_COMMANDS, main
 from btcore.cli.provider_options import available_providers
 from btcore.entry_points import COMMANDS_GROUP
+from btcore.runs import exit_codes
 from btcore.runs.settings import SettingOption
 
 ROOT: Final = Path(__file__).parents[2]

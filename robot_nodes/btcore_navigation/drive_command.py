@@ -9,7 +9,7 @@ import click
 
 from btcore import Run, RunSettings
 from btcore.escaping import escape_controls
-from btcore.program_runner import CommandRun, RunCommand, TreelessProgram, print_json, setting_options
+from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, print_json, setting_options
 from btcore_robot.control.keyboard import (
     HELP,
     KeyboardTeleop,
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from btcore_navigation.mapping.mapper import Mapper
 
 
-@click.command("drive", cls=RunCommand, short_help="Drive the robot with keys, and make a map.")
+@click.command("drive", cls=ProviderCommand, short_help="Drive the robot with keys, and make a map.")
 @click.option(
     "--keys",
     metavar="KEY:S,…",

@@ -9,7 +9,7 @@ from btcore.__main__ import INTERRUPTED
 from btcore.__main__ import main as run_command_line
 
 USAGE_ERROR = 2
-"""The exit code, as in btcore.cli.exit_codes, which is not imported yet."""
+"""The exit code, as in btcore.runs.exit_codes, which is not imported yet."""
 ARGUMENTS = "--arguments="
 """The prefix of several arguments in a single text, as launch files pass the value of a launch argument."""
 

@@ -295,7 +295,7 @@ WITHOUT = {
     "btcore.program_runner.CommandRun": PROGRAM,
     "btcore.program_runner.FiniteRange": PROGRAM,
     "btcore.program_runner.TreelessProgram": PROGRAM,
-    "btcore.program_runner.RunCommand": PROGRAM,
+    "btcore.program_runner.ProviderCommand": PROGRAM,
     "btcore.program_runner.load_nodes": PROGRAM,
     "btcore.program_runner.pass_settings": PROGRAM,
     "btcore.program_runner.print_result": PROGRAM,

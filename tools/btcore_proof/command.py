@@ -13,11 +13,11 @@ from rich.text import Text
 
 from btcore.cli import files, node_libraries, terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.exit_codes import ExitCode
 from btcore.cli.tree_source import STDIN, TreeSource, find_source, given_option, tree_options
 from btcore.escaping import escape_controls
 from btcore.logs.formats import open_log
 from btcore.registry.registry import Registry
+from btcore.runs.exit_codes import ExitCode
 from btcore.tree.tree import Tree
 from btcore.xml.models.stubs import StubAction, StubCondition
 from btcore.xml.plan.plan import Plans

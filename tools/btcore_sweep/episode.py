@@ -15,10 +15,10 @@ from typing import Any, Final
 import click
 
 from btcore.cli.commands.run import create_session, run
-from btcore.cli.exit_codes import ExitCode
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError
+from btcore.runs.exit_codes import ExitCode
 from btcore.status import Status, Transition
 from btcore.tree.tree import Tree
 

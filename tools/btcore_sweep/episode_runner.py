@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 
 from btcore.cli import terminal
-from btcore.cli.exit_codes import ExitCode
+from btcore.runs.exit_codes import ExitCode
 from btcore.script.program import Program
 from btcore.signals import signal_handlers
 from btcore_sweep import table

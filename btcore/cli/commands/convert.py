@@ -7,11 +7,11 @@ import click
 from rich.text import Text
 
 from btcore.cli import files, node_libraries, terminal
-from btcore.cli.exit_codes import ExitCode
 from btcore.cli.tree_source import find_tree_file
 from btcore.diagnostic_codes import Severity
 from btcore.errors import Diagnostic
 from btcore.input_files import read_file
+from btcore.runs.exit_codes import ExitCode
 from btcore.xml.convert.convert import Conversion
 from btcore.xml.convert.convert import convert as converted
 from btcore.xml.read.read import parse_file

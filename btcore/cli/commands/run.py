@@ -9,7 +9,7 @@ import click
 from btcore.cli import initial_blackboard, node_libraries, stub_results, substitute, terminal
 from btcore.cli.command_run import CommandRun
 from btcore.cli.completion import complete_tree
-from btcore.cli.provider_options import RunCommand, available_providers
+from btcore.cli.provider_options import ProviderCommand, available_providers
 from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
 from btcore.cli.tree_source import STDIN, SaveWatcher, TreeSource, find_source, tree_options
@@ -39,7 +39,6 @@ class RunOptions(NamedTuple):
     until: Until
     watch: bool
     logs: Sequence[str]
-    as_json: bool
 
     @classmethod
     def of(cls, ctx: click.Context) -> "RunOptions":
@@ -47,7 +46,7 @@ class RunOptions(NamedTuple):
         return cls(*(ctx.params[name] for name in cls._fields))
 
 
-@click.command(cls=RunCommand, short_help="Run a tree until it ends.")
+@click.command(cls=ProviderCommand, short_help="Run a tree until it ends.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @tree_options
 @stub_results.stub_results_option

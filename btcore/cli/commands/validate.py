@@ -9,9 +9,9 @@ from rich.text import Text
 from btcore.blackboard.ports import remapped_key
 from btcore.cli import node_libraries, terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.exit_codes import ExitCode
 from btcore.cli.tree_source import find_source, given_option, parse_source, tree_options
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
+from btcore.runs.exit_codes import ExitCode
 from btcore.xml.lint.validate import validate_document
 
 

@@ -13,7 +13,7 @@ from btcore import Run, RunSettings, Settings, option
 from btcore.escaping import escape_controls
 from btcore.program_runner import (
     CommandRun,
-    RunCommand,
+    ProviderCommand,
     TreelessProgram,
     print_json,
     print_result,
@@ -73,7 +73,7 @@ def world_command(
         for each in (*reversed(options), *reversed(_WORLD_OPTIONS)):
             function = each(function)
         command = click.pass_context(report_usage_errors(function))
-        return group.command(name, cls=RunCommand, short_help=help_line)(command)
+        return group.command(name, cls=ProviderCommand, short_help=help_line)(command)
 
     return decorate
 

@@ -5,7 +5,7 @@ import click
 from btcore import RunSettings
 from btcore.program_runner import (
     CommandRun,
-    RunCommand,
+    ProviderCommand,
     TreelessProgram,
     pass_settings,
     print_result,
@@ -17,7 +17,7 @@ from btcore_ros2.providers import RosRobotSettings, RosSettings, open_session
 from btcore_ros2.session import DRAIN_RATE, RosSession
 
 
-@click.command("navigation", cls=RunCommand, short_help="Navigate in the place of Nav2's servers.")
+@click.command("navigation", cls=ProviderCommand, short_help="Navigate in the place of Nav2's servers.")
 @click.option(
     "--without-navigators",
     is_flag=True,

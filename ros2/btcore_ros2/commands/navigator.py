@@ -8,7 +8,7 @@ import click
 
 from btcore import Run
 from btcore.clock import NS_PER_S
-from btcore.program_runner import CommandRun, FiniteRange, RunCommand, TreelessProgram, pass_settings
+from btcore.program_runner import CommandRun, FiniteRange, ProviderCommand, TreelessProgram, pass_settings
 from btcore_ros2.providers import RosSettings, open_session
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ PUBLISH_PERIOD_NS: Final = NS_PER_S // 10
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
-@click.command("navigator", cls=RunCommand, short_help="Take the place of Nav2's bt_navigator.")
+@click.command("navigator", cls=ProviderCommand, short_help="Take the place of Nav2's bt_navigator.")
 @click.option(
     "--to-pose",
     type=_FILE,

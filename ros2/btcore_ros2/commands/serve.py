@@ -13,7 +13,7 @@ from btcore.extras import install_command
 from btcore.program_runner import (
     CommandRun,
     FiniteRange,
-    RunCommand,
+    ProviderCommand,
     TreelessProgram,
     load_nodes,
     pass_settings,
@@ -38,7 +38,7 @@ GROOT2_PORT = 1667
 FIXED_PORT = "read-only, because viewers stay connected to this port between goals"
 
 
-@click.command("serve", cls=RunCommand, short_help="Serve trees as goals of an action.")
+@click.command("serve", cls=ProviderCommand, short_help="Serve trees as goals of an action.")
 @click.argument("trees", nargs=-1, type=click.Path(exists=True, path_type=Path))
 @click.option(
     "--action-name", metavar="NAME", help="The action's name.  [default: the ROS parameter, or bt_execution]"

@@ -8,7 +8,7 @@ from btcore import RunSettings
 from btcore.program_runner import (
     CommandRun,
     FiniteRange,
-    RunCommand,
+    ProviderCommand,
     TreelessProgram,
     pass_settings,
     print_json,
@@ -23,7 +23,7 @@ SPARE_BOXES: Final = 5
 """The number of boxes that the service `sim/drop_box` can drop."""
 
 
-@click.command("sim", cls=RunCommand, short_help="Simulate a robot on the topics of ROS 2.")
+@click.command("sim", cls=ProviderCommand, short_help="Simulate a robot on the topics of ROS 2.")
 @setting_options(RunSettings, "duration", "seed")
 @pass_settings(RosSettings, "ros")
 @click.option(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from btcore.cli.exit_codes import code_of_signal
+from btcore.runs.exit_codes import code_of_signal
 from btcore.runs.settings import FiniteRange
 
 

@@ -14,8 +14,8 @@ import click
 from btcore import entry_points
 from btcore.cli import node_libraries, terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.exit_codes import code_of_signal
 from btcore.cli.tree_source import STDIN, SaveWatcher, find_source, tree_options
+from btcore.runs.exit_codes import code_of_signal
 from btcore.runs.settings import Settings, create_options, from_values
 from btcore.runs.tick_loop import POLL_INTERVAL_S
 from btcore.signals import ending_signals, signal_handlers
