@@ -14,7 +14,7 @@ GROUPS = {
         "load", "loads", "make", "Tree", "Subtree", "TreeState", "required_resources",
     ),
     "Runs and providers": (
-        "Run", "RunSettings", "Program", "provider", "Settings", "option", "Report", "Resources",
+        "Run", "RunSettings", "provider", "Settings", "option", "Report", "Resources",
     ),
     "Registering nodes": ("Registry", "condition", "action"),
     "Base classes of nodes": (
