@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from btcore import Program, Run
+from btcore import Run
 from btcore.cli.main import main
+from btcore.program_runner import TreelessProgram
 from btcore_navigation.providers import MapSettings
 from btcore_robot.occupancy_map import MapError, OccupancyMap, save_map
 from btcore_robot.robot import Pose2D, Robot, Waypoints
@@ -90,7 +91,9 @@ def test_a_map_of_a_world_without_waypoints_is_refused_for_a_patrol(tmp_path: Pa
 def test_a_robot_without_waypoints_on_its_map_gets_none(tmp_path: Path) -> None:
     path = tmp_path / "office.yaml"
     save_map(OccupancyMap(np.zeros((2, 2), dtype=np.int8), 0.05, (0.0, 0.0)), path)
-    run = Run(Program("Look"), settings=[MapSettings(path)], provided=[Rover()]).want(Robot, Waypoints)
+    run = Run(TreelessProgram("Look"), settings=[MapSettings(path)], provided=[Rover()]).want(
+        Robot, Waypoints
+    )
     with run:
         waypoints = run.find(Waypoints)
         assert waypoints is not None

@@ -12,7 +12,8 @@ import click
 import msgspec
 import pytest
 
-from btcore import Program, Report, Run, RunSettings, provider
+from btcore import Report, Run, RunSettings, provider
+from btcore.program_runner import TreelessProgram
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import GoalOutcome, Pose2D, Robot, WorldPlaces
 from btcore_sim.map_rasteriser import rasterise
@@ -33,7 +34,7 @@ def drive(
     rate: float = 10.0,
 ) -> Report:
     """Run a program that calls *step* at each tick, and return the report."""
-    program = Program("Drive")
+    program = TreelessProgram("Drive")
 
     def prepare(run: Run) -> None:
         robot = run.find(Robot)
@@ -118,7 +119,7 @@ def test_the_options_for_start_and_noise_apply_to_the_robot():
 
 
 def test_a_run_that_fails_is_reported():
-    with pytest.raises(ZeroDivisionError), Run(Program("Fail"), settings=[ARENA]).want(Robot) as run:
+    with pytest.raises(ZeroDivisionError), Run(TreelessProgram("Fail"), settings=[ARENA]).want(Robot) as run:
         raise ZeroDivisionError
     assert run.report["robot"]
 
@@ -153,7 +154,7 @@ def test_settings_reach_the_world_and_events_the_report():
     settings = SimulatorSettings(
         world="house", camera="off", people=2, obstacles=1, event=("box:90-95", "kidnap:1")
     )
-    program = Program("Drive")
+    program = TreelessProgram("Drive")
     with Run(program, settings=[settings, RunSettings(fast=True)], provided=[SpareBoxes(1)]).want(
         SimulatedRobot
     ) as run:
@@ -168,7 +169,7 @@ def test_settings_reach_the_world_and_events_the_report():
 
 def test_map_and_places_are_those_of_the_world_without_the_obstacles_of_the_run():
     settings = SimulatorSettings(world="house", camera="off", obstacles=2)
-    with Run(Program("Look"), settings=[settings]).want(OccupancyMap, WorldPlaces) as run:
+    with Run(TreelessProgram("Look"), settings=[settings]).want(OccupancyMap, WorldPlaces) as run:
         map, places, simulated = run.find(OccupancyMap), run.find(WorldPlaces), run.find(SimulatedRun)
     drawn = rasterise(load_world_description("house"))
     assert ((map.cells == drawn.cells).all(), map.keepout) == (True, drawn.keepout)
@@ -178,7 +179,7 @@ def test_map_and_places_are_those_of_the_world_without_the_obstacles_of_the_run(
 
 def test_the_start_may_be_unknown():
     settings = SimulatorSettings(world="house", camera="off", start="unknown")
-    with Run(Program("Look"), settings=[settings]).want(WorldPlaces) as run:
+    with Run(TreelessProgram("Look"), settings=[settings]).want(WorldPlaces) as run:
         assert run.find(WorldPlaces).start is None
 
 
@@ -190,14 +191,14 @@ def test_nothing_of_the_simulator_is_opened_for_another_robot():
     def rover() -> Rover:
         return Rover()
 
-    with Run(Program("Look"), settings=[ARENA], providers=[rover]).want(Robot) as run:
+    with Run(TreelessProgram("Look"), settings=[ARENA], providers=[rover]).want(Robot) as run:
         assert isinstance(run.find(Robot), Rover)
-    run = Run(Program("Look"), settings=[ARENA], providers=[rover]).want(Robot)
+    run = Run(TreelessProgram("Look"), settings=[ARENA], providers=[rover]).want(Robot)
     with run.want(WorldPlaces, OccupancyMap, optional=True):
         assert [one.name for one in run.choice.order] == ["rover"]
         assert run.find(WorldPlaces) is run.find(OccupancyMap) is None
     assert run.report == {}
     given = Rover()
-    run = Run(Program("Look"), settings=[ARENA], provided=[given]).want(Robot)
+    run = Run(TreelessProgram("Look"), settings=[ARENA], provided=[given]).want(Robot)
     with run.want(WorldPlaces, optional=True):
         assert [one.name for one in run.choice.order] == []

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from btcore import Program, Run, RunSettings
+from btcore import Run, RunSettings
+from btcore.program_runner import TreelessProgram
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.providers import NavigationSettings
 from btcore_navigation.stack import Navigation
@@ -137,7 +138,7 @@ def navigation(
         NavigationSettings(nav_params),
         RunSettings(fast=True, seed=1),
     ]
-    with Run(Program("Navigate"), settings=settings).want(Navigation) as run:
+    with Run(TreelessProgram("Navigate"), settings=settings).want(Navigation) as run:
         body, found = run.find(SimulatedRobot), run.find(Navigation)
         assert body is not None
         assert found is not None

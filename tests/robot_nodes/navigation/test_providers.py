@@ -7,7 +7,8 @@ import click
 import numpy as np
 import pytest
 
-from btcore import Program, Run, RunSettings, Settings
+from btcore import Run, RunSettings, Settings
+from btcore.program_runner import TreelessProgram
 from btcore.runs.choice import ChosenSettings, choose
 from btcore.runs.providers import ProviderSource
 from btcore_navigation.leaves.explore import Explorer, MapFile
@@ -53,7 +54,7 @@ def test_with_another_robot_nothing_of_the_simulator_is_used(settings: Settings,
 
 def test_a_tree_that_explores_navigates_on_the_map_that_it_makes(tmp_path: Path):
     assert "navigation" not in used([Robot, PoseNavigator, Explorer, Servers])
-    run = Run(Program("Explore"), settings=[HOUSE, ExplorationSettings(tmp_path / "map.yaml")])
+    run = Run(TreelessProgram("Explore"), settings=[HOUSE, ExplorationSettings(tmp_path / "map.yaml")])
     with run.want(PoseNavigator, Explorer, MapFile, Servers) as opened:
         navigator = opened.find(PoseNavigator)
         assert isinstance(navigator, Exploration)
@@ -66,7 +67,9 @@ def test_a_tree_that_explores_navigates_on_the_map_that_it_makes(tmp_path: Path)
 
 def test_tracker_and_locator_are_configured_and_shut_down():
     settings = [SimulatorSettings(world="house"), RunSettings(fast=True)]
-    with Run(Program("Look"), settings=settings).want(HeadTrackerProtocol, ObjectLocatorProtocol) as run:
+    with Run(TreelessProgram("Look"), settings=settings).want(
+        HeadTrackerProtocol, ObjectLocatorProtocol
+    ) as run:
         tracker, locator = run.find(HeadTrackerProtocol), run.find(ObjectLocatorProtocol)
         assert tracker is not None
         assert locator is not None
@@ -81,11 +84,11 @@ class Rover(Robot):
 
 
 def test_a_robot_without_a_map_cannot_navigate(tmp_path: Path):
-    run = Run(Program("Navigate"), settings=[NavigationSettings()], provided=[Rover()])
+    run = Run(TreelessProgram("Navigate"), settings=[NavigationSettings()], provided=[Rover()])
     with pytest.raises(click.UsageError, match=r"there is no map to navigate on: use --map FILE\.yaml"):
         run.want(PoseNavigator).__enter__()
     save_map(OccupancyMap(np.zeros((2, 2), dtype=np.int8), 0.05, (0.0, 0.0)), tmp_path / "map.yaml")
-    run = Run(Program("Navigate"), settings=[MapSettings(tmp_path / "map.yaml")], provided=[Rover()])
+    run = Run(TreelessProgram("Navigate"), settings=[MapSettings(tmp_path / "map.yaml")], provided=[Rover()])
     with pytest.raises(click.UsageError, match="there is no wall on the map"):
         run.want(PoseNavigator).__enter__()
 
