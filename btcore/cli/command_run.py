@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, Unpack
 
 import click
 
 from btcore.cli import terminal
 from btcore.cli.provider_options import available_providers, settings_of
-from btcore.clock import Clock
+from btcore.loading.load import LoadOptions
 from btcore.runs.choice import explain_unused
 from btcore.runs.providers import OutputError
 from btcore.runs.run import Run, TreelessProgram
@@ -31,9 +31,8 @@ class CommandRun(Run):
         provided: As in `Run`.
         used: Classes of settings that the command uses itself.
         option_defaults: Values of options that were not given, by the names of their parameters.
-        clock: As in `Run`.
-        tick_limit: As in `Run`.
         stubs: As in `Run`.
+        options: As in `Run`.
     """
 
     def __init__(
@@ -46,9 +45,8 @@ class CommandRun(Run):
         provided: Sequence[object] = (),
         used: Iterable[type[Settings]] = (),
         option_defaults: Mapping[str, Any] | None = None,
-        clock: Clock | None = None,
-        tick_limit: float | None = None,
         stubs: StubResults | None = None,
+        **options: Unpack[LoadOptions],
     ) -> None:
         replaced = {type(one) for one in settings}
         chosen = [*(one for one in settings_of(ctx, option_defaults) if type(one) not in replaced), *settings]
@@ -56,11 +54,10 @@ class CommandRun(Run):
             source,
             settings=chosen,
             provided=provided,
-            clock=clock,
-            tick_limit=tick_limit,
             stubs=stubs,
             prepare=prepare,
             source_of_providers=available_providers(ctx).source,
+            **options,
         )
         self._used: list[type[Settings]] = [RunSettings, *used]
 

@@ -24,8 +24,8 @@ class AvailableProviders:
     Attributes:
         source: The providers.
         plugins: The imported plugins, by the values of the option.
-        has_options: Whether the command has the options of all providers. An option of a provider that is not
-            given need not be known, and finding out takes time.
+        has_all_options: Whether the command has the options of all providers. An option of a provider that is
+            not given need not be known, and finding out takes time.
     """
 
     def __init__(self, plugins: Sequence[str]) -> None:
@@ -33,9 +33,9 @@ class AvailableProviders:
         self.source = ProviderSource(
             one for plugin in self.plugins.values() for one in providers_in(plugin.module)
         )
-        self.has_options = False
+        self.has_all_options = False
 
-    def options(self, own: Sequence[click.Parameter] = ()) -> list[SettingOption]:
+    def options(self, own: Sequence[click.Parameter]) -> list[SettingOption]:
         """Return the options of the providers' settings, without settings that *own* options belong to.
 
         Raises:
@@ -44,7 +44,7 @@ class AvailableProviders:
         kinds = {option.settings for option in own if isinstance(option, SettingOption)} | {RunSettings}
         taken = {name: "the command" for option in own for name in (*option.opts, option.name or "")}
         options: list[SettingOption] = []
-        for one in self.source.all() if self.has_options else self.source.users:
+        for one in self.source.all() if self.has_all_options else self.source.users:
             for kind, _ in one.settings:
                 if kind not in kinds:
                     kinds.add(kind)
@@ -108,12 +108,12 @@ class ProviderCommand(click.Command):
         """
         has_plugins = any(parameter.name == "plugins" for parameter in self.params)
         providers = find_providers(ctx, args if has_plugins else ())
-        providers.has_options = ctx.resilient_parsing
+        providers.has_all_options = ctx.resilient_parsing
         words = list(args)  # click's parser removes the arguments from its list
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption:
-            providers.has_options = True
+            providers.has_all_options = True
         with explain_missing_options(ctx):
             return super().parse_args(ctx, words)
 
@@ -124,7 +124,7 @@ class ProviderCommand(click.Command):
             ctx: The context of the command.
             formatter: The formatter, to which the help is written.
         """
-        available_providers(ctx).has_options = True
+        available_providers(ctx).has_all_options = True
         super().format_help(ctx, formatter)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -172,7 +172,7 @@ def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -
     """
     values = dict(ctx.params)
     if defaults:
-        available_providers(ctx).has_options = True
+        available_providers(ctx).has_all_options = True
         not_given = (None, ParameterSource.DEFAULT)
         values |= {name: one for name, one in defaults.items() if ctx.get_parameter_source(name) in not_given}
     kinds = {option.settings for option in ctx.command.get_params(ctx) if isinstance(option, SettingOption)}

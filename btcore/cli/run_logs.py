@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,12 +12,13 @@ from btcore.tree.tree import Tree
 if TYPE_CHECKING:
     from btcore.logs import Log
 
-_CONSOLE: Final = "-"
-"""The name of the log on stdout, as `btcore.logs.formats.CONSOLE`, which only a run with logs imports."""
-
 
 def _reject_duplicates(ctx: click.Context, parameter: click.Parameter, names: Sequence[str]) -> Sequence[str]:
-    places = [name if name == _CONSOLE else str(Path(name).resolve()) for name in names]
+    if not names:
+        return names
+    from btcore.logs.formats import CONSOLE  # only a run with logs imports the formats
+
+    places = [name if name == CONSOLE else str(Path(name).resolve()) for name in names]
     for number, place in enumerate(places):
         if place in places[:number]:
             raise click.UsageError(f"--log '{names[number]}' is given more than once.")
@@ -89,7 +90,9 @@ class Logs:
             self.are_incomplete = self.are_incomplete or log.is_incomplete
 
     def _number_file(self, name: str) -> str:
-        if name == _CONSOLE:
+        from btcore.logs.formats import CONSOLE
+
+        if name == CONSOLE:
             return name
         path = Path(name)
         return str(path.with_name(f"{path.stem}.{self.number}{path.suffix}"))

@@ -13,7 +13,6 @@ from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.runs.tick_loop import TickLoop, Until
 from btcore.status import Status
 from btcore.tree.tree import Tree
-from btcore.xml.plan.plan import Plans
 
 
 class RunSession:
@@ -142,7 +141,6 @@ class RunSession:
     def _reload(self) -> bool:
         """Replace the tree by the tree in the saved file; on errors, print them and return False."""
         run = self.tree_run
-        plans: Plans
         try:
             plans = self.source.read_plans()
             tree = run.rebuild(plans)

@@ -43,7 +43,7 @@ class ChosenSettings(dict[type[Settings], Settings]):
     """The settings of a run by their classes. A class that is missing has its defaults."""
 
     def __init__(self, settings: Iterable[Settings] = ()) -> None:
-        super().__init__((type(one), one) for one in settings)
+        super().__init__((type(item), item) for item in settings)
 
     def find(self, kind: type[S]) -> S | None:
         """Return the settings of the class *kind*; None if a required one was not given."""
@@ -61,7 +61,7 @@ class Choice(NamedTuple):
     """The used providers.
 
     Attributes:
-        order: The providers in the order in which they are opened.
+        order: The providers, each after those that it needs. Those that follow the tree are opened later.
         sources: What is provided for each needed type, by its full name: a provider, or an object of the
             program.
         problems: Why nothing is provided for a type, by its full name.
@@ -77,7 +77,7 @@ class Choice(NamedTuple):
     @property
     def clock(self) -> Provider | None:
         """The provider of the run's clock, or None."""
-        return next((one for one in self.order if one.provides_clock), None)
+        return next((provider for provider in self.order if provider.provides_clock), None)
 
 
 def choose(
@@ -101,11 +101,14 @@ def choose(
         ProviderError: Two providers are equally good, or need each other, or a provider of nothing needs what
             nothing provides.
     """
-    starters = []
-    if settings.keys() - {RunSettings}:  # loading these providers takes time
-        for one in source.of_nothing():
-            if any(settings.are_given(kind) for kind, _ in one.settings) and _has_settings(one, settings):
-                starters.append(one)
+    # Loading the providers of nothing takes time, and a run without settings of providers needs none.
+    candidates = source.of_nothing() if settings.keys() - {RunSettings} else []
+    starters = [
+        provider
+        for provider in candidates
+        if any(settings.are_given(kind) for kind, _ in provider.settings)
+        and _has_settings(provider, settings)
+    ]
     chooser = _Chooser(source, settings, objects)
     requests = [
         *(_Request(kind, False, ()) for kind in wanted),
@@ -116,8 +119,8 @@ def choose(
     return chooser.result()
 
 
-def _has_settings(one: Provider, settings: ChosenSettings) -> bool:
-    return all(optional or settings.find(kind) is not None for kind, optional in one.settings)
+def _has_settings(provider: Provider, settings: ChosenSettings) -> bool:
+    return all(optional or settings.find(kind) is not None for kind, optional in provider.settings)
 
 
 class _Request(NamedTuple):
@@ -141,21 +144,21 @@ class _Chooser:
         self._used: dict[Provider, None] = {}
         self._problems: dict[str, str] = {}
         pending = list(requests)
-        for one in starters:
-            self._use(one, (), pending)
+        for provider in starters:
+            self._use(provider, (), pending)
         while pending:
             # Needed types come before optional ones. Types with a single candidate come first: it is then
             # preferred for the other types.
-            needed = [one for one in pending if not one.is_optional] or pending
-            single = (one for one in needed if len(self._candidates(one.type, one.chain)) <= 1)
+            needed = [each for each in pending if not each.is_optional] or pending
+            single = (each for each in needed if len(self._candidates(each.type, each.chain)) <= 1)
             request = next(single, needed[0])
             pending.remove(request)
             name = full_name(request.type)
             if name in self._sources:
                 continue
-            owned = [one for one in self._objects if _names_of(one, request.type)]
-            if owned:
-                self._sources[name] = owned[0]
+            owned = self._owned(request.type)
+            if owned is not None:
+                self._sources[name] = owned
                 if self._lose(self._source.of_type(name), request, None):
                     return True
                 continue
@@ -167,147 +170,156 @@ class _Chooser:
                 continue
             chosen = self._best(request, candidates)
             self._sources[name] = chosen
-            if self._lose([one for one in candidates if one is not chosen], request, chosen):
+            if self._lose([provider for provider in candidates if provider is not chosen], request, chosen):
                 return True
             if chosen not in self._used:
                 self._use(chosen, request.chain, pending)
         return False
 
+    def _owned(self, kind: Any) -> object:
+        """Return the first object of the program that fits a type, or None."""
+        return next((thing for thing in self._objects if _fits(thing, kind)), None)
+
     def _lose(self, losers: Sequence[Provider], request: _Request, winner: Provider | None) -> bool:
         """Let *losers* lose the type of a request to *winner*; return whether one had not lost before."""
-        new = [one for one in losers if one not in self._losers]
+        new = [provider for provider in losers if provider not in self._losers]
         self._losers |= dict.fromkeys(new, (request.type, winner))
         return bool(new)
 
     def result(self) -> Choice:
         self._add_clock()
         order: dict[Provider, None] = {}
-        for one in self._used:
-            self._open_after_needs(one, (), order)
-        late = [one for one in order if one.follows_tree]
-        return Choice(
-            [*(one for one in order if one not in late), *late], self._sources, self._problems, self._losers
-        )
+        for provider in self._used:
+            self._append_after_needs(provider, (), order)
+        return Choice(list(order), self._sources, self._problems, self._losers)
 
-    def _use(self, one: Provider, chain: tuple[Provider, ...], pending: list[_Request]) -> None:
-        self._used[one] = None
-        for need in _needs(one):
-            pending.append(_Request(need.type, need.is_optional, (*chain, one)))
+    def _use(self, provider: Provider, chain: tuple[Provider, ...], pending: list[_Request]) -> None:
+        self._used[provider] = None
+        for need in _needs(provider):
+            pending.append(_Request(need.type, need.is_optional, (*chain, provider)))
 
     def _candidates(self, kind: Any, chain: tuple[Provider, ...] = ()) -> list[Provider]:
         """Return the providers of a type that can be used, apart from those that have lost."""
         return [
-            one
-            for one in self._source.of_type(full_name(kind))
-            if one not in self._losers and one not in chain and self._is_usable(one, (*chain, one))
+            provider
+            for provider in self._source.of_type(full_name(kind))
+            if provider not in self._losers
+            and provider not in chain
+            and self._is_usable(provider, (*chain, provider))
         ]
 
-    def _is_usable(self, one: Provider, chain: tuple[Provider, ...]) -> bool:
-        if not _has_settings(one, self._settings):
+    def _is_usable(self, provider: Provider, chain: tuple[Provider, ...]) -> bool:
+        if not _has_settings(provider, self._settings):
             return False
         return all(
-            need.is_optional
-            or any(_names_of(owned, need.type) for owned in self._objects)
-            or bool(self._candidates(need.type, chain))
-            for need in _needs(one)
+            need.is_optional or self._owned(need.type) is not None or bool(self._candidates(need.type, chain))
+            for need in _needs(provider)
         )
 
     def _best(self, request: _Request, candidates: Sequence[Provider]) -> Provider:
-        ranked = {one: self._rank(one) for one in candidates}
-        best = [one for one in candidates if ranked[one] == max(ranked.values())]
+        ranked = {provider: self._rank(provider) for provider in candidates}
+        best = [provider for provider in candidates if ranked[provider] == max(ranked.values())]
         # One that takes the settings that make another a candidate replaces it: a bag with a robot's
         # description.
         wider = [
-            one
-            for one in best
-            if all(self._required(other) <= {kind for kind, _ in one.settings} for other in best)
+            provider
+            for provider in best
+            if all(self._required(other) <= {kind for kind, _ in provider.settings} for other in best)
         ]
         if len(wider) == 1:
             return wider[0]
         if len(best) > 1:
-            found = join_names([f"{one.name} ({one.place})" for one in best])
+            found = join_names(map(repr, best))
             raise ProviderError(
                 f"{len(best)} providers provide a {_title(request.type)}: {found}; {_path(request)}. "
                 "Choose one by an option, or pass the object"
             )
         return best[0]
 
-    def _rank(self, one: Provider) -> tuple[bool, bool, bool, bool]:
-        return bool(self._required(one)), one in self._used, not one.is_installed, not one.is_default
+    def _rank(self, provider: Provider) -> tuple[bool, bool, bool, bool]:
+        return (
+            bool(self._required(provider)),
+            provider in self._used,
+            not provider.is_installed,
+            not provider.is_default,
+        )
 
-    def _required(self, one: Provider) -> set[type[Settings]]:
+    def _required(self, provider: Provider) -> set[type[Settings]]:
         """Return the settings without which the provider cannot be used."""
-        return {kind for kind, optional in one.settings if not optional and has_required_fields(kind)}
+        return {kind for kind, optional in provider.settings if not optional and has_required_fields(kind)}
 
     def _add_clock(self) -> None:
         """Use a provider that provides the clock alone, if it needs only what is used, and no other is."""
-        clocks = [one for one in self._used if one.provides_clock]
+        clocks = [provider for provider in self._used if provider.provides_clock]
         if len(clocks) > 1:
-            found = join_names([f"{one.name} ({one.place})" for one in clocks])
+            names = join_names(map(repr, clocks))
             raise ProviderError(
-                f"a run has one clock, but {len(clocks)} of its providers are clocks: {found}"
+                f"a run has one clock, but {len(clocks)} of its providers are clocks: {names}"
             )
         if clocks or not (self._used or self._objects):
             return
-        for one in self._source.of_type(_CLOCK):
-            is_alone = {full_name(kind) for kind in one.types} == {_CLOCK}
-            names = [full_name(need.type) for need in _needs(one)]
-            if is_alone and all(
-                name in self._sources or any(_names_of(owned, need.type) for owned in self._objects)
-                for name, need in zip(names, _needs(one), strict=True)
-            ):
-                self._used[one] = None
-                for name, need in zip(names, _needs(one), strict=True):
-                    owned = [each for each in self._objects if _names_of(each, need.type)]
-                    self._sources.setdefault(name, owned[0] if owned else None)
+        for provider in self._source.of_type(_CLOCK):
+            is_alone = {full_name(kind) for kind in provider.types} == {_CLOCK}
+            kinds = {full_name(need.type): need.type for need in _needs(provider)}
+            found = {name: self._sources.get(name, self._owned(kind)) for name, kind in kinds.items()}
+            if is_alone and None not in found.values():
+                self._used[provider] = None
+                self._sources |= found
                 return
 
-    def _open_after_needs(
-        self, one: Provider, chain: tuple[Provider, ...], order: dict[Provider, None]
+    def _append_after_needs(
+        self, provider: Provider, chain: tuple[Provider, ...], order: dict[Provider, None]
     ) -> None:
-        if one in order:
+        """Append a provider to *order*, after those that it needs."""
+        if provider in order:
             return
-        if one in chain:
-            raise ProviderError(f"providers need each other: {_join([*chain[chain.index(one) :], one])}")
-        needed = [self._sources.get(full_name(need.type)) for need in _needs(one)]
-        if any(need.type is Clock for need in one.needs):
+        if provider in chain:
+            raise ProviderError(
+                f"providers need each other: {_join([*chain[chain.index(provider) :], provider])}"
+            )
+        needed = [self._sources.get(full_name(need.type)) for need in _needs(provider)]
+        if any(need.type is Clock for need in provider.needs):
             needed += [other for other in self._used if other.provides_clock]
         for other in needed:
             if isinstance(other, Provider):
-                self._open_after_needs(other, (*chain, one), order)
-        order[one] = None
+                self._append_after_needs(other, (*chain, provider), order)
+        order[provider] = None
 
     def _explain(self, request: _Request) -> str:
         """Return why nothing provides the type of a request."""
         reasons = []
-        for one in self._source.of_type(full_name(request.type)):
-            if one in self._losers:
-                kind, winner = self._losers[one]
-                reasons.append(f"{one} is not used, because {_name_of(winner)} provides the {_title(kind)}")
-            elif one in request.chain:
-                reasons.append(f"{one} needs itself: {_join([*request.chain, one])}")
-            elif not _has_settings(one, self._settings):
-                reasons.append(f"{one} is not used without {_required_options(one, self._settings)}")
+        for provider in self._source.of_type(full_name(request.type)):
+            if provider in self._losers:
+                kind, winner = self._losers[provider]
+                reasons.append(
+                    f"{provider} is not used, because {_name_of(winner)} provides the {_title(kind)}"
+                )
+            elif provider in request.chain:
+                reasons.append(f"{provider} needs itself: {_join([*request.chain, provider])}")
+            elif not _has_settings(provider, self._settings):
+                reasons.append(
+                    f"{provider} is not used without {_required_options(provider, self._settings)}"
+                )
             else:
                 missing = next(
                     need
-                    for need in _needs(one)
-                    if not need.is_optional and not self._candidates(need.type, (*request.chain, one))
+                    for need in _needs(provider)
+                    if not need.is_optional and not self._candidates(need.type, (*request.chain, provider))
                 )
-                inner = self._explain(_Request(missing.type, False, (*request.chain, one)))
-                reasons.append(f"{one} needs a {_title(missing.type)}, but {inner}")
+                inner = self._explain(_Request(missing.type, False, (*request.chain, provider)))
+                reasons.append(f"{provider} needs a {_title(missing.type)}, but {inner}")
         reason = "; ".join(reasons)
         told = f"nothing provides a {_title(request.type)}"
         told = f"{told} ({_path(request)})" if request.chain and not reasons else told
         return f"{told}: {reason}" if reasons else told
 
 
-def _needs(one: Provider) -> list[Need]:
+def _needs(provider: Provider) -> list[Need]:
     """Return the parameters for objects of other providers."""
-    return [need for need in one.needs if need.type not in _OF_THE_RUN and not is_settings(need.type)]
+    return [need for need in provider.needs if need.type not in _OF_THE_RUN and not is_settings(need.type)]
 
 
-def _names_of(thing: object, kind: Any) -> bool:
+def _fits(thing: object, kind: Any) -> bool:
     """Return whether an object of the program fits a type, which may be a stand-in."""
     if any(full_name(base) == full_name(kind) for base in type(thing).__mro__):
         return True
@@ -336,10 +348,10 @@ def _join(chain: Sequence[Provider]) -> str:
     return " → ".join(map(repr, chain))
 
 
-def _required_options(one: Provider, settings: ChosenSettings) -> str:
+def _required_options(provider: Provider, settings: ChosenSettings) -> str:
     names = [
         item.opts[0]
-        for kind, optional in one.settings
+        for kind, optional in provider.settings
         if not optional and settings.find(kind) is None
         for item in create_options(kind)
         if item.is_needed
@@ -355,20 +367,20 @@ def explain_unused(
     Args:
         used: Classes of settings that the program uses itself.
     """
-    taken = {kind for one in choice.order for kind, _ in one.settings} | set(used)
+    taken = {kind for provider in choice.order for kind, _ in provider.settings} | set(used)
     unused = [kind for kind in settings if settings.are_given(kind) and kind not in taken]
     sentences = []
     for kind in unused:
-        takers = [one for one in source.all() if any(each is kind for each, _ in one.settings)]
-        takers = [one for one in takers if (kind, False) in one.settings] or takers
+        takers = [provider for provider in source.all() if any(each is kind for each, _ in provider.settings)]
+        takers = [provider for provider in takers if (kind, False) in provider.settings] or takers
         if not takers:
             continue
-        names = list(option_names(settings[kind]))
-        lost = next((choice.losers[one] for one in takers if one in choice.losers), None)
+        names = option_names(settings[kind])
+        lost = next((choice.losers[provider] for provider in takers if provider in choice.losers), None)
         if lost is not None:
             reason = f"{_name_of(lost[1])} provides the {_title(lost[0])}"
         else:
-            kinds = dict.fromkeys(_title(one.types[0]) for one in takers if one.types)
+            kinds = dict.fromkeys(_title(provider.types[0]) for provider in takers if provider.types)
             reason = f"no leaf needs a {join_names(list(kinds), 'or')}" if kinds else "it is not used"
         have = "has" if len(names) == 1 else "have"
         sentences.append(f"{join_names(names)} {have} no effect: {reason}")

@@ -1,5 +1,4 @@
-"""Providers: functions that provide what leaves need, and what else takes part in a run, as fixtures in
-pytest.
+"""Providers: functions that provide what leaves need, and what else takes part in a run, like fixtures.
 
     @provider
     def gripper(settings: GripperSettings, clock: Clock) -> Iterator[Gripper]:
@@ -301,16 +300,16 @@ class ProviderSource:
 
     Args:
         users: The providers of the user's program and plugins.
-        is_installed_used: Whether to use those of installed packages, too.
+        uses_installed: Whether to use those of installed packages, too.
 
     Attributes:
         unavailable: The entry points that could not be imported.
     """
 
-    def __init__(self, users: Iterable[Provider] = (), is_installed_used: bool = True) -> None:
+    def __init__(self, users: Iterable[Provider] = (), uses_installed: bool = True) -> None:
         self.users = list(users)
         self.unavailable: list[entry_points.UnavailableEntryPoint] = []
-        points = entry_points.find(entry_points.PROVIDERS_GROUP) if is_installed_used else []
+        points = entry_points.find(entry_points.PROVIDERS_GROUP) if uses_installed else []
         self._points = {point: point.name.partition("-")[2] for point in points}
         self._loaded: dict[str, Provider | None] = {}
 

@@ -135,8 +135,9 @@ class Run:
     ) -> None:
         if options.get("resources"):
             raise TypeError("a run has no argument 'resources': write provided=[…]")
-        self._source = plan_source(source, options) if isinstance(source, (str, PathLike)) else source
-        source = self._source
+        if isinstance(source, (str, PathLike)):
+            source = plan_source(source, options)
+        self._source = source
         self._options = options
         self._provided = list(provided)
         self._wanted: list[Any] = source.required_resources() if isinstance(source, Plans) else []
@@ -183,7 +184,7 @@ class Run:
         """Return the object of a type among the resources, or None."""
         found = self._object_for(full_name(kind))
         if found is None:
-            found = next((one for one in self.resources if _is_instance(one, kind)), None)
+            found = next((thing for thing in self.resources if _is_instance(thing, kind)), None)
         return found  # type: ignore[return-value]
 
     def __enter__(self) -> Self:
@@ -195,16 +196,12 @@ class Run:
             self.choice = choose(wanted, self.providers, self.settings, self._provided, self._optional)
             self._check_required()
             self.resources += self._provided
-            late = [one for one in self.choice.order if one.follows_tree]
-            for one in self.choice.order:
-                if one not in late:
-                    self._open(one)
+            self._open_all(follow_tree=False)
             self.resources += self._own
             self.tree = self._create_tree()
             if self._prepare is not None:
                 self._prepare(self)
-            for one in late:
-                self._open(one)
+            self._open_all(follow_tree=True)
             self._stack = stack.pop_all()
         self.report.is_interrupted = False
         return self
@@ -233,13 +230,15 @@ class Run:
         return self._clock
 
     def _find_clock(self) -> Clock:
-        one = self.choice.clock
-        if one is not None and one in self._opened:
-            for thing in self._opened[one].objects:
+        provider = self.choice.clock
+        if provider is not None and provider in self._opened:
+            for thing in self._opened[provider].objects:
                 for clock in (thing, getattr(thing, "clock", None)):
                     if is_clock(clock):
                         return clock
-            raise ProviderError(f"the provider {one} declares a Clock, but provides no object with a clock")
+            raise ProviderError(
+                f"the provider {provider} declares a Clock, but provides no object with a clock"
+            )
         given = next((thing for thing in self._provided if is_clock(thing)), None)
         return given or (SimClock() if self.run_settings.fast else SystemClock())
 
@@ -272,21 +271,23 @@ class Run:
         fits = {id(one): sum(_is_instance(one, kind) for kind in self._wanted) for one in self.resources}
         return sorted(self.resources, key=lambda one: fits[id(one)])
 
-    def _open(self, one: Provider) -> None:
-        opened = self._opened[one] = _Opened(one, ExitStack())
-        self._stack.enter_context(opened.stack)
-        opened.value = self._call(opened)
-        self.resources += opened.objects
+    def _open_all(self, follow_tree: bool) -> None:
+        for provider in self.choice.order:
+            if provider.follows_tree is follow_tree:
+                opened = self._opened[provider] = _Opened(provider, ExitStack())
+                self._stack.enter_context(opened.stack)
+                opened.value = self._call(opened)
+                self.resources += opened.objects
 
     def _call(self, opened: "_Opened") -> object:
-        one = opened.provider
-        arguments = {need.parameter: self._argument(need) for need in one.needs}
-        with _named(one):
-            if not inspect.isgeneratorfunction(one.function):
-                return one.function(**arguments)
-            context = contextlib.contextmanager(one.function)(**arguments)
+        provider = opened.provider
+        arguments = {need.parameter: self._argument(need) for need in provider.needs}
+        with _named(provider):
+            if not inspect.isgeneratorfunction(provider.function):
+                return provider.function(**arguments)
+            context = contextlib.contextmanager(provider.function)(**arguments)
             value: object = context.__enter__()
-        opened.stack.push(_NamedExit(one, context).close)
+        opened.stack.push(_NamedExit(provider, context).close)
         return value
 
     def _argument(self, need: Need) -> object:
@@ -316,7 +317,6 @@ class Run:
         until: Until = "done",
         *,
         on_tick: Callable[[Status], None] | None = None,
-        was_saved: Callable[[], bool] | None = None,
     ) -> None:
         """Tick at the rate of the run until the end, and halt the tree.
 
@@ -326,12 +326,11 @@ class Run:
         Args:
             until: The result of the tree that ends the run.
             on_tick: Called with the tree's status after every tick.
-            was_saved: Called between two ticks; ends the loop when it returns True.
 
         Raises:
             NodeExecutionError: A program raised an exception.
         """
-        loop = self.loop(until, on_tick, was_saved)
+        loop = self.loop(until, on_tick)
         with self.ticking(loop):
             self.end_reason = loop.run()
         if self.error is not None and isinstance(self._source, TreelessProgram):
@@ -348,7 +347,7 @@ class Run:
         Args:
             until: As in `until_done`.
             on_tick: As in `until_done`.
-            was_saved: As in `until_done`.
+            was_saved: Called between two ticks; ends the loop when it returns True.
         """
         settings = self.run_settings
         self._loop = TickLoop(
@@ -509,7 +508,7 @@ class _NamedExit:
 
 
 @contextlib.contextmanager
-def _named(one: Provider, but: BaseException | None = None) -> Iterator[None]:
+def _named(provider: Provider, but: BaseException | None = None) -> Iterator[None]:
     """Return a context in which an exception of a provider becomes an error that names it.
 
     Args:
@@ -530,7 +529,9 @@ def _named(one: Provider, but: BaseException | None = None) -> Iterator[None]:
         while last is not None and last.tb_next is not None:
             last = last.tb_next
         place = "" if last is None else f" at {last.tb_frame.f_code.co_filename}:{last.tb_lineno}"
-        raise ProviderError(f"the provider {one} raised {type(error).__name__}{place}: {error}") from error
+        raise ProviderError(
+            f"the provider {provider} raised {type(error).__name__}{place}: {error}"
+        ) from error
 
 
 def _is_instance(thing: object, kind: Any) -> bool:

@@ -13,7 +13,7 @@ a flag, and a `Literal` a choice.
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
@@ -254,7 +254,7 @@ def has_required_fields(settings: type[Settings]) -> bool:
     return any(field.required for field in msgspec.structs.fields(settings))
 
 
-def option_names(settings: Settings) -> Iterable[str]:
+def option_names(settings: Settings) -> list[str]:
     """Return the options for the `given_fields`, with dashes."""
     given = given_fields(settings)
     return [item.opts[0] for item in create_options(type(settings)) if item.name in given]

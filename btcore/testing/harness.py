@@ -138,7 +138,7 @@ class Harness:
             plan_source(source, options, is_text),
             provided=options.pop("resources", ()),
             settings=[RunSettings(fast=True), *settings],
-            source_of_providers=ProviderSource(providers, is_installed_used=False),
+            source_of_providers=ProviderSource(providers, uses_installed=False),
             **options,
         )
         return cls(run.__enter__().tree, run)

@@ -162,7 +162,7 @@ def _description(command: click.Command) -> tuple[list[str], list[str]]:
 
 def _options(command: click.Command, context: click.Context) -> list[str]:
     """Return tables of the options: those of the command, and those of each package that adds options."""
-    available_providers(context).has_options = True
+    available_providers(context).has_all_options = True
     tables: dict[str, list[str]] = {}
     for option in command.get_params(context):
         if isinstance(option, click.Option) and not option.hidden:

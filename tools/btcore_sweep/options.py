@@ -50,7 +50,7 @@ class SweepCommand(click.Command):
 
 def collect_run_options(ctx: click.Context) -> RunOptions:
     """Return the options of `btcore run` that a sweep accepts, and the reasons why it rejects others."""
-    available_providers(ctx).has_options = True
+    available_providers(ctx).has_all_options = True
     options = {_key(item): item for item in run.get_params(ctx) if isinstance(item, click.Option)}
     refused = dict(_REFUSED)
     for key, option in options.items():

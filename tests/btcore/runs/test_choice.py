@@ -24,7 +24,7 @@ from btcore import (
 )
 from btcore.clock import Clock, SimClock
 from btcore.errors import BtcoreError, TreeError
-from btcore.runs.providers import Provider
+from btcore.runs.providers import Provider, ProviderSource
 from btcore.runs.run import TreelessProgram
 from btcore.tree.tree import Tree
 
@@ -67,9 +67,9 @@ class OutputSettings(Settings):
 
 def run_with(*providers: Provider, want: Any = (), settings: Any = (), provided: Any = ()) -> Run:
     """Return the run of a program that wants types, with no installed providers."""
-    run = Run(TreelessProgram("Test", lambda: False), provided=provided, settings=[FAST, *settings])
-    run.providers._points.clear()
-    run.providers.users.extend(providers)
+    source = ProviderSource(providers, uses_installed=False)
+    program = TreelessProgram("Test", lambda: False)
+    run = Run(program, provided=provided, settings=[FAST, *settings], source_of_providers=source)
     return run.want(*want)
 
 
