@@ -60,11 +60,11 @@ if TYPE_CHECKING:
     from btcore.loading.load import make as make
     from btcore.loading.load import required_resources as required_resources
     from btcore.nodes.loop import LoopNode as LoopNode
+    from btcore.registry.manifest import Resources as Resources
     from btcore.registry.registry import Registry as Registry
     from btcore.runs.providers import OutputError as OutputError
     from btcore.runs.providers import ProviderError as ProviderError
     from btcore.runs.providers import Report as Report
-    from btcore.runs.providers import Resources as Resources
     from btcore.runs.providers import provider as provider
     from btcore.runs.run import Run as Run
     from btcore.runs.settings import RunSettings as RunSettings
@@ -115,8 +115,9 @@ _HOMES = {
     "btcore.loading.builder": ("Builder", "blackboard_key"),
     "btcore.loading.load": ("load", "loads", "make", "required_resources"),
     "btcore.nodes.loop": ("LoopNode",),
+    "btcore.registry.manifest": ("Resources",),
     "btcore.registry.registry": ("Registry",),
-    "btcore.runs.providers": ("OutputError", "ProviderError", "Report", "Resources", "provider"),
+    "btcore.runs.providers": ("OutputError", "ProviderError", "Report", "provider"),
     "btcore.runs.run": ("Run",),
     "btcore.runs.settings": ("RunSettings", "Settings", "option"),
     "btcore.script.program": ("compile_script",),

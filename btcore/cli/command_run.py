@@ -2,26 +2,24 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import TracebackType
-from typing import Any, Self, Unpack
+from typing import Any, Unpack
 
 import click
 
 from btcore.cli import terminal
-from btcore.cli.provider_options import available_providers, settings_of
+from btcore.cli.provider_options import available_providers, given_options, settings_of
 from btcore.loading.load import LoadOptions
-from btcore.runs.choice import explain_unused
 from btcore.runs.providers import OutputError
 from btcore.runs.run import Run, TreelessProgram
-from btcore.runs.settings import RunSettings, Settings
-from btcore.xml.models.stubs import StubResults
+from btcore.runs.settings import Settings
+from btcore.suggestions import join_names
 from btcore.xml.plan.plan import Plans
 
 
 class CommandRun(Run):
     """A run of a command of class `ProviderCommand`.
 
-    On entry, it prints a warning for options that no provider uses; on exit, it prints the error of an
-    incomplete output.
+    Options that no provider uses and incomplete outputs are printed.
 
     Args:
         ctx: The context of the command.
@@ -31,7 +29,6 @@ class CommandRun(Run):
         provided: As in `Run`.
         used: Classes of settings that the command uses itself.
         option_defaults: Values of options that were not given, by the names of their parameters.
-        stubs: As in `Run`.
         options: As in `Run`.
     """
 
@@ -45,27 +42,24 @@ class CommandRun(Run):
         provided: Sequence[object] = (),
         used: Iterable[type[Settings]] = (),
         option_defaults: Mapping[str, Any] | None = None,
-        stubs: StubResults | None = None,
         **options: Unpack[LoadOptions],
     ) -> None:
-        replaced = {type(one) for one in settings}
-        chosen = [*(one for one in settings_of(ctx, option_defaults) if type(one) not in replaced), *settings]
         super().__init__(
             source,
-            settings=chosen,
+            settings=[*settings_of(ctx, option_defaults), *settings],
             provided=provided,
-            stubs=stubs,
+            providers=available_providers(ctx).source,
             prepare=prepare,
-            source_of_providers=available_providers(ctx).source,
             **options,
         )
-        self._used: list[type[Settings]] = [RunSettings, *used]
+        self._ctx = ctx
+        self._used_settings |= set(used)
 
-    def __enter__(self) -> Self:
-        super().__enter__()
-        for sentence in explain_unused(self.choice, self.providers, self.settings, self._used):
-            terminal.print_warning(sentence)
-        return self
+    def warn_unused(self, kind: type[Settings], reason: str) -> None:
+        """Print a warning for the options of *kind* that were given."""
+        names = [option.opts[0] for option in given_options(self._ctx) if option.settings is kind]
+        have = "has" if len(names) == 1 else "have"
+        terminal.print_warning(f"{join_names(names)} {have} no effect: {reason}")
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -73,6 +67,7 @@ class CommandRun(Run):
         try:
             return super().__exit__(kind, error, trace)
         except OutputError as incomplete:
-            self.is_output_incomplete = True
+            if incomplete is error:
+                raise
             terminal.print_error(str(incomplete))
             return None

@@ -15,7 +15,7 @@ from btcore.values.numbers import read_json
 from btcore.xml.plan.plan import Plans
 
 
-def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
+def parse_entries(texts: Iterable[str]) -> dict[str, str]:
     """Return the keys and the texts of their values.
 
     Args:
@@ -36,16 +36,6 @@ def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
             raise click.UsageError(f"--set: '{key}' is set more than once.")
         entries[key] = value
     return entries
-
-
-set_option = click.option(
-    "--set",
-    multiple=True,
-    callback=lambda ctx, option, texts: _parse_entries(texts),
-    metavar="KEY=VALUE",
-    help="Set an entry of the main tree's blackboard before the first tick. VALUE has the type of the "
-    "ports that use KEY; without a typed port it is read as JSON if possible, else as a string. Repeatable.",
-)
 
 
 def _convert_value(text: str, kind: ValueType | None, format: int) -> object:

@@ -1,11 +1,11 @@
 """The nodes of a command: built-in, installed, loaded by `--plugin`, and declared by `--model`."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Literal
 
 import click
 
@@ -13,34 +13,48 @@ from btcore.cli import terminal
 from btcore.diagnostic_codes import UNKNOWN_NODE
 from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, own_packages, unsearched_libraries
 from btcore.errors import Diagnostic
+from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Plugin, Registry, import_plugin, library_of
+from btcore.runs.settings import Options, option
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.read import Document, read
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
 
-_plugin_option = click.option(
-    "--plugin",
-    "plugins",
-    multiple=True,
-    metavar="MODULE|FILE.py",
-    help="Load a node library, by module name or file path. Repeatable.",
-)
-_model_option = click.option(
-    "--model",
-    "models",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Load node declarations from a TreeNodesModel file, such as Groot exports: these nodes need no "
-    "code. Repeatable.",
-)
+class LibraryOptions(Options):
+    """The options of commands that load node libraries."""
+
+    plugins: Annotated[
+        tuple[str, ...],
+        option(
+            "Load a node library, by module name or file path. Repeatable.",
+            metavar="MODULE|FILE.py",
+            name="plugin",
+        ),
+    ] = ()
+    models: Annotated[
+        tuple[Path, ...],
+        option(
+            "Load node declarations from a TreeNodesModel file, such as Groot exports: these nodes need no "
+            "code. Repeatable.",
+            metavar="FILE",
+            name="model",
+        ),
+    ] = ()
+
+    def load_libraries(self) -> "NodeLibraries":
+        """Call `load_libraries` with the options."""
+        return load_libraries(self.plugins, self.models)
 
 
-def library_options(command: _Command) -> _Command:
-    """Add the options that load node libraries: `--plugin` and `--model`."""
-    return _plugin_option(_model_option(command))
+class PaletteOptions(LibraryOptions):
+    """The options of commands about all nodes of an XML format."""
+
+    format: Annotated[Literal[3, 4], option("The XML format of the nodes.")] = 4
+
+    def load_palette(self) -> Mapping[str, Manifest]:
+        """Load all node libraries, and return the nodes of the format, by ID."""
+        return self.load_libraries().nodes.manifests_of(self.format)
 
 
 @dataclass(slots=True)

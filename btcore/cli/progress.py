@@ -32,14 +32,17 @@ class Progress:
     """The live status line of a run. If stderr is not a terminal, a plain line every 10 s.
 
     Args:
+        console: Prints the line.
+        tree: The tree.
+        name: The name of the run.
         duration: The limit of the run (s of the tree's clock), or None.
     """
 
-    def __init__(self, tree: Tree, name: str, duration: float | None) -> None:
+    def __init__(self, console: Console, tree: Tree, name: str, duration: float | None) -> None:
         self.tree = tree
         self.name = name
         self.duration = duration
-        self.console: Console = terminal.stderr_console()
+        self.console = console
         self.live: Live | None = None
         self.start = tree.clock.now()
         self.began = self.updated = time.perf_counter()

@@ -9,8 +9,9 @@ from click.core import ParameterSource
 
 from btcore import entry_points
 from btcore.registry.registry import Plugin, import_plugin
-from btcore.runs.providers import Provider, ProviderError, ProviderSource, providers_in
-from btcore.runs.settings import RunSettings, SettingOption, Settings, create_options, from_values
+from btcore.runs.provider_source import ProviderSource, providers_in
+from btcore.runs.providers import Provider, ProviderError
+from btcore.runs.settings import Options, RunSettings, SettingOption, Settings, create_options, from_values
 
 _META_KEY: Final = "btcore.cli.provider_options"
 
@@ -20,20 +21,20 @@ class AvailableProviders:
 
     Args:
         plugins: The values of the option `--plugin`.
+        has_all_options: Whether the command has the options of all providers, or of those in plugins and in
+            the core alone.
 
     Attributes:
         source: The providers.
         plugins: The imported plugins, by the values of the option.
-        has_all_options: Whether the command has the options of all providers. An option of a provider that is
-            not given need not be known, and finding out takes time.
     """
 
-    def __init__(self, plugins: Sequence[str]) -> None:
+    def __init__(self, plugins: Sequence[str] = (), has_all_options: bool = True) -> None:
         self.plugins: dict[str, Plugin] = {name: import_plugin(name) for name in plugins}
         self.source = ProviderSource(
             one for plugin in self.plugins.values() for one in providers_in(plugin.module)
         )
-        self.has_all_options = False
+        self.has_all_options = has_all_options
 
     def options(self, own: Sequence[click.Parameter]) -> list[SettingOption]:
         """Return the options of the providers' settings, without settings that *own* options belong to.
@@ -44,7 +45,7 @@ class AvailableProviders:
         kinds = {option.settings for option in own if isinstance(option, SettingOption)} | {RunSettings}
         taken = {name: "the command" for option in own for name in (*option.opts, option.name or "")}
         options: list[SettingOption] = []
-        for one in self.source.all() if self.has_all_options else self.source.users:
+        for one in self.source.all() if self.has_all_options else [*self.source.users, *self.source.core]:
             for kind, _ in one.settings:
                 if kind not in kinds:
                     kinds.add(kind)
@@ -64,21 +65,22 @@ def _without_clash(one: Provider, kind: type[Settings], taken: dict[str, str]) -
     return options
 
 
-def find_providers(ctx: click.Context, args: Sequence[str]) -> AvailableProviders:
+def find_providers(ctx: click.Context, args: Sequence[str], has_all_options: bool) -> AvailableProviders:
     """Find the providers for the command with the context *ctx*, also in its plugins.
 
     Args:
         ctx: The context.
         args: The arguments of the command, which may contain the option `--plugin`.
+        has_all_options: As in `AvailableProviders`.
     """
-    found = ctx.meta[_META_KEY] = AvailableProviders(list(_plugins_in(args)))
+    found = ctx.meta[_META_KEY] = AvailableProviders(list(_plugins_in(args)), has_all_options)
     return found
 
 
 def available_providers(ctx: click.Context) -> AvailableProviders:
     """Return the providers for the command with the context *ctx*."""
     if _META_KEY not in ctx.meta:
-        ctx.meta[_META_KEY] = AvailableProviders(())
+        ctx.meta[_META_KEY] = AvailableProviders()
     found: AvailableProviders = ctx.meta[_META_KEY]
     return found
 
@@ -86,9 +88,9 @@ def available_providers(ctx: click.Context) -> AvailableProviders:
 class ProviderCommand(click.Command):
     """A command that also has the options of all providers.
 
-    Importing the providers takes time. Therefore `btcore run tree.xml` is parsed without their options first.
-    If that fails, as for `--monitor`, it is parsed again with all options; so are `--help` and shell
-    completion. The options of providers in plugins always exist.
+    Importing the providers takes time. Therefore the command has the options of installed providers only if
+    its arguments contain a word like an option that is neither its own nor that of a plugin, such as
+    `--monitor` or `--help`.
     """
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
@@ -107,25 +109,13 @@ class ProviderCommand(click.Command):
             The arguments that remain.
         """
         has_plugins = any(parameter.name == "plugins" for parameter in self.params)
-        providers = find_providers(ctx, args if has_plugins else ())
-        providers.has_all_options = ctx.resilient_parsing
-        words = list(args)  # click's parser removes the arguments from its list
-        try:
-            return super().parse_args(ctx, args)
-        except click.NoSuchOption:
-            providers.has_all_options = True
+        providers = find_providers(ctx, args if has_plugins else (), has_all_options=False)
+        options = [*self.params, *providers.options(self.params)]
+        known = {name for option in options for name in (*option.opts, *option.secondary_opts)}
+        words = {word.partition("=")[0] for word in args if word.startswith("-")}
+        providers.has_all_options = ctx.resilient_parsing or not words <= known
         with explain_missing_options(ctx):
-            return super().parse_args(ctx, words)
-
-    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the help with the options of all providers.
-
-        Args:
-            ctx: The context of the command.
-            formatter: The formatter, to which the help is written.
-        """
-        available_providers(ctx).has_all_options = True
-        super().format_help(ctx, formatter)
+            return super().parse_args(ctx, args)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options; those of providers in plugins in a section for each file.
@@ -135,7 +125,9 @@ class ProviderCommand(click.Command):
             formatter: The formatter, to which the help is written.
         """
         sections: dict[str, list[tuple[str, str]]] = {}
-        users = {kind: one for one in available_providers(ctx).source.users for kind, _ in one.settings}
+        users: dict[type[Options], Provider] = {
+            kind: one for one in available_providers(ctx).source.users for kind, _ in one.settings
+        }
         for option in self.get_params(ctx):
             record = option.get_help_record(ctx)
             if record is not None and not isinstance(option, click.Argument):
@@ -159,8 +151,20 @@ def _plugins_in(args: Sequence[str]) -> Iterator[str]:
             yield value
 
 
+def given_options(ctx: click.Context) -> list[SettingOption]:
+    """Return the options of settings that were given to the command with the context *ctx*."""
+    not_given = (None, ParameterSource.DEFAULT)
+    return [
+        option
+        for option in ctx.command.get_params(ctx)
+        if isinstance(option, SettingOption)
+        and issubclass(option.settings, Settings)
+        and ctx.get_parameter_source(option.name or "") not in not_given
+    ]
+
+
 def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -> list[Settings]:
-    """Return the settings in the options of the command with the context *ctx*.
+    """Return the settings whose options were given to the command with the context *ctx*.
 
     Args:
         ctx: The context.
@@ -170,14 +174,14 @@ def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -
     Raises:
         click.UsageError: Settings contradict each other.
     """
-    values = dict(ctx.params)
+    given = given_options(ctx)
+    values = {option.name or "": ctx.params[option.name or ""] for option in given}
     if defaults:
-        available_providers(ctx).has_all_options = True
-        not_given = (None, ParameterSource.DEFAULT)
-        values |= {name: one for name, one in defaults.items() if ctx.get_parameter_source(name) in not_given}
-    kinds = {option.settings for option in ctx.command.get_params(ctx) if isinstance(option, SettingOption)}
-    found = [from_values(kind, values) for kind in sorted(kinds, key=lambda kind: kind.__name__)]
-    return [one for one in found if one is not None]
+        every = (kind for one in available_providers(ctx).source.all() for kind, _ in one.settings)
+        given += [item for kind in every for item in create_options(kind) if item.name in defaults]
+        values = {**defaults, **values}
+    found = [from_values(kind, values) for kind in dict.fromkeys(option.settings for option in given)]
+    return [one for one in found if isinstance(one, Settings)]
 
 
 @contextmanager

@@ -14,7 +14,12 @@ from btcore.xml.plan.plan import Plans
 _LETTERS: Final = re.compile(r"[RSFK]+(\|[RSFK]+)*")
 
 
-def _parse_letters(ctx: click.Context, parameter: click.Parameter, texts: Sequence[str]) -> dict[str, str]:
+def parse_letters(texts: Sequence[str]) -> dict[str, str]:
+    """Return the letters of the results in texts of the form NAME=LETTERS, by the name or ID of the leaf.
+
+    Raises:
+        click.UsageError: A text has another form, or a leaf has two plans.
+    """
     letters_of: dict[str, str] = {}
     for text in texts:
         name, _, letters = text.rpartition("=")
@@ -27,18 +32,6 @@ def _parse_letters(ctx: click.Context, parameter: click.Parameter, texts: Sequen
             raise click.UsageError(f"--plan: '{name}' has more than one plan.")
         letters_of[name] = letters
     return letters_of
-
-
-stub_results_option = click.option(
-    "--plan",
-    "stub_letters",
-    multiple=True,
-    callback=_parse_letters,
-    metavar="NAME=LETTERS",
-    help="Results of a leaf from --model, given by its name or ID: one letter for each tick, R (RUNNING), "
-    "S (SUCCESS), F (FAILURE) or K (SKIPPED), and | between two starts, for example Move=RRS|F. Leaves "
-    "without a plan return SUCCESS. Repeatable.",
-)
 
 
 def check(stub_letters: Mapping[str, str], plans: Plans) -> None:

@@ -10,15 +10,6 @@ from btcore.registry.registry import Registry
 from btcore.suggestions import join_names, nearest_name
 from btcore.tree.tree import Tree
 
-substitute_option = click.option(
-    "--substitute",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    metavar="FILE.json",
-    help="Replace nodes by other nodes or by a TestNode, as described by BehaviorTree.CPP's substitution "
-    "rules in a JSON file. Repeatable.",
-)
-
 
 def add_rules(nodes: Registry, files: Sequence[Path]) -> None:
     """Add the substitution rules in *files* to a registry.

@@ -5,17 +5,18 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Annotated, Final, Literal
 
 import click
 
 from btcore import bundled_trees
 from btcore.cli.completion import complete_tree_id
-from btcore.cli.node_libraries import NodeLibraries, library_options
+from btcore.cli.node_libraries import LibraryOptions, NodeLibraries, load_libraries
 from btcore.errors import TreeError
 from btcore.input_files import read_error, read_stream
 from btcore.loading.hot_reload import FileWatcher
 from btcore.registry.registry import Registry
+from btcore.runs.settings import option
 from btcore.runs.tick_loop import POLL_INTERVAL_S
 from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.read import Document, parse_bytes, parse_file, read
@@ -23,40 +24,34 @@ from btcore.xml.read.read import Document, parse_bytes, parse_file, read
 STDIN: Final = Path("-")
 """Stands for the standard input in place of the path of a file."""
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
 
-_tree_option = click.option(
-    "--tree",
-    metavar="ID",
-    help="Use this tree of the file instead of its main tree.",
-    shell_complete=complete_tree_id,
-)
+class TreeOptions(LibraryOptions):
+    """The options that select a tree of a file, and the nodes that are available to it."""
 
-_confined_option = click.option(
-    "--confined",
-    is_flag=True,
-    help="Reject included files outside of the folder of the tree's file; for trees from strangers.",
-)
+    tree: (
+        Annotated[
+            str,
+            option(
+                "Use this tree of the file instead of its main tree.", metavar="ID", complete=complete_tree_id
+            ),
+        ]
+        | None
+    ) = None
+    format: (
+        Annotated[
+            Literal[3, 4],
+            option("The XML format. By default the file's BTCPP_format attribute; 3 without the attribute."),
+        ]
+        | None
+    ) = None
+    confined: Annotated[
+        bool,
+        option("Reject included files outside of the folder of the tree's file; for trees from strangers."),
+    ] = False
 
-
-def format_option(
-    help: str = "The XML format. By default the file's BTCPP_format attribute; 3 without the attribute.",
-    default: str | None = None,
-) -> Callable[[_Command], _Command]:
-    """Return a decorator that adds the option `--format`, whose value is None, 3 or 4."""
-    return click.option(
-        "--format",
-        type=click.Choice(["3", "4"]),
-        callback=lambda ctx, option, value: None if value is None else int(value),
-        default=default,
-        show_default=True,
-        help=help,
-    )
-
-
-def tree_options(command: _Command) -> _Command:
-    """Add the options that select a tree of a file, and the nodes that are available to it."""
-    return _tree_option(format_option()(_confined_option(library_options(command))))
+    def load_libraries(self) -> NodeLibraries:
+        """Call `btcore.cli.node_libraries.load_libraries` with the options."""
+        return load_libraries(self.plugins, self.models, self.confined)
 
 
 given_option = click.option(
@@ -117,22 +112,19 @@ class TreeSource:
 
     Attributes:
         path: The XML file, or `STDIN`.
-        tree_id: The ID of the tree; None for the file's main tree.
+        options: The options that select the tree.
         libraries: The available nodes.
-        format: The XML format (3 or 4); None for the file's own.
-        confined: Whether includes from outside of the file's folder are errors.
     """
 
     path: Path
-    tree_id: str | None
+    options: TreeOptions
     libraries: NodeLibraries
-    format: int | None = None
-    confined: bool = False
 
     @property
     def name(self) -> str:
-        """The name of the file without its suffix."""
-        return "stdin" if self.path == STDIN else self.path.stem
+        """The name of the file without its suffix, and the ID of the tree unless it is the main tree."""
+        name = "stdin" if self.path == STDIN else self.path.stem
+        return name if self.options.tree is None else f"{name}:{self.options.tree}"
 
     def read_plans(self, substitute: Callable[[Registry], Registry] | None = None) -> Plans:
         """Read and check the file, and return the plans of its tree.
@@ -147,7 +139,7 @@ class TreeSource:
             TreeError: The file has an error.
         """
         try:
-            document = parse_source(self.path, self.confined)
+            document = parse_source(self.path, self.options.confined)
             sources = read(document, self.libraries.nodes.documents)
             if self.libraries.load_for(sources.documents):
                 # A library may have registered trees, which are among the sources.
@@ -155,7 +147,7 @@ class TreeSource:
             nodes = self.libraries.nodes_for(document)
             if substitute is not None:
                 nodes = substitute(nodes)
-            plans = define_and_plan(sources, nodes, self.tree_id, self.format)
+            plans = define_and_plan(sources, nodes, self.options.tree, self.options.format)
             plans.diagnostics.raise_errors()
         except TreeError as error:
             # An unknown node may belong to an installed library that cannot be imported.

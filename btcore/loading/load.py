@@ -232,11 +232,16 @@ def _load(documents: Sequence[Document], options: LoadOptions) -> Tree:
     )
 
 
-def _plan_documents(documents: Sequence[Document], options: LoadOptions) -> Plans:
-    """Return the plans of the tree of the first of *documents*."""
+def check_names(options: LoadOptions) -> None:
+    """Raise TypeError if an option is unknown."""
     for name in options.keys() - LoadOptions.__annotations__.keys():
         hint = did_you_mean(name, LoadOptions.__annotations__)
         raise TypeError(f"unexpected keyword argument '{name}'{hint}")
+
+
+def _plan_documents(documents: Sequence[Document], options: LoadOptions) -> Plans:
+    """Return the plans of the tree of the first of *documents*."""
+    check_names(options)
     registry = _registry(options.get("nodes"))
     main, *others = documents
     sources = read(main, [*registry.documents, *others], options.get("packages"))

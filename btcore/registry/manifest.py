@@ -210,7 +210,7 @@ class Manifest:
         if value is UNSET:
             message = f"<{self.id}> needs a {parameter.type_name} for its parameter '{parameter.name}': "
             name_hint = name_or_config_hint(parameter.name) if self.function is None else ""
-            message += name_hint or resources.namesake_hint(parameter) or "pass it in resources=[…]"
+            message += name_hint or resources._namesake_hint(parameter) or "pass it in resources=[…]"
             if parameter.looks_like_port and not name_hint:
                 message += f"; if it is a port, mark it: {parameter.name}: In[{parameter.type_name}]"
             raise NodeError(message)
@@ -225,7 +225,7 @@ class Manifest:
         if parameter.resource_type is Blackboard:
             return node._blackboard
         try:
-            return resources.find(parameter, self.id)
+            return resources._find(parameter, self.id)
         except TypeError:
             raise NodeError(
                 f"the parameter '{parameter.name}' of <{self.id}> has the type {parameter.type_name}, which "
@@ -234,16 +234,29 @@ class Manifest:
 
 
 class Resources(list[object]):
-    """The resources of one tree. The resource for each parameter is searched once."""
+    """The objects for the leaves of a tree. A provider with a parameter of this type gets those of the run.
 
-    def __init__(self, given: Sequence[object]) -> None:
+    A leaf gets the object that was chosen for the type of its parameter, else the first that fits.
+    """
+
+    def __init__(self, given: Sequence[object] = ()) -> None:
         super().__init__(given)
+        self._chosen: dict[Any, object] = dict(given._chosen) if isinstance(given, Resources) else {}
         self._cache: dict[Parameter, object] = {}
 
-    def find(self, parameter: Parameter, id: str) -> object:
-        """Return the first resource of the parameter's type, else the default of the parameter, or UNSET.
+    def choose(self, kind: Any, thing: object) -> None:
+        """Choose the object that leaves get for a type.
 
-        A missing `TreeState` is created.
+        Args:
+            kind: The type.
+            thing: The object.
+        """
+        self._chosen[kind] = thing
+
+    def _find(self, parameter: Parameter, id: str) -> object:
+        """Return the resource for a parameter, else the default of the parameter, or UNSET.
+
+        The resource for each parameter is searched once. A missing `TreeState` is created.
 
         Args:
             id: The registration ID of the leaf, for messages.
@@ -257,6 +270,8 @@ class Resources(list[object]):
         return self._cache[parameter]
 
     def _search(self, parameter: Parameter, id: str) -> object:
+        if parameter.resource_type in self._chosen:
+            return self._chosen[parameter.resource_type]
         resource = find_resource(self, parameter.resource_type, f"'{parameter.name}' of <{id}>")
         if resource is not UNSET:
             return resource
@@ -266,7 +281,7 @@ class Resources(list[object]):
             return state
         return parameter.default
 
-    def namesake_hint(self, parameter: Parameter) -> str:
+    def _namesake_hint(self, parameter: Parameter) -> str:
         """Return why a resource whose class has the name of the parameter's type does not fit, or "".
 
         A file that is both imported and loaded as a plugin exists as two modules, each with its own classes.

@@ -2,33 +2,20 @@
 
 A provider of a type is used if a leaf or a used provider needs the type, a provider of nothing if one of its
 settings was given. If several provide a type, the order of preference is: a provider whose required option
-was given; one that is used for another type anyway; the user's; an installed one; one that is marked as
-default. A provider that lost a type is not used for any other type, and neither is a provider that needs what
-only a loser provides: the map of a simulated world does not fit another robot.
+was given; one that is used for another type anyway; the user's; one that needs only what is used anyway; an
+installed one; one that is marked as default. A provider that lost a type is not used for any other type, and
+neither is a provider that needs what only a loser provides: the map of a simulated world does not fit another
+robot.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 from btcore.clock import Clock
-from btcore.runs.providers import (
-    Need,
-    Provider,
-    ProviderError,
-    ProviderSource,
-    Report,
-    Resources,
-    full_name,
-    is_settings,
-)
-from btcore.runs.settings import (
-    RunSettings,
-    Settings,
-    create_options,
-    given_fields,
-    has_required_fields,
-    option_names,
-)
+from btcore.registry.manifest import Resources
+from btcore.runs.provider_source import ProviderSource
+from btcore.runs.providers import Need, Provider, ProviderError, Report, full_name, is_settings
+from btcore.runs.settings import RunSettings, Settings, create_options, has_required_fields
 from btcore.suggestions import join_names
 from btcore.tree.tree import Tree
 
@@ -40,7 +27,7 @@ _OF_THE_RUN = (Clock, Tree, Report, Resources)
 
 
 class ChosenSettings(dict[type[Settings], Settings]):
-    """The settings of a run by their classes. A class that is missing has its defaults."""
+    """The settings that were given for a run, by their classes. A class that is missing has its defaults."""
 
     def __init__(self, settings: Iterable[Settings] = ()) -> None:
         super().__init__((type(item), item) for item in settings)
@@ -51,10 +38,6 @@ class ChosenSettings(dict[type[Settings], Settings]):
         if found is None and not has_required_fields(kind):
             found = kind()
         return found  # type: ignore[return-value]
-
-    def are_given(self, kind: type[Settings]) -> bool:
-        """Return whether a value other than the default was given."""
-        return kind in self and bool(given_fields(self[kind]))
 
 
 class Choice(NamedTuple):
@@ -101,14 +84,8 @@ def choose(
         ProviderError: Two providers are equally good, or need each other, or a provider of nothing needs what
             nothing provides.
     """
-    # Loading the providers of nothing takes time, and a run without settings of providers needs none.
-    candidates = source.of_nothing() if settings.keys() - {RunSettings} else []
-    starters = [
-        provider
-        for provider in candidates
-        if any(settings.are_given(kind) for kind, _ in provider.settings)
-        and _has_settings(provider, settings)
-    ]
+    candidates = source.of_nothing(settings.keys() - {RunSettings})
+    starters = [provider for provider in candidates if _has_settings(provider, settings)]
     chooser = _Chooser(source, settings, objects)
     requests = [
         *(_Request(kind, False, ()) for kind in wanted),
@@ -231,16 +208,18 @@ class _Chooser:
         if len(best) > 1:
             found = join_names(map(repr, best))
             raise ProviderError(
-                f"{len(best)} providers provide a {_title(request.type)}: {found}; {_path(request)}. "
+                f"{len(best)} providers provide {_with_article(request.type)}: {found}; {_path(request)}. "
                 "Choose one by an option, or pass the object"
             )
         return best[0]
 
-    def _rank(self, provider: Provider) -> tuple[bool, bool, bool, bool]:
+    def _rank(self, provider: Provider) -> tuple[bool, bool, bool, bool, bool]:
+        needs = [self._source.of_type(full_name(need.type)) for need in _needs(provider)]
         return (
             bool(self._required(provider)),
             provider in self._used,
             not provider.is_installed,
+            bool(needs) and all(any(other in self._used for other in providers) for providers in needs),
             not provider.is_default,
         )
 
@@ -256,7 +235,7 @@ class _Chooser:
             raise ProviderError(
                 f"a run has one clock, but {len(clocks)} of its providers are clocks: {names}"
             )
-        if clocks or not (self._used or self._objects):
+        if clocks or not (self._used.keys() - set(self._source.core) or self._objects):
             return
         for provider in self._source.of_type(_CLOCK):
             is_alone = {full_name(kind) for kind in provider.types} == {_CLOCK}
@@ -307,9 +286,9 @@ class _Chooser:
                     if not need.is_optional and not self._candidates(need.type, (*request.chain, provider))
                 )
                 inner = self._explain(_Request(missing.type, False, (*request.chain, provider)))
-                reasons.append(f"{provider} needs a {_title(missing.type)}, but {inner}")
+                reasons.append(f"{provider} needs {_with_article(missing.type)}, but {inner}")
         reason = "; ".join(reasons)
-        told = f"nothing provides a {_title(request.type)}"
+        told = f"nothing provides {_with_article(request.type)}"
         told = f"{told} ({_path(request)})" if request.chain and not reasons else told
         return f"{told}: {reason}" if reasons else told
 
@@ -333,6 +312,12 @@ def _name_of(winner: Provider | None) -> str:
     return "the program" if winner is None else winner.name
 
 
+def _with_article(kind: Any) -> str:
+    """Return "a Robot" or "an Explorer"."""
+    title = _title(kind)
+    return f"{'an' if title[0] in 'AEIOU' else 'a'} {title}"
+
+
 def _title(kind: Any) -> str:
     return kind.rpartition(".")[2] if isinstance(kind, str) else str(getattr(kind, "__name__", kind))
 
@@ -340,8 +325,8 @@ def _title(kind: Any) -> str:
 def _path(request: _Request) -> str:
     """Return who needs the type of a request."""
     if not request.chain:
-        return f"a leaf needs a {_title(request.type)}"
-    return f"{_join(request.chain)} needs a {_title(request.type)}"
+        return f"a leaf needs {_with_article(request.type)}"
+    return f"{_join(request.chain)} needs {_with_article(request.type)}"
 
 
 def _join(chain: Sequence[Provider]) -> str:
@@ -359,29 +344,28 @@ def _required_options(provider: Provider, settings: ChosenSettings) -> str:
     return join_names(names)
 
 
-def explain_unused(
-    choice: Choice, source: ProviderSource, settings: ChosenSettings, used: Iterable[type[Settings]] = ()
-) -> list[str]:
-    """Return a sentence for each class of settings that was given, but that no used provider takes.
+def unused_settings(
+    choice: Choice, source: ProviderSource, settings: ChosenSettings, used: Iterable[type[Settings]]
+) -> dict[type[Settings], str]:
+    """Return the settings that were given, but that no used provider takes, with the reasons.
 
     Args:
+        choice: The used providers.
+        source: The available providers.
+        settings: The settings of the run.
         used: Classes of settings that the program uses itself.
     """
     taken = {kind for provider in choice.order for kind, _ in provider.settings} | set(used)
-    unused = [kind for kind in settings if settings.are_given(kind) and kind not in taken]
-    sentences = []
-    for kind in unused:
+    reasons = {}
+    for kind in [kind for kind in settings if kind not in taken]:
         takers = [provider for provider in source.all() if any(each is kind for each, _ in provider.settings)]
         takers = [provider for provider in takers if (kind, False) in provider.settings] or takers
-        if not takers:
-            continue
-        names = option_names(settings[kind])
         lost = next((choice.losers[provider] for provider in takers if provider in choice.losers), None)
+        kinds = dict.fromkeys(_with_article(provider.types[0]) for provider in takers if provider.types)
         if lost is not None:
-            reason = f"{_name_of(lost[1])} provides the {_title(lost[0])}"
-        else:
-            kinds = dict.fromkeys(_title(provider.types[0]) for provider in takers if provider.types)
-            reason = f"no leaf needs a {join_names(list(kinds), 'or')}" if kinds else "it is not used"
-        have = "has" if len(names) == 1 else "have"
-        sentences.append(f"{join_names(names)} {have} no effect: {reason}")
-    return sentences
+            reasons[kind] = f"{_name_of(lost[1])} provides the {_title(lost[0])}"
+        elif kinds:
+            reasons[kind] = f"no leaf needs {join_names(list(kinds), 'or')}"
+        elif takers:
+            reasons[kind] = "it is not used"
+    return reasons

@@ -27,14 +27,13 @@ from pathlib import Path
 from types import ModuleType, NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Union, get_args, get_origin, overload
 
-from btcore import entry_points
 from btcore.clock import Clock
 from btcore.errors import BtcoreError
 from btcore.runs.settings import Settings
 from btcore.tree.tree import Tree
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
+    pass
 
 _UNNAMED: Final = ("builtins", "typing", "abc", "typing_extensions")
 """Modules whose classes are no types of resources, although they are base classes of them."""
@@ -66,13 +65,6 @@ class Report(dict[str, object]):
         """
         before = self.get(heading)
         self[heading] = {**before, **values} if isinstance(before, dict) else values
-
-
-class Resources(list[object]):
-    """The objects that a run provides, in the order in which they were made: a parameter of a provider.
-
-    The list grows while the providers are opened; it is complete when the tree is created.
-    """
 
 
 class Need(NamedTuple):
@@ -284,66 +276,3 @@ def _stand_ins(module: ModuleType) -> dict[str, Any]:
         for statement in guarded
         for alias in statement.names
     }
-
-
-# --- finding providers
-
-
-def providers_in(module: ModuleType) -> list[Provider]:
-    """Return the providers that *module* defines."""
-    own = (thing for thing in vars(module).values() if isinstance(thing, Provider))
-    return [one for one in own if one.__module__ == module.__name__]
-
-
-class ProviderSource:
-    """The providers that a run can use: those of the user, and those of installed packages.
-
-    Args:
-        users: The providers of the user's program and plugins.
-        uses_installed: Whether to use those of installed packages, too.
-
-    Attributes:
-        unavailable: The entry points that could not be imported.
-    """
-
-    def __init__(self, users: Iterable[Provider] = (), uses_installed: bool = True) -> None:
-        self.users = list(users)
-        self.unavailable: list[entry_points.UnavailableEntryPoint] = []
-        points = entry_points.find(entry_points.PROVIDERS_GROUP) if uses_installed else []
-        self._points = {point: point.name.partition("-")[2] for point in points}
-        self._loaded: dict[str, Provider | None] = {}
-
-    def of_type(self, name: str) -> list[Provider]:
-        """Return the providers of the type with the full *name*."""
-        self._load(point for point, provided in self._points.items() if provided == name)
-        return [one for one in self._known() if name in one.names]
-
-    def of_nothing(self) -> list[Provider]:
-        """Return the providers that provide no type, such as a publisher."""
-        self._load(point for point, provided in self._points.items() if not provided)
-        return [one for one in self._known() if not one.types]
-
-    def all(self) -> list[Provider]:
-        """Return all providers, the user's first."""
-        self._load(self._points)
-        return self._known()
-
-    def _known(self) -> list[Provider]:
-        return [*self.users, *(one for one in self._loaded.values() if one is not None)]
-
-    def _load(self, points: "Iterable[EntryPoint]") -> None:
-        for point in points:
-            if point.value in self._loaded:
-                continue
-            found = entry_points.load_point(point)
-            self._loaded[point.value] = None
-            if isinstance(found, entry_points.UnavailableEntryPoint):
-                self.unavailable.append(found._replace(name=found.name.partition("-")[0]))
-            elif isinstance(found.value, Provider):
-                found.value.is_installed = True
-                self._loaded[point.value] = found.value
-            else:
-                raise ProviderError(
-                    f"the entry point '{point.name}' of the distribution '{found.distribution}' is no "
-                    f"provider: {point.value} is a {type(found.value).__name__}; mark it by @btcore.provider"
-                )

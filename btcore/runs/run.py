@@ -1,49 +1,35 @@
 """Runs: a tree with the providers of what its leaves need, from their opening to their end."""
 
 import contextlib
-import inspect
-import random
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from os import PathLike
 from types import FrameType, TracebackType
-from typing import Any, Final, Self, TypeVar, Unpack
-
-import click
+from typing import Any, Protocol, Self, TypeVar, Unpack
 
 from btcore.clock import NS_PER_S, Clock, SimClock, SystemClock
 from btcore.engine.leaf import StatefulAction
 from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, NodeExecutionError, TreeError
-from btcore.extras import describe_missing
 from btcore.loading.hot_reload import rebuild_tree
 from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
-from btcore.loading.load import LoadOptions, plan_source
-from btcore.runs.choice import Choice, ChosenSettings, choose
+from btcore.loading.load import LoadOptions, check_names, plan_source
+from btcore.registry.manifest import Resources
+from btcore.runs.choice import Choice, ChosenSettings, choose, unused_settings
 from btcore.runs.exit_codes import ExitCode, code_of_signal
-from btcore.runs.providers import (
-    Need,
-    Provider,
-    ProviderError,
-    ProviderSource,
-    Report,
-    Resources,
-    full_name,
-    is_settings,
-)
+from btcore.runs.opening import OpenedProvider
+from btcore.runs.provider_source import ProviderSource
+from btcore.runs.providers import Need, OutputError, Provider, ProviderError, Report, full_name, is_settings
 from btcore.runs.settings import RunSettings, Settings
 from btcore.runs.tick_loop import EndReason, TickLoop, Until
 from btcore.signals import ending_signals, signal_handlers
 from btcore.status import Status
 from btcore.tree.tree import Tree
-from btcore.xml.models.stubs import StubResults
 from btcore.xml.plan.plan import Plans
 
 T = TypeVar("T")
-
-_TOLD: Final = (BtcoreError, click.ClickException)
-"""Exceptions of providers whose message is meant for the user."""
 
 
 class TreelessProgram:
@@ -81,12 +67,10 @@ class Run:
     Args:
         source: The path of an XML file, the plans of a tree, or a program.
         provided: Objects for leaves and providers; they are preferred to providers of the same types.
-        providers: Providers of the program, besides those of installed packages.
+        providers: Providers of the program, besides those of installed packages; or all that may be used.
         settings: Settings of providers, and `RunSettings`.
-        stubs: The results of stubs.
         prepare: Called on entry when the tree was created, before the providers that follow the tree are
             opened.
-        source_of_providers: The providers, if they were searched before; then *providers* is ignored.
         options: As in `btcore.load`, except `resources`. The default of `clock` is that of a provider, or of
             *provided*; without one, the system's clock, or a simulated clock with `RunSettings.fast`.
 
@@ -95,7 +79,7 @@ class Run:
         settings: The settings by their classes.
         run_settings: The `RunSettings`.
         providers: The available providers.
-        resources: The objects for leaves.
+        resources: The objects for leaves; the object of a used provider comes before others of its type.
         choice: The used providers.
         report: The results that providers have added; complete after the end.
         status: The status after the last tick.
@@ -103,7 +87,7 @@ class Run:
         end_reason: Why the last loop ended.
         elapsed_s: The duration of the ticking by the run's clock (s).
         wall_s: The duration of the ticking in real time (s).
-        is_output_incomplete: Whether an output is incomplete, such as a recording.
+        is_output_incomplete: Whether an output is incomplete, such as a recording; known after the end.
 
     Raises:
         TreeError: The tree has an error, or lacks a resource.
@@ -126,13 +110,12 @@ class Run:
         source: str | PathLike[str] | Plans | TreelessProgram,
         *,
         provided: Sequence[object] = (),
-        providers: Sequence[Provider] = (),
+        providers: Sequence[Provider] | ProviderSource = (),
         settings: Sequence[Settings] = (),
-        stubs: StubResults | None = None,
         prepare: Callable[["Run"], None] | None = None,
-        source_of_providers: ProviderSource | None = None,
         **options: Unpack[LoadOptions],
     ) -> None:
+        check_names(options)
         if options.get("resources"):
             raise TypeError("a run has no argument 'resources': write provided=[…]")
         if isinstance(source, (str, PathLike)):
@@ -143,13 +126,13 @@ class Run:
         self._wanted: list[Any] = source.required_resources() if isinstance(source, Plans) else []
         self._required: list[Any] = []
         self._optional: list[Any] = []
+        self._used_settings: set[type[Settings]] = {RunSettings}
         self.settings = ChosenSettings(settings)
         self.run_settings = self.settings.find(RunSettings) or RunSettings()
-        self.providers = source_of_providers or ProviderSource(providers)
-        self._own: list[object] = [random.Random(self.run_settings.seed), stubs or StubResults({})]
+        self.providers = providers if isinstance(providers, ProviderSource) else ProviderSource(providers)
         self._prepare = prepare
         self._stack = ExitStack()
-        self._opened: dict[Provider, _Opened] = {}
+        self._opened: dict[Provider, OpenedProvider] = {}
         self._clock: Clock | None = None
         self._loop: TickLoop | None = None
         self._signal = 0
@@ -192,29 +175,39 @@ class Run:
         self.report.is_interrupted = True
         with ExitStack() as stack:
             self._stack = stack
-            wanted = [kind for kind in self._wanted if not any(_is_instance(own, kind) for own in self._own)]
-            self.choice = choose(wanted, self.providers, self.settings, self._provided, self._optional)
+            self.choice = choose(self._wanted, self.providers, self.settings, self._provided, self._optional)
             self._check_required()
             self.resources += self._provided
             self._open_all(follow_tree=False)
-            self.resources += self._own
+            for kind in self._wanted:
+                found = self._object_for(full_name(kind))
+                if found is not None:
+                    self.resources.choose(kind, found)
             self.tree = self._create_tree()
             if self._prepare is not None:
                 self._prepare(self)
             self._open_all(follow_tree=True)
+            unused = unused_settings(self.choice, self.providers, self.settings, self._used_settings)
+            for kind, reason in unused.items():
+                self.warn_unused(kind, reason)
             self._stack = stack.pop_all()
         self.report.is_interrupted = False
         return self
+
+    def warn_unused(self, kind: type[Settings], reason: str) -> None:
+        """Warn that settings were given, but have no effect.
+
+        Args:
+            kind: The class of the settings.
+            reason: Why no provider uses them.
+        """
+        warnings.warn(f"{kind.__name__} have no effect: {reason}", stacklevel=3)
 
     def _check_required(self) -> None:
         for kind in self._required:
             problem = self.choice.problems.get(full_name(kind))
             if problem is not None:
                 raise ProviderError("; ".join([problem, *self._unavailable_notes()]))
-
-    def missing_types(self) -> list[Any]:
-        """Return the types that leaves need and that nothing provides."""
-        return [kind for kind in self._wanted if not any(_is_instance(one, kind) for one in self.resources)]
 
     def _unavailable_notes(self) -> list[str]:
         remedies = names_by_remedy(self.providers.unavailable).items()
@@ -243,52 +236,37 @@ class Run:
         return given or (SimClock() if self.run_settings.fast else SystemClock())
 
     def _create_tree(self) -> Tree:
-        source = self._source
+        source, options = self._source, self._options
         if isinstance(source, TreelessProgram):
             return source.make_tree(self.clock)
         try:
-            tree = instantiate(
-                source,
-                self.resources_for_leaves(),
-                self._options.get("blackboard"),
-                self.clock,
-                self._options.get("tick_limit"),
+            return instantiate(
+                source, self.resources, options.get("blackboard"), self.clock, options.get("tick_limit")
             )
         except TreeError as error:
-            for name in map(full_name, source.required_resources()):
-                if name in self.choice.problems and self.providers.of_type(name):
+            missing = [kind for kind in self._wanted if full_name(kind) in self.choice.problems]
+            for name in map(full_name, missing):
+                if self.providers.of_type(name):
                     error.add_note(self.choice.problems[name])
             for note in self._unavailable_notes():
                 error.add_note(note)
+            if any(getattr(kind, "__module__", "builtins") != "builtins" for kind in missing):
+                error.add_note(
+                    "a run does not create objects of your own classes: derive the class from "
+                    "btcore.TreeState, or write a provider of the object: see 'Your own resources'"
+                )
             raise
-        return tree
-
-    def resources_for_leaves(self) -> list[object]:
-        """Return the resources; objects that fit several wanted types come after those that fit one.
-
-        A leaf gets the first object of its type: one that locates objects can also track them.
-        """
-        fits = {id(one): sum(_is_instance(one, kind) for kind in self._wanted) for one in self.resources}
-        return sorted(self.resources, key=lambda one: fits[id(one)])
 
     def _open_all(self, follow_tree: bool) -> None:
         for provider in self.choice.order:
             if provider.follows_tree is follow_tree:
-                opened = self._opened[provider] = _Opened(provider, ExitStack())
-                self._stack.enter_context(opened.stack)
-                opened.value = self._call(opened)
+                opened = self._opened[provider] = OpenedProvider(provider)
+                self._stack.push(opened.close)
+                opened.open(self._arguments(provider))
                 self.resources += opened.objects
 
-    def _call(self, opened: "_Opened") -> object:
-        provider = opened.provider
-        arguments = {need.parameter: self._argument(need) for need in provider.needs}
-        with _named(provider):
-            if not inspect.isgeneratorfunction(provider.function):
-                return provider.function(**arguments)
-            context = contextlib.contextmanager(provider.function)(**arguments)
-            value: object = context.__enter__()
-        opened.stack.push(_NamedExit(provider, context).close)
-        return value
+    def _arguments(self, provider: Provider) -> dict[str, object]:
+        return {need.parameter: self._argument(need) for need in provider.needs}
 
     def _argument(self, need: Need) -> object:
         if need.type is Clock:
@@ -317,6 +295,7 @@ class Run:
         until: Until = "done",
         *,
         on_tick: Callable[[Status], None] | None = None,
+        watcher: "TreeWatcher | None" = None,
     ) -> None:
         """Tick at the rate of the run until the end, and halt the tree.
 
@@ -326,43 +305,70 @@ class Run:
         Args:
             until: The result of the tree that ends the run.
             on_tick: Called with the tree's status after every tick.
+            watcher: Replaces the tree whenever its file is saved. The end of a tree is not that of the run.
 
         Raises:
             NodeExecutionError: A program raised an exception.
         """
-        loop = self.loop(until, on_tick)
-        with self.ticking(loop):
-            self.end_reason = loop.run()
+        was_saved = None if watcher is None else watcher.was_saved
+        loop = self._loop = TickLoop(self.tree, self.run_settings, until, on_tick, was_saved)
+        with self._ticking(loop):
+            if watcher is None:
+                self.end_reason = loop.run()
+            else:
+                self._tick_and_reload(loop, watcher)
         if self.error is not None and isinstance(self._source, TreelessProgram):
             raise self.error
 
-    def loop(
-        self,
-        until: Until = "done",
-        on_tick: Callable[[Status], None] | None = None,
-        was_saved: Callable[[], bool] | None = None,
-    ) -> TickLoop:
-        """Return the loop of the run, for a caller that continues it after a save.
+    def _tick_and_reload(self, loop: TickLoop, watcher: "TreeWatcher") -> None:
+        has_ended = False
+        while True:
+            try:
+                self.end_reason = loop.wait_for_save() if has_ended else loop.run()
+            except NodeExecutionError as error:
+                self.error = error
+                watcher.on_error(error)
+                self.end_reason = "done"
+            if self.end_reason == "saved":
+                has_ended = not self._reload(watcher) and has_ended
+            elif self.end_reason == "done":
+                has_ended = True
+                self.status = loop.status
+                watcher.on_end()
+            else:
+                return
 
-        Args:
-            until: As in `until_done`.
-            on_tick: As in `until_done`.
-            was_saved: Called between two ticks; ends the loop when it returns True.
-        """
-        settings = self.run_settings
-        self._loop = TickLoop(
-            self.tree,
-            settings.rate,
-            settings.duration,
-            until,
-            on_tick or (lambda status: None),
-            was_saved,
-            settings.fast,
-        )
-        return self._loop
+    def _reload(self, watcher: "TreeWatcher") -> bool:
+        """Replace the tree by that in the saved file, if it has no errors; return whether it was replaced."""
+        try:
+            plans = watcher.read_plans()
+            tree = self._rebuild(plans)
+        except BtcoreError as error:
+            watcher.on_rejected(error)
+            return False
+        try:
+            self.tree.halt()
+        except NodeExecutionError as error:
+            watcher.on_error(error)
+        watcher.on_reload(tree, plans)
+        self.replace_tree(tree)
+        return True
+
+    def _rebuild(self, plans: Plans) -> Tree:
+        """Return the tree of *plans*, with the blackboard of the present tree."""
+        try:
+            return rebuild_tree(self.tree, plans, self.resources)
+        except BtcoreError as error:
+            for kind in plans.required_resources():
+                if not any(_is_instance(thing, kind) for thing in self.resources):
+                    error.add_note(
+                        "resources are created only at the start of a run: start a new run for this tree"
+                    )
+                    break
+            raise
 
     @contextlib.contextmanager
-    def ticking(self, loop: TickLoop) -> Iterator[None]:
+    def _ticking(self, loop: TickLoop) -> Iterator[None]:
         """Return a context in which *loop* is run: signals end it, and the tree is halted at its end."""
         began = time.perf_counter()
         try:
@@ -378,6 +384,19 @@ class Run:
             self.status = loop.status if self.error is None else Status.IDLE
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
             self.wall_s = time.perf_counter() - began
+
+    def pause(self) -> None:
+        """Let `until_done` stop ticking before the next tick, until `resume`. Any thread may call it.
+
+        Meanwhile a simulated world stands still; real time continues, and counts for the duration.
+        """
+        if self._loop is not None:
+            self._loop.is_paused = True
+
+    def resume(self) -> None:
+        """End a pause."""
+        if self._loop is not None:
+            self._loop.is_paused = False
 
     def serve(self, serve: Callable[[], None], stop: Callable[[], None]) -> None:
         """Call *serve*, for a program that ticks trees itself, until it returns or a signal ends it.
@@ -427,23 +446,6 @@ class Run:
         """The number of ticks that were skipped because an earlier tick was still in progress."""
         return 0 if self._loop is None else self._loop.skipped_ticks
 
-    def rebuild(self, plans: Plans) -> Tree:
-        """Return a new tree with the blackboard of the present one, for `replace_tree`.
-
-        Raises:
-            TreeError: The tree cannot be created.
-        """
-        wanted = plans.required_resources()
-        try:
-            return rebuild_tree(self.tree, plans, self.resources_for_leaves())
-        except BtcoreError as error:
-            with contextlib.suppress(TypeError):  # isinstance does not support a type: the error says so
-                if not all(any(isinstance(one, kind) for one in self.resources) for kind in wanted):
-                    error.add_note(
-                        "resources are created only at the start of a run: start a new run for this tree"
-                    )
-            raise
-
     def replace_tree(self, tree: Tree) -> None:
         """Continue with *tree*, which the caller may tick itself. The previous tree is halted already."""
         self.tree = tree
@@ -451,13 +453,8 @@ class Run:
         if self._loop is not None:
             self._loop.tree = tree
         for opened in self._opened.values():
-            follow = getattr(opened.value, "replace_tree", None)
-            if follow is not None and opened.provider.follows_tree:
-                with _named(opened.provider):
-                    follow(tree)
-            elif opened.provider.follows_tree:
-                opened.stack.close()
-                opened.value = self._call(opened)
+            if opened.provider.follows_tree:
+                opened.replace_tree(tree, self._arguments(opened.provider))
 
     # --- closing
 
@@ -465,73 +462,38 @@ class Run:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> bool | None:
         self.report.is_interrupted = error is not None or self.end_reason == "interrupted"
-        return self._stack.__exit__(kind, error, trace)
+        handled = self._stack.__exit__(kind, error, trace)
+        incomplete = [str(one) for opened in self._opened.values() for one in opened.incomplete]
+        self.is_output_incomplete = bool(incomplete)
+        if incomplete and (error is None or handled):
+            raise OutputError("; ".join(incomplete))
+        return handled
 
 
-class _Opened:
-    """A provider that was opened, what it provides, and how it is closed."""
+class TreeWatcher(Protocol):
+    """What `Run.until_done` needs to replace a tree whenever its file is saved."""
 
-    def __init__(self, provider: Provider, stack: ExitStack) -> None:
-        self.provider = provider
-        self.stack = stack
-        self.value: object = None
+    def was_saved(self) -> bool:
+        """Return whether the file was saved since the last call."""
 
-    @property
-    def objects(self) -> list[object]:
-        """The provided objects."""
-        values = (
-            self.value if self.provider.provides_several and isinstance(self.value, tuple) else [self.value]
-        )
-        return [one for one in values if one is not None] if self.provider.types else []
+    def read_plans(self) -> Plans:
+        """Return the plans of the saved file.
 
-    def object_for(self, name: str) -> object:
-        """Return the object of the type with the full *name*."""
-        if not self.provider.provides_several:
-            return self.value
-        named = (one for one in self.objects if any(full_name(base) == name for base in type(one).__mro__))
-        return next(named, self.objects[0])
+        Raises:
+            BtcoreError: The file has errors.
+        """
 
+    def on_end(self) -> None:
+        """Report that the tree has ended, and that the run waits for the next save."""
 
-class _NamedExit:
-    """The end of a provider, whose own exceptions name it."""
+    def on_error(self, error: NodeExecutionError) -> None:
+        """Report that a leaf raised an exception, which ends the tree."""
 
-    def __init__(self, provider: Provider, context: contextlib.AbstractContextManager[object]) -> None:
-        self._provider = provider
-        self._context = context
+    def on_rejected(self, error: BtcoreError) -> None:
+        """Report that the saved file has errors, so that the previous tree continues."""
 
-    def close(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> bool | None:
-        """Close the provider; *error* is the exception of the run, or None."""
-        with _named(self._provider, but=error):
-            return self._context.__exit__(kind, error, trace)
-
-
-@contextlib.contextmanager
-def _named(provider: Provider, but: BaseException | None = None) -> Iterator[None]:
-    """Return a context in which an exception of a provider becomes an error that names it.
-
-    Args:
-        one: The provider.
-        but: The exception of the run, which is passed on.
-    """
-    try:
-        yield
-    except _TOLD:
-        raise
-    except ModuleNotFoundError as error:
-        missing = describe_missing(error.name)
-        raise click.UsageError(f"the resources of the run cannot be provided: {missing}") from error
-    except Exception as error:
-        if error is but:
-            raise
-        last = error.__traceback__
-        while last is not None and last.tb_next is not None:
-            last = last.tb_next
-        place = "" if last is None else f" at {last.tb_frame.f_code.co_filename}:{last.tb_lineno}"
-        raise ProviderError(
-            f"the provider {provider} raised {type(error).__name__}{place}: {error}"
-        ) from error
+    def on_reload(self, tree: Tree, plans: Plans) -> None:
+        """Prepare *tree*, which now replaces the previous one."""
 
 
 def _is_instance(thing: object, kind: Any) -> bool:

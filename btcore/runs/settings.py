@@ -25,7 +25,7 @@ from msgspec.structs import FieldInfo
 _STYLE: Final = "btcore"
 """The key in the `extra` of a field's `msgspec.Meta`."""
 
-S = TypeVar("S", bound="Settings")
+S = TypeVar("S", bound="Options")
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -87,7 +87,11 @@ def option(
     return meta
 
 
-class Settings(msgspec.Struct):
+class Options(msgspec.Struct):
+    """Options that a command declares for itself, in the form of `Settings`."""
+
+
+class Settings(Options):
     """The settings of a provider, whose fields are options of commands.
 
     A field without a default is required: its provider is used only if the option is given. Required fields
@@ -148,7 +152,7 @@ class FiniteRange(click.FloatRange):
 class SettingOption(click.Option):
     """The option of a field of *settings*, and how a sweep treats it."""
 
-    def __init__(self, settings: type[Settings], field: FieldInfo) -> None:
+    def __init__(self, settings: type[Options], field: FieldInfo) -> None:
         kind, meta = _unwrap(field.type)
         style: _Style = (meta.extra or {})[_STYLE]
         self.settings = settings
@@ -179,13 +183,13 @@ class SettingOption(click.Option):
         return extra
 
 
-def create_options(settings: type[Settings], *names: str) -> list[SettingOption]:
+def create_options(settings: type[Options], *names: str) -> list[SettingOption]:
     """Return the options of *settings*, or those of its fields *names*, in the order of the fields."""
     fields = msgspec.structs.fields(settings)
     return [SettingOption(settings, field) for field in fields if not names or field.name in names]
 
 
-def setting_options(settings: type[Settings], *names: str) -> Callable[[Function], Function]:
+def setting_options(settings: type[Options], *names: str) -> Callable[[Function], Function]:
     """Return a decorator that adds the options of *settings* to a command.
 
     Args:
@@ -201,7 +205,7 @@ def setting_options(settings: type[Settings], *names: str) -> Callable[[Function
     return decorate
 
 
-def pass_settings(settings: type[Settings], parameter: str) -> Callable[[Function], Function]:
+def pass_settings(settings: type[Options], parameter: str) -> Callable[[Function], Function]:
     """Return a decorator that adds the options of *settings* to a command, which gets them as *parameter*.
 
     Args:
@@ -240,7 +244,7 @@ def from_values(settings: type[S], values: Mapping[str, Any]) -> S | None:
     return settings(**chosen)
 
 
-def given_fields(settings: Settings) -> list[str]:
+def given_fields(settings: Options) -> list[str]:
     """Return the names of the fields that are required or differ from their defaults."""
     return [
         field.name
@@ -249,18 +253,18 @@ def given_fields(settings: Settings) -> list[str]:
     ]
 
 
-def has_required_fields(settings: type[Settings]) -> bool:
+def has_required_fields(settings: type[Options]) -> bool:
     """Return whether *settings* have a field without a default."""
     return any(field.required for field in msgspec.structs.fields(settings))
 
 
-def option_names(settings: Settings) -> list[str]:
+def option_names(settings: Options) -> list[str]:
     """Return the options for the `given_fields`, with dashes."""
     given = given_fields(settings)
     return [item.opts[0] for item in create_options(type(settings)) if item.name in given]
 
 
-def arguments(settings: Settings) -> list[str]:
+def arguments(settings: Options) -> list[str]:
     """Return the arguments of a command line that give *settings* to a command with their options.
 
     Values that are the defaults are omitted.

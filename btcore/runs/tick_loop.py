@@ -15,6 +15,7 @@ from typing import Final, Literal
 
 from btcore.clock import NS_PER_S
 from btcore.errors import EndOfTimeError
+from btcore.runs.settings import RunSettings
 from btcore.signals import ending_signals, signal_handlers
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -23,7 +24,7 @@ Until = Literal["done", "success", "failure", "never"]
 EndReason = Literal["done", "duration", "end_of_time", "interrupted", "saved"]
 
 POLL_INTERVAL_S: Final = 0.05
-"""The longest time (s) between two checks whether the file was saved."""
+"""The longest time (s) between two checks whether the file was saved, or a pause has ended."""
 
 _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
     "done": (Status.SUCCESS, Status.FAILURE, Status.SKIPPED, Status.IDLE),
@@ -37,14 +38,14 @@ class TickLoop:
     """The tick loop of a run. The attribute `tree` may be replaced between two calls of `run`.
 
     Args:
-        rate: Ticks per second of the tree's clock (Hz).
-        duration: The limit of the run in s of the tree's clock, or None.
+        tree: The tree.
+        settings: The rate, the duration, and whether the tree's clock is simulated instead of real.
         until: The result of the tree that ends the run.
         on_tick: Called with the tree's status after every tick.
         was_saved: Called between ticks; the loop ends when it returns True.
-        fast: Whether the tree's clock is simulated instead of real.
 
     Attributes:
+        is_paused: Whether no tick takes place.
         status: The tree's status after the last tick.
         skipped_ticks: The number of ticks that were skipped because an earlier tick was still in progress.
         received_signal: The number of the signal that ended the loop, or 0.
@@ -53,21 +54,21 @@ class TickLoop:
     def __init__(
         self,
         tree: Tree,
-        rate: float,
-        duration: float | None,
+        settings: RunSettings,
         until: Until,
-        on_tick: Callable[[Status], None],
+        on_tick: Callable[[Status], None] | None = None,
         was_saved: Callable[[], bool] | None = None,
-        fast: bool = False,
     ) -> None:
         self.tree = tree
-        self.period_ns = round(NS_PER_S / rate)
+        self.period_ns = round(NS_PER_S / settings.rate)
         self.end_statuses = _STATUSES_THAT_END[until]
         self.on_tick = on_tick
         self.was_saved = was_saved
-        self.fast = fast
+        self.fast = settings.fast
         self.start_ns = tree.clock.now()
+        duration = settings.duration
         self.end_ns = None if duration is None else self.start_ns + round(duration * NS_PER_S)
+        self.is_paused = False
         self.status = Status.IDLE
         self.skipped_ticks = 0
         self.received_signal = 0
@@ -87,11 +88,16 @@ class TickLoop:
         due = self.tree.clock.now()
         while True:
             self.status = self.tree.tick_once()
-            self.on_tick(self.status)
+            if self.on_tick is not None:
+                self.on_tick(self.status)
             if self._is_stopping:
                 return "interrupted"
             if self.status in self.end_statuses:
                 return "done"
+            if self.is_paused:
+                while self.is_paused and not self._is_stopping:
+                    self.tree.context.wait_real_time(POLL_INTERVAL_S)
+                due = self.tree.clock.now()  # the ticks of the pause have not been skipped
             now = self.tree.clock.now()
             # An additional tick before `due` leaves the due time unchanged.
             if now >= due:

@@ -17,7 +17,6 @@ from click.testing import CliRunner
 from mentions import PAGES, links_to_mentions
 
 from btcore.cli.main import OWN_COMMANDS, main
-from btcore.cli.provider_options import available_providers
 from btcore.entry_points import COMMANDS_GROUP
 from btcore.runs import exit_codes
 from btcore.runs.settings import SettingOption
@@ -162,7 +161,6 @@ def _description(command: click.Command) -> tuple[list[str], list[str]]:
 
 def _options(command: click.Command, context: click.Context) -> list[str]:
     """Return tables of the options: those of the command, and those of each package that adds options."""
-    available_providers(context).has_all_options = True
     tables: dict[str, list[str]] = {}
     for option in command.get_params(context):
         if isinstance(option, click.Option) and not option.hidden:

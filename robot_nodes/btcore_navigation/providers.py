@@ -30,10 +30,8 @@ _EXAMPLE: Final = (
 )
 
 # The names of protocols, whose modules import numpy.
-_NAVIGATION_PROTOCOLS: Final = (
-    "btcore_navigation.leaves.navigate.PoseNavigator",
-    "btcore_navigation.navigation_servers.NavigationServers",
-)
+_POSE_NAVIGATOR: Final = "btcore_navigation.leaves.navigate.PoseNavigator"
+_NAVIGATION_SERVERS: Final = "btcore_navigation.navigation_servers.NavigationServers"
 _EXPLORER: Final = "btcore_navigation.leaves.explore.Explorer"
 _HEAD_TRACKER: Final = "btcore_robot.leaves.lifecycle_leaves.HeadTrackerProtocol"
 _OBJECT_LOCATOR: Final = "btcore_robot.leaves.lifecycle_leaves.ObjectLocatorProtocol"
@@ -126,7 +124,7 @@ def waypoints(settings: MapSettings | None, places: "WorldPlaces | None") -> "Wa
     return replace(found, remedy="add '{name}: [x, y, yaw]' to the file, in m and rad on the map")
 
 
-@provider(provides=_NAVIGATION_PROTOCOLS)
+@provider
 def navigation(
     robot: "Robot",
     map: "OccupancyMap | None",
@@ -162,7 +160,29 @@ def navigation(
     return navigation, navigation.servers
 
 
-@provider(provides=(_EXPLORER, *_NAVIGATION_PROTOCOLS), default=True)
+# Navigation and exploration provide further objects, also if leaves navigate by Nav2. Therefore what leaves
+# navigate by is provided separately.
+
+
+@provider(provides=(_POSE_NAVIGATOR,))
+def navigator(navigation: "Navigation") -> object:
+    """Return the navigation, for leaves that navigate on a map."""
+    return navigation
+
+
+@provider(provides=(_POSE_NAVIGATOR,), default=True)
+def exploring_navigator(exploration: "Exploration") -> object:
+    """Return the exploration, for leaves that navigate on the map that it makes."""
+    return exploration
+
+
+@provider(provides=(_NAVIGATION_SERVERS,))
+def navigation_servers(servers: "Servers") -> object:
+    """Return the servers of the navigation or the exploration, for Nav2's tree nodes."""
+    return servers
+
+
+@provider(provides=(_EXPLORER,), default=True)
 def exploration(
     robot: "Robot",
     map: "OccupancyMap | None",

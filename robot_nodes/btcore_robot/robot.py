@@ -21,6 +21,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore.errors import BtcoreError
+
 NS_PER_S = 1_000_000_000
 """Nanoseconds per second."""
 
@@ -285,6 +287,23 @@ class BaseInfo:
     w_rate: float
     command_timeout: float
     radius: float
+
+    def check_rate(self, rate: float) -> None:
+        """Check that a tree that drives is ticked before its velocity commands expire.
+
+        Args:
+            rate: The ticks per second (Hz).
+
+        Raises:
+            BtcoreError: The rate is too low.
+        """
+        least = 1.0 / self.command_timeout
+        if rate < least:
+            raise BtcoreError(
+                f"--rate {rate:g} is too slow for a tree that drives: the base stops "
+                f"{self.command_timeout:g} s after a velocity command, so the tree has to be ticked at least "
+                f"{least:g} times a second"
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,6 @@ from btcore.tree.tree import Tree
 from btcore_ros2.errors import RosError
 
 if TYPE_CHECKING:
-    from btcore_robot.robot import BaseInfo
     from btcore_ros2.nav2.client import Nav2Client
     from btcore_ros2.robot.bag_robot import BagRobot
     from btcore_ros2.robot.ros_robot import RosRobot
@@ -180,7 +179,7 @@ def ros_robot(session: "RosSession", settings: RosRobotSettings, run: RunSetting
     from btcore_ros2.robot.ros_robot import RosRobot
 
     description = load_robot(settings.ros2)
-    _check_rate(run.rate, description.base)
+    description.base.check_rate(run.rate)
     with RosRobot(session, description) as robot:
         yield robot
 
@@ -223,7 +222,7 @@ def bag_robot(
         if is_given:
             raise click.UsageError(f"--bag and {name} exclude each other: a bag is read without ROS")
     description = load_robot("tiago" if robot is None else robot.ros2)
-    _check_rate(run.rate, description.base)
+    description.base.check_rate(run.rate)
     with BagReader(settings.bag) as reader:
         recorded = BagRobot(reader, description)
         try:
@@ -270,12 +269,3 @@ def telemetry(settings: TelemetrySettings, ros: RosSettings, tree: Tree) -> Iter
 
     with RosTelemetry(tree, settings.ros2_publish, arguments=node_arguments(ros.ros_args)):
         yield
-
-
-def _check_rate(rate: float, base: "BaseInfo") -> None:
-    least = 1.0 / base.command_timeout
-    if rate < least:
-        raise RosError(
-            f"--rate {rate:g} is too slow for a tree that drives: a velocity command expires after "
-            f"{base.command_timeout:g} s, so the tree has to be ticked at least {least:g} times a second"
-        )

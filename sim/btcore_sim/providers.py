@@ -15,7 +15,7 @@ from btcore_sim.errors import SimError
 
 if TYPE_CHECKING:
     from btcore_robot.occupancy_map import OccupancyMap
-    from btcore_robot.robot import BaseInfo, WorldPlaces
+    from btcore_robot.robot import WorldPlaces
     from btcore_sim.simulated_robot import SimulatedRobot
     from btcore_sim.simulated_run import SimulatedRun
 
@@ -222,7 +222,7 @@ def _simulate(
     if settings.start is not None:
         random = random_generator(run.seed, "start")
         description = with_start(description, settings.start, random, radius)
-    _check_rate(run.rate, robot.base)
+    robot.base.check_rate(run.rate)
     camera = parse_camera(settings.camera)
     faults = [parse_fault(text) for text in settings.fault]
     planned = [parse_event(text) for text in settings.event]
@@ -235,13 +235,3 @@ def _simulate(
     events = scenario.begin(world, body, radius)
     known_start = None if settings.start == UNKNOWN_START else body.start_pose
     return SimulatedRun(body, description, events, resources, known_start)
-
-
-def _check_rate(rate: float, base: "BaseInfo") -> None:
-    least = 1.0 / base.command_timeout
-    if rate < least:
-        raise SimError(
-            f"--rate {rate:g} is too slow for a tree that drives: the base stops "
-            f"{base.command_timeout:g} s after a velocity command, so the tree "
-            f"has to be ticked at least {least:g} times a second"
-        )

@@ -11,13 +11,14 @@ import click
 from rich.live import Live
 from rich.text import Text
 
-from btcore.cli import files, node_libraries, terminal
+from btcore.cli import files, terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.tree_source import STDIN, TreeSource, find_source, given_option, tree_options
+from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, find_source, given_option
 from btcore.escaping import escape_controls
 from btcore.logs.formats import open_log
 from btcore.registry.registry import Registry
 from btcore.runs.exit_codes import ExitCode
+from btcore.runs.settings import pass_settings
 from btcore.tree.tree import Tree
 from btcore.xml.models.stubs import StubAction, StubCondition
 from btcore.xml.plan.plan import Plans
@@ -40,7 +41,7 @@ _INTERVAL_S: Final = 0.2
 
 @click.command(short_help="Prove what holds in every run of a tree.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@tree_options
+@pass_settings(TreeOptions, "options")
 @click.option(
     "--never",
     "never",
@@ -115,11 +116,7 @@ _INTERVAL_S: Final = 0.2
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def prove(
     source: str,
-    tree: str | None,
-    format: int | None,
-    confined: bool,
-    plugins: Sequence[str],
-    models: Sequence[Path],
+    options: TreeOptions,
     never: Sequence[str],
     asked: Sequence[str],
     given: Sequence[str],
@@ -153,11 +150,11 @@ def prove(
     path = find_source(source)
     if save is not None and path == STDIN:
         raise click.UsageError("--save needs a tree in a file, because tests name the file.")
-    libraries = node_libraries.load_libraries(plugins, models, confined)
+    libraries = options.load_libraries()
     declared = (
         Declarations() if path == STDIN and declarations is None else declarations_of(path, declarations)
     )
-    plans = TreeSource(path, tree, libraries, format, confined).read_plans(
+    plans = TreeSource(path, options, libraries).read_plans(
         lambda nodes: with_model_leaves(nodes, declared.leaves)
     )
     questions = [*(f"never {text}" for text in never), *asked]
@@ -167,8 +164,10 @@ def prove(
     with _Progress() as progress:
         report = prover.answer(ticks, memory << 20, progress, jobs or _default_jobs(), time_s)
     if save is not None:
-        has_libraries = _has_libraries(prover.tree, libraries.nodes, plugins)
-        used = TreeReference(path, tree, format, models, plugins, has_libraries, declarations)
+        has_libraries = _has_libraries(prover.tree, libraries.nodes, options.plugins)
+        used = TreeReference(
+            path, options.tree, options.format, options.models, options.plugins, has_libraries, declarations
+        )
         for number, answer in enumerate(report.answers, 1):
             if answer.answer == REFUTED and answer.counterexample is not None:
                 _save(save, file_name(number, answer.question), answer, used, plans, declared)

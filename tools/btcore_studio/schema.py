@@ -6,17 +6,17 @@
 import re
 from collections.abc import Mapping, Sequence
 from enum import Enum
-from pathlib import Path
 from typing import Final
 
 import click
 from lxml import etree
 
 from btcore.blackboard.ports import Port
-from btcore.cli import node_libraries, terminal
-from btcore.cli.tree_source import format_option
+from btcore.cli import terminal
+from btcore.cli.node_libraries import PaletteOptions
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
+from btcore.runs.settings import pass_settings
 from btcore.status import NodeType, Status
 from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, EnumType, ValueType
 from btcore.xml.models.tree_nodes_model import PORT_TAGS, TAG_OF
@@ -275,13 +275,11 @@ def _models(schema: _SchemaElement) -> None:
 
 
 @click.command(short_help="Print an XML schema (XSD) for XML editors.")
-@node_libraries.library_options
-@format_option("The XML format that the schema describes.", default="4")
-def schema(plugins: Sequence[str], models: Sequence[Path], format: int) -> None:
+@pass_settings(PaletteOptions, "options")
+def schema(options: PaletteOptions) -> None:
     """Print an XML schema (XSD) of trees and all available nodes.
 
     The schema covers nodes that are built-in, installed, or loaded by --plugin or --model. XML editors use it
     to complete tags and attributes, and to show their documentation.
     """
-    nodes = node_libraries.load_libraries(plugins, models).nodes
-    terminal.print_xml(write_schema(nodes, format))
+    terminal.print_xml(write_schema(options.load_libraries().nodes, options.format))

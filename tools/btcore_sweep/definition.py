@@ -12,8 +12,7 @@ import click
 
 import btcore
 from btcore.cli import terminal
-from btcore.cli.commands.run import RunOptions, read_source_and_plans, run
-from btcore.cli.provider_options import available_providers
+from btcore.cli.commands.run import create_session, run
 from btcore.cli.tree_source import find_tree_file
 from btcore.input_files import read_file
 from btcore.suggestions import join_names
@@ -63,7 +62,7 @@ class SweepDefinition:
     tree: str
     arguments: tuple[str, ...]
     varied: Mapping[str, tuple[str, ...]]
-    choices: parameters.RunOptions
+    choices: parameters.ParameterOptions
     seeds: tuple[int, ...]
     inputs: Mapping[str, str]
     version: str
@@ -187,9 +186,7 @@ def _check(sweep: SweepDefinition) -> None:
         try:
             with run.make_context("run", words) as context:
                 if values is first:
-                    plugins = available_providers(context).plugins
-                    _, plans = read_source_and_plans(RunOptions.of(context), plugins=plugins)
-                    terminal.print_diagnostics(plans.diagnostics.warnings)
+                    terminal.print_diagnostics(create_session(context).plans.diagnostics.warnings)
         except click.ClickException as error:
             if not values:
                 raise

@@ -92,7 +92,7 @@ def _run(command: Sequence[str]) -> Result:
                 raise
             return {**_not_started(ExitCode.USER_ERROR, reason.format_message()), "began": True}
         # Convert to JSON and back, as for --json: a report that is not JSON data raises here, in the worker.
-        report = json.loads(json.dumps(session.report.as_data()))
+        report = json.loads(json.dumps(session.summary.as_data()))
         finished = session.tree_run
         failed_at = finished.error.path if finished.error is not None else cause.find(finished.tree)
         return {"code": finished.exit_code, "report": report, "failed_at": failed_at, "fault": None}

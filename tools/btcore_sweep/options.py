@@ -7,9 +7,9 @@ from typing import Any, Final, cast
 import click
 
 from btcore.cli.commands.run import run
-from btcore.cli.provider_options import available_providers, explain_missing_options, find_providers
+from btcore.cli.provider_options import explain_missing_options, find_providers
 from btcore.runs.settings import Plural, SettingOption
-from btcore_sweep.parameters import RunOptions
+from btcore_sweep.parameters import ParameterOptions
 
 _GIVEN: Final = "btcore_sweep.options.given"
 _REFUSED: Final = {
@@ -17,7 +17,6 @@ _REFUSED: Final = {
     "fast": "a sweep always uses simulated time",
     "json": "the results of the episodes are in the sweep's table",
     "watch": "episodes cannot wait for a file to be saved",
-    "log": "all episodes would write to the same file; replay a single episode with --log",
     "set": "write bb.KEY for a blackboard entry, for example bb.laps=1..5",
 }
 _OWN: Final = {"duration", "format"}
@@ -40,7 +39,7 @@ class SweepCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse *args*, and keep the unconverted texts of the options for the command lines of the runs."""
-        find_providers(ctx, args)
+        find_providers(ctx, args, has_all_options=True)
         words = list(args)  # click's parser removes the arguments from its list
         with explain_missing_options(ctx):
             rest = super().parse_args(ctx, args)
@@ -48,16 +47,15 @@ class SweepCommand(click.Command):
         return rest
 
 
-def collect_run_options(ctx: click.Context) -> RunOptions:
+def collect_run_options(ctx: click.Context) -> ParameterOptions:
     """Return the options of `btcore run` that a sweep accepts, and the reasons why it rejects others."""
-    available_providers(ctx).has_all_options = True
     options = {_key(item): item for item in run.get_params(ctx) if isinstance(item, click.Option)}
     refused = dict(_REFUSED)
     for key, option in options.items():
         if isinstance(option, SettingOption) and option.one_run_only:
             refused[key] = "it applies to a single run; replay a single episode with it"
     accepted = {key: option for key, option in options.items() if key not in {*refused, "help"}}
-    return RunOptions(accepted, refused)
+    return ParameterOptions(accepted, refused)
 
 
 def given(ctx: click.Context) -> dict[str, Any]:

@@ -36,7 +36,7 @@ Values = Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class RunOptions:
+class ParameterOptions:
     """The options of `btcore run` by name without dashes, and the reasons why a sweep rejects others."""
 
     options: Mapping[str, click.Option]
@@ -95,7 +95,7 @@ def _check_count(count: int, text: str) -> int:
     return count
 
 
-def parse_parameters(texts: Sequence[str], choices: RunOptions) -> dict[str, tuple[str, ...]]:
+def parse_parameters(texts: Sequence[str], choices: ParameterOptions) -> dict[str, tuple[str, ...]]:
     """Return the values of each parameter, by KEY.
 
     Args:
@@ -126,7 +126,7 @@ def settings(parameters: Mapping[str, Sequence[str]]) -> Iterator[dict[str, str]
         yield dict(zip(parameters, values, strict=True))
 
 
-def setting_arguments(values: Values, choices: RunOptions) -> list[str]:
+def setting_arguments(values: Values, choices: ParameterOptions) -> list[str]:
     """Return the arguments of `btcore run` for a setting.
 
     Args:
@@ -152,7 +152,7 @@ def setting_arguments(values: Values, choices: RunOptions) -> list[str]:
     return arguments
 
 
-def _check_key(key: str, choices: RunOptions) -> None:
+def _check_key(key: str, choices: ParameterOptions) -> None:
     if key.startswith(BLACKBOARD):
         if key == BLACKBOARD:
             raise click.UsageError(

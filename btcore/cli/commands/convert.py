@@ -6,12 +6,14 @@ from pathlib import Path
 import click
 from rich.text import Text
 
-from btcore.cli import files, node_libraries, terminal
+from btcore.cli import files, terminal
+from btcore.cli.node_libraries import LibraryOptions
 from btcore.cli.tree_source import find_tree_file
 from btcore.diagnostic_codes import Severity
 from btcore.errors import Diagnostic
 from btcore.input_files import read_file
 from btcore.runs.exit_codes import ExitCode
+from btcore.runs.settings import pass_settings
 from btcore.xml.convert.convert import Conversion
 from btcore.xml.convert.convert import convert as converted
 from btcore.xml.read.read import parse_file
@@ -30,14 +32,13 @@ _BYTE_ORDER_MARK = "\ufeff".encode()
 )
 @click.option("--in-place", is_flag=True, help="Overwrite FILE with the result, if the result is valid.")
 @click.option("--force", is_flag=True, help="Overwrite FILE also with an invalid result.")
-@node_libraries.library_options
+@pass_settings(LibraryOptions, "options")
 def convert(
     source: str,
     output: Path | None,
     in_place: bool,
     force: bool,
-    plugins: Sequence[str],
-    models: Sequence[Path],
+    options: LibraryOptions,
 ) -> int:
     """Convert FILE from XML format 3 to format 4, and print the result.
 
@@ -53,7 +54,7 @@ def convert(
         raise click.UsageError("--in-place and --output cannot be used together.")
     path = find_tree_file(source)
     document = parse_file(path)
-    libraries = node_libraries.load_libraries(plugins, models)
+    libraries = options.load_libraries()
     result = converted(document, libraries.nodes_for(document))
     data = result.text.encode()
     # The parser drops a byte order mark, which the conversion must preserve.

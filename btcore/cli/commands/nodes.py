@@ -1,7 +1,6 @@
 """`btcore nodes`: list the available nodes as a table, as JSON, or as a TreeNodesModel for Groot."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 import click
@@ -9,11 +8,12 @@ from rich.style import Style
 from rich.text import Text
 
 from btcore.blackboard.ports import Direction, Port
-from btcore.cli import node_libraries, terminal
+from btcore.cli import terminal
 from btcore.cli.completion import complete_node_id
-from btcore.cli.tree_source import format_option
+from btcore.cli.node_libraries import PaletteOptions
 from btcore.documentation_site import node_url
 from btcore.registry.manifest import Manifest
+from btcore.runs.settings import pass_settings
 from btcore.status import NodeType
 from btcore.suggestions import join_names, nearest_name
 from btcore.values import DOUBLE
@@ -31,15 +31,12 @@ _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "�
 
 @click.command(short_help="List the available nodes and their ports.")
 @click.argument("ids", nargs=-1, metavar="[ID]…", shell_complete=complete_node_id)
-@node_libraries.library_options
-@format_option("The XML format whose nodes are listed.", default="4")
+@pass_settings(PaletteOptions, "options")
 @click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot can import.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def nodes(
     ids: Sequence[str],
-    plugins: Sequence[str],
-    models: Sequence[Path],
-    format: int,
+    options: PaletteOptions,
     as_xml: bool,
     as_json: bool,
 ) -> None:
@@ -47,14 +44,14 @@ def nodes(
 
     With IDs, list only these nodes.
     """
-    palette = node_libraries.load_libraries(plugins, models).nodes.manifests_of(format)
+    palette = options.load_palette()
     if unknown := [node_id for node_id in ids if node_id not in palette]:
         nearest = nearest_name(unknown[0], palette)
         hint = f"Did you mean '{nearest}'?" if nearest else "Without an ID, all nodes are listed."
         raise click.UsageError(f"unknown node {join_names(unknown)}. {hint}")
     manifests = [palette[node_id] for node_id in ids] if ids else list(palette.values())
     if as_xml:
-        terminal.print_xml(write_models(manifests, format))
+        terminal.print_xml(write_models(manifests, options.format))
     elif as_json:
         data = {manifest.id: _as_data(manifest) for manifest in manifests}
         terminal.print_json(data, indent=2)

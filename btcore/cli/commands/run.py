@@ -1,80 +1,90 @@
 """`btcore run`: run a tree, with what providers of other packages provide."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any
 
 import click
 
-from btcore.cli import initial_blackboard, node_libraries, stub_results, substitute, terminal
+from btcore.cli import initial_blackboard, stub_results, substitute, terminal
 from btcore.cli.command_run import CommandRun
 from btcore.cli.completion import complete_tree
+from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.provider_options import ProviderCommand, available_providers
-from btcore.cli.run_logs import log_option
 from btcore.cli.run_session import RunSession
-from btcore.cli.tree_source import STDIN, SaveWatcher, TreeSource, find_source, tree_options
-from btcore.diagnostic_codes import NODE_NOT_CREATED
-from btcore.errors import TreeError
-from btcore.registry.registry import Plugin
+from btcore.cli.tree_source import STDIN, SaveWatcher, TreeOptions, TreeSource, find_source
 from btcore.runs.run import Run
-from btcore.runs.settings import FiniteRange, RunSettings, setting_options
+from btcore.runs.settings import RunSettings, from_values, option, setting_options
 from btcore.runs.tick_loop import Until
 from btcore.xml.models.stubs import StubResults
-from btcore.xml.plan.plan import Plans
 
 
-class RunOptions(NamedTuple):
-    """The options of `btcore run` that are not settings of providers, by their click names."""
+class RunOptions(TreeOptions):
+    """The options of `btcore run` about the tree and its end.
 
-    source: str
-    tree: str | None
-    format: int | None
-    confined: bool
-    plugins: Sequence[str]
-    models: Sequence[Path]
-    stub_letters: Mapping[str, str]
-    substitute: Sequence[Path]
-    set: Any
-    tick_limit: float | None
-    until: Until
-    watch: bool
-    logs: Sequence[str]
+    Raises:
+        click.UsageError: A value of `--plan` or `--set` is invalid.
+    """
 
-    @classmethod
-    def of(cls, ctx: click.Context) -> "RunOptions":
-        """Return the options in the context of the command."""
-        return cls(*(ctx.params[name] for name in cls._fields))
+    plan: Annotated[
+        tuple[str, ...],
+        option(
+            "Results of a leaf from --model, given by its name or ID: one letter for each tick, R (RUNNING), "
+            "S (SUCCESS), F (FAILURE) or K (SKIPPED), and | between two starts, for example Move=RRS|F. "
+            "Leaves without a plan return SUCCESS. Repeatable.",
+            metavar="NAME=LETTERS",
+        ),
+    ] = ()
+    substitute: Annotated[
+        tuple[Path, ...],
+        option(
+            "Replace nodes by other nodes or by a TestNode, as described by BehaviorTree.CPP's substitution "
+            "rules in a JSON file. Repeatable.",
+            metavar="FILE.json",
+        ),
+    ] = ()
+    set: Annotated[
+        tuple[str, ...],
+        option(
+            "Set an entry of the main tree's blackboard before the first tick. VALUE has the type of the "
+            "ports that use KEY; without a typed port it is read as JSON if possible, else as a string. "
+            "Repeatable.",
+            metavar="KEY=VALUE",
+        ),
+    ] = ()
+    tick_limit: (
+        Annotated[
+            float,
+            option(
+                "Raise an error if a tick repeats nodes without a pause for more than S seconds of real "
+                "time.",
+                metavar="S",
+                gt=0,
+            ),
+        ]
+        | None
+    ) = None
+    until: Annotated[
+        Until,
+        option("The result of the tree that ends the run; after any other result the tree is ticked again."),
+    ] = "done"
+    watch: Annotated[
+        bool,
+        option(
+            "Reload the tree whenever its file is saved, and keep the blackboard. A file with errors is "
+            "reported, and the previous tree continues. After the tree has ended, wait for the next save, "
+            "until --duration or Ctrl-C ends the run.",
+        ),
+    ] = False
+
+    def __post_init__(self) -> None:
+        stub_results.parse_letters(self.plan)
+        initial_blackboard.parse_entries(self.set)
 
 
 @click.command(cls=ProviderCommand, short_help="Run a tree until it ends.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@tree_options
-@stub_results.stub_results_option
-@substitute.substitute_option
-@initial_blackboard.set_option
-@setting_options(RunSettings, "rate", "duration")
-@click.option(
-    "--tick-limit",
-    type=FiniteRange(0, min_open=True),
-    metavar="S",
-    help="Raise an error if a tick repeats nodes without a pause for more than S seconds of real time.",
-)
-@setting_options(RunSettings, "seed", "fast")
-@click.option(
-    "--until",
-    type=click.Choice(["done", "success", "failure", "never"]),
-    default="done",
-    show_default=True,
-    help="The result of the tree that ends the run; after any other result the tree is ticked again.",
-)
-@click.option(
-    "--watch",
-    is_flag=True,
-    help="Reload the tree whenever its file is saved, and keep the blackboard. A file with errors is "
-    "reported, and the previous tree continues. After the tree has ended, wait for the next save, until "
-    "--duration or Ctrl-C ends the run.",
-)
-@log_option
+@setting_options(RunOptions)
+@setting_options(RunSettings)
 @click.option(
     "--json",
     "as_json",
@@ -82,7 +92,7 @@ class RunOptions(NamedTuple):
     help="Print the results as a JSON object on the last line of stdout (with --watch, of the last tree).",
 )
 @click.pass_context
-def run(ctx: click.Context, /, **options: Any) -> int:
+def run(ctx: click.Context, /, as_json: bool, **options: Any) -> int:
     """Run TREE until it ends.
 
     TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore, such as bumpgo. The
@@ -95,97 +105,56 @@ def run(ctx: click.Context, /, **options: Any) -> int:
       2    an error in the tree or on the command line
       3    a leaf raised an exception, or a tick exceeded --tick-limit
       4    a log or a recording is incomplete, for example because the disk is full
+      129  the terminal was closed
       130  interrupted by Ctrl-C
       143  terminated by SIGTERM
     """
-    return create_session(ctx).run_and_report(ctx.params["as_json"])
+    session = create_session(ctx)
+    session.run()
+    return session.print_results(as_json)
 
 
-def create_session(
-    ctx: click.Context, installed_nodes: node_libraries.NodeLibraries | None = None
-) -> RunSession:
-    """Return a run, before its providers are opened.
+def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -> RunSession:
+    """Return the run of the command with the context *ctx*, before its providers are opened.
 
     Args:
-        ctx: The context of the command.
-        installed_nodes: The installed nodes, for a process that loads them once for many runs. They are
-            copied, not changed.
+        ctx: The context, whose parameters are those of `run`.
+        installed: The installed nodes, for a process that loads them once for many runs. They are not
+            changed.
 
     Raises:
         click.ClickException: An option has an invalid value.
         TreeError: The tree has an error.
         RegistrationError: A node library cannot be loaded.
     """
-    options = RunOptions.of(ctx)
+    options = from_values(RunOptions, ctx.params)
+    assert options is not None, "no option is required"
+    path = find_source(ctx.params["source"])
+    if options.watch and path == STDIN:
+        raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
     # The watcher looks at the files before they are read: a save in between is not missed.
-    save_watcher = None
-    if options.watch:
-        file = find_source(options.source)
-        if file == STDIN:
-            raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
-        save_watcher = SaveWatcher(file, options.confined)
-    source, plans = read_source_and_plans(options, installed_nodes, available_providers(ctx).plugins)
-
-    def prepare(run: Run) -> None:
-        run.tree.count_ticks()  # before the first tick: the report contains the counts
-        initial_blackboard.write(run.tree, options.set, plans)
-        terminal.print_diagnostics(plans.diagnostics.warnings)
-        substitute.warn_unused_rules(run.tree)
-
-    stubs = StubResults(options.stub_letters)
-    run = TreeRun(ctx, plans, prepare, tick_limit=options.tick_limit, stubs=stubs)
-    name = source.name if options.tree is None else f"{source.name}:{options.tree}"
-    return RunSession(run, source, name, options.until, options.logs, save_watcher)
-
-
-class TreeRun(CommandRun):
-    """The run of `btcore run`, whose errors explain how to provide an object."""
-
-    def __enter__(self) -> "TreeRun":
-        try:
-            return super().__enter__()
-        except TreeError as error:
-            if any(diagnostic.code == NODE_NOT_CREATED for diagnostic in error.diagnostics) and any(
-                getattr(kind, "__module__", "builtins") != "builtins" for kind in self.missing_types()
-            ):
-                error.add_note(
-                    "`btcore run` does not create objects of your own classes: derive the class from "
-                    "btcore.TreeState, or write a provider of the object: see 'Your own resources'"
-                )
-            raise
-
-
-def read_source_and_plans(
-    options: RunOptions,
-    installed_nodes: node_libraries.NodeLibraries | None = None,
-    plugins: Mapping[str, Plugin] | None = None,
-) -> tuple[TreeSource, Plans]:
-    """Read and check the document of a run's tree, before providers create objects such as a simulator.
-
-    Args:
-        options: The options of the run.
-        installed_nodes: The installed nodes, or None to load them.
-        plugins: Plugins that are imported already, by the values of `--plugin`.
-
-    Returns:
-        The source of the tree, and its plans.
-
-    Raises:
-        click.UsageError: An option has an invalid value.
-        TreeError: The document has an error.
-        RegistrationError: A node library cannot be loaded.
-    """
-    path = find_source(options.source)
-    if installed_nodes is None or options.plugins:
+    save_watcher = SaveWatcher(path, options.confined) if options.watch else None
+    if installed is None or options.plugins:
         # Models and rules may name nodes of the installed libraries. Also, they would be lost when
         # `NodeLibraries.load_for` loads what is missing, because it begins anew.
         partial = not options.models and not options.substitute
-        libraries = node_libraries.load_libraries(options.plugins, partial=partial, imported=plugins)
+        plugins = available_providers(ctx).plugins
+        libraries = load_libraries(options.plugins, partial=partial, imported=plugins)
     else:
-        libraries = node_libraries.NodeLibraries(installed_nodes.nodes.copy(), installed_nodes.unavailable)
+        libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)
     libraries.add_models(options.models, options.confined)
-    source = TreeSource(path, options.tree, libraries, options.format, options.confined)
+    source = TreeSource(path, options, libraries)
     substitute.add_rules(libraries.nodes, options.substitute)
     plans = source.read_plans()
-    stub_results.check(options.stub_letters, plans)
-    return source, plans
+    letters = stub_results.parse_letters(options.plan)
+    stub_results.check(letters, plans)
+
+    def prepare(run: Run) -> None:
+        run.tree.count_ticks()  # before the first tick: the report contains the counts
+        initial_blackboard.write(run.tree, initial_blackboard.parse_entries(options.set), plans)
+        terminal.print_diagnostics(plans.diagnostics.warnings)
+        substitute.warn_unused_rules(run.tree)
+
+    stubs = [StubResults(letters)] if letters else []
+    run = CommandRun(ctx, plans, prepare, provided=stubs, tick_limit=options.tick_limit)
+    return RunSession(run, source, plans, options.until, save_watcher)

@@ -7,9 +7,10 @@ from pathlib import Path
 import click
 from rich.text import Text
 
-from btcore.cli import files, node_libraries, terminal
+from btcore.cli import files, terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.tree_source import TreeSource, find_source, tree_options
+from btcore.cli.tree_source import TreeOptions, TreeSource, find_source
+from btcore.runs.settings import pass_settings
 from btcore.tree.drawing import Fragment, draw_branches, is_ascii_only, node_label
 from btcore.xml.lint.data_flow import DataflowAccess, DataflowRow, trace_dataflow
 from btcore.xml.render.png import MAX_SIDE, svg_to_png
@@ -19,7 +20,7 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 
 @click.command(short_help="Draw a tree, or list its data flow.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@tree_options
+@pass_settings(TreeOptions, "options")
 @click.option("--ports/--no-ports", default=True, help="Show or hide ports and scripts.")
 @click.option("--svg", type=files.OUTPUT_FILE, metavar="FILE", help="Write the drawing to an SVG file.")
 @click.option(
@@ -34,11 +35,7 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object; with --data a JSON list.")
 def show(
     source: str,
-    tree: str | None,
-    format: int | None,
-    confined: bool,
-    plugins: Sequence[str],
-    models: Sequence[Path],
+    options: TreeOptions,
     ports: bool,
     svg: Path | None,
     png: Path | None,
@@ -54,8 +51,7 @@ def show(
         other = "--data" if as_data else "--json"
         raise click.UsageError(f"{picture} and {other} cannot be used together.")
     path = find_source(source)
-    libraries = node_libraries.load_libraries(plugins, models, confined)
-    plans = TreeSource(path, tree, libraries, format, confined).read_plans()
+    plans = TreeSource(path, options, options.load_libraries()).read_plans()
     main, format = plans.main_tree, plans.dialect.format
     assert main is not None, "a document without a main tree has errors"
     if as_data:

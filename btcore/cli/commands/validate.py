@@ -7,27 +7,24 @@ import click
 from rich.text import Text
 
 from btcore.blackboard.ports import remapped_key
-from btcore.cli import node_libraries, terminal
+from btcore.cli import terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.tree_source import find_source, given_option, parse_source, tree_options
+from btcore.cli.tree_source import TreeOptions, find_source, given_option, parse_source
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.runs.exit_codes import ExitCode
+from btcore.runs.settings import pass_settings
 from btcore.xml.lint.validate import validate_document
 
 
 @click.command(short_help="Check trees, and report all errors and warnings.")
 @click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…", shell_complete=complete_tree)
-@tree_options
+@pass_settings(TreeOptions, "options")
 @given_option
 @click.option("--strict", is_flag=True, help="Treat warnings as errors.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def validate(
     sources: Sequence[str],
-    tree: str | None,
-    format: int | None,
-    confined: bool,
-    plugins: Sequence[str],
-    models: Sequence[Path],
+    options: TreeOptions,
     given: Sequence[str],
     strict: bool,
     as_json: bool,
@@ -43,17 +40,19 @@ def validate(
       2  errors, or with --strict warnings
     """
     files = [file for source in sources for file in _find_files(source)]
-    libraries = node_libraries.load_libraries(plugins, models, confined)
+    libraries = options.load_libraries()
     keys = [remapped_key(key, key) or key for key in given]
     diagnostics: list[Diagnostic] = []
     for file in files:
         try:
-            document = parse_source(file, confined)
+            document = parse_source(file, options.confined)
         except TreeError as error:
             diagnostics += error.diagnostics
         else:
             nodes = libraries.nodes_for(document)
-            diagnostics += validate_document(document, nodes=nodes, tree=tree, format=format, given=keys)
+            diagnostics += validate_document(
+                document, nodes=nodes, tree=options.tree, format=options.format, given=keys
+            )
     errors = [item for item in diagnostics if item.is_error]
     warnings = [item for item in diagnostics if not item.is_error]
     valid = not errors and not (strict and warnings)

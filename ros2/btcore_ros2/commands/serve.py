@@ -158,7 +158,7 @@ class PublishedTreeServer(TreeServer):
             source.session,
             source.read_files(),
             nodes=source.nodes,
-            resources=run.resources_for_leaves(),
+            resources=run.resources,
             clock=run.clock,
         )
 

@@ -72,7 +72,7 @@ def _run(
     run = CommandRun(
         ctx, program, settings=[own], provided=[session, SpareBoxes(SPARE_BOXES)], used=[RosSettings]
     ).want(SimulatedRun)
-    if run.settings.are_given(RosRobotSettings):
+    if RosRobotSettings in run.settings:
         raise click.UsageError("--ros2 does not belong here: this command simulates its own robot")
     server: LockstepServer | None = None
     with run:

@@ -24,7 +24,8 @@ from btcore import (
 )
 from btcore.clock import Clock, SimClock
 from btcore.errors import BtcoreError, TreeError
-from btcore.runs.providers import Provider, ProviderSource
+from btcore.runs.provider_source import ProviderSource
+from btcore.runs.providers import Provider
 from btcore.runs.run import TreelessProgram
 from btcore.tree.tree import Tree
 
@@ -69,7 +70,7 @@ def run_with(*providers: Provider, want: Any = (), settings: Any = (), provided:
     """Return the run of a program that wants types, with no installed providers."""
     source = ProviderSource(providers, uses_installed=False)
     program = TreelessProgram("Test", lambda: False)
-    run = Run(program, provided=provided, settings=[FAST, *settings], source_of_providers=source)
+    run = Run(program, provided=provided, settings=[FAST, *settings], providers=source)
     return run.want(*want)
 
 
@@ -154,7 +155,7 @@ def test_a_missing_need_is_shown_as_a_chain() -> None:
     def arm(hand: Hand) -> Arm:
         return Arm()
 
-    with pytest.raises(ProviderError, match=r"nothing provides a Arm: arm \(.*\) needs a Hand, but nothing"):
+    with pytest.raises(ProviderError, match=r"nothing provides an Arm: arm \(.*\) needs a Hand, but nothing"):
         run_with(arm, want=[Arm]).__enter__()
 
 

@@ -10,7 +10,7 @@ import pytest
 from btcore import Run, RunSettings, Settings
 from btcore.program_runner import TreelessProgram
 from btcore.runs.choice import ChosenSettings, choose
-from btcore.runs.providers import ProviderSource
+from btcore.runs.provider_source import ProviderSource
 from btcore_navigation.leaves.explore import Explorer, MapFile
 from btcore_navigation.leaves.navigate import PoseNavigator
 from btcore_navigation.mapping.exploration import Exploration
@@ -22,7 +22,7 @@ from btcore_robot.leaves.lifecycle_leaves import HeadTrackerProtocol, ObjectLoca
 from btcore_robot.occupancy_map import OccupancyMap, load_map, save_map
 from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import Robot, Waypoints
-from btcore_ros2.providers import BagSettings, RosRobotSettings
+from btcore_ros2.providers import BagSettings, Nav2Settings, RosRobotSettings
 from btcore_sim.providers import SimulatorSettings
 
 HOUSE = SimulatorSettings(world="house", camera="off")
@@ -33,9 +33,9 @@ def used(wanted: list[Any], *settings: Settings) -> set[str]:
 
 
 def test_the_simulated_robot_navigates_on_the_map_of_its_world():
-    simulation = {"simulator", "world_map", "world_places", "waypoints", "navigation"}
+    simulation = {"simulator", "world_map", "world_places", "waypoints", "navigation", "navigator"}
     assert used([Robot, PoseNavigator]) == simulation
-    assert used([NavigationServers]) == simulation
+    assert used([NavigationServers]) == (simulation - {"navigator"}) | {"navigation_servers"}
     assert used([Robot, PoseNavigator], MapSettings(Path("map.yaml"))) == {
         *(simulation - {"world_map"}),
         "map_file",
@@ -47,9 +47,18 @@ def test_the_simulated_robot_navigates_on_the_map_of_its_world():
 )
 def test_with_another_robot_nothing_of_the_simulator_is_used(settings: Settings, robot: str):
     found = used([PoseNavigator, Waypoints, Robot], settings, MapSettings(Path("map.yaml")), HOUSE)
-    assert found - {"ros_session"} == {robot, "map_file", "waypoints", "navigation"}
-    assert used([PoseNavigator, Waypoints], settings) - {"ros_session"} == {robot, "waypoints", "navigation"}
+    navigation = {robot, "waypoints", "navigation", "navigator"}
+    assert found - {"ros_session"} == {*navigation, "map_file"}
+    assert used([PoseNavigator, Waypoints], settings) - {"ros_session"} == navigation
     assert used([Explorer, Robot], settings) - {"ros_session"} == {robot, "exploration"}
+
+
+@pytest.mark.parametrize(("wanted", "provider"), [(Servers, "navigation"), (Explorer, "exploration")])
+def test_leaves_navigate_by_nav2_beside_what_navigation_provides_else(wanted: Any, provider: str):
+    settings = RosRobotSettings("tiago"), Nav2Settings(True)
+    found = used([Robot, PoseNavigator, NavigationServers, wanted], *settings)
+    assert {"nav2_client", provider} <= found
+    assert not found & {"navigator", "exploring_navigator", "navigation_servers"}
 
 
 def test_a_tree_that_explores_navigates_on_the_map_that_it_makes(tmp_path: Path):

@@ -11,9 +11,9 @@ import pytest
 from click.testing import Result
 
 from btcore_sweep import parameters
-from btcore_sweep.parameters import RunOptions
+from btcore_sweep.parameters import ParameterOptions
 
-CHOICES = RunOptions(
+CHOICES = ParameterOptions(
     {
         "battery": click.Option(["--battery"]),
         "fault": click.Option(["--fault"], multiple=True),

@@ -14,11 +14,13 @@ from btcore.script.program import compile_script
 from btcore_sweep import charts, table
 from btcore_sweep.definition import SweepDefinition
 from btcore_sweep.journal import Journal
-from btcore_sweep.parameters import RunOptions
+from btcore_sweep.parameters import ParameterOptions
 from btcore_sweep.report import ReportData, render_report
 from btcore_sweep.sweep_statistics import SuccessRate, compute_statistics, wilson
 
-SWEEP = SweepDefinition("walk", (), {"bb.x": ("1", "2.5")}, RunOptions({}, {}), tuple(range(4)), {}, "1")
+SWEEP = SweepDefinition(
+    "walk", (), {"bb.x": ("1", "2.5")}, ParameterOptions({}, {}), tuple(range(4)), {}, "1"
+)
 
 
 def record(number: int, status: str = "SUCCESS", **more: Any) -> dict[str, Any]:

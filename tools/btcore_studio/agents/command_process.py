@@ -36,7 +36,8 @@ MAX_WAITING: Final = 20
 SIMULATION: Final = (
     *("mcap", "nav2", "prove", "replay", "robot_nodes", "sweep"),
     *("simulator", "world_map", "world_places", "map_file", "waypoints"),
-    *("navigation", "exploration", "head_tracker", "object_locator"),
+    *("navigation", "navigator", "navigation_servers", "exploration", "exploring_navigator"),
+    *("head_tracker", "object_locator"),
 )
 """The entry points of btcore that are used: logs and nodes of btcore, and a robot in a simulated world."""
 

@@ -2,7 +2,7 @@
 
 import threading
 import webbrowser
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -12,11 +12,11 @@ from typing import Any, Final
 import click
 
 from btcore import entry_points
-from btcore.cli import node_libraries, terminal
+from btcore.cli import terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.tree_source import STDIN, SaveWatcher, find_source, tree_options
+from btcore.cli.tree_source import STDIN, SaveWatcher, TreeOptions, find_source
 from btcore.runs.exit_codes import code_of_signal
-from btcore.runs.settings import Settings, create_options, from_values
+from btcore.runs.settings import Settings, create_options, from_values, pass_settings
 from btcore.runs.tick_loop import POLL_INTERVAL_S
 from btcore.signals import ending_signals, signal_handlers
 from btcore_studio.preview.live import PreviewExtension
@@ -46,7 +46,7 @@ def _find_extension() -> type[Settings] | None:
 
 @click.command(cls=PreviewCommand, short_help="Show a tree in a browser, and watch it run.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@tree_options
+@pass_settings(TreeOptions, "options")
 @click.option(
     "--http-port",
     type=click.IntRange(0, 65535),
@@ -61,11 +61,7 @@ def preview(
     ctx: click.Context,
     /,
     source: str,
-    tree: str | None,
-    format: int | None,
-    confined: bool,
-    plugins: Sequence[str],
-    models: Sequence[Path],
+    options: TreeOptions,
     http_port: int,
     opens: bool,
     as_json: bool,
@@ -85,9 +81,9 @@ def preview(
     # A class of settings that satisfies the protocol.
     extension: Any = None if kind is None else from_values(kind, extension_values)
     live: PreviewExtension | None = extension
-    save_watcher = SaveWatcher(path, confined)
-    libraries = node_libraries.load_libraries(plugins, models, confined)
-    file = TreeFile(path, libraries.nodes_for, tree, format, confined)
+    save_watcher = SaveWatcher(path, options.confined)
+    nodes_for = options.load_libraries().nodes_for
+    file = TreeFile(path, nodes_for, options.tree, options.format, options.confined)
     session = PreviewSession(file, None if live is None else live.connect)
     try:
         server = PreviewServer(session, http_port)

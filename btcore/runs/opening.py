@@ -1,0 +1,120 @@
+"""Opening the providers of a run and closing them, with errors that name the provider."""
+
+import contextlib
+import inspect
+from collections.abc import Iterator, Mapping
+from types import TracebackType
+from typing import Final
+
+import click
+
+from btcore.errors import BtcoreError
+from btcore.extras import describe_missing
+from btcore.runs.providers import OutputError, Provider, ProviderError, full_name
+from btcore.tree.tree import Tree
+
+_TOLD: Final = (BtcoreError, click.ClickException)
+"""Exceptions of providers whose message is meant for the user."""
+
+
+class OpenedProvider:
+    """A provider in a run, and what it provides.
+
+    Attributes:
+        provider: The provider.
+        value: What the function returned or yielded.
+        incomplete: The errors of incomplete outputs that were raised when the provider was closed.
+    """
+
+    def __init__(self, provider: Provider) -> None:
+        self.provider = provider
+        self.value: object = None
+        self.incomplete: list[OutputError] = []
+        self._context: contextlib.AbstractContextManager[object] | None = None
+
+    def open(self, arguments: Mapping[str, object]) -> None:
+        """Call the function with *arguments*, up to its `yield`.
+
+        Raises:
+            ProviderError: The function raised an exception whose message is not meant for the user.
+        """
+        function = self.provider.function
+        with _named(self.provider):
+            if inspect.isgeneratorfunction(function):
+                context = contextlib.contextmanager(function)(**arguments)
+                self.value = context.__enter__()
+                self._context = context
+            else:
+                self.value = function(**arguments)
+
+    def close(
+        self,
+        kind: type[BaseException] | None = None,
+        error: BaseException | None = None,
+        trace: TracebackType | None = None,
+    ) -> bool | None:
+        """Execute what follows the `yield`; *error* is the exception of the run, or None.
+
+        Returns:
+            Whether the function has handled *error*.
+        """
+        context, self._context = self._context, None
+        if context is None:
+            return None
+        try:
+            with _named(self.provider, error):
+                return context.__exit__(kind, error, trace)
+        except OutputError as incomplete:
+            if incomplete is error:
+                raise
+            self.incomplete.append(incomplete)
+            return None
+
+    def replace_tree(self, tree: Tree, arguments: Mapping[str, object]) -> None:
+        """Let what was provided follow *tree*; if it cannot, close it and call the function again."""
+        follow = getattr(self.value, "replace_tree", None)
+        if follow is None:
+            self.close()
+            self.open(arguments)
+            return
+        with _named(self.provider):
+            follow(tree)
+
+    @property
+    def objects(self) -> list[object]:
+        """The provided objects."""
+        value = self.value
+        values = value if self.provider.provides_several and isinstance(value, tuple) else (value,)
+        return [one for one in values if one is not None] if self.provider.types else []
+
+    def object_for(self, name: str) -> object:
+        """Return the object of the type with the full *name*."""
+        if not self.provider.provides_several:
+            return self.value
+        named = (one for one in self.objects if any(full_name(base) == name for base in type(one).__mro__))
+        return next(named, self.objects[0])
+
+
+@contextlib.contextmanager
+def _named(provider: Provider, error_of_run: BaseException | None = None) -> Iterator[None]:
+    """Return a context in which an exception of a provider becomes an error that names it.
+
+    *error_of_run* is passed on unchanged.
+    """
+    try:
+        yield
+    except _TOLD:
+        raise
+    except ModuleNotFoundError as error:
+        missing = describe_missing(error.name)
+        raise click.UsageError(f"the resources of the run cannot be provided: {missing}") from error
+    except Exception as error:
+        if error is error_of_run:
+            raise
+        last = error.__traceback__
+        while last is not None and last.tb_next is not None:
+            last = last.tb_next
+        place = "" if last is None else f" at {last.tb_frame.f_code.co_filename}:{last.tb_lineno}"
+        raise ProviderError(
+            f"the provider {provider} raised {type(error).__name__}{place}: {error}"
+        ) from error

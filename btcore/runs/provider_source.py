@@ -1,0 +1,79 @@
+"""Finding the providers that a run can use: those of the user, of the core, and of installed packages."""
+
+from collections.abc import Iterable, Set
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from btcore import entry_points
+from btcore.runs.core_providers import random_numbers, tree_logs
+from btcore.runs.providers import Provider, ProviderError
+from btcore.runs.settings import Settings
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+
+def providers_in(module: ModuleType) -> list[Provider]:
+    """Return the providers that *module* defines."""
+    own = (thing for thing in vars(module).values() if isinstance(thing, Provider))
+    return [one for one in own if one.__module__ == module.__name__]
+
+
+class ProviderSource:
+    """The providers that a run can use: those of the user, and those of installed packages.
+
+    Args:
+        users: The providers of the user's program and plugins.
+        uses_installed: Whether to use those of installed packages, too.
+
+    Attributes:
+        users: The providers of the user's program and plugins.
+        core: The providers of btcore's core.
+        unavailable: The entry points that could not be imported.
+    """
+
+    def __init__(self, users: Iterable[Provider] = (), uses_installed: bool = True) -> None:
+        self.users = list(users)
+        self.core = [random_numbers, tree_logs]
+        self.unavailable: list[entry_points.UnavailableEntryPoint] = []
+        points = entry_points.find(entry_points.PROVIDERS_GROUP) if uses_installed else []
+        self._points = {point: point.name.partition("-")[2] for point in points}
+        self._loaded: dict[str, Provider | None] = {}
+
+    def of_type(self, name: str) -> list[Provider]:
+        """Return the providers of the type with the full *name*."""
+        self._load(point for point, provided in self._points.items() if provided == name)
+        return [one for one in self._known() if name in one.names]
+
+    def of_nothing(self, given: Set[type[Settings]]) -> list[Provider]:
+        """Return the providers that provide no type, such as a publisher, and take settings of *given*."""
+        if not given <= {kind for one in self._known() for kind, _ in one.settings}:
+            self._load(point for point, provided in self._points.items() if not provided)
+        takers = (one for one in self._known() if any(kind in given for kind, _ in one.settings))
+        return [one for one in takers if not one.types]
+
+    def all(self) -> list[Provider]:
+        """Return all providers, the user's first."""
+        self._load(self._points)
+        return self._known()
+
+    def _known(self) -> list[Provider]:
+        loaded = (one for one in self._loaded.values() if one is not None)
+        return [*self.users, *self.core, *loaded]
+
+    def _load(self, points: "Iterable[EntryPoint]") -> None:
+        for point in points:
+            if point.value in self._loaded:
+                continue
+            found = entry_points.load_point(point)
+            self._loaded[point.value] = None
+            if isinstance(found, entry_points.UnavailableEntryPoint):
+                self.unavailable.append(found._replace(name=found.name.partition("-")[0]))
+            elif isinstance(found.value, Provider):
+                found.value.is_installed = True
+                self._loaded[point.value] = found.value
+            else:
+                raise ProviderError(
+                    f"the entry point '{point.name}' of the distribution '{found.distribution}' is no "
+                    f"provider: {point.value} is a {type(found.value).__name__}; mark it by @btcore.provider"
+                )

@@ -1,0 +1,148 @@
+"""`Run`: objects for leaves, warnings, incomplete outputs, and pauses."""
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Protocol, runtime_checkable
+
+import pytest
+
+import btcore
+from btcore import OutputError, Registry, Run, RunSettings, Settings, option, provider
+from btcore.logs import read_log
+from btcore.runs.core_providers import LogSettings
+from btcore.runs.run import TreelessProgram
+
+FAST = RunSettings(fast=True)
+
+
+def program(ticks: int = 1) -> TreelessProgram:
+    """Return a program that ends after some ticks."""
+    rest = iter(range(ticks - 1))
+    return TreelessProgram("Test", lambda: next(rest, None) is not None)
+
+
+def write_tree(folder: Path, leaf: str) -> Path:
+    file = folder / "tree.xml"
+    file.write_text(
+        f'<root BTCPP_format="4"><BehaviorTree ID="Main">{leaf}</BehaviorTree></root>', encoding="utf-8"
+    )
+    return file
+
+
+@runtime_checkable
+class Lamp(Protocol):
+    def shine(self) -> str: ...
+
+
+class Torch:
+    def shine(self) -> str:
+        return "torch"
+
+
+class Beacon:
+    def shine(self) -> str:
+        return "beacon"
+
+
+def test_a_leaf_gets_the_object_that_was_chosen_for_its_type(tmp_path: Path) -> None:
+    seen = []
+
+    @btcore.action
+    def look(lamp: Lamp, torch: Torch) -> bool:
+        seen.append((lamp.shine(), torch.shine()))
+        return True
+
+    @provider
+    def torch() -> Torch:  # fits a Lamp, too, and is opened first
+        return Torch()
+
+    @provider(provides=(Lamp,))
+    def beacon(torch: Torch) -> Beacon:
+        return Beacon()
+
+    nodes = Registry.standard()
+    nodes.add(look)
+    with Run(write_tree(tmp_path, "<Look/>"), nodes=nodes, providers=[torch, beacon]) as run:
+        assert [type(one) for one in run.resources] == [Torch, Beacon]
+        run.until_done()
+    assert seen == [("beacon", "torch")]
+
+
+class LampSettings(Settings):
+    watts: Annotated[float, option("The power.")] = 5.0
+
+
+def test_settings_without_effect_give_a_warning_with_the_reason() -> None:
+    @provider
+    def torch(settings: LampSettings) -> Torch:
+        return Torch()
+
+    with (
+        pytest.warns(UserWarning, match="LampSettings have no effect: no leaf needs a Torch"),
+        Run(program(), providers=[torch], settings=[LampSettings()]),
+    ):
+        pass
+
+
+def test_an_unknown_option_of_a_run_is_an_error() -> None:
+    options: Any = {"nods": Registry.standard()}
+    with pytest.raises(TypeError, match="'nods'; did you mean 'nodes'"):
+        Run(program(), **options)
+
+
+@provider
+def disk(settings: LampSettings, tree: btcore.Tree) -> Iterator[object]:
+    try:
+        yield None
+    finally:
+        raise OutputError("the recording is incomplete")
+
+
+def test_all_incomplete_outputs_are_named() -> None:
+    @provider
+    def other(disk_of_run: Torch, settings: LampSettings, tree: btcore.Tree) -> Iterator[object]:
+        yield None
+        raise OutputError("the picture is missing")
+
+    run = Run(program(), providers=[disk, other], provided=[Torch()], settings=[LampSettings()])
+    with pytest.raises(OutputError, match="recording is incomplete; the picture is missing"), run:
+        run.until_done()
+    assert run.is_output_incomplete
+    assert run.exit_code == 4
+
+
+def test_an_incomplete_output_does_not_hide_the_exception_of_the_run() -> None:
+    run = Run(program(), providers=[disk], settings=[LampSettings()])
+    with pytest.raises(ValueError, match="of the program"), run:
+        raise ValueError("of the program")
+    assert run.is_output_incomplete
+
+
+def test_a_program_logs_its_tree(tmp_path: Path) -> None:
+    log = str(tmp_path / "run.btlog")
+    tree = write_tree(tmp_path, '<Sleep msec="200"/>')
+    with Run(tree, settings=[FAST, LogSettings((log,))]) as run:
+        run.until_done()
+    assert [change.status.name for change in read_log(log).transitions][:2] == ["RUNNING", "SUCCESS"]
+
+
+def test_a_pause_stops_ticks_and_simulated_time() -> None:
+    ticks: list[float] = []
+    at_the_end_of_the_pause = []
+
+    def end_pause() -> None:
+        at_the_end_of_the_pause.append(len(ticks))
+        run.resume()
+
+    def on_tick(status: btcore.Status) -> None:
+        ticks.append(run.clock.now() / 1e9)
+        if len(ticks) == 3:
+            run.pause()
+            threading.Timer(0.05, end_pause).start()
+
+    with Run(program(ticks=5), settings=[FAST]) as run:
+        run.until_done(on_tick=on_tick)
+    assert ticks == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+    assert at_the_end_of_the_pause == [3]
+    assert run.skipped_ticks == 0
