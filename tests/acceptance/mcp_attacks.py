@@ -266,7 +266,8 @@ def values(folder: Path) -> list[Attack]:
         {"world": "arena --ros2 tiago"},
         {"world": "office:9999999999999"},
         {"until": "forever"},
-        {"events": ["box:1"] * 1000},
+        {"event": ["box:1"] * 1000},
+        {"event": ["box:1" * 1000]},
         {"plans": {f"p{i}": "S" for i in range(1000)}},
         {"entries": [1, 2]},
         {"models": "good.xml"},
@@ -294,9 +295,7 @@ def values(folder: Path) -> list[Attack]:
     attacks += [
         call("an option as a tree ID", "run", tree="good.xml", tree_id="--ros2=tiago"),
         call("an option as a start", "run", None, tree="good.xml", start="--ros2=tiago", duration=1.0),
-        call(
-            "an option as an event", "run", None, tree="good.xml", events=["--publish=groot2"], duration=1.0
-        ),
+        call("an option as an event", "run", None, tree="good.xml", event=["--publish=groot2"], duration=1.0),
         call("an option as an ID", "nodes", ids=["--plugin=evil.py"]),
         call("an option as a key", "validate", False, tree="good.xml", given=["--plugin=evil.py"]),
         call(

@@ -2,20 +2,37 @@
 
 from typing import Annotated, Any, Final, Literal
 
+import click
+import msgspec
 from mcp.server.mcpserver.utilities.func_metadata import ArgModelBase
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, create_model
 
+from btcore.runs.providers import ProviderSource
+from btcore.runs.settings import RunSettings, Settings, create_options
 from btcore_studio.agents.served_folder import MAX_TREE_SIZE
 
-MAX_DURATION: Final = 600.0
-"""The maximum duration of a simulated run (s)."""
 MAX_EPISODES: Final = 60
 """The maximum number of episodes of a sweep."""
 
 _MAX_LIST: Final = 50
-_MAX_DECLARATIONS: Final = 50_000
-_WORLD: Final = r"^[a-z][a-z0-9_]{0,40}(:[0-9]{1,9})?$"
-_SWEPT: Final = r"^(bb\.[A-Za-z_]\w{0,60}|noise|battery|people|obstacles|rate)$"
+_WORLD: Final[dict[str, Any]] = {
+    "pattern": r"^[a-z][a-z0-9_]{0,40}(:[0-9]{1,9})?$",
+    "description": "A world: arena, arena_boxes, house, aws_house, lobby, or a random office:N or home:N.",
+}
+SETTINGS: Final[dict[str, dict[str, Any]]] = {
+    "rate": {"le": 1000},
+    "seed": {"le": 2**31},
+    "world": _WORLD,
+    "start": {"max_length": 60},
+    "battery": {},
+    "noise": {"le": 10},
+    "people": {"le": 20},
+    "obstacles": {"le": 50},
+    "event": {"max_length": 20},
+    "fault": {"max_length": 20},
+}
+"""The settings of providers that agents may use, and what is narrower than in `btcore run`."""
+_SWEPT: Final = ("noise", "battery", "people", "obstacles", "rate")
 
 Value = str | int | float | bool
 _Name = Annotated[str, Field(max_length=500)]
@@ -24,20 +41,7 @@ _Models = Annotated[
     _Names, Field(description="TreeNodesModel files in the served folder, which declare leaves without code.")
 ]
 _Given = Annotated[_Names, Field(description="Blackboard keys that the program sets before the first tick.")]
-_World = Annotated[
-    str,
-    Field(
-        pattern=_WORLD,
-        description="A world: arena, arena_boxes, house, aws_house, lobby, or a random world such as "
-        "office:3 or home:7.",
-    ),
-]
-_Duration = Annotated[
-    float,
-    Field(
-        gt=0, le=MAX_DURATION, allow_inf_nan=False, description="Simulated time after which a run ends (s)."
-    ),
-]
+_Duration = Annotated[float, Field(gt=0, le=600, description="Simulated time after which a run ends (s).")]
 _Log = Annotated[
     str,
     Field(
@@ -58,7 +62,7 @@ def _shorten(schema: dict[str, Any]) -> None:
 class Arguments(ArgModelBase):
     """The arguments of a tool."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra=_shorten)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, json_schema_extra=_shorten)
 
 
 class NodesArguments(Arguments):
@@ -105,8 +109,27 @@ class ShowArguments(TreeArguments):
     )
 
 
+def _with_settings(model: type[TreeArguments]) -> type[TreeArguments]:
+    """Return *model* with `SETTINGS`; without the simulator, with those of every run."""
+    kinds: list[type[Settings]] = [RunSettings]
+    for simulator in ProviderSource().of_type("btcore_sim.simulated_robot.SimulatedRobot"):
+        kinds += [kind for kind, _ in simulator.settings]
+    fields: dict[str, Any] = {}
+    for kind in kinds:
+        for field, option in zip(msgspec.structs.fields(kind), create_options(kind), strict=True):
+            if field.name not in SETTINGS:
+                continue
+            limits: dict[str, Any] = {"description": f"{option.metavar}: {option.help}"}
+            if isinstance(option.type, click.FloatRange | click.IntRange):
+                limits |= {"gt" if option.type.min_open else "ge": option.type.min, "le": option.type.max}
+            argument_type = list[Annotated[str, Field(max_length=60)]] if option.multiple else field.type
+            fields[field.name] = (argument_type, Field(field.default, **limits | SETTINGS[field.name]))
+    return create_model(model.__name__, __base__=model, **fields)
+
+
+@_with_settings
 class RunArguments(TreeArguments):
-    """The arguments of `run`."""
+    """The arguments of `run`, besides `SETTINGS`."""
 
     plans: dict[str, str] = Field(
         {},
@@ -120,25 +143,9 @@ class RunArguments(TreeArguments):
         description="Blackboard entries before the first tick, such as {'goal': '2;1;0'}.",
     )
     duration: _Duration = 60.0
-    rate: float = Field(10.0, gt=0, le=1000, allow_inf_nan=False, description="Ticks per second.")
     until: Literal["done", "success", "failure", "never"] = Field(
         "done",
         description="The result that ends the run; after any other result the tree is ticked again.",
-    )
-    seed: int = Field(0, ge=0, le=2**31)
-    world: _World = "arena"
-    start: str | None = Field(
-        None, max_length=60, description="The robot's start: 'X,Y,YAW' (m, degrees) or 'random'."
-    )
-    battery: float = Field(100.0, ge=0, le=100, description="Battery level at the start (%).")
-    noise: float = Field(1.0, ge=0, le=10, description="Factor of the errors of the sensors.")
-    people: int = Field(0, ge=0, le=20)
-    obstacles: int = Field(0, ge=0, le=50)
-    events: list[Annotated[str, Field(max_length=60)]] = Field(
-        [], max_length=20, description="Events: 'box:30' drops a box ahead at 30 s; kidnap:30, carry:30."
-    )
-    faults: list[Annotated[str, Field(max_length=60)]] = Field(
-        [], max_length=20, description="Faults: 'laser:10-20'; laser, odometry, camera or wheel."
     )
 
 
@@ -147,15 +154,14 @@ class SweepArguments(TreeArguments):
 
     seeds: int = Field(ge=1, le=MAX_EPISODES, description="The number of seeds, from 0.")
     parameters: dict[
-        Annotated[str, Field(pattern=_SWEPT)],
+        Annotated[str, Field(pattern=rf"^(bb\.[A-Za-z_]\w{{0,60}}|{'|'.join(_SWEPT)})$")],
         Annotated[list[Value], Field(min_length=1, max_length=20)],
     ] = Field(
         {},
         max_length=4,
-        description="Values to combine: noise, battery, people, obstacles, rate, or bb.KEY for a blackboard "
-        "entry.",
+        description=f"Values to combine: {', '.join(_SWEPT)}, or bb.KEY for a blackboard entry.",
     )
-    worlds: list[_World] = Field([], max_length=20, description="Worlds to run in.")
+    worlds: list[Annotated[str, Field(**_WORLD)]] = Field([], max_length=20, description="Worlds to run in.")
     duration: _Duration = 60.0
     success_if: _Name | None = Field(
         None,
@@ -176,7 +182,7 @@ class ProveArguments(TreeArguments):
     ticks: int | None = Field(None, ge=1, le=100_000, description="Search runs of at most this many ticks.")
     declarations: str | None = Field(
         None,
-        max_length=_MAX_DECLARATIONS,
+        max_length=50_000,
         description="What is known of the leaves, as TOML, instead of the file TREE.proof.toml: given = "
         "['goal']; [leaves.Move] with results, at_once, lasts, endless, uses, hands_over, optional, early, "
         "writes, on_halt; [entries] battery = ['low', 'ok']; [questions].",

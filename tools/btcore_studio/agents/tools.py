@@ -15,6 +15,7 @@ from btcore.escaping import escape_controls
 from btcore.runs.exit_codes import ExitCode
 from btcore_studio.agents.arguments import (
     MAX_EPISODES,
+    SETTINGS,
     ExplainFailureArguments,
     NodesArguments,
     ProveArguments,
@@ -146,17 +147,11 @@ class Toolbox:
             *_each("plan", [f"{leaf}={letters}" for leaf, letters in call.plans.items()]),
             *_each("set", [f"{key}={_value(value)}" for key, value in call.entries.items()]),
             f"--duration={call.duration}",
-            f"--rate={call.rate}",
             f"--until={call.until}",
-            f"--seed={call.seed}",
             f"--tick-limit={_TICK_LIMIT_S}",
         ]
-        # Without the simulator there are no such options, and trees without a robot run nevertheless.
-        options = call.model_dump(
-            include={"world", "start", "battery", "noise", "people", "obstacles"}, exclude_defaults=True
-        )
-        words += [f"--{name}={value}" for name, value in options.items()]
-        words += [*_each("event", call.events), *_each("fault", call.faults)]
+        for name, value in call.model_dump(include=set(SETTINGS), exclude_defaults=True).items():
+            words += _each(name, value if isinstance(value, list) else [value])
         command = ["run", "--fast", "--json", *self._runner.plugins, *words]
         name = f"run-{next(self._numbers)}"
         with self._runner.temporary_folder() as output:
