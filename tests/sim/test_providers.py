@@ -12,7 +12,7 @@ import click
 import msgspec
 import pytest
 
-from btcore import Report, Run, RunSettings, provider
+from btcore import BtcoreError, Report, Run, RunSettings, provider
 from btcore.program_runner import TreelessProgram
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import GoalOutcome, Pose2D, Robot, WorldPlaces
@@ -142,9 +142,9 @@ def test_an_invalid_setting_is_a_usage_error(changes: dict[str, Any], said: str)
         drive(msgspec.structs.replace(ARENA, **changes))
 
 
-def test_a_rate_at_which_the_base_would_stop_is_a_usage_error():
+def test_a_rate_at_which_the_base_would_stop_is_an_error():
     said = r"--rate 2 is too slow for a tree that drives: the base stops 0.25 s after .* 4 times"
-    with pytest.raises(click.UsageError, match=said):
+    with pytest.raises(BtcoreError, match=said):
         drive(rate=2.0)
     report: Any = drive(rate=4.0, seconds=3.0)["robot"]
     assert report["distance_m"] == pytest.approx(0.6, abs=0.08)
@@ -183,6 +183,7 @@ def test_the_start_may_be_unknown():
         assert run.find(WorldPlaces).start is None
 
 
+@pytest.mark.filterwarnings("ignore:SimulatorSettings have no effect")
 def test_nothing_of_the_simulator_is_opened_for_another_robot():
     class Rover(Robot):
         """A robot without a simulator."""

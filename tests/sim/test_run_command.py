@@ -122,10 +122,10 @@ def test_an_incomplete_fault_is_a_usage_error(run: Run) -> None:
 @pytest.mark.parametrize(
     ("option", "value", "kinds"),
     [
-        ("--world", "ofice", "Robot"),
-        ("--waypoints", "missing.yaml", "Robot"),
-        ("--map", "missing.yaml", "OccupancyMap"),
-        ("--save-map", "map.yaml", "Explorer"),
+        ("--world", "ofice", "a Robot"),
+        ("--waypoints", "missing.yaml", "a Robot"),
+        ("--map", "missing.yaml", "an OccupancyMap"),
+        ("--save-map", "map.yaml", "an Explorer"),
     ],
 )
 def test_options_without_effect_are_reported_if_the_tree_needs_no_robot(
@@ -135,7 +135,7 @@ def test_options_without_effect_are_reported_if_the_tree_needs_no_robot(
     tree.write_text('<root BTCPP_format="4"><BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree></root>')
     result = run(str(tree), option, value)
     assert result.exit_code == 0
-    assert f"{option} has no effect: no leaf needs a {kinds}" in result.stderr
+    assert f"{option} has no effect: no leaf needs {kinds}" in result.stderr
 
 
 def test_a_missing_robot_file_is_a_usage_error(run: Run) -> None:

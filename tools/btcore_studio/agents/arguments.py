@@ -7,7 +7,7 @@ import msgspec
 from mcp.server.mcpserver.utilities.func_metadata import ArgModelBase
 from pydantic import ConfigDict, Field, create_model
 
-from btcore.runs.providers import ProviderSource
+from btcore.runs.provider_source import ProviderSource
 from btcore.runs.settings import RunSettings, Settings, create_options
 from btcore_studio.agents.served_folder import MAX_TREE_SIZE
 

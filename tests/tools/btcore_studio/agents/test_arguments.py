@@ -12,7 +12,7 @@ import click
 from pydantic import ValidationError
 
 from btcore.entry_points import LIMIT_VARIABLE
-from btcore.runs.providers import ProviderSource
+from btcore.runs.provider_source import ProviderSource
 from btcore.runs.settings import create_options
 from btcore_studio.agents.arguments import SETTINGS, RunArguments
 
