@@ -1,6 +1,7 @@
 """Finding the providers that a run can use: those of the user, of the core, and of installed packages."""
 
 from collections.abc import Iterable, Set
+from functools import cached_property
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -36,9 +37,14 @@ class ProviderSource:
         self.users = list(users)
         self.core = [random_numbers, tree_logs]
         self.unavailable: list[entry_points.UnavailableEntryPoint] = []
-        points = entry_points.find(entry_points.PROVIDERS_GROUP) if uses_installed else []
-        self._points = {point: point.name.partition("-")[2] for point in points}
+        self._uses_installed = uses_installed
         self._loaded: dict[str, Provider | None] = {}
+
+    @cached_property
+    def _points(self) -> "dict[EntryPoint, str]":
+        """The entry points of installed providers, with the full names of their types."""
+        points = entry_points.find(entry_points.PROVIDERS_GROUP) if self._uses_installed else []
+        return {point: point.name.partition("-")[2] for point in points}
 
     def of_type(self, name: str) -> list[Provider]:
         """Return the providers of the type with the full *name*."""
