@@ -17,7 +17,7 @@ from rich.text import Text
 from btcore.cli import terminal
 from btcore.cli.command_run import CommandRun
 from btcore.cli.node_libraries import load_libraries
-from btcore.cli.provider_options import ProviderCommand, available_providers
+from btcore.cli.provider_options import ProviderCommand, command_providers
 from btcore.cli.run_report import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
 from btcore.registry.registry import Registry
@@ -48,7 +48,7 @@ def load_nodes(ctx: click.Context, plugins: Sequence[str]) -> Registry:
         RegistrationError: A plugin cannot be loaded.
         click.UsageError: A plugin is given twice.
     """
-    return load_libraries(plugins, imported=available_providers(ctx).plugins).nodes
+    return load_libraries(plugins, imported=command_providers(ctx).plugins).nodes
 
 
 def print_result(name: str, run: Run, own_report: Mapping[str, object]) -> None:

@@ -7,7 +7,7 @@ from typing import Any, Unpack
 import click
 
 from btcore.cli import terminal
-from btcore.cli.provider_options import available_providers, given_options, settings_of
+from btcore.cli.provider_options import command_providers, given_options, settings_of
 from btcore.loading.load import LoadOptions
 from btcore.runs.providers import OutputError
 from btcore.runs.run import Run, TreelessProgram
@@ -48,7 +48,7 @@ class CommandRun(Run):
             source,
             settings=[*settings_of(ctx, option_defaults), *settings],
             provided=provided,
-            providers=available_providers(ctx).source,
+            providers=command_providers(ctx).available,
             prepare=prepare,
             **options,
         )

@@ -9,14 +9,14 @@ from click.core import ParameterSource
 
 from btcore import entry_points
 from btcore.registry.registry import Plugin, import_plugin
-from btcore.runs.provider_source import ProviderSource, providers_in
+from btcore.runs.available_providers import AvailableProviders, providers_in
 from btcore.runs.providers import Provider, ProviderError
 from btcore.runs.settings import Options, RunSettings, SettingOption, Settings, create_options, from_values
 
 _META_KEY: Final = "btcore.cli.provider_options"
 
 
-class AvailableProviders:
+class CommandProviders:
     """The providers that a command can use.
 
     Args:
@@ -25,13 +25,13 @@ class AvailableProviders:
             the core alone.
 
     Attributes:
-        source: The providers.
+        available: The providers.
         plugins: The imported plugins, by the values of the option.
     """
 
     def __init__(self, plugins: Sequence[str] = (), has_all_options: bool = True) -> None:
         self.plugins: dict[str, Plugin] = {name: import_plugin(name) for name in plugins}
-        self.source = ProviderSource(
+        self.available = AvailableProviders(
             one for plugin in self.plugins.values() for one in providers_in(plugin.module)
         )
         self.has_all_options = has_all_options
@@ -45,7 +45,9 @@ class AvailableProviders:
         kinds = {option.settings for option in own if isinstance(option, SettingOption)} | {RunSettings}
         taken = {name: "the command" for option in own for name in (*option.opts, option.name or "")}
         options: list[SettingOption] = []
-        for one in self.source.all() if self.has_all_options else [*self.source.users, *self.source.core]:
+        for one in (
+            self.available.all() if self.has_all_options else [*self.available.users, *self.available.core]
+        ):
             for kind, _ in one.settings:
                 if kind not in kinds:
                     kinds.add(kind)
@@ -65,23 +67,23 @@ def _without_clash(one: Provider, kind: type[Settings], taken: dict[str, str]) -
     return options
 
 
-def find_providers(ctx: click.Context, args: Sequence[str], has_all_options: bool) -> AvailableProviders:
+def find_providers(ctx: click.Context, args: Sequence[str], has_all_options: bool) -> CommandProviders:
     """Find the providers for the command with the context *ctx*, also in its plugins.
 
     Args:
         ctx: The context.
         args: The arguments of the command, which may contain the option `--plugin`.
-        has_all_options: As in `AvailableProviders`.
+        has_all_options: As in `CommandProviders`.
     """
-    found = ctx.meta[_META_KEY] = AvailableProviders(list(_plugins_in(args)), has_all_options)
+    found = ctx.meta[_META_KEY] = CommandProviders(list(_plugins_in(args)), has_all_options)
     return found
 
 
-def available_providers(ctx: click.Context) -> AvailableProviders:
+def command_providers(ctx: click.Context) -> CommandProviders:
     """Return the providers for the command with the context *ctx*."""
     if _META_KEY not in ctx.meta:
-        ctx.meta[_META_KEY] = AvailableProviders()
-    found: AvailableProviders = ctx.meta[_META_KEY]
+        ctx.meta[_META_KEY] = CommandProviders()
+    found: CommandProviders = ctx.meta[_META_KEY]
     return found
 
 
@@ -96,7 +98,7 @@ class ProviderCommand(click.Command):
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the command's options, those of providers, and `--help`."""
         own = super().get_params(ctx)  # the last is --help
-        return [*own[:-1], *available_providers(ctx).options(own), own[-1]]
+        return [*own[:-1], *command_providers(ctx).options(own), own[-1]]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse *args*; for an unknown option explain which packages may add it.
@@ -126,7 +128,7 @@ class ProviderCommand(click.Command):
         """
         sections: dict[str, list[tuple[str, str]]] = {}
         users: dict[type[Options], Provider] = {
-            kind: one for one in available_providers(ctx).source.users for kind, _ in one.settings
+            kind: one for one in command_providers(ctx).available.users for kind, _ in one.settings
         }
         for option in self.get_params(ctx):
             record = option.get_help_record(ctx)
@@ -177,7 +179,7 @@ def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -
     given = given_options(ctx)
     values = {option.name or "": ctx.params[option.name or ""] for option in given}
     if defaults:
-        every = (kind for one in available_providers(ctx).source.all() for kind, _ in one.settings)
+        every = (kind for one in command_providers(ctx).available.all() for kind, _ in one.settings)
         given += [item for kind in every for item in create_options(kind) if item.name in defaults]
         values = {**defaults, **values}
     found = [from_values(kind, values) for kind in dict.fromkeys(option.settings for option in given)]
@@ -190,7 +192,7 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
     try:
         yield
     except click.NoSuchOption as error:
-        unavailable = available_providers(ctx).source.unavailable
+        unavailable = command_providers(ctx).available.unavailable
         if not unavailable:
             raise
         text = error.format_message().rstrip(".")

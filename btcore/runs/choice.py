@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from btcore.clock import Clock
 from btcore.registry.manifest import Resources
-from btcore.runs.provider_source import ProviderSource
+from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.providers import Need, Provider, ProviderError, Report, full_name, is_settings
 from btcore.runs.settings import RunSettings, Settings, create_options, has_required_fields
 from btcore.suggestions import join_names
@@ -45,7 +45,7 @@ class Choice(NamedTuple):
 
     Attributes:
         order: The providers, each after those that it needs. Those that follow the tree are opened later.
-        sources: What is provided for each needed type, by its full name: a provider, or an object of the
+        by_type: What is provided for each needed type, by its full name: a provider, or an object of the
             program.
         problems: Why nothing is provided for a type, by its full name.
         losers: The providers that were not chosen, with the type and the provider that was chosen, or None if
@@ -53,7 +53,7 @@ class Choice(NamedTuple):
     """
 
     order: list[Provider]
-    sources: Mapping[str, object]
+    by_type: Mapping[str, object]
     problems: Mapping[str, str]
     losers: Mapping[Provider, tuple[Any, Provider | None]]
 
@@ -65,7 +65,7 @@ class Choice(NamedTuple):
 
 def choose(
     wanted: Sequence[Any],
-    source: ProviderSource,
+    available: AvailableProviders,
     settings: ChosenSettings,
     objects: Sequence[object] = (),
     optional: Sequence[Any] = (),
@@ -74,7 +74,7 @@ def choose(
 
     Args:
         wanted: The types that the leaves of the tree need.
-        source: The available providers.
+        available: The available providers.
         settings: The settings of the run.
         objects: Objects of the program, which are preferred to providers.
         optional: Types that the program can do without. A provider that is used for one of them alone is not
@@ -84,9 +84,9 @@ def choose(
         ProviderError: Two providers are equally good, or need each other, or a provider of nothing needs what
             nothing provides.
     """
-    candidates = source.of_nothing(settings.keys() - {RunSettings})
+    candidates = available.of_nothing(settings.keys() - {RunSettings})
     starters = [provider for provider in candidates if _has_settings(provider, settings)]
-    chooser = _Chooser(source, settings, objects)
+    chooser = _Chooser(available, settings, objects)
     requests = [
         *(_Request(kind, False, ()) for kind in wanted),
         *(_Request(kind, True, ()) for kind in optional),
@@ -109,15 +109,17 @@ class _Request(NamedTuple):
 
 
 class _Chooser:
-    def __init__(self, source: ProviderSource, settings: ChosenSettings, objects: Sequence[object]) -> None:
-        self._source = source
+    def __init__(
+        self, available: AvailableProviders, settings: ChosenSettings, objects: Sequence[object]
+    ) -> None:
+        self._available = available
         self._settings = settings
         self._objects = objects
         self._losers: dict[Provider, tuple[Any, Provider | None]] = {}
 
     def assign(self, requests: Sequence[_Request], starters: Sequence[Provider]) -> bool:
         """Assign a provider to each needed type; return whether to repeat it, because one has lost."""
-        self._sources: dict[str, object] = {}
+        self._by_type: dict[str, object] = {}
         self._used: dict[Provider, None] = {}
         self._problems: dict[str, str] = {}
         pending = list(requests)
@@ -131,12 +133,12 @@ class _Chooser:
             request = next(single, needed[0])
             pending.remove(request)
             name = full_name(request.type)
-            if name in self._sources:
+            if name in self._by_type:
                 continue
             owned = self._owned(request.type)
             if owned is not None:
-                self._sources[name] = owned
-                if self._lose(self._source.of_type(name), request, None):
+                self._by_type[name] = owned
+                if self._lose(self._available.of_type(name), request, None):
                     return True
                 continue
             candidates = self._candidates(request.type, request.chain)
@@ -146,7 +148,7 @@ class _Chooser:
                     raise ProviderError(self._problems[name])
                 continue
             chosen = self._best(request, candidates)
-            self._sources[name] = chosen
+            self._by_type[name] = chosen
             if self._lose([provider for provider in candidates if provider is not chosen], request, chosen):
                 return True
             if chosen not in self._used:
@@ -168,7 +170,7 @@ class _Chooser:
         order: dict[Provider, None] = {}
         for provider in self._used:
             self._append_after_needs(provider, (), order)
-        return Choice(list(order), self._sources, self._problems, self._losers)
+        return Choice(list(order), self._by_type, self._problems, self._losers)
 
     def _use(self, provider: Provider, chain: tuple[Provider, ...], pending: list[_Request]) -> None:
         self._used[provider] = None
@@ -179,7 +181,7 @@ class _Chooser:
         """Return the providers of a type that can be used, apart from those that have lost."""
         return [
             provider
-            for provider in self._source.of_type(full_name(kind))
+            for provider in self._available.of_type(full_name(kind))
             if provider not in self._losers
             and provider not in chain
             and self._is_usable(provider, (*chain, provider))
@@ -214,7 +216,7 @@ class _Chooser:
         return best[0]
 
     def _rank(self, provider: Provider) -> tuple[bool, bool, bool, bool, bool]:
-        needs = [self._source.of_type(full_name(need.type)) for need in _needs(provider)]
+        needs = [self._available.of_type(full_name(need.type)) for need in _needs(provider)]
         return (
             bool(self._required(provider)),
             provider in self._used,
@@ -235,15 +237,15 @@ class _Chooser:
             raise ProviderError(
                 f"a run has one clock, but {len(clocks)} of its providers are clocks: {names}"
             )
-        if clocks or not (self._used.keys() - set(self._source.core) or self._objects):
+        if clocks or not (self._used.keys() - set(self._available.core) or self._objects):
             return
-        for provider in self._source.of_type(_CLOCK):
+        for provider in self._available.of_type(_CLOCK):
             is_alone = {full_name(kind) for kind in provider.types} == {_CLOCK}
             kinds = {full_name(need.type): need.type for need in _needs(provider)}
-            found = {name: self._sources.get(name, self._owned(kind)) for name, kind in kinds.items()}
+            found = {name: self._by_type.get(name, self._owned(kind)) for name, kind in kinds.items()}
             if is_alone and None not in found.values():
                 self._used[provider] = None
-                self._sources |= found
+                self._by_type |= found
                 return
 
     def _append_after_needs(
@@ -256,7 +258,7 @@ class _Chooser:
             raise ProviderError(
                 f"providers need each other: {_join([*chain[chain.index(provider) :], provider])}"
             )
-        needed = [self._sources.get(full_name(need.type)) for need in _needs(provider)]
+        needed = [self._by_type.get(full_name(need.type)) for need in _needs(provider)]
         if any(need.type is Clock for need in provider.needs):
             needed += [other for other in self._used if other.provides_clock]
         for other in needed:
@@ -267,7 +269,7 @@ class _Chooser:
     def _explain(self, request: _Request) -> str:
         """Return why nothing provides the type of a request."""
         reasons = []
-        for provider in self._source.of_type(full_name(request.type)):
+        for provider in self._available.of_type(full_name(request.type)):
             if provider in self._losers:
                 kind, winner = self._losers[provider]
                 reasons.append(
@@ -345,20 +347,22 @@ def _required_options(provider: Provider, settings: ChosenSettings) -> str:
 
 
 def unused_settings(
-    choice: Choice, source: ProviderSource, settings: ChosenSettings, used: Iterable[type[Settings]]
+    choice: Choice, available: AvailableProviders, settings: ChosenSettings, used: Iterable[type[Settings]]
 ) -> dict[type[Settings], str]:
     """Return the settings that were given, but that no used provider takes, with the reasons.
 
     Args:
         choice: The used providers.
-        source: The available providers.
+        available: The available providers.
         settings: The settings of the run.
         used: Classes of settings that the program uses itself.
     """
     taken = {kind for provider in choice.order for kind, _ in provider.settings} | set(used)
     reasons = {}
     for kind in [kind for kind in settings if kind not in taken]:
-        takers = [provider for provider in source.all() if any(each is kind for each, _ in provider.settings)]
+        takers = [
+            provider for provider in available.all() if any(each is kind for each, _ in provider.settings)
+        ]
         takers = [provider for provider in takers if (kind, False) in provider.settings] or takers
         lost = next((choice.losers[provider] for provider in takers if provider in choice.losers), None)
         kinds = dict.fromkeys(_with_article(provider.types[0]) for provider in takers if provider.types)

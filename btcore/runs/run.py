@@ -17,10 +17,10 @@ from btcore.loading.hot_reload import rebuild_tree
 from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
 from btcore.loading.load import LoadOptions, check_names, plan_source
 from btcore.registry.manifest import Resources
+from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, ChosenSettings, choose, unused_settings
 from btcore.runs.exit_codes import ExitCode, code_of_signal
 from btcore.runs.opening import OpenedProvider
-from btcore.runs.provider_source import ProviderSource
 from btcore.runs.providers import Need, OutputError, Provider, ProviderError, Report, full_name, is_settings
 from btcore.runs.settings import RunSettings, Settings
 from btcore.runs.tick_loop import EndReason, TickLoop, Until
@@ -110,7 +110,7 @@ class Run:
         source: str | PathLike[str] | Plans | TreelessProgram,
         *,
         provided: Sequence[object] = (),
-        providers: Sequence[Provider] | ProviderSource = (),
+        providers: Sequence[Provider] | AvailableProviders = (),
         settings: Sequence[Settings] = (),
         prepare: Callable[["Run"], None] | None = None,
         **options: Unpack[LoadOptions],
@@ -129,7 +129,9 @@ class Run:
         self._used_settings: set[type[Settings]] = {RunSettings}
         self.settings = ChosenSettings(settings)
         self.run_settings = self.settings.find(RunSettings) or RunSettings()
-        self.providers = providers if isinstance(providers, ProviderSource) else ProviderSource(providers)
+        self.providers = (
+            providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
+        )
         self._prepare = prepare
         self._stack = ExitStack()
         self._opened: dict[Provider, OpenedProvider] = {}
@@ -282,10 +284,10 @@ class Run:
         return self._object_for(full_name(need.type))
 
     def _object_for(self, name: str) -> object:
-        source = self.choice.sources.get(name)
-        if not isinstance(source, Provider):
-            return source
-        opened = self._opened.get(source)
+        chosen = self.choice.by_type.get(name)
+        if not isinstance(chosen, Provider):
+            return chosen
+        opened = self._opened.get(chosen)
         return None if opened is None else opened.object_for(name)
 
     # --- ticking

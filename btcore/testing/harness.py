@@ -130,7 +130,7 @@ class Harness:
             # A clock among the options takes precedence.
             options = {"clock": SimClock(), **options}
             return cls(loads(str(source), **options) if is_text else load(source, **options))
-        from btcore.runs.provider_source import ProviderSource
+        from btcore.runs.available_providers import AvailableProviders
         from btcore.runs.run import Run
         from btcore.runs.settings import RunSettings
 
@@ -138,7 +138,7 @@ class Harness:
             plan_source(source, options, is_text),
             provided=options.pop("resources", ()),
             settings=[RunSettings(fast=True), *settings],
-            providers=ProviderSource(providers, uses_installed=False),
+            providers=AvailableProviders(providers, uses_installed=False),
             **options,
         )
         return cls(run.__enter__().tree, run)

@@ -9,7 +9,7 @@ from btcore.cli import initial_blackboard, stub_results, substitute, terminal
 from btcore.cli.command_run import CommandRun
 from btcore.cli.completion import complete_tree
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
-from btcore.cli.provider_options import ProviderCommand, available_providers
+from btcore.cli.provider_options import ProviderCommand, command_providers
 from btcore.cli.run_session import RunSession
 from btcore.cli.tree_source import STDIN, SaveWatcher, TreeOptions, TreeSource, find_source
 from btcore.runs.run import Run
@@ -138,7 +138,7 @@ def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -
         # Models and rules may name nodes of the installed libraries. Also, they would be lost when
         # `NodeLibraries.load_for` loads what is missing, because it begins anew.
         partial = not options.models and not options.substitute
-        plugins = available_providers(ctx).plugins
+        plugins = command_providers(ctx).plugins
         libraries = load_libraries(options.plugins, partial=partial, imported=plugins)
     else:
         libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)

@@ -24,7 +24,7 @@ from btcore import (
 )
 from btcore.clock import Clock, SimClock
 from btcore.errors import BtcoreError, TreeError
-from btcore.runs.provider_source import ProviderSource
+from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.providers import Provider
 from btcore.runs.run import TreelessProgram
 from btcore.tree.tree import Tree
@@ -68,7 +68,7 @@ class OutputSettings(Settings):
 
 def run_with(*providers: Provider, want: Any = (), settings: Any = (), provided: Any = ()) -> Run:
     """Return the run of a program that wants types, with no installed providers."""
-    source = ProviderSource(providers, uses_installed=False)
+    source = AvailableProviders(providers, uses_installed=False)
     program = TreelessProgram("Test", lambda: False)
     run = Run(program, provided=provided, settings=[FAST, *settings], providers=source)
     return run.want(*want)

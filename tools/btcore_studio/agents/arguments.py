@@ -7,7 +7,7 @@ import msgspec
 from mcp.server.mcpserver.utilities.func_metadata import ArgModelBase
 from pydantic import ConfigDict, Field, create_model
 
-from btcore.runs.provider_source import ProviderSource
+from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.settings import RunSettings, Settings, create_options
 from btcore_studio.agents.served_folder import MAX_TREE_SIZE
 
@@ -112,7 +112,7 @@ class ShowArguments(TreeArguments):
 def _with_settings(model: type[TreeArguments]) -> type[TreeArguments]:
     """Return *model* with `SETTINGS`; without the simulator, with those of every run."""
     kinds: list[type[Settings]] = [RunSettings]
-    for simulator in ProviderSource().of_type("btcore_sim.simulated_robot.SimulatedRobot"):
+    for simulator in AvailableProviders().of_type("btcore_sim.simulated_robot.SimulatedRobot"):
         kinds += [kind for kind, _ in simulator.settings]
     fields: dict[str, Any] = {}
     for kind in kinds:

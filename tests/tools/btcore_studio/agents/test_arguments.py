@@ -12,7 +12,7 @@ import click
 from pydantic import ValidationError
 
 from btcore.entry_points import LIMIT_VARIABLE
-from btcore.runs.provider_source import ProviderSource
+from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.settings import create_options
 from btcore_studio.agents.arguments import SETTINGS, RunArguments
 
@@ -22,7 +22,7 @@ OTHERS = {"tree", "xml", "tree_id", "models", "own_models", "plans", "entries", 
 def test_settings_of_agents_are_bounded_and_neither_files_nor_of_one_run() -> None:
     arguments = RunArguments.model_json_schema()["properties"]
     assert set(arguments) == {*SETTINGS, *OTHERS}
-    [simulator] = ProviderSource().of_type("btcore_sim.simulated_robot.SimulatedRobot")
+    [simulator] = AvailableProviders().of_type("btcore_sim.simulated_robot.SimulatedRobot")
     options = [option for kind, _ in simulator.settings for option in create_options(kind)]
     for option in options:
         if option.name in SETTINGS:

@@ -20,7 +20,7 @@ def providers_in(module: ModuleType) -> list[Provider]:
     return [one for one in own if one.__module__ == module.__name__]
 
 
-class ProviderSource:
+class AvailableProviders:
     """The providers that a run can use: those of the user, and those of installed packages.
 
     Args:
