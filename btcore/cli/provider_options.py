@@ -48,7 +48,7 @@ class CommandProviders:
         for one in (
             self.available.all() if self.has_all_options else [*self.available.users, *self.available.core]
         ):
-            for kind, _ in one.settings:
+            for kind in one.settings:
                 if kind not in kinds:
                     kinds.add(kind)
                     options += _without_clash(one, kind, taken)
@@ -128,7 +128,7 @@ class ProviderCommand(click.Command):
         """
         sections: dict[str, list[tuple[str, str]]] = {}
         users: dict[type[Options], Provider] = {
-            kind: one for one in command_providers(ctx).available.users for kind, _ in one.settings
+            kind: one for one in command_providers(ctx).available.users for kind in one.settings
         }
         for option in self.get_params(ctx):
             record = option.get_help_record(ctx)
@@ -179,7 +179,7 @@ def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -
     given = given_options(ctx)
     values = {option.name or "": ctx.params[option.name or ""] for option in given}
     if defaults:
-        every = (kind for one in command_providers(ctx).available.all() for kind, _ in one.settings)
+        every = (kind for one in command_providers(ctx).available.all() for kind in one.settings)
         given += [item for kind in every for item in create_options(kind) if item.name in defaults]
         values = {**defaults, **values}
     found = [from_values(kind, values) for kind in dict.fromkeys(option.settings for option in given)]

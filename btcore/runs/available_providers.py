@@ -53,10 +53,9 @@ class AvailableProviders:
 
     def of_nothing(self, given: Set[type[Settings]]) -> list[Provider]:
         """Return the providers that provide no type, such as a publisher, and take settings of *given*."""
-        if not given <= {kind for one in self._known() for kind, _ in one.settings}:
+        if not given <= {kind for one in self._known() for kind in one.settings}:
             self._load(point for point, provided in self._points.items() if not provided)
-        takers = (one for one in self._known() if any(kind in given for kind, _ in one.settings))
-        return [one for one in takers if not one.types]
+        return [one for one in self._known() if not one.types and one.settings.keys() & given]
 
     def all(self) -> list[Provider]:
         """Return all providers, the user's first."""

@@ -97,7 +97,7 @@ def choose(
 
 
 def _has_settings(provider: Provider, settings: ChosenSettings) -> bool:
-    return all(optional or settings.find(kind) is not None for kind, optional in provider.settings)
+    return all(optional or settings.find(kind) is not None for kind, optional in provider.settings.items())
 
 
 class _Request(NamedTuple):
@@ -203,7 +203,7 @@ class _Chooser:
         wider = [
             provider
             for provider in best
-            if all(self._required(other) <= {kind for kind, _ in provider.settings} for other in best)
+            if all(self._required(other) <= provider.settings.keys() for other in best)
         ]
         if len(wider) == 1:
             return wider[0]
@@ -227,7 +227,9 @@ class _Chooser:
 
     def _required(self, provider: Provider) -> set[type[Settings]]:
         """Return the settings without which the provider cannot be used."""
-        return {kind for kind, optional in provider.settings if not optional and has_required_fields(kind)}
+        return {
+            kind for kind, optional in provider.settings.items() if not optional and has_required_fields(kind)
+        }
 
     def _add_clock(self) -> None:
         """Use a provider that provides the clock alone, if it needs only what is used, and no other is."""
@@ -338,7 +340,7 @@ def _join(chain: Sequence[Provider]) -> str:
 def _required_options(provider: Provider, settings: ChosenSettings) -> str:
     names = [
         item.opts[0]
-        for kind, optional in provider.settings
+        for kind, optional in provider.settings.items()
         if not optional and settings.find(kind) is None
         for item in create_options(kind)
         if item.is_needed
@@ -357,13 +359,11 @@ def unused_settings(
         settings: The settings of the run.
         used: Classes of settings that the program uses itself.
     """
-    taken = {kind for provider in choice.order for kind, _ in provider.settings} | set(used)
+    taken = {kind for provider in choice.order for kind in provider.settings} | set(used)
     reasons = {}
     for kind in [kind for kind in settings if kind not in taken]:
-        takers = [
-            provider for provider in available.all() if any(each is kind for each, _ in provider.settings)
-        ]
-        takers = [provider for provider in takers if (kind, False) in provider.settings] or takers
+        takers = [provider for provider in available.all() if kind in provider.settings]
+        takers = [provider for provider in takers if not provider.settings[kind]] or takers
         lost = next((choice.losers[provider] for provider in takers if provider in choice.losers), None)
         kinds = dict.fromkeys(_with_article(provider.types[0]) for provider in takers if provider.types)
         if lost is not None:

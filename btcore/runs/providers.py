@@ -167,9 +167,9 @@ class Provider:
         return tuple(needs)
 
     @property
-    def settings(self) -> list[tuple[type[Settings], bool]]:
+    def settings(self) -> dict[type[Settings], bool]:
         """The classes of its settings, and whether each is optional."""
-        return [(need.type, need.is_optional) for need in self.needs if is_settings(need.type)]
+        return {need.type: need.is_optional for need in self.needs if is_settings(need.type)}
 
     @property
     def follows_tree(self) -> bool:

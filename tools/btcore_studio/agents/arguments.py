@@ -113,7 +113,7 @@ def _with_settings(model: type[TreeArguments]) -> type[TreeArguments]:
     """Return *model* with `SETTINGS`; without the simulator, with those of every run."""
     kinds: list[type[Settings]] = [RunSettings]
     for simulator in AvailableProviders().of_type("btcore_sim.simulated_robot.SimulatedRobot"):
-        kinds += [kind for kind, _ in simulator.settings]
+        kinds += list(simulator.settings)
     fields: dict[str, Any] = {}
     for kind in kinds:
         for field, option in zip(msgspec.structs.fields(kind), create_options(kind), strict=True):
