@@ -32,7 +32,7 @@ class CommandProviders:
     def __init__(self, plugins: Sequence[str] = (), has_all_options: bool = True) -> None:
         self.plugins: dict[str, Plugin] = {name: import_plugin(name) for name in plugins}
         self.available = AvailableProviders(
-            one for plugin in self.plugins.values() for one in providers_in(plugin.module)
+            provider for plugin in self.plugins.values() for provider in providers_in(plugin.module)
         )
         self.has_all_options = has_all_options
 
@@ -45,25 +45,23 @@ class CommandProviders:
         kinds = {option.settings for option in own if isinstance(option, SettingOption)} | {RunSettings}
         taken = {name: "the command" for option in own for name in (*option.opts, option.name or "")}
         options: list[SettingOption] = []
-        for one in (
-            self.available.all() if self.has_all_options else [*self.available.users, *self.available.core]
-        ):
-            for kind in one.settings:
-                if kind not in kinds:
-                    kinds.add(kind)
-                    options += _without_clash(one, kind, taken)
+        some = [*self.available.users, *self.available.core]
+        for provider in self.available.all() if self.has_all_options else some:
+            for kind in [kind for kind in provider.settings if kind not in kinds]:
+                kinds.add(kind)
+                options += _without_clash(provider, kind, taken)
         return options
 
 
-def _without_clash(one: Provider, kind: type[Settings], taken: dict[str, str]) -> list[SettingOption]:
+def _without_clash(provider: Provider, kind: type[Settings], taken: dict[str, str]) -> list[SettingOption]:
     options = create_options(kind)
     for option in options:
         for name in (option.opts[0], option.name or ""):
             if name in taken:
                 raise ProviderError(
-                    f"{option.opts[0]} is an option of {one} and of {taken[name]}: rename one"
+                    f"{option.opts[0]} is an option of {provider} and of {taken[name]}: rename one"
                 )
-            taken[name] = repr(one)
+            taken[name] = repr(provider)
     return options
 
 
@@ -128,13 +126,15 @@ class ProviderCommand(click.Command):
         """
         sections: dict[str, list[tuple[str, str]]] = {}
         users: dict[type[Options], Provider] = {
-            kind: one for one in command_providers(ctx).available.users for kind in one.settings
+            kind: provider
+            for provider in command_providers(ctx).available.users
+            for kind in provider.settings
         }
         for option in self.get_params(ctx):
             record = option.get_help_record(ctx)
             if record is not None and not isinstance(option, click.Argument):
-                one = users.get(option.settings) if isinstance(option, SettingOption) else None
-                file = "" if one is None else one.place.rpartition(":")[0].rpartition("/")[2]
+                provider = users.get(option.settings) if isinstance(option, SettingOption) else None
+                file = "" if provider is None else provider.place.rpartition(":")[0].rpartition("/")[2]
                 sections.setdefault(f"Options of {file}" if file else "Options", []).append(record)
         for title, records in sections.items():
             with formatter.section(title):
@@ -179,7 +179,7 @@ def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -
     given = given_options(ctx)
     values = {option.name or "": ctx.params[option.name or ""] for option in given}
     if defaults:
-        every = (kind for one in command_providers(ctx).available.all() for kind in one.settings)
+        every = (kind for provider in command_providers(ctx).available.all() for kind in provider.settings)
         given += [item for kind in every for item in create_options(kind) if item.name in defaults]
         values = {**defaults, **values}
     found = [from_values(kind, values) for kind in dict.fromkeys(option.settings for option in given)]

@@ -265,7 +265,9 @@ class Run:
                 opened = self._opened[provider] = OpenedProvider(provider)
                 self._stack.push(opened.close)
                 opened.open(self._arguments(provider))
-                self.resources += opened.objects
+                # A provider may return an object of another one, under another type.
+                known = set(map(id, self.resources))
+                self.resources += [thing for thing in opened.objects if id(thing) not in known]
 
     def _arguments(self, provider: Provider) -> dict[str, object]:
         return {need.parameter: self._argument(need) for need in provider.needs}

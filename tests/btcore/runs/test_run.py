@@ -69,6 +69,19 @@ def test_a_leaf_gets_the_object_that_was_chosen_for_its_type(tmp_path: Path) -> 
     assert seen == [("beacon", "torch")]
 
 
+def test_an_object_that_two_providers_provide_is_listed_once() -> None:
+    @provider
+    def torch() -> Torch:
+        return Torch()
+
+    @provider(provides=(Lamp,))
+    def lamp(torch: Torch) -> object:
+        return torch
+
+    with Run(program(), providers=[torch, lamp]).want(Lamp) as run:
+        assert run.resources == [run.find(Torch)]
+
+
 class LampSettings(Settings):
     watts: Annotated[float, option("The power.")] = 5.0
 
