@@ -8,10 +8,12 @@ import click
 from click.core import ParameterSource
 
 from btcore import entry_points
+from btcore.cli import terminal
 from btcore.registry.registry import Plugin, import_plugin
 from btcore.runs.available_providers import AvailableProviders, providers_in
 from btcore.runs.providers import Provider, ProviderError
 from btcore.runs.settings import Options, RunSettings, SettingOption, Settings, create_options, from_values
+from btcore.suggestions import join_names
 
 _META_KEY: Final = "btcore.cli.provider_options"
 
@@ -89,8 +91,8 @@ class ProviderCommand(click.Command):
     """A command that also has the options of all providers.
 
     Importing the providers takes time. Therefore the command has the options of installed providers only if
-    its arguments contain a word like an option that is neither its own nor that of a plugin, such as
-    `--monitor` or `--help`.
+    its arguments contain a word like an option that is not its own, such as `--monitor` or `--help`, or if a
+    plugin has options.
     """
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
@@ -113,7 +115,9 @@ class ProviderCommand(click.Command):
         options = [*self.params, *providers.options(self.params)]
         known = {name for option in options for name in (*option.opts, *option.secondary_opts)}
         words = {word.partition("=")[0] for word in args if word.startswith("-")}
-        providers.has_all_options = ctx.resilient_parsing or not words <= known
+        # With options in plugins, too: that the name of an option exists twice is always an error.
+        has_own = any(provider.settings for provider in providers.available.users)
+        providers.has_all_options = ctx.resilient_parsing or has_own or not words <= known
         with explain_missing_options(ctx):
             return super().parse_args(ctx, args)
 
@@ -182,8 +186,16 @@ def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -
         every = (kind for provider in command_providers(ctx).available.all() for kind in provider.settings)
         given += [item for kind in every for item in create_options(kind) if item.name in defaults]
         values = {**defaults, **values}
-    found = [from_values(kind, values) for kind in dict.fromkeys(option.settings for option in given)]
-    return [one for one in found if isinstance(one, Settings)]
+    found: list[Settings] = []
+    for kind in dict.fromkeys(option.settings for option in given):
+        settings = from_values(kind, values)
+        if isinstance(settings, Settings):
+            found.append(settings)
+        else:
+            needed = join_names([option.opts[0] for option in create_options(kind) if option.is_needed])
+            names = join_names([option.opts[0] for option in given if option.settings is kind])
+            terminal.print_warning(f"{names}: no effect without {needed}")
+    return found
 
 
 @contextmanager

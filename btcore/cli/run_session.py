@@ -1,7 +1,7 @@
 """The course of `btcore run`: progress, reloading a saved tree, and reporting."""
 
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 
 from btcore.cli import initial_blackboard, terminal
 from btcore.cli.command_run import CommandRun
@@ -68,7 +68,8 @@ class RunSession(TreeWatcher):
             limit = run.run_settings.duration
             with closing(Progress(console, run.tree, self.summary.name, limit)) as self._progress:
                 watcher = None if self._save_watcher is None else self
-                run.until_done(self._until, on_tick=self._progress.on_tick, watcher=watcher)
+                with suppress(NodeExecutionError):  # it is printed after the summary
+                    run.until_done(self._until, on_tick=self._progress.on_tick, watcher=watcher)
             self._warn_about_skipped_ticks()
 
     def print_results(self, as_json: bool) -> int:

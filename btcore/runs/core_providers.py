@@ -111,8 +111,8 @@ def tree_logs(settings: LogSettings, tree: Tree) -> Iterator[object]:
         yield logs
     finally:
         logs.close()
-    if logs.incomplete:
-        raise OutputError(f"logs are incomplete: {join_names(logs.incomplete)}")
+        if logs.incomplete:
+            raise OutputError(f"logs are incomplete: {join_names(logs.incomplete)}")
 
 
 @provider(provides=("random.Random",), default=True)

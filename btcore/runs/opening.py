@@ -3,6 +3,7 @@
 import contextlib
 import inspect
 from collections.abc import Iterator, Mapping
+from traceback import walk_tb
 from types import TracebackType
 from typing import Final
 
@@ -111,10 +112,9 @@ def _named(provider: Provider, error_of_run: BaseException | None = None) -> Ite
     except Exception as error:
         if error is error_of_run:
             raise
-        last = error.__traceback__
-        while last is not None and last.tb_next is not None:
-            last = last.tb_next
-        place = "" if last is None else f" at {last.tb_frame.f_code.co_filename}:{last.tb_lineno}"
+        frames = [(frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__)]
+        own = [place for place in frames if place[0] == provider.function.__code__.co_filename]
+        file, line = (own or frames)[-1]
         raise ProviderError(
-            f"the provider {provider} raised {type(error).__name__}{place}: {error}"
+            f"the provider {provider} raised {type(error).__name__} at {file}:{line}: {error}"
         ) from error

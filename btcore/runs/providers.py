@@ -25,15 +25,12 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType, NoneType, UnionType
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Union, get_args, get_origin, overload
+from typing import Any, Final, NamedTuple, Union, get_args, get_origin, overload
 
 from btcore.clock import Clock
 from btcore.errors import BtcoreError
 from btcore.runs.settings import Settings
 from btcore.tree.tree import Tree
-
-if TYPE_CHECKING:
-    pass
 
 _UNNAMED: Final = ("builtins", "typing", "abc", "typing_extensions")
 """Modules whose classes are no types of resources, although they are base classes of them."""

@@ -101,8 +101,9 @@ class Run:
         >>> _ = Path("nap.xml").write_text(xml)
         >>> with Run("nap.xml", settings=[RunSettings(fast=True)]) as run:
         ...     run.until_done()
-        >>> run.status, run.elapsed_s
-        (<Status.SUCCESS: 2>, 0.5)
+        <Status.SUCCESS: 2>
+        >>> run.elapsed_s
+        0.5
     """
 
     def __init__(
@@ -300,11 +301,11 @@ class Run:
         *,
         on_tick: Callable[[Status], None] | None = None,
         watcher: "TreeWatcher | None" = None,
-    ) -> None:
-        """Tick at the rate of the run until the end, and halt the tree.
+    ) -> Status:
+        """Tick at the rate of the run until the end, halt the tree, and return the status of the last tick.
 
         The end is the result *until*, the duration, Ctrl-C, SIGTERM or SIGHUP, or the end of the clock's
-        time. The attributes `end_reason` and `status` describe it. An exception of a leaf is kept in `error`.
+        time; see the attribute `end_reason`.
 
         Args:
             until: The result of the tree that ends the run.
@@ -312,7 +313,7 @@ class Run:
             watcher: Replaces the tree whenever its file is saved. The end of a tree is not that of the run.
 
         Raises:
-            NodeExecutionError: A program raised an exception.
+            NodeExecutionError: A leaf raised an exception; it is also the attribute `error`.
         """
         was_saved = None if watcher is None else watcher.was_saved
         loop = self._loop = TickLoop(self.tree, self.run_settings, until, on_tick, was_saved)
@@ -321,8 +322,9 @@ class Run:
                 self.end_reason = loop.run()
             else:
                 self._tick_and_reload(loop, watcher)
-        if self.error is not None and isinstance(self._source, TreelessProgram):
+        if self.error is not None:
             raise self.error
+        return self.status
 
     def _tick_and_reload(self, loop: TickLoop, watcher: "TreeWatcher") -> None:
         has_ended = False

@@ -22,6 +22,8 @@ import click
 import msgspec
 from msgspec.structs import FieldInfo
 
+from btcore.errors import BtcoreError
+
 _STYLE: Final = "btcore"
 """The key in the `extra` of a field's `msgspec.Meta`."""
 
@@ -184,9 +186,19 @@ class SettingOption(click.Option):
 
 
 def create_options(settings: type[Options], *names: str) -> list[SettingOption]:
-    """Return the options of *settings*, or those of its fields *names*, in the order of the fields."""
-    fields = msgspec.structs.fields(settings)
-    return [SettingOption(settings, field) for field in fields if not names or field.name in names]
+    """Return the options of *settings*, or those of its fields *names*, in the order of the fields.
+
+    Raises:
+        BtcoreError: A field is no option.
+    """
+    options = []
+    for field in msgspec.structs.fields(settings):
+        if not names or field.name in names:
+            try:
+                options.append(SettingOption(settings, field))
+            except TypeError as error:
+                raise BtcoreError(f"the field '{field.name}' of {settings.__name__}: {error}") from error
+    return options
 
 
 def setting_options(settings: type[Options], *names: str) -> Callable[[Function], Function]:
@@ -244,6 +256,22 @@ def from_values(settings: type[S], values: Mapping[str, Any]) -> S | None:
     return settings(**chosen)
 
 
+def check_settings(settings: S) -> S:
+    """Check the types and the limits of the values that a program gave to *settings*, and return *settings*.
+
+    Raises:
+        TypeError: *settings* are no settings, such as their class.
+        ValueError: A value has another type, or is out of range.
+    """
+    if not isinstance(settings, Options):
+        raise TypeError(f"{settings!r} are no settings: write GripperSettings(…)")
+    try:
+        msgspec.convert(msgspec.structs.asdict(settings), type(settings))
+    except msgspec.ValidationError as error:
+        raise ValueError(f"{type(settings).__name__}: {error}") from None
+    return settings
+
+
 def given_fields(settings: Options) -> list[str]:
     """Return the names of the fields that are required or differ from their defaults."""
     return [
@@ -289,7 +317,7 @@ def _unwrap(annotation: Any) -> tuple[Any, msgspec.Meta]:
         for meta in metadata:
             if isinstance(meta, msgspec.Meta) and _STYLE in (meta.extra or {}):
                 return kind, meta
-    raise TypeError(f"a field of the type {annotation} is no option: write Annotated[…, option(…)]")
+    raise TypeError(f"the type {annotation} is no option: write Annotated[…, option(…)]")
 
 
 def _click_type(kind: Any, meta: msgspec.Meta) -> "click.ParamType[Any]":
@@ -305,4 +333,6 @@ def _click_type(kind: Any, meta: msgspec.Meta) -> "click.ParamType[Any]":
         return click.Choice(get_args(kind), case_sensitive=False)
     if kind is str:
         return click.STRING
-    raise TypeError(f"an option cannot have the type {kind}: use str, bool, int, float, Path or Literal")
+    raise TypeError(
+        f"an option cannot have the type {kind}: use str, bool, int, float, Path, Literal or tuple[str, ...]"
+    )

@@ -245,6 +245,36 @@ def test_provider_of_another_distribution_takes_part_if_its_option_is_given(tmp_
 
 
 @pytest.mark.usefixtures("folder")
+def test_option_of_a_plugin_that_exists_already_is_an_error_and_one_without_its_device_has_no_effect() -> (
+    None
+):
+    pytest.importorskip("zmq")
+    text = (
+        "from typing import Annotated\n"
+        "from btcore import Settings, action, option, provider\n\n"
+        "class Printer: ...\n\n"
+        "@action\n"
+        "def print_label(printer: Printer) -> bool:\n"
+        "    return True\n\n"
+        "class PrinterSettings(Settings):\n"
+        "    device: Annotated[str, option('The device.')]\n"
+        "    speed: Annotated[int, option('Labels per minute.')] = 20\n\n"
+        "@provider\n"
+        "def printer(settings: PrinterSettings) -> Printer:\n"
+        "    return Printer()\n"
+    )
+    Path("printers.py").write_text(text)
+    run = ["run", "tree.xml", "--fast", "--plugin", "printers.py"]
+    result = CliRunner().invoke(main, [*run, "--speed", "30"], prog_name="btcore")
+    assert result.exit_code == 0
+    assert "--speed: no effect without --device" in result.stderr
+    Path("printers.py").write_text(text.replace("device", "port"))
+    result = CliRunner().invoke(main, run, prog_name="btcore")
+    assert result.exit_code == 2
+    assert "--port is an option of publisher" in result.stderr
+
+
+@pytest.mark.usefixtures("folder")
 def test_json_on_a_terminal_that_is_limited_to_ascii_keeps_every_character() -> None:
     result = CliRunner(charset="ascii").invoke(main, ["show", "tree.xml", "--json"], prog_name="btcore")
     assert json.loads(result.output_bytes)["name"] == "Küche → 😀"

@@ -1,5 +1,6 @@
 """`Run`: objects for leaves, warnings, incomplete outputs, and pauses."""
 
+import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +13,7 @@ from btcore import OutputError, Registry, Run, RunSettings, Settings, option, pr
 from btcore.logs import read_log
 from btcore.runs.core_providers import LogSettings
 from btcore.runs.run import TreelessProgram
+from btcore.runs.settings import create_options
 
 FAST = RunSettings(fast=True)
 
@@ -65,7 +67,7 @@ def test_a_leaf_gets_the_object_that_was_chosen_for_its_type(tmp_path: Path) -> 
     nodes.add(look)
     with Run(write_tree(tmp_path, "<Look/>"), nodes=nodes, providers=[torch, beacon]) as run:
         assert [type(one) for one in run.resources] == [Torch, Beacon]
-        run.until_done()
+        assert run.until_done() is btcore.SUCCESS
     assert seen == [("beacon", "torch")]
 
 
@@ -83,7 +85,42 @@ def test_an_object_that_two_providers_provide_is_listed_once() -> None:
 
 
 class LampSettings(Settings):
-    watts: Annotated[float, option("The power.")] = 5.0
+    watts: Annotated[float, option("The power.", gt=0)] = 5.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (LampSettings(watts=-1.0), "LampSettings: Expected `float` > 0.0 - at `$.watts`"),
+        (LampSettings(watts="bright"), "LampSettings: Expected `float`, got `str` - at `$.watts`"),  # type: ignore[arg-type]
+        (LampSettings, "are no settings: write"),
+    ],
+)
+def test_the_values_of_a_program_are_checked_like_options(settings: Any, said: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=re.escape(said)):
+        Run(program(), settings=[settings])
+
+
+def test_a_field_that_is_no_option_is_named() -> None:
+    class Wrong(Settings):
+        watts: int = 3
+
+    with pytest.raises(btcore.BtcoreError, match="the field 'watts' of Wrong: the type <class 'int'> is no"):
+        create_options(Wrong)
+
+
+def test_the_exception_of_a_leaf_is_raised_and_kept(tmp_path: Path) -> None:
+    @btcore.action
+    def explode() -> bool:
+        raise OSError("no power")
+
+    nodes = Registry.standard()
+    nodes.add(explode)
+    with Run(write_tree(tmp_path, "<Explode/>"), nodes=nodes) as run:
+        with pytest.raises(btcore.NodeExecutionError, match="no power") as caught:
+            run.until_done()
+        assert run.error is caught.value
+    assert run.exit_code == 3
 
 
 def test_settings_without_effect_give_a_warning_with_the_reason() -> None:
