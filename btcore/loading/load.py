@@ -12,6 +12,7 @@ from btcore.clock import Clock
 from btcore.diagnostic_codes import UNDETERMINED_MAIN_TREE
 from btcore.errors import Diagnostic, TreeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
+from btcore.registry.manifest import Resources
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
@@ -225,7 +226,7 @@ def _load(documents: Sequence[Document], options: LoadOptions) -> Tree:
         raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
     return instantiate(
         _plan_documents(documents, options),
-        list(resources),
+        Resources(resources),
         options.get("blackboard"),
         options.get("clock"),
         options.get("tick_limit"),

@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, TypeGuard
 
@@ -239,7 +239,7 @@ class Resources(list[object]):
     A leaf gets the object that was chosen for the type of its parameter, else the first that fits.
     """
 
-    def __init__(self, given: Sequence[object] = ()) -> None:
+    def __init__(self, given: Iterable[object] = ()) -> None:
         super().__init__(given)
         self._chosen: dict[Any, object] = dict(given._chosen) if isinstance(given, Resources) else {}
         self._cache: dict[Parameter, object] = {}

@@ -182,7 +182,7 @@ class Run:
             self._check_required()
             self.resources += self._provided
             self._open_all(follow_tree=False)
-            for kind in self._wanted:
+            for kind in [*self._wanted, *self._optional]:
                 found = self._object_for(full_name(kind))
                 if found is not None:
                     self.resources.choose(kind, found)

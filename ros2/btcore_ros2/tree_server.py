@@ -11,7 +11,7 @@ from btcore.blackboard.ports import UNSET
 from btcore.clock import Clock
 from btcore.json_text import load_json
 from btcore.loading.json_export import import_blackboard
-from btcore.registry.manifest import find_resource
+from btcore.registry.manifest import Resources, find_resource
 from btcore.suggestions import did_you_mean
 from btcore.xml.plan.plan import define_and_plan
 from btcore.xml.read.read import read
@@ -113,7 +113,8 @@ class TreeServer:
         self.tree: Tree | None = None
         self._files = files
         self._nodes = nodes if nodes is not None else Registry.standard()
-        self._resources = (session, *resources)
+        self._resources = Resources(resources)
+        self._resources.insert(0, session)
         self._robot = next((each for each in resources if isinstance(each, RecoverableRobot)), None)
         self._clock = clock if clock is not None else session.clock
         self.blackboard = Blackboard(clock=self._clock)

@@ -47,6 +47,16 @@ class Beacon:
         return "beacon"
 
 
+@provider
+def torch() -> Torch:  # fits a Lamp, too, and is opened first
+    return Torch()
+
+
+@provider(provides=(Lamp,))
+def beacon(torch: Torch) -> Beacon:
+    return Beacon()
+
+
 def test_a_leaf_gets_the_object_that_was_chosen_for_its_type(tmp_path: Path) -> None:
     seen = []
 
@@ -54,14 +64,6 @@ def test_a_leaf_gets_the_object_that_was_chosen_for_its_type(tmp_path: Path) -> 
     def look(lamp: Lamp, torch: Torch) -> bool:
         seen.append((lamp.shine(), torch.shine()))
         return True
-
-    @provider
-    def torch() -> Torch:  # fits a Lamp, too, and is opened first
-        return Torch()
-
-    @provider(provides=(Lamp,))
-    def beacon(torch: Torch) -> Beacon:
-        return Beacon()
 
     nodes = Registry.standard()
     nodes.add(look)
@@ -71,11 +73,23 @@ def test_a_leaf_gets_the_object_that_was_chosen_for_its_type(tmp_path: Path) -> 
     assert seen == [("beacon", "torch")]
 
 
-def test_an_object_that_two_providers_provide_is_listed_once() -> None:
-    @provider
-    def torch() -> Torch:
-        return Torch()
+def test_trees_that_a_program_creates_get_the_chosen_objects_too() -> None:
+    seen = []
 
+    @btcore.action
+    def look(lamp: Lamp) -> bool:
+        seen.append(lamp.shine())
+        return True
+
+    nodes = Registry.standard()
+    nodes.add(look)
+    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Look/></BehaviorTree></root>'
+    with Run(program(), providers=[torch, beacon]).want(Lamp, optional=True) as run:
+        btcore.loads(xml, nodes=nodes, resources=run.resources).tick_once()
+    assert seen == ["beacon"]
+
+
+def test_an_object_that_two_providers_provide_is_listed_once() -> None:
     @provider(provides=(Lamp,))
     def lamp(torch: Torch) -> object:
         return torch
