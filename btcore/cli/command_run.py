@@ -9,6 +9,7 @@ import click
 from btcore.cli import terminal
 from btcore.cli.provider_options import command_providers, given_options, settings_of
 from btcore.loading.load import LoadOptions
+from btcore.runs.choice import ChosenSettings
 from btcore.runs.providers import OutputError
 from btcore.runs.run import Run, TreelessProgram
 from btcore.runs.settings import Settings
@@ -46,7 +47,7 @@ class CommandRun(Run):
     ) -> None:
         super().__init__(
             source,
-            settings=[*settings_of(ctx, option_defaults), *settings],
+            settings=ChosenSettings([*settings_of(ctx, option_defaults), *settings]),
             provided=provided,
             providers=command_providers(ctx).available,
             prepare=prepare,

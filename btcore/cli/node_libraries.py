@@ -13,7 +13,6 @@ from btcore.cli import terminal
 from btcore.diagnostic_codes import UNKNOWN_NODE
 from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, own_packages, unsearched_libraries
 from btcore.errors import Diagnostic
-from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Plugin, Registry, import_plugin, library_of
 from btcore.runs.settings import Options, option
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
@@ -51,10 +50,6 @@ class PaletteOptions(LibraryOptions):
     """The options of commands about all nodes of an XML format."""
 
     format: Annotated[Literal[3, 4], option("The XML format of the nodes.")] = 4
-
-    def load_palette(self) -> Mapping[str, Manifest]:
-        """Load all node libraries, and return the nodes of the format, by ID."""
-        return self.load_libraries().nodes.manifests_of(self.format)
 
 
 @dataclass(slots=True)

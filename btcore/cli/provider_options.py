@@ -115,7 +115,7 @@ class ProviderCommand(click.Command):
         options = [*self.params, *providers.options(self.params)]
         known = {name for option in options for name in (*option.opts, *option.secondary_opts)}
         words = {word.partition("=")[0] for word in args if word.startswith("-")}
-        # With options in plugins, too: that the name of an option exists twice is always an error.
+        # An option of a plugin could have the name of any other option, which is an error in every run.
         has_own = any(provider.settings for provider in providers.available.users)
         providers.has_all_options = ctx.resilient_parsing or has_own or not words <= known
         with explain_missing_options(ctx):
@@ -171,6 +171,8 @@ def given_options(ctx: click.Context) -> list[SettingOption]:
 
 def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -> list[Settings]:
     """Return the settings whose options were given to the command with the context *ctx*.
+
+    Settings that lack a required option are left out, with a warning.
 
     Args:
         ctx: The context.

@@ -47,6 +47,7 @@ class RunSession(TreeWatcher):
         self._until: Until = until
         self._save_watcher = save_watcher
         self._progress: Progress
+        self._reloads = 0
         self._printed_error: NodeExecutionError | None = None
 
     def run(self, on_tree: Callable[[Tree], object] = lambda tree: None) -> None:
@@ -62,7 +63,7 @@ class RunSession(TreeWatcher):
         """
         run, console = self.tree_run, terminal.stderr_console()
         if self._save_watcher is not None:
-            run.report["reloads"] = 0  # the first entry
+            run.report["reloads"] = self._reloads  # the first entry
         with log_to_console(console), run:
             on_tree(run.tree)
             limit = run.run_settings.duration
@@ -73,7 +74,7 @@ class RunSession(TreeWatcher):
             self._warn_about_skipped_ticks()
 
     def print_results(self, as_json: bool) -> int:
-        """Print the summary after the run, or the JSON object, and return the exit code."""
+        """Print the summary and, with *as_json*, the JSON object; return the exit code."""
         run = self.tree_run
         self.summary.print_summary()
         if run.error is not None and run.error is not self._printed_error:
@@ -127,7 +128,8 @@ class RunSession(TreeWatcher):
     def on_reload(self, tree: Tree, plans: Plans) -> None:
         """Count the reload, and show *tree*."""
         tree.count_ticks()
-        self.tree_run.report["reloads"] = int(str(self.tree_run.report["reloads"])) + 1
+        self._reloads += 1
+        self.tree_run.report["reloads"] = self._reloads
         with self._progress.suspend():
             terminal.print_diagnostics(plans.diagnostics.warnings)
             terminal.print_labelled("reloaded", str(self._source.path))

@@ -15,7 +15,7 @@ from btcore.clock import Clock
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.providers import Need, Provider, ProviderError, Report, full_name, is_settings
-from btcore.runs.settings import RunSettings, Settings, check_settings, create_options, has_required_fields
+from btcore.runs.settings import RunSettings, Settings, create_options, has_required_fields
 from btcore.suggestions import join_names
 from btcore.tree.tree import Tree
 
@@ -30,7 +30,7 @@ class ChosenSettings(dict[type[Settings], Settings]):
     """The settings that were given for a run, by their classes. A class that is missing has its defaults."""
 
     def __init__(self, settings: Iterable[Settings] = ()) -> None:
-        super().__init__((type(item), check_settings(item)) for item in settings)
+        super().__init__((type(item), item) for item in settings)
 
     def find(self, kind: type[S]) -> S | None:
         """Return the settings of the class *kind*; None if a required one was not given."""

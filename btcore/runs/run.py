@@ -22,7 +22,7 @@ from btcore.runs.choice import Choice, ChosenSettings, choose, unused_settings
 from btcore.runs.exit_codes import ExitCode, code_of_signal
 from btcore.runs.opening import OpenedProvider
 from btcore.runs.providers import Need, OutputError, Provider, ProviderError, Report, full_name, is_settings
-from btcore.runs.settings import RunSettings, Settings
+from btcore.runs.settings import RunSettings, Settings, check_settings
 from btcore.runs.tick_loop import EndReason, TickLoop, Until
 from btcore.signals import ending_signals, signal_handlers
 from btcore.status import Status
@@ -112,7 +112,7 @@ class Run:
         *,
         provided: Sequence[object] = (),
         providers: Sequence[Provider] | AvailableProviders = (),
-        settings: Sequence[Settings] = (),
+        settings: Sequence[Settings] | ChosenSettings = (),
         prepare: Callable[["Run"], None] | None = None,
         **options: Unpack[LoadOptions],
     ) -> None:
@@ -128,7 +128,12 @@ class Run:
         self._required: list[Any] = []
         self._optional: list[Any] = []
         self._used_settings: set[type[Settings]] = {RunSettings}
-        self.settings = ChosenSettings(settings)
+        # Those of a command are checked already.
+        self.settings = (
+            settings
+            if isinstance(settings, ChosenSettings)
+            else ChosenSettings(map(check_settings, settings))
+        )
         self.run_settings = self.settings.find(RunSettings) or RunSettings()
         self.providers = (
             providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)

@@ -44,7 +44,7 @@ def nodes(
 
     With IDs, list only these nodes.
     """
-    palette = options.load_palette()
+    palette = options.load_libraries().nodes.manifests_of(options.format)
     if unknown := [node_id for node_id in ids if node_id not in palette]:
         nearest = nearest_name(unknown[0], palette)
         hint = f"Did you mean '{nearest}'?" if nearest else "Without an ID, all nodes are listed."

@@ -19,11 +19,7 @@ from btcore.xml.models.stubs import StubResults
 
 
 class RunOptions(TreeOptions):
-    """The options of `btcore run` about the tree and its end.
-
-    Raises:
-        click.UsageError: A value of `--plan` or `--set` is invalid.
-    """
+    """The options of `btcore run` about the tree and its end."""
 
     plan: Annotated[
         tuple[str, ...],
@@ -76,10 +72,6 @@ class RunOptions(TreeOptions):
         ),
     ] = False
 
-    def __post_init__(self) -> None:
-        stub_results.parse_letters(self.plan)
-        initial_blackboard.parse_entries(self.set)
-
 
 @click.command(cls=ProviderCommand, short_help="Run a tree until it ends.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
@@ -129,6 +121,8 @@ def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -
     """
     options = from_values(RunOptions, ctx.params)
     assert options is not None, "no option is required"
+    letters = stub_results.parse_letters(options.plan)
+    entries = initial_blackboard.parse_entries(options.set)
     path = find_source(ctx.params["source"])
     if options.watch and path == STDIN:
         raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
@@ -146,12 +140,11 @@ def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -
     source = TreeSource(path, options, libraries)
     substitute.add_rules(libraries.nodes, options.substitute)
     plans = source.read_plans()
-    letters = stub_results.parse_letters(options.plan)
     stub_results.check(letters, plans)
 
     def prepare(run: Run) -> None:
         run.tree.count_ticks()  # before the first tick: the report contains the counts
-        initial_blackboard.write(run.tree, initial_blackboard.parse_entries(options.set), plans)
+        initial_blackboard.write(run.tree, entries, plans)
         terminal.print_diagnostics(plans.diagnostics.warnings)
         substitute.warn_unused_rules(run.tree)
 
