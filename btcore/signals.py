@@ -3,8 +3,62 @@
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
+from typing import Self
+
+
+class EndingSignals:
+    """Handles SIGINT (Ctrl-C), SIGTERM and SIGHUP in a `with` block.
+
+    The first signal calls `stop`, which lets the present work end as usual. A second signal, or one while
+    `stop` is None, raises KeyboardInterrupt (SIGINT) or SystemExit.
+
+    Args:
+        stop: Called by the first signal, or None.
+
+    Attributes:
+        stop: As the argument; it may be changed in the `with` block.
+        number: The number of the first signal, or 0.
+    """
+
+    def __init__(self, stop: Callable[[], object] | None = None) -> None:
+        self.stop = stop
+        self.number = 0
+        self._handlers: AbstractContextManager[None]
+
+    def __enter__(self) -> Self:
+        self._handlers = signal_handlers(ending_signals(), self._handle)
+        self._handlers.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._handlers.__exit__(None, None, None)
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        is_first = self.number == 0
+        self.number = self.number or number
+        if is_first and self.stop is not None:
+            self.stop()
+        elif number == signal.SIGINT:
+            raise KeyboardInterrupt
+        else:
+            raise SystemExit(128 + number)
+
+
+@contextmanager
+def delayed_signals() -> Iterator[None]:
+    """Return a context that delays SIGINT, SIGTERM and SIGHUP until its end.
+
+    An exception of their handlers would leave a process behind that is just being started.
+    """
+    received: list[int] = []
+    try:
+        with signal_handlers(ending_signals(), lambda number, frame: received.append(number)):
+            yield
+    finally:
+        if received:
+            signal.raise_signal(received[0])
 
 
 def ending_signals() -> list[signal.Signals]:

@@ -10,8 +10,8 @@ from btcore.cli import terminal
 from btcore.cli.provider_options import command_providers, given_options, settings_of
 from btcore.loading.load import LoadOptions
 from btcore.runs.choice import ChosenSettings
-from btcore.runs.providers import OutputError
-from btcore.runs.run import Run, TreelessProgram
+from btcore.runs.providers import OutputError, ProviderError
+from btcore.runs.run import Run, TreelessProgram, message_of
 from btcore.runs.settings import Settings
 from btcore.suggestions import join_names
 from btcore.xml.plan.plan import Plans
@@ -20,7 +20,7 @@ from btcore.xml.plan.plan import Plans
 class CommandRun(Run):
     """A run of a command of class `ProviderCommand`.
 
-    Options that no provider uses and incomplete outputs are printed.
+    Options that no provider uses are printed, and what the providers raise when they are closed.
 
     Args:
         ctx: The context of the command.
@@ -67,8 +67,10 @@ class CommandRun(Run):
     ) -> bool | None:
         try:
             return super().__exit__(kind, error, trace)
-        except OutputError as incomplete:
-            if incomplete is error:
+        except (OutputError, ProviderError) as closing_error:
+            if closing_error is error:
                 raise
-            terminal.print_error(str(incomplete))
             return None
+        finally:
+            for one in self.closing_errors:
+                terminal.print_error(message_of(one))

@@ -13,13 +13,14 @@ from btcore.builds import env_flag
 from btcore.cli import terminal
 from btcore.engine.node import tick_counts_of
 from btcore.errors import NodeExecutionError, excerpt
+from btcore.runs.providers import EndReason
 from btcore.runs.run import Run
-from btcore.runs.tick_loop import EndReason
 from btcore.tree.drawing import node_depths
 
-END_REASON_TEXT: Final[dict[EndReason, str]] = {
+END_REASON_TEXT: Final[dict[EndReason | None, str]] = {
+    None: "",
     "done": "",
-    "saved": "",
+    "raised": "",
     "duration": ", stopped by --duration",
     "end_of_time": ", until the end of the recording",
     "interrupted": ", interrupted",

@@ -7,9 +7,10 @@ from btcore.cli import initial_blackboard, terminal
 from btcore.cli.command_run import CommandRun
 from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.run_report import RunSummary, print_leaf_error
-from btcore.cli.tree_source import SaveWatcher, TreeSource
+from btcore.cli.tree_source import TreeSource
 from btcore.errors import BtcoreError, NodeExecutionError
-from btcore.runs.run import TreeWatcher
+from btcore.loading.hot_reload import FileWatcher
+from btcore.runs.reload import TreeWatcher
 from btcore.runs.tick_loop import Until
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -24,7 +25,7 @@ class RunSession(TreeWatcher):
         source: The file of the tree, from which the tree is reloaded.
         plans: The plans of the tree.
         until: The result that ends the run.
-        save_watcher: Detects that the tree's file was saved; None without `--watch`.
+        file_watcher: Detects that the tree's file was saved; None without `--watch`.
 
     Attributes:
         tree_run: The run.
@@ -38,14 +39,14 @@ class RunSession(TreeWatcher):
         source: TreeSource,
         plans: Plans,
         until: Until,
-        save_watcher: SaveWatcher | None = None,
+        file_watcher: FileWatcher | None = None,
     ) -> None:
         self.tree_run = run
         self.plans = plans
         self.summary = RunSummary(source.name, run)
         self._source = source
         self._until: Until = until
-        self._save_watcher = save_watcher
+        self._file_watcher = file_watcher
         self._progress: Progress
         self._reloads = 0
         self._printed_error: NodeExecutionError | None = None
@@ -62,13 +63,13 @@ class RunSession(TreeWatcher):
             TreeError: The tree lacks a resource.
         """
         run, console = self.tree_run, terminal.stderr_console()
-        if self._save_watcher is not None:
+        if self._file_watcher is not None:
             run.report["reloads"] = self._reloads  # the first entry
         with log_to_console(console), run:
             on_tree(run.tree)
             limit = run.run_settings.duration
             with closing(Progress(console, run.tree, self.summary.name, limit)) as self._progress:
-                watcher = None if self._save_watcher is None else self
+                watcher = None if self._file_watcher is None else self
                 with suppress(NodeExecutionError):  # it is printed after the summary
                     run.until_done(self._until, on_tick=self._progress.on_tick, watcher=watcher)
             self._warn_about_skipped_ticks()
@@ -102,7 +103,7 @@ class RunSession(TreeWatcher):
 
     def was_saved(self) -> bool:
         """Return whether the tree's file was saved."""
-        return self._save_watcher is not None and self._save_watcher.was_saved()
+        return self._file_watcher is not None and self._file_watcher.was_saved()
 
     def read_plans(self) -> Plans:
         """Return the plans of the saved file."""

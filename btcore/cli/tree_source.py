@@ -1,7 +1,6 @@
-"""The source of a tree: the options that select it, its file, and watching the file for saves."""
+"""The source of a tree: the options that select it, and its file."""
 
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,10 +13,8 @@ from btcore.cli.completion import complete_tree_id
 from btcore.cli.node_libraries import LibraryOptions, NodeLibraries, load_libraries
 from btcore.errors import TreeError
 from btcore.input_files import read_error, read_stream
-from btcore.loading.hot_reload import FileWatcher
 from btcore.registry.registry import Registry
 from btcore.runs.settings import option
-from btcore.runs.tick_loop import POLL_INTERVAL_S
 from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.read import Document, parse_bytes, parse_file, read
 
@@ -155,27 +152,3 @@ class TreeSource:
                 error.add_note(note)
             raise
         return plans
-
-
-class SaveWatcher:
-    """Detects that a tree's file, or a file that it includes, was saved.
-
-    Calling `was_saved` often is cheap: the files are checked at most every `POLL_INTERVAL_S` seconds.
-    """
-
-    def __init__(self, path: Path, confined: bool) -> None:
-        self._files = FileWatcher(path, confined)
-        self._next_check = time.monotonic() + POLL_INTERVAL_S
-        self._had_changed = False
-
-    def was_saved(self) -> bool:
-        """Return True once after each save, at the first check that finds no further change.
-
-        This second check avoids reading a file that an editor is still writing.
-        """
-        now = time.monotonic()
-        if now < self._next_check:
-            return False
-        self._next_check = now + POLL_INTERVAL_S
-        before, self._had_changed = self._had_changed, self._files.has_changed()
-        return before and not self._had_changed

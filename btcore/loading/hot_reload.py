@@ -1,7 +1,9 @@
 """Hot reload: replace a tree between two ticks when its XML file changes, and keep its blackboard."""
 
+import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from btcore.errors import BtcoreError
 from btcore.loading.instantiate import instantiate
@@ -9,18 +11,38 @@ from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
 from btcore.xml.read.read import parse_file, read
 
+POLL_INTERVAL_S: Final = 0.05
+"""The longest time (s) between two checks whether a file was saved."""
+
 
 class FileWatcher:
-    """Detects changes of the file *path* and of the files that it includes.
+    """Detects changes of a file and of the files that it includes.
 
-    If *confined*, included files outside of the file's folder are not read.
+    Args:
+        path: The file.
+        confined: Whether included files outside of the file's folder are not read.
     """
 
     def __init__(self, path: Path, confined: bool = False) -> None:
         self._path = path
         self._confined = confined
+        self._next_check = time.monotonic() + POLL_INTERVAL_S
+        self._had_changed = False
         self._files = self._all_files()
         self._stamps = _stamps(self._files)
+
+    def was_saved(self) -> bool:
+        """Return True once after each save, at the first check that finds no further change.
+
+        This second check avoids reading a file that an editor is still writing. Calling this often is cheap:
+        the files are checked at most every `POLL_INTERVAL_S`.
+        """
+        now = time.monotonic()
+        if now < self._next_check:
+            return False
+        self._next_check = now + POLL_INTERVAL_S
+        before, self._had_changed = self._had_changed, self.has_changed()
+        return before and not self._had_changed
 
     def has_changed(self) -> bool:
         """Return whether a file changed since the last check; False while a file is missing."""

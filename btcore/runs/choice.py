@@ -12,18 +12,22 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 from btcore.clock import Clock
-from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.providers import Need, Provider, ProviderError, Report, full_name, is_settings
+from btcore.runs.providers import (
+    ATTRIBUTES_OF_RUN,
+    Need,
+    Provider,
+    ProviderError,
+    fits,
+    full_name,
+    is_settings,
+)
 from btcore.runs.settings import RunSettings, Settings, create_options, has_required_fields
 from btcore.suggestions import join_names
-from btcore.tree.tree import Tree
 
 S = TypeVar("S", bound=Settings)
 
 _CLOCK = full_name(Clock)
-_OF_THE_RUN = (Clock, Tree, Report, Resources)
-"""Types of parameters that every run has."""
 
 
 class ChosenSettings(dict[type[Settings], Settings]):
@@ -157,7 +161,7 @@ class _Chooser:
 
     def _owned(self, kind: Any) -> object:
         """Return the first object of the program that fits a type, or None."""
-        return next((thing for thing in self._objects if _fits(thing, kind)), None)
+        return next((thing for thing in self._objects if fits(thing, kind)), None)
 
     def _lose(self, losers: Sequence[Provider], request: _Request, winner: Provider | None) -> bool:
         """Let *losers* lose the type of a request to *winner*; return whether one had not lost before."""
@@ -299,17 +303,9 @@ class _Chooser:
 
 def _needs(provider: Provider) -> list[Need]:
     """Return the parameters for objects of other providers."""
-    return [need for need in provider.needs if need.type not in _OF_THE_RUN and not is_settings(need.type)]
-
-
-def _fits(thing: object, kind: Any) -> bool:
-    """Return whether an object of the program fits a type, which may be a stand-in."""
-    if any(full_name(base) == full_name(kind) for base in type(thing).__mro__):
-        return True
-    try:
-        return isinstance(thing, kind) and bool(getattr(kind, "_is_protocol", False))
-    except TypeError:
-        return False
+    return [
+        need for need in provider.needs if need.type not in ATTRIBUTES_OF_RUN and not is_settings(need.type)
+    ]
 
 
 def _name_of(winner: Provider | None) -> str:

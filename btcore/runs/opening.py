@@ -11,7 +11,7 @@ import click
 
 from btcore.errors import BtcoreError
 from btcore.extras import describe_missing
-from btcore.runs.providers import OutputError, Provider, ProviderError, full_name
+from btcore.runs.providers import Provider, ProviderError, fits
 from btcore.tree.tree import Tree
 
 _TOLD: Final = (BtcoreError, click.ClickException)
@@ -24,13 +24,13 @@ class OpenedProvider:
     Attributes:
         provider: The provider.
         value: What the function returned or yielded.
-        incomplete: The errors of incomplete outputs that were raised when the provider was closed.
+        error: What the provider raised when it was closed, such as `OutputError`, or None.
     """
 
     def __init__(self, provider: Provider) -> None:
         self.provider = provider
         self.value: object = None
-        self.incomplete: list[OutputError] = []
+        self.error: BtcoreError | click.ClickException | None = None
         self._context: contextlib.AbstractContextManager[object] | None = None
 
     def open(self, arguments: Mapping[str, object]) -> None:
@@ -56,6 +56,8 @@ class OpenedProvider:
     ) -> bool | None:
         """Execute what follows the `yield`; *error* is the exception of the run, or None.
 
+        An error of the provider is kept, so that the others are closed as usual.
+
         Returns:
             Whether the function has handled *error*.
         """
@@ -65,10 +67,10 @@ class OpenedProvider:
         try:
             with _named(self.provider, error):
                 return context.__exit__(kind, error, trace)
-        except OutputError as incomplete:
-            if incomplete is error:
+        except _TOLD as own_error:
+            if own_error is error:
                 raise
-            self.incomplete.append(incomplete)
+            self.error = self.error or own_error
             return None
 
     def replace_tree(self, tree: Tree, arguments: Mapping[str, object]) -> None:
@@ -92,8 +94,8 @@ class OpenedProvider:
         """Return the object of the type with the full *name*."""
         if not self.provider.provides_several:
             return self.value
-        named = (one for one in self.objects if any(full_name(base) == name for base in type(one).__mro__))
-        return next(named, self.objects[0])
+        named = (one for one in self.objects if fits(one, name))
+        return next(named, next(iter(self.objects), None))
 
 
 @contextlib.contextmanager
@@ -108,7 +110,7 @@ def _named(provider: Provider, error_of_run: BaseException | None = None) -> Ite
         raise
     except ModuleNotFoundError as error:
         missing = describe_missing(error.name)
-        raise click.UsageError(f"the resources of the run cannot be provided: {missing}") from error
+        raise ProviderError(f"the resources of the run cannot be provided: {missing}") from error
     except Exception as error:
         if error is error_of_run:
             raise

@@ -21,14 +21,15 @@ import ast
 import inspect
 import sys
 import typing
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType, NoneType, UnionType
-from typing import Any, Final, NamedTuple, Union, get_args, get_origin, overload
+from typing import Any, Final, Literal, NamedTuple, Union, get_args, get_origin, overload
 
 from btcore.clock import Clock
 from btcore.errors import BtcoreError
+from btcore.registry.manifest import Resources
 from btcore.runs.settings import Settings
 from btcore.tree.tree import Tree
 
@@ -44,14 +45,19 @@ class OutputError(BtcoreError):
     """Raised when an output of a run, such as a recording, is incomplete, for example on a full disk."""
 
 
+EndReason = Literal["done", "duration", "end_of_time", "interrupted", "raised"]
+"""Why a run ended: the tree is done, the duration is over, the time of the clock has ended (as that of a
+recording), a signal or an exception of the program interrupted the run, or a leaf raised an exception."""
+
+
 class Report(dict[str, object]):
     """The results of a run for the summary and for `--json`, by heading. A provider may have it as parameter.
 
     Attributes:
-        is_interrupted: Whether a signal or an error ended the run.
+        end_reason: Why the run ended; None before its end.
     """
 
-    is_interrupted = False
+    end_reason: EndReason | None = None
 
     def add(self, heading: str, values: dict[str, object]) -> None:
         """Add results under *heading*, besides those that are there already.
@@ -62,6 +68,15 @@ class Report(dict[str, object]):
         """
         before = self.get(heading)
         self[heading] = {**before, **values} if isinstance(before, dict) else values
+
+
+ATTRIBUTES_OF_RUN: Final[Mapping[Any, str]] = {
+    Clock: "clock",
+    Tree: "tree",
+    Report: "report",
+    Resources: "resources",
+}
+"""The types of parameters that every run has, and the attributes of `Run` with their values."""
 
 
 class Need(NamedTuple):
@@ -169,7 +184,7 @@ class Provider:
         return {need.type: need.is_optional for need in self.needs if is_settings(need.type)}
 
     @property
-    def follows_tree(self) -> bool:
+    def needs_tree(self) -> bool:
         """Whether the provider needs the tree, so that it is opened after the tree was created."""
         return any(need.type is Tree for need in self.needs)
 
@@ -242,6 +257,16 @@ def full_name(kind: Any) -> str:
     if isinstance(kind, str):
         return kind
     return f"{getattr(kind, '__module__', '?')}.{getattr(kind, '__qualname__', kind)}"
+
+
+def fits(thing: object, kind: Any) -> bool:
+    """Return whether an object is of a type, see `full_name`, or satisfies it as a protocol."""
+    if any(full_name(base) == full_name(kind) for base in type(thing).__mro__):
+        return True
+    try:
+        return isinstance(thing, kind) and bool(getattr(kind, "_is_protocol", False))
+    except TypeError:
+        return False
 
 
 def _names_with_bases(kind: Any) -> Iterator[str]:

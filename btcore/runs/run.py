@@ -1,19 +1,19 @@
 """Runs: a tree with the providers of what its leaves need, from their opening to their end."""
 
-import contextlib
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from os import PathLike
-from types import FrameType, TracebackType
-from typing import Any, Protocol, Self, TypeVar, Unpack
+from types import TracebackType
+from typing import Any, Self, TypeVar, Unpack
+
+import click
 
 from btcore.clock import NS_PER_S, Clock, SimClock, SystemClock
 from btcore.engine.leaf import StatefulAction
 from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, NodeExecutionError, TreeError
-from btcore.loading.hot_reload import rebuild_tree
 from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
 from btcore.loading.load import LoadOptions, check_names, plan_source
 from btcore.registry.manifest import Resources
@@ -21,10 +21,22 @@ from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, ChosenSettings, choose, unused_settings
 from btcore.runs.exit_codes import ExitCode, code_of_signal
 from btcore.runs.opening import OpenedProvider
-from btcore.runs.providers import Need, OutputError, Provider, ProviderError, Report, full_name, is_settings
+from btcore.runs.providers import (
+    ATTRIBUTES_OF_RUN,
+    EndReason,
+    Need,
+    OutputError,
+    Provider,
+    ProviderError,
+    Report,
+    fits,
+    full_name,
+    is_settings,
+)
+from btcore.runs.reload import TreeWatcher, tick_and_reload
 from btcore.runs.settings import RunSettings, Settings, check_settings
-from btcore.runs.tick_loop import EndReason, TickLoop, Until
-from btcore.signals import ending_signals, signal_handlers
+from btcore.runs.tick_loop import TickLoop, Until
+from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
@@ -61,15 +73,19 @@ class TreelessProgram:
 class Run:
     """A tree that is ticked, with the providers of what its leaves need.
 
-    On entry, a run chooses the providers, opens them, creates the tree, and opens those that follow the tree.
+    On entry, a run chooses the providers, opens them, creates the tree, and opens those that need the tree.
     On exit it halts the tree and closes the providers, in the reverse order.
+
+    From its entry to its exit, a run handles Ctrl-C, SIGTERM and SIGHUP (the terminal was closed): the first
+    of them ends `until_done` or `serve` as usual, or the waits of providers that are closed. It is raised as
+    KeyboardInterrupt or SystemExit if it arrives at another time, or if it is the second.
 
     Args:
         source: The path of an XML file, the plans of a tree, or a program.
         provided: Objects for leaves and providers; they are preferred to providers of the same types.
         providers: Providers of the program, besides those of installed packages; or all that may be used.
         settings: Settings of providers, and `RunSettings`.
-        prepare: Called on entry when the tree was created, before the providers that follow the tree are
+        prepare: Called on entry when the tree was created, before the providers that need the tree are
             opened.
         options: As in `btcore.load`, except `resources`. The default of `clock` is that of a provider, or of
             *provided*; without one, the system's clock, or a simulated clock with `RunSettings.fast`.
@@ -84,14 +100,13 @@ class Run:
         report: The results that providers have added; complete after the end.
         status: The status after the last tick.
         error: The exception that a leaf raised, or None.
-        end_reason: Why the last loop ended.
         elapsed_s: The duration of the ticking by the run's clock (s).
         wall_s: The duration of the ticking in real time (s).
-        is_output_incomplete: Whether an output is incomplete, such as a recording; known after the end.
+        closing_errors: What the providers raised when they were closed, such as `OutputError`.
 
     Raises:
         TreeError: The tree has an error, or lacks a resource.
-        ProviderError: The providers cannot be used together, or one raised an exception.
+        ProviderError: The providers cannot be used together, or one raised an exception; also at the end.
         OutputError: At the end: an output is incomplete.
 
     Examples:
@@ -143,17 +158,16 @@ class Run:
         self._opened: dict[Provider, OpenedProvider] = {}
         self._clock: Clock | None = None
         self._loop: TickLoop | None = None
-        self._signal = 0
+        self._signals = EndingSignals()
         self.tree: Tree
         self.choice: Choice
         self.resources = Resources()
         self.report = Report()
         self.status = Status.IDLE
         self.error: NodeExecutionError | None = None
-        self.end_reason: EndReason = "done"
         self.elapsed_s = 0.0
         self.wall_s = 0.0
-        self.is_output_incomplete = False
+        self.closing_errors: list[BtcoreError | click.ClickException] = []
 
     # --- opening
 
@@ -175,18 +189,17 @@ class Run:
         """Return the object of a type among the resources, or None."""
         found = self._object_for(full_name(kind))
         if found is None:
-            found = next((thing for thing in self.resources if _is_instance(thing, kind)), None)
+            found = next((thing for thing in self.resources if fits(thing, kind)), None)
         return found  # type: ignore[return-value]
 
     def __enter__(self) -> Self:
-        # Also an error while the providers are opened ends the run.
-        self.report.is_interrupted = True
         with ExitStack() as stack:
             self._stack = stack
+            stack.enter_context(self._signals)
             self.choice = choose(self._wanted, self.providers, self.settings, self._provided, self._optional)
             self._check_required()
             self.resources += self._provided
-            self._open_all(follow_tree=False)
+            self._open_all(needs_tree=False)
             for kind in [*self._wanted, *self._optional]:
                 found = self._object_for(full_name(kind))
                 if found is not None:
@@ -194,12 +207,12 @@ class Run:
             self.tree = self._create_tree()
             if self._prepare is not None:
                 self._prepare(self)
-            self._open_all(follow_tree=True)
+            self._open_all(needs_tree=True)
+            stack.callback(self._halt)
             unused = unused_settings(self.choice, self.providers, self.settings, self._used_settings)
             for kind, reason in unused.items():
                 self.warn_unused(kind, reason)
             self._stack = stack.pop_all()
-        self.report.is_interrupted = False
         return self
 
     def warn_unused(self, kind: type[Settings], reason: str) -> None:
@@ -265,28 +278,23 @@ class Run:
                 )
             raise
 
-    def _open_all(self, follow_tree: bool) -> None:
+    def _open_all(self, needs_tree: bool) -> None:
         for provider in self.choice.order:
-            if provider.follows_tree is follow_tree:
+            if provider.needs_tree is needs_tree:
                 opened = self._opened[provider] = OpenedProvider(provider)
                 self._stack.push(opened.close)
                 opened.open(self._arguments(provider))
-                # A provider may return an object of another one, under another type.
-                known = set(map(id, self.resources))
-                self.resources += [thing for thing in opened.objects if id(thing) not in known]
+                if not needs_tree:  # the leaves of the tree exist already
+                    # A provider may return an object of another one, under another type.
+                    known = set(map(id, self.resources))
+                    self.resources += [thing for thing in opened.objects if id(thing) not in known]
 
     def _arguments(self, provider: Provider) -> dict[str, object]:
         return {need.parameter: self._argument(need) for need in provider.needs}
 
     def _argument(self, need: Need) -> object:
-        if need.type is Clock:
-            return self.clock
-        if need.type is Tree:
-            return self.tree
-        if need.type is Report:
-            return self.report
-        if need.type is Resources:
-            return self.resources
+        if need.type in ATTRIBUTES_OF_RUN:
+            return getattr(self, ATTRIBUTES_OF_RUN[need.type])
         if is_settings(need.type):
             return self.settings.find(need.type)
         return self._object_for(full_name(need.type))
@@ -305,12 +313,12 @@ class Run:
         until: Until = "done",
         *,
         on_tick: Callable[[Status], None] | None = None,
-        watcher: "TreeWatcher | None" = None,
+        watcher: TreeWatcher | None = None,
     ) -> Status:
         """Tick at the rate of the run until the end, halt the tree, and return the status of the last tick.
 
-        The end is the result *until*, the duration, Ctrl-C, SIGTERM or SIGHUP, or the end of the clock's
-        time; see the attribute `end_reason`.
+        The end is the result *until*, the duration, a signal, or the end of the clock's time; see the
+        attribute `end_reason`.
 
         Args:
             until: The result of the tree that ends the run.
@@ -320,81 +328,57 @@ class Run:
         Raises:
             NodeExecutionError: A leaf raised an exception; it is also the attribute `error`.
         """
+        self._check_entered()
         was_saved = None if watcher is None else watcher.was_saved
         loop = self._loop = TickLoop(self.tree, self.run_settings, until, on_tick, was_saved)
-        with self._ticking(loop):
-            if watcher is None:
-                self.end_reason = loop.run()
-            else:
-                self._tick_and_reload(loop, watcher)
-        if self.error is not None:
-            raise self.error
-        return self.status
-
-    def _tick_and_reload(self, loop: TickLoop, watcher: "TreeWatcher") -> None:
-        has_ended = False
-        while True:
-            try:
-                self.end_reason = loop.wait_for_save() if has_ended else loop.run()
-            except NodeExecutionError as error:
-                self.error = error
-                watcher.on_error(error)
-                self.end_reason = "done"
-            if self.end_reason == "saved":
-                has_ended = not self._reload(watcher) and has_ended
-            elif self.end_reason == "done":
-                has_ended = True
-                self.status = loop.status
-                watcher.on_end()
-            else:
-                return
-
-    def _reload(self, watcher: "TreeWatcher") -> bool:
-        """Replace the tree by that in the saved file, if it has no errors; return whether it was replaced."""
-        try:
-            plans = watcher.read_plans()
-            tree = self._rebuild(plans)
-        except BtcoreError as error:
-            watcher.on_rejected(error)
-            return False
-        try:
-            self.tree.halt()
-        except NodeExecutionError as error:
-            watcher.on_error(error)
-        watcher.on_reload(tree, plans)
-        self.replace_tree(tree)
-        return True
-
-    def _rebuild(self, plans: Plans) -> Tree:
-        """Return the tree of *plans*, with the blackboard of the present tree."""
-        try:
-            return rebuild_tree(self.tree, plans, self.resources)
-        except BtcoreError as error:
-            for kind in plans.required_resources():
-                if not any(_is_instance(thing, kind) for thing in self.resources):
-                    error.add_note(
-                        "resources are created only at the start of a run: start a new run for this tree"
-                    )
-                    break
-            raise
-
-    @contextlib.contextmanager
-    def _ticking(self, loop: TickLoop) -> Iterator[None]:
-        """Return a context in which *loop* is run: signals end it, and the tree is halted at its end."""
         began = time.perf_counter()
         try:
-            with loop.handle_signals():
-                yield
-            self.tree.halt()
-        except NodeExecutionError as error:
-            self.error = error
-        except BaseException:
-            self.tree.halt()
-            raise
+            with self._leaf_error_kept():
+                with self._ended_by_signals(loop.stop):
+                    if watcher is None:
+                        reason = loop.run()
+                        assert reason != "saved", "nothing is watched"
+                        self.report.end_reason = reason
+                    else:
+                        self.report.end_reason = tick_and_reload(self, loop, watcher)
+                self._halt()
+                if self.error is not None:  # of a tree that was not replaced after it
+                    raise self.error
         finally:
             self.status = loop.status if self.error is None else Status.IDLE
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
             self.wall_s = time.perf_counter() - began
+        return self.status
+
+    @contextmanager
+    def _leaf_error_kept(self) -> Iterator[None]:
+        """Return a context that keeps the exception of a leaf, which ends the run."""
+        try:
+            yield
+        except NodeExecutionError as error:
+            self.error = error
+            self.report.end_reason = "raised"
+            raise
+
+    @contextmanager
+    def _ended_by_signals(self, stop: Callable[[], object]) -> Iterator[None]:
+        """Return a context in which a signal calls *stop*."""
+        self._signals.number = 0
+        self._signals.stop = stop
+        try:
+            yield
+        finally:
+            self._signals.stop = None
+
+    def _check_entered(self) -> None:
+        if not hasattr(self, "tree"):
+            raise RuntimeError("a run has no tree before its entry: write 'with Run(…) as run:'")
+
+    def _halt(self) -> None:
+        """Halt the tree, unless it is halted already."""
+        if self.tree.status is not Status.IDLE:
+            with self._leaf_error_kept():
+                self.tree.halt()
 
     def pause(self) -> None:
         """Let `until_done` stop ticking before the next tick, until `resume`. Any thread may call it.
@@ -416,41 +400,40 @@ class Run:
 
         Args:
             serve: Called once. It returns soon after a call of *stop*.
-            stop: Called by the handler of SIGINT, SIGTERM or SIGHUP; a second signal raises an exception.
+            stop: Called by the handler of the first signal.
         """
-
-        def end(number: int, frame: FrameType | None) -> None:
-            if self._signal:
-                raise KeyboardInterrupt
-            self._signal = number
-            stop()
-
-        with signal_handlers(ending_signals(), end):
+        self._check_entered()
+        with self._ended_by_signals(stop):
             serve()
-        if self._signal:
-            self.end_reason = "interrupted"
+        self.report.end_reason = "interrupted" if self._signals.number else "done"
+
+    @property
+    def end_reason(self) -> EndReason | None:
+        """Why the run ended; None before its end."""
+        return self.report.end_reason
 
     @property
     def exit_code(self) -> ExitCode:
         """The exit code of a process for this run."""
         if self.error is not None:
             return ExitCode.LEAF_ERROR
-        if self.is_output_incomplete:
-            return ExitCode.INCOMPLETE_OUTPUT
-        if self.end_reason == "interrupted":
-            return code_of_signal(self.received_signal)
+        if self.closing_errors:
+            return ExitCode.INCOMPLETE_OUTPUT if self._is_only_incomplete() else ExitCode.USER_ERROR
+        if self.end_reason == "interrupted" and self._signals.number:
+            return code_of_signal(self._signals.number)
         failed = self.end_reason == "done" and self.status is Status.FAILURE
         return ExitCode.FAILURE if failed else ExitCode.SUCCESS
 
     def step(self) -> Status:
-        """Tick the tree once, without waiting, and return its status."""
-        self.status = self.tree.tick_once()
-        return self.status
+        """Tick the tree once, without waiting, and return its status.
 
-    @property
-    def received_signal(self) -> int:
-        """The number of the signal that ended the run, or 0."""
-        return self._signal if self._loop is None else self._loop.received_signal
+        Raises:
+            NodeExecutionError: A leaf raised an exception.
+        """
+        self._check_entered()
+        with self._leaf_error_kept():
+            self.status = self.tree.tick_once()
+        return self.status
 
     @property
     def skipped_ticks(self) -> int:
@@ -464,7 +447,7 @@ class Run:
         if self._loop is not None:
             self._loop.tree = tree
         for opened in self._opened.values():
-            if opened.provider.follows_tree:
+            if opened.provider.needs_tree:
                 opened.replace_tree(tree, self._arguments(opened.provider))
 
     # --- closing
@@ -472,43 +455,30 @@ class Run:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> bool | None:
-        self.report.is_interrupted = error is not None or self.end_reason == "interrupted"
-        handled = self._stack.__exit__(kind, error, trace)
-        incomplete = [str(one) for opened in self._opened.values() for one in opened.incomplete]
-        self.is_output_incomplete = bool(incomplete)
-        if incomplete and (error is None or handled):
-            raise OutputError("; ".join(incomplete))
+        if error is not None and error is not self.error:
+            self.report.end_reason = "interrupted"
+        elif self.end_reason is None:
+            self.report.end_reason = "done"
+        was_interrupted = self.end_reason == "interrupted"
+        try:
+            handled = self._stack.__exit__(kind, error, trace)
+        except (KeyboardInterrupt, SystemExit):
+            if was_interrupted or not self._signals.number:
+                raise
+            # The first signal of the run has ended the waits of the providers.
+            self.report.end_reason = "interrupted"
+            handled = None
+        self.closing_errors = [opened.error for opened in self._opened.values() if opened.error is not None]
+        if self.closing_errors and (error is None or handled):
+            text = "; ".join(map(message_of, self.closing_errors))
+            raise OutputError(text) if self._is_only_incomplete() else ProviderError(text)
         return handled
 
-
-class TreeWatcher(Protocol):
-    """What `Run.until_done` needs to replace a tree whenever its file is saved."""
-
-    def was_saved(self) -> bool:
-        """Return whether the file was saved since the last call."""
-
-    def read_plans(self) -> Plans:
-        """Return the plans of the saved file.
-
-        Raises:
-            BtcoreError: The file has errors.
-        """
-
-    def on_end(self) -> None:
-        """Report that the tree has ended, and that the run waits for the next save."""
-
-    def on_error(self, error: NodeExecutionError) -> None:
-        """Report that a leaf raised an exception, which ends the tree."""
-
-    def on_rejected(self, error: BtcoreError) -> None:
-        """Report that the saved file has errors, so that the previous tree continues."""
-
-    def on_reload(self, tree: Tree, plans: Plans) -> None:
-        """Prepare *tree*, which now replaces the previous one."""
+    def _is_only_incomplete(self) -> bool:
+        """Return whether all `closing_errors` are about outputs."""
+        return all(isinstance(error, OutputError) for error in self.closing_errors)
 
 
-def _is_instance(thing: object, kind: Any) -> bool:
-    try:
-        return isinstance(thing, kind)
-    except TypeError:
-        return False  # a type that isinstance does not support is reported when the tree is created
+def message_of(error: BtcoreError | click.ClickException) -> str:
+    """Return the message of an error for the user."""
+    return error.format_message() if isinstance(error, click.ClickException) else str(error)

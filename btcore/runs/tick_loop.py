@@ -3,28 +3,22 @@
 Ticks are due at multiples of 1/rate from the start, also after a late tick: the sensors and controllers of a
 robot have such times, too. In a `TickSchedule`, a late tick delays all later ticks. If a node needs an
 earlier tick, because its delay has elapsed or a thread has woken the tree, an additional tick takes place.
-Ctrl-C, SIGTERM and SIGHUP (the terminal was closed) end the run between two ticks, so that the tree is halted
-as usual. A second signal interrupts the tick.
 """
 
 import threading
 from collections.abc import Callable
-from contextlib import AbstractContextManager
-from types import FrameType
 from typing import Final, Literal
 
 from btcore.clock import NS_PER_S
 from btcore.errors import EndOfTimeError
+from btcore.loading.hot_reload import POLL_INTERVAL_S
 from btcore.runs.settings import RunSettings
-from btcore.signals import ending_signals, signal_handlers
 from btcore.status import Status
 from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
-EndReason = Literal["done", "duration", "end_of_time", "interrupted", "saved"]
-
-POLL_INTERVAL_S: Final = 0.05
-"""The longest time (s) between two checks whether the file was saved, or a pause has ended."""
+LoopEnd = Literal["done", "duration", "end_of_time", "interrupted", "saved"]
+"""Why a loop ended; see `TickLoop.run`."""
 
 _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
     "done": (Status.SUCCESS, Status.FAILURE, Status.SKIPPED, Status.IDLE),
@@ -39,7 +33,7 @@ class TickLoop:
 
     Args:
         tree: The tree.
-        settings: The rate, the duration, and whether the tree's clock is simulated instead of real.
+        settings: The rate, the duration, and whether time passes as fast as possible.
         until: The result of the tree that ends the run.
         on_tick: Called with the tree's status after every tick.
         was_saved: Called between ticks; the loop ends when it returns True.
@@ -48,7 +42,6 @@ class TickLoop:
         is_paused: Whether no tick takes place.
         status: The tree's status after the last tick.
         skipped_ticks: The number of ticks that were skipped because an earlier tick was still in progress.
-        received_signal: The number of the signal that ended the loop, or 0.
     """
 
     def __init__(
@@ -71,7 +64,6 @@ class TickLoop:
         self.is_paused = False
         self.status = Status.IDLE
         self.skipped_ticks = 0
-        self.received_signal = 0
         self._is_stopping = False
         self._is_waiting = False
 
@@ -80,10 +72,13 @@ class TickLoop:
         """The time since the start of the run, in ns of the tree's clock."""
         return self.tree.clock.now() - self.start_ns
 
-    def run(self) -> EndReason:
-        """Tick until the tree's status, the duration, a save or a signal ends the loop; return the reason.
+    def run(self) -> LoopEnd:
+        """Tick until the end of the loop, and return its reason.
 
-        The loop also ends when the time of the tree's clock ends, as that of a recording.
+        Returns:
+            "done": the tree's status ends the run. "duration": the duration is over. "end_of_time": the time
+            of the tree's clock has ended, as that of a recording. "interrupted": `stop` was called. "saved":
+            the file was saved.
         """
         due = self.tree.clock.now()
         while True:
@@ -115,8 +110,8 @@ class TickLoop:
             if saved:
                 return "saved"
 
-    def wait_for_save(self) -> EndReason:
-        """Wait without ticking until the duration, a save or a signal ends the wait; return the reason.
+    def wait_for_save(self) -> LoopEnd:
+        """Wait without ticking until a save, the duration or `stop` ends the wait; return the reason.
 
         In real time the clock, and a simulator that owns the clock, keep running. In simulated time nothing
         can happen any more: the clock advances to the end of the duration at once, or stands still without a
@@ -129,7 +124,7 @@ class TickLoop:
             if self.was_saved is not None and self.was_saved():
                 return "saved"
             self._is_waiting = True
-            # Checked again, because a signal that arrived before `_is_waiting` was set does not end the wait.
+            # Checked again, because a `stop` before `_is_waiting` was set does not end the wait.
             try:
                 if not self._is_stopping:
                     self._wait_poll_interval(now)
@@ -165,15 +160,9 @@ class TickLoop:
             self._is_waiting = False
         return saved
 
-    def handle_signals(self) -> AbstractContextManager[None]:
-        """Return a context in which SIGINT, SIGTERM and SIGHUP end the loop instead of the process."""
-        return signal_handlers(ending_signals(), self._handle_signal)
-
-    def _handle_signal(self, number: int, frame: FrameType | None) -> None:
-        if self._is_stopping:
-            raise KeyboardInterrupt
+    def stop(self) -> None:
+        """End the loop before the next tick. A signal handler may call this method."""
         self._is_stopping = True
-        self.received_signal = number
         self.tree.context.interrupt()
         # In threads, since the handler may have interrupted code that holds the locks that these calls need.
         # The lambda matters: the access to `hooks` takes a lock, too.

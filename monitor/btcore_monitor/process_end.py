@@ -2,10 +2,9 @@
 
 import contextlib
 import os
-import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import FrameType
 from typing import Final, NoReturn
 
@@ -18,36 +17,6 @@ INCOMPLETE_OUTPUT: Final = 4
 
 END_TIMEOUT_S: Final = 30.0
 """Seconds after a time limit within which a command completes its data; after that its process ends."""
-
-
-@contextlib.contextmanager
-def exit_on_sigterm() -> Iterator[Callable[[], contextlib.AbstractContextManager[None]]]:
-    """Let SIGTERM raise SystemExit, so that the processes that were started are ended.
-
-    Yield a function whose context delays the exception until its end: raised while a process is being
-    started, it would leave the process behind.
-    """
-    delayed = False
-    received: list[int] = []
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-        if not delayed:
-            raise SystemExit(128 + number)
-
-    @contextlib.contextmanager
-    def delay() -> Iterator[None]:
-        nonlocal delayed
-        delayed = True
-        try:
-            yield
-        finally:
-            delayed = False
-        if received:
-            raise SystemExit(128 + received[0])
-
-    with signal_handlers([signal.SIGTERM], handle):
-        yield delay
 
 
 @contextlib.contextmanager

@@ -17,6 +17,7 @@ import click
 from btcore import OutputError, Report, Resources, Settings, option, provider
 from btcore.extras import install_command
 from btcore.runs.settings import arguments, option_names
+from btcore.signals import delayed_signals
 from btcore.tree.tree import Tree
 from btcore_monitor.display import has_display
 from btcore_monitor.drawing_options import DrawingSettings, FindOption, LogLevelOption, PaletteOption
@@ -25,7 +26,6 @@ from btcore_monitor.key_options import KeySettings
 from btcore_monitor.keys import KeyFileError, RobotKeys, create_keys
 from btcore_monitor.monitor_process import MonitorProcess, print_message, wait_until_connected
 from btcore_monitor.output_files import check_is_recording, check_writable
-from btcore_monitor.process_end import exit_on_sigterm
 from btcore_monitor.viewer_options import ViewerSettings
 from btcore_monitor.wire.groot1 import PORT_BESIDE_GROOT2, PUBLISH_PORT
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
@@ -265,25 +265,22 @@ def publisher(
         yield None
         return
     with (
-        # The loop of ticks handles signals only later.
-        exit_on_sigterm() as delayed_exit,
         _robot_keys(settings) as (keys, client_keys),
         _start_publisher(tree, resources, settings, keys) as publisher,
     ):
         _print_addresses(publisher, settings, keys)
         monitors: list[MonitorProcess] = []
-        is_interrupted = True  # also after an error: do not wait for viewers
         try:
-            with delayed_exit():
+            with delayed_signals():
                 for options, label, stays_open in _list_monitors(settings, client_keys):
                     monitors.append(MonitorProcess(publisher, options, label, stays_open))
             wait_until_connected(publisher, monitors)
             yield publisher
-            is_interrupted = report.is_interrupted
         finally:
+            is_interrupted = report.end_reason in (None, "interrupted")
             failures = _finish(publisher, monitors, is_interrupted)
-        if failures:
-            raise OutputError("; ".join(failures))
+            if failures:
+                raise OutputError("; ".join(failures))
 
 
 def _finish(publisher: "Publisher", monitors: Sequence[MonitorProcess], is_interrupted: bool) -> list[str]:

@@ -1,13 +1,11 @@
 """``btcore run`` with --publish, --save and --port: the run is unchanged, and all events arrive."""
 
 import json
-import os
 import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +30,6 @@ from btcore_monitor.events import (
 from btcore_monitor.key_options import KeySettings
 from btcore_monitor.keys import create_keys
 from btcore_monitor.monitor_process import wait_until_connected
-from btcore_monitor.process_end import exit_on_sigterm
 from btcore_monitor.providers import MonitorSettings
 from btcore_monitor.screen.style import COLOUR_BLIND
 from btcore_monitor.serve import serve
@@ -398,19 +395,3 @@ def test_a_run_without_monitors_of_its_own_does_not_wait_for_others(endless, unt
         until(lambda: (viewer.poll(0.01), publisher.client_count)[1], "the client")
         wait_until_connected(publisher, [])
     assert capsys.readouterr().err == ""
-
-
-def test_sigterm_waits_for_the_start_of_a_process():
-    done = []
-
-    def start(delayed: bool) -> None:
-        with exit_on_sigterm() as delayed_exit:
-            with delayed_exit() if delayed else nullcontext():
-                os.kill(os.getpid(), signal.SIGTERM)
-                done.append("started")
-            done.append("ticked")
-
-    for delayed in (True, False):
-        with pytest.raises(SystemExit, match="143"):
-            start(delayed)
-    assert done == ["started"]

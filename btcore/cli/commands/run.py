@@ -11,7 +11,8 @@ from btcore.cli.completion import complete_tree
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.provider_options import ProviderCommand, command_providers
 from btcore.cli.run_session import RunSession
-from btcore.cli.tree_source import STDIN, SaveWatcher, TreeOptions, TreeSource, find_source
+from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, find_source
+from btcore.loading.hot_reload import FileWatcher
 from btcore.runs.run import Run
 from btcore.runs.settings import RunSettings, from_values, option, setting_options
 from btcore.runs.tick_loop import Until
@@ -127,7 +128,7 @@ def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -
     if options.watch and path == STDIN:
         raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
     # The watcher looks at the files before they are read: a save in between is not missed.
-    save_watcher = SaveWatcher(path, options.confined) if options.watch else None
+    file_watcher = FileWatcher(path, options.confined) if options.watch else None
     if installed is None or options.plugins:
         # Models and rules may name nodes of the installed libraries. Also, they would be lost when
         # `NodeLibraries.load_for` loads what is missing, because it begins anew.
@@ -150,4 +151,4 @@ def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -
 
     stubs = [StubResults(letters)] if letters else []
     run = CommandRun(ctx, plans, prepare, provided=stubs, tick_limit=options.tick_limit)
-    return RunSession(run, source, plans, options.until, save_watcher)
+    return RunSession(run, source, plans, options.until, file_watcher)

@@ -329,11 +329,11 @@ def test_an_exception_of_the_run_reaches_the_providers_and_stays_itself() -> Non
         try:
             yield Arm()
         finally:
-            seen.append(report.is_interrupted)
+            seen.append(report.end_reason)
 
     with pytest.raises(KeyError), run_with(arm, want=[Arm]):
         raise KeyError("x")
-    assert seen == [True]
+    assert seen == ["interrupted"]
 
 
 def test_a_provider_without_types_is_explained() -> None:

@@ -1,6 +1,7 @@
 """`Run`: objects for leaves, warnings, incomplete outputs, and pauses."""
 
 import re
+import signal
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,11 +10,12 @@ from typing import Annotated, Any, Protocol, runtime_checkable
 import pytest
 
 import btcore
-from btcore import OutputError, Registry, Run, RunSettings, Settings, option, provider
+from btcore import OutputError, ProviderError, Registry, Report, Run, RunSettings, Settings, option, provider
 from btcore.logs import read_log
 from btcore.runs.core_providers import LogSettings
 from btcore.runs.run import TreelessProgram
 from btcore.runs.settings import create_options
+from btcore.signals import delayed_signals
 
 FAST = RunSettings(fast=True)
 
@@ -172,7 +174,10 @@ def test_all_incomplete_outputs_are_named() -> None:
     run = Run(program(), providers=[disk, other], provided=[Torch()], settings=[LampSettings()])
     with pytest.raises(OutputError, match="recording is incomplete; the picture is missing"), run:
         run.until_done()
-    assert run.is_output_incomplete
+    assert [str(error) for error in run.closing_errors] == [
+        "the recording is incomplete",
+        "the picture is missing",
+    ]
     assert run.exit_code == 4
 
 
@@ -180,7 +185,7 @@ def test_an_incomplete_output_does_not_hide_the_exception_of_the_run() -> None:
     run = Run(program(), providers=[disk], settings=[LampSettings()])
     with pytest.raises(ValueError, match="of the program"), run:
         raise ValueError("of the program")
-    assert run.is_output_incomplete
+    assert [str(error) for error in run.closing_errors] == ["the recording is incomplete"]
 
 
 def test_a_program_logs_its_tree(tmp_path: Path) -> None:
@@ -210,3 +215,113 @@ def test_a_pause_stops_ticks_and_simulated_time() -> None:
     assert ticks == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
     assert at_the_end_of_the_pause == [3]
     assert run.skipped_ticks == 0
+
+
+def test_a_tree_that_is_only_stepped_is_halted_at_the_end(tmp_path: Path) -> None:
+    with Run(write_tree(tmp_path, '<Sleep msec="200"/>'), settings=[FAST]) as run:
+        assert run.step() is btcore.RUNNING
+        assert run.end_reason is None
+    assert run.tree.status is btcore.IDLE
+    assert run.end_reason == "done"
+
+
+def test_a_run_is_entered_before_it_is_ticked() -> None:
+    for use in (Run.until_done, Run.step):
+        with pytest.raises(RuntimeError, match="write 'with Run"):
+            use(Run(program()))
+
+
+class Notebook:
+    """The object of a provider whose end depends on that of the run."""
+
+
+@provider
+def notebook(report: Report) -> Iterator[Notebook]:
+    yield Notebook()
+    report["end"] = report.end_reason
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
+def test_the_first_signal_ends_the_ticks_as_usual(number: signal.Signals, code: int) -> None:
+    with Run(program(ticks=1000), providers=[notebook], settings=[FAST]).want(Notebook) as run:
+        run.until_done(on_tick=lambda status: signal.raise_signal(number))
+    assert (run.end_reason, run.tree.ticks, run.exit_code) == ("interrupted", 1, code)
+    assert run.report == {"end": "interrupted"}
+
+
+def test_a_second_signal_interrupts_the_tick() -> None:
+    def interrupt_twice(status: btcore.Status) -> None:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)
+
+    with pytest.raises(SystemExit, match="143"), Run(program(ticks=9), settings=[FAST]) as run:
+        run.until_done(on_tick=interrupt_twice)
+    assert run.tree.status is btcore.IDLE
+
+
+@pytest.mark.parametrize(
+    ("number", "raised"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
+)
+def test_a_signal_while_providers_open_closes_those_that_are_open(
+    number: signal.Signals, raised: type[BaseException]
+) -> None:
+    @provider
+    def slow(notebook: Notebook) -> Torch:
+        with delayed_signals():
+            signal.raise_signal(number)
+            opened.append("process")
+        opened.append("robot")
+        return Torch()
+
+    opened: list[str] = []
+    before = signal.getsignal(number)
+    run = Run(program(), providers=[notebook, slow]).want(Torch)
+    with pytest.raises(raised):
+        run.__enter__()
+    assert opened == ["process"]
+    assert run.report == {}
+    assert signal.getsignal(number) is before
+
+
+def test_a_signal_while_providers_are_closed_ends_a_wait_and_all_are_closed() -> None:
+    @provider(provides=(Lamp,))
+    def viewer(report: Report, notebook: Notebook) -> Iterator[Beacon]:
+        yield Beacon()
+        signal.raise_signal(signal.SIGINT)
+        report["waited"] = True
+
+    with Run(program(), providers=[viewer, notebook]).want(Lamp) as run:
+        assert run.until_done() is btcore.SUCCESS
+    assert (run.end_reason, run.exit_code, run.report) == ("interrupted", 130, {})
+
+
+def test_an_error_after_the_yield_closes_the_others_and_is_raised_at_the_end() -> None:
+    @provider(provides=(Lamp,))
+    def arm(torch: Torch) -> Iterator[Beacon]:
+        yield Beacon()
+        raise ValueError("no power")
+
+    closed = []
+
+    @provider
+    def torch() -> Iterator[Torch]:
+        yield Torch()
+        closed.append("torch")
+
+    run = Run(program(), providers=[torch, arm]).want(Lamp)
+    with pytest.raises(ProviderError, match=r"the provider arm .* raised ValueError at .*: no power"), run:
+        run.until_done()
+    assert closed == ["torch"]
+    assert (run.end_reason, run.exit_code) == ("done", 2)
+
+
+@provider
+def two(settings: LampSettings) -> tuple[Torch, Beacon] | None:
+    return None
+
+
+def test_a_provider_of_several_objects_may_provide_none() -> None:
+    with Run(program(), providers=[two]).want(Beacon, optional=True) as run:
+        assert run.find(Beacon) is None

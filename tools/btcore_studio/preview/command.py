@@ -2,8 +2,6 @@
 
 import threading
 import webbrowser
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,11 +12,11 @@ import click
 from btcore import entry_points
 from btcore.cli import terminal
 from btcore.cli.completion import complete_tree
-from btcore.cli.tree_source import STDIN, SaveWatcher, TreeOptions, find_source
+from btcore.cli.tree_source import STDIN, TreeOptions, find_source
+from btcore.loading.hot_reload import POLL_INTERVAL_S, FileWatcher
 from btcore.runs.exit_codes import code_of_signal
 from btcore.runs.settings import Settings, create_options, from_values, pass_settings
-from btcore.runs.tick_loop import POLL_INTERVAL_S
-from btcore.signals import ending_signals, signal_handlers
+from btcore.signals import EndingSignals
 from btcore_studio.preview.live import PreviewExtension
 from btcore_studio.preview.server import PreviewServer
 from btcore_studio.preview.session import PreviewSession
@@ -81,7 +79,7 @@ def preview(
     # A class of settings that satisfies the protocol.
     extension: Any = None if kind is None else from_values(kind, extension_values)
     live: PreviewExtension | None = extension
-    save_watcher = SaveWatcher(path, options.confined)
+    file_watcher = FileWatcher(path, options.confined)
     nodes_for = options.load_libraries().nodes_for
     file = TreeFile(path, nodes_for, options.tree, options.format, options.confined)
     session = PreviewSession(file, None if live is None else live.connect)
@@ -89,7 +87,8 @@ def preview(
         server = PreviewServer(session, http_port)
     except OSError as error:
         raise click.ClickException(f"cannot listen on port {http_port}: {error.strerror}") from None
-    with server, _stop_on_signals() as (stop, received), TemporaryDirectory() as folder:
+    stop = threading.Event()
+    with server, EndingSignals(stop.set) as signals, TemporaryDirectory() as folder:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
             if live is not None and live.address:
@@ -101,12 +100,12 @@ def preview(
             if opens and not as_json:
                 _open_page(server.url, Path(folder))
             while not stop.wait(POLL_INTERVAL_S):
-                if save_watcher.was_saved():
+                if file_watcher.was_saved():
                     session.reload()
         finally:
             session.close()
             server.shutdown()
-    return code_of_signal(received[0])
+    return code_of_signal(signals.number)
 
 
 def _open_page(url: str, folder: Path) -> None:
@@ -117,17 +116,3 @@ def _open_page(url: str, folder: Path) -> None:
     redirection = folder / "preview.html"
     redirection.write_bytes(f'<!doctype html><meta http-equiv="refresh" content="0;url={url}">'.encode())
     webbrowser.open(redirection.as_uri())
-
-
-@contextmanager
-def _stop_on_signals() -> Iterator[tuple[threading.Event, list[int]]]:
-    """Return an event that SIGINT, SIGTERM and SIGHUP set, and the list of the received signals."""
-    stop = threading.Event()
-    received: list[int] = []
-
-    def handle(number: int, frame: object) -> None:
-        received.append(number)
-        stop.set()
-
-    with signal_handlers(ending_signals(), handle):
-        yield stop, received
