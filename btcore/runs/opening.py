@@ -68,8 +68,8 @@ class OpenedProvider:
             with _named(self.provider, error):
                 return context.__exit__(kind, error, trace)
         except _TOLD as own_error:
-            if own_error is error:
-                raise
+            if error is not None and error in (own_error, own_error.__cause__):
+                raise  # the exception of the run, or its explanation by the provider
             self.error = self.error or own_error
             return None
 
