@@ -9,7 +9,7 @@ import click
 from btcore.cli import terminal
 from btcore.cli.provider_options import command_providers, given_options, settings_of
 from btcore.loading.load import LoadOptions
-from btcore.runs.choice import ChosenSettings
+from btcore.runs.choice import GivenSettings
 from btcore.runs.providers import OutputError, ProviderError
 from btcore.runs.run import Run, TreelessProgram, message_of
 from btcore.runs.settings import Settings
@@ -47,7 +47,7 @@ class CommandRun(Run):
     ) -> None:
         super().__init__(
             source,
-            settings=ChosenSettings([*settings_of(ctx, option_defaults), *settings]),
+            settings=GivenSettings([*settings_of(ctx, option_defaults), *settings]),
             provided=provided,
             providers=command_providers(ctx).available,
             prepare=prepare,

@@ -47,7 +47,7 @@ class CommandProviders:
         kinds = {option.settings for option in own if isinstance(option, SettingOption)} | {RunSettings}
         taken = {name: "the command" for option in own for name in (*option.opts, option.name or "")}
         options: list[SettingOption] = []
-        some = [*self.available.users, *self.available.core]
+        some = [*self.available.of_user, *self.available.core]
         for provider in self.available.all() if self.has_all_options else some:
             for kind in [kind for kind in provider.settings if kind not in kinds]:
                 kinds.add(kind)
@@ -116,7 +116,7 @@ class ProviderCommand(click.Command):
         known = {name for option in options for name in (*option.opts, *option.secondary_opts)}
         words = {word.partition("=")[0] for word in args if word.startswith("-")}
         # An option of a plugin could have the name of any other option, which is an error in every run.
-        has_own = any(provider.settings for provider in providers.available.users)
+        has_own = any(provider.settings for provider in providers.available.of_user)
         providers.has_all_options = ctx.resilient_parsing or has_own or not words <= known
         with explain_missing_options(ctx):
             return super().parse_args(ctx, args)
@@ -131,7 +131,7 @@ class ProviderCommand(click.Command):
         sections: dict[str, list[tuple[str, str]]] = {}
         users: dict[type[Options], Provider] = {
             kind: provider
-            for provider in command_providers(ctx).available.users
+            for provider in command_providers(ctx).available.of_user
             for kind in provider.settings
         }
         for option in self.get_params(ctx):

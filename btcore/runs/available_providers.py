@@ -28,13 +28,13 @@ class AvailableProviders:
         uses_installed: Whether to use those of installed packages, too.
 
     Attributes:
-        users: The providers of the user's program and plugins.
+        of_user: The providers of the user's program and plugins.
         core: The providers of btcore's core.
         unavailable: The entry points that could not be imported.
     """
 
     def __init__(self, users: Iterable[Provider] = (), uses_installed: bool = True) -> None:
-        self.users = list(users)
+        self.of_user = list(users)
         self.core = [random_numbers, tree_logs]
         self.unavailable: list[entry_points.UnavailableEntryPoint] = []
         self._uses_installed = uses_installed
@@ -49,7 +49,7 @@ class AvailableProviders:
     def of_type(self, name: str) -> list[Provider]:
         """Return the providers of the type with the full *name*."""
         self._load(point for point, provided in self._points.items() if provided == name)
-        return [one for one in self._known() if name in one.names]
+        return [one for one in self._known() if name in one.type_names]
 
     def of_nothing(self, given: Set[type[Settings]]) -> list[Provider]:
         """Return the providers that provide no type, such as a publisher, and take settings of *given*."""
@@ -64,7 +64,7 @@ class AvailableProviders:
 
     def _known(self) -> list[Provider]:
         loaded = (one for one in self._loaded.values() if one is not None)
-        return [*self.users, *self.core, *loaded]
+        return [*self.of_user, *self.core, *loaded]
 
     def _load(self, points: "Iterable[EntryPoint]") -> None:
         for point in points:

@@ -30,7 +30,7 @@ S = TypeVar("S", bound=Settings)
 _CLOCK = full_name(Clock)
 
 
-class ChosenSettings(dict[type[Settings], Settings]):
+class GivenSettings(dict[type[Settings], Settings]):
     """The settings that were given for a run, by their classes. A class that is missing has its defaults."""
 
     def __init__(self, settings: Iterable[Settings] = ()) -> None:
@@ -70,7 +70,7 @@ class Choice(NamedTuple):
 def choose(
     wanted: Sequence[Any],
     available: AvailableProviders,
-    settings: ChosenSettings,
+    settings: GivenSettings,
     objects: Sequence[object] = (),
     optional: Sequence[Any] = (),
 ) -> Choice:
@@ -100,7 +100,7 @@ def choose(
     return chooser.result()
 
 
-def _has_settings(provider: Provider, settings: ChosenSettings) -> bool:
+def _has_settings(provider: Provider, settings: GivenSettings) -> bool:
     return all(optional or settings.find(kind) is not None for kind, optional in provider.settings.items())
 
 
@@ -114,7 +114,7 @@ class _Request(NamedTuple):
 
 class _Chooser:
     def __init__(
-        self, available: AvailableProviders, settings: ChosenSettings, objects: Sequence[object]
+        self, available: AvailableProviders, settings: GivenSettings, objects: Sequence[object]
     ) -> None:
         self._available = available
         self._settings = settings
@@ -333,7 +333,7 @@ def _join(chain: Sequence[Provider]) -> str:
     return " → ".join(map(repr, chain))
 
 
-def _required_options(provider: Provider, settings: ChosenSettings) -> str:
+def _required_options(provider: Provider, settings: GivenSettings) -> str:
     names = [
         item.opts[0]
         for kind, optional in provider.settings.items()
@@ -345,7 +345,7 @@ def _required_options(provider: Provider, settings: ChosenSettings) -> str:
 
 
 def unused_settings(
-    choice: Choice, available: AvailableProviders, settings: ChosenSettings, used: Iterable[type[Settings]]
+    choice: Choice, available: AvailableProviders, settings: GivenSettings, used: Iterable[type[Settings]]
 ) -> dict[type[Settings], str]:
     """Return the settings that were given, but that no used provider takes, with the reasons.
 

@@ -174,7 +174,7 @@ class Provider:
         return len(self._object_types) > 1
 
     @cached_property
-    def names(self) -> frozenset[str]:
+    def type_names(self) -> frozenset[str]:
         """The full names of the provided types and of their base classes."""
         return frozenset(name for kind in self.types for name in _names_with_bases(kind))
 
@@ -201,7 +201,7 @@ class Provider:
     @property
     def provides_clock(self) -> bool:
         """Whether the object, or one of them, is the run's clock."""
-        return full_name(Clock) in self.names
+        return full_name(Clock) in self.type_names
 
 
 @overload

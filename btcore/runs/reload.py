@@ -1,16 +1,13 @@
 """Replacing the tree of a run whenever its file is saved (`btcore run --watch`)."""
 
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Sequence
+from typing import Protocol
 
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.loading.hot_reload import rebuild_tree
-from btcore.runs.providers import EndReason, fits
-from btcore.runs.tick_loop import TickLoop
+from btcore.runs.providers import fits
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
-
-if TYPE_CHECKING:
-    from btcore.runs.run import Run
 
 
 class TreeWatcher(Protocol):
@@ -39,51 +36,35 @@ class TreeWatcher(Protocol):
         """Prepare *tree*, which now replaces the previous one."""
 
 
-def tick_and_reload(run: "Run", loop: TickLoop, watcher: TreeWatcher) -> EndReason:
-    """Tick the tree of *run*, and those that replace it, until the run ends; return the reason.
+def reload_tree(watcher: TreeWatcher, tree: Tree, resources: Sequence[object]) -> Tree | None:
+    """Return the tree in the saved file, with the blackboard of *tree*, which is halted.
 
-    After the end of a tree, also by an exception of a leaf, the run waits for the next save.
+    Args:
+        watcher: The watcher of the file, which is told the result.
+        tree: The present tree.
+        resources: The objects for leaves.
+
+    Returns:
+        The new tree; None if the file has errors, so that *tree* continues.
     """
-    has_ended = False
-    while True:
-        try:
-            reason = loop.wait_for_save() if has_ended else loop.run()
-        except NodeExecutionError as error:
-            run.error = error
-            watcher.on_error(error)
-            reason = "done"
-        if reason == "saved":
-            has_ended = not _reload(run, watcher) and has_ended
-        elif reason == "done":
-            has_ended = True
-            run.status = loop.status
-            watcher.on_end()
-        else:
-            return reason
-
-
-def _reload(run: "Run", watcher: TreeWatcher) -> bool:
-    """Replace the tree by that in the saved file, if it has no errors; return whether it was replaced."""
     try:
         plans = watcher.read_plans()
-        tree = _rebuild(run, plans)
+        new_tree = _rebuild(tree, plans, resources)
     except BtcoreError as error:
         watcher.on_rejected(error)
-        return False
+        return None
     try:
-        run.tree.halt()
+        tree.halt()
     except NodeExecutionError as error:
         watcher.on_error(error)
-    watcher.on_reload(tree, plans)
-    run.replace_tree(tree)
-    return True
+    watcher.on_reload(new_tree, plans)
+    return new_tree
 
 
-def _rebuild(run: "Run", plans: Plans) -> Tree:
-    """Return the tree of *plans*, with the blackboard of the present tree."""
+def _rebuild(tree: Tree, plans: Plans, resources: Sequence[object]) -> Tree:
     try:
-        return rebuild_tree(run.tree, plans, run.resources)
+        return rebuild_tree(tree, plans, resources)
     except BtcoreError as error:
-        if not all(any(fits(thing, kind) for thing in run.resources) for kind in plans.required_resources()):
+        if not all(any(fits(thing, kind) for thing in resources) for kind in plans.required_resources()):
             error.add_note("resources are created only at the start of a run: start a new run for this tree")
         raise

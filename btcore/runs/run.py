@@ -18,7 +18,7 @@ from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
 from btcore.loading.load import LoadOptions, check_names, plan_source
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, ChosenSettings, choose, unused_settings
+from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
 from btcore.runs.exit_codes import ExitCode, code_of_signal
 from btcore.runs.opening import OpenedProvider
 from btcore.runs.providers import (
@@ -33,7 +33,7 @@ from btcore.runs.providers import (
     full_name,
     is_settings,
 )
-from btcore.runs.reload import TreeWatcher, tick_and_reload
+from btcore.runs.reload import TreeWatcher, reload_tree
 from btcore.runs.settings import RunSettings, Settings, check_settings
 from btcore.runs.tick_loop import TickLoop, Until
 from btcore.signals import EndingSignals
@@ -127,7 +127,7 @@ class Run:
         *,
         provided: Sequence[object] = (),
         providers: Sequence[Provider] | AvailableProviders = (),
-        settings: Sequence[Settings] | ChosenSettings = (),
+        settings: Sequence[Settings] | GivenSettings = (),
         prepare: Callable[["Run"], None] | None = None,
         **options: Unpack[LoadOptions],
     ) -> None:
@@ -145,9 +145,7 @@ class Run:
         self._used_settings: set[type[Settings]] = {RunSettings}
         # Those of a command are checked already.
         self.settings = (
-            settings
-            if isinstance(settings, ChosenSettings)
-            else ChosenSettings(map(check_settings, settings))
+            settings if isinstance(settings, GivenSettings) else GivenSettings(map(check_settings, settings))
         )
         self.run_settings = self.settings.find(RunSettings) or RunSettings()
         self.providers = (
@@ -350,7 +348,7 @@ class Run:
                         assert reason != "saved", "nothing is watched"
                         self.report.end_reason = reason
                     else:
-                        self.report.end_reason = tick_and_reload(self, loop, watcher)
+                        self.report.end_reason = self._tick_and_reload(loop, watcher)
                 self._halt()
                 if self.error is not None:  # of a tree that was not replaced after it
                     raise self.error
@@ -359,6 +357,31 @@ class Run:
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
             self.wall_s = time.perf_counter() - began
         return self.status
+
+    def _tick_and_reload(self, loop: TickLoop, watcher: TreeWatcher) -> EndReason:
+        """Tick the tree, and those that replace it, until the run ends; return the reason.
+
+        After the end of a tree, also by an exception of a leaf, the run waits for the next save.
+        """
+        has_ended = False
+        while True:
+            try:
+                reason = loop.wait_for_save() if has_ended else loop.run()
+            except NodeExecutionError as error:
+                self.error = error
+                watcher.on_error(error)
+                reason = "done"
+            if reason == "saved":
+                tree = reload_tree(watcher, self.tree, self.resources)
+                if tree is not None:
+                    self.replace_tree(tree)
+                    has_ended = False
+            elif reason == "done":
+                has_ended = True
+                self.status = loop.status
+                watcher.on_end()
+            else:
+                return reason
 
     @contextmanager
     def _leaf_error_kept(self) -> Iterator[None]:

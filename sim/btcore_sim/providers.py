@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from btcore_robot.occupancy_map import OccupancyMap
     from btcore_robot.robot import WorldPlaces
     from btcore_sim.simulated_robot import SimulatedRobot
-    from btcore_sim.simulated_run import SimulatedRun
+    from btcore_sim.simulation import Simulation
 
 UNKNOWN_START: Final = "unknown"
 """The value of `--start` for a random start pose of which the navigation is not informed."""
@@ -152,7 +152,7 @@ def simulator(
     report: Report,
     resources: Resources,
     spare_boxes: SpareBoxes | None,
-) -> "Iterator[tuple[SimulatedRobot, SimulatedRun]]":
+) -> "Iterator[tuple[SimulatedRobot, Simulation]]":
     """Provide a robot in a simulated world, and report its run.
 
     At the end, also after an error, stop the robot and close the world. Print a warning for each event that
@@ -161,9 +161,9 @@ def simulator(
     Args:
         settings: The settings of the simulator.
         run: The settings of the run.
-        report: Gets the results; see `SimulatedRun.report`.
+        report: Gets the results; see `Simulation.report`.
         resources: If a `NavigationReporter` is among them, its pose errors and failed goals are reported.
-        spare_boxes: The boxes for events that the program triggers by `SimulatedRun.events`.
+        spare_boxes: The boxes for events that the program triggers by `Simulation.events`.
 
     Raises:
         click.UsageError: An option has an invalid value.
@@ -186,7 +186,7 @@ def simulator(
 
 
 @provider
-def world_places(simulated: "SimulatedRun") -> "WorldPlaces":
+def world_places(simulated: "Simulation") -> "WorldPlaces":
     """Return the waypoints of the simulated world, and the robot's start pose if it is known."""
     from btcore_robot.robot import WorldPlaces
 
@@ -194,7 +194,7 @@ def world_places(simulated: "SimulatedRun") -> "WorldPlaces":
 
 
 @provider
-def world_map(simulated: "SimulatedRun") -> "OccupancyMap":
+def world_map(simulated: "Simulation") -> "OccupancyMap":
     """Return the map of the simulated world, without the objects that the run adds."""
     from btcore_sim.map_rasteriser import rasterise
 
@@ -203,14 +203,14 @@ def world_map(simulated: "SimulatedRun") -> "OccupancyMap":
 
 def _simulate(
     settings: SimulatorSettings, run: RunSettings, resources: Resources, spare_boxes: int
-) -> "SimulatedRun":
+) -> "Simulation":
     from btcore_sim.camera import parse_camera
     from btcore_sim.events import check_events, parse_event
     from btcore_sim.faults import parse_fault
     from btcore_sim.robot_description import TIAGO, load_robot_description
     from btcore_sim.scenario import Scenario, with_start
     from btcore_sim.simulated_robot import SimulatedRobot
-    from btcore_sim.simulated_run import SimulatedRun
+    from btcore_sim.simulation import Simulation
     from btcore_sim.world import World, random_generator
     from btcore_sim.worlds import load_world_description
 
@@ -234,4 +234,4 @@ def _simulate(
     body = SimulatedRobot(world, robot, camera=camera, faults=faults, battery=settings.battery)
     events = scenario.begin(world, body, radius)
     known_start = None if settings.start == UNKNOWN_START else body.start_pose
-    return SimulatedRun(body, description, events, resources, known_start)
+    return Simulation(body, description, events, resources, known_start)

@@ -19,7 +19,7 @@ from btcore_robot.robot import GoalOutcome, Pose2D, Robot, WorldPlaces
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.providers import SimulatorSettings, SpareBoxes
 from btcore_sim.simulated_robot import SimulatedRobot
-from btcore_sim.simulated_run import SimulatedRun
+from btcore_sim.simulation import Simulation
 from btcore_sim.worlds import load_world_description
 
 SECOND = 1_000_000_000
@@ -170,7 +170,7 @@ def test_settings_reach_the_world_and_events_the_report():
 def test_map_and_places_are_those_of_the_world_without_the_obstacles_of_the_run():
     settings = SimulatorSettings(world="house", camera="off", obstacles=2)
     with Run(TreelessProgram("Look"), settings=[settings]).want(OccupancyMap, WorldPlaces) as run:
-        map, places, simulated = run.find(OccupancyMap), run.find(WorldPlaces), run.find(SimulatedRun)
+        map, places, simulated = run.find(OccupancyMap), run.find(WorldPlaces), run.find(Simulation)
     drawn = rasterise(load_world_description("house"))
     assert ((map.cells == drawn.cells).all(), map.keepout) == (True, drawn.keepout)
     assert places.waypoints == load_world_description("house").waypoint_poses()

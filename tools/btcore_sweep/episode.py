@@ -19,6 +19,7 @@ from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError
 from btcore.runs.exit_codes import ExitCode
+from btcore.runs.run import message_of
 from btcore.status import Status, Transition
 from btcore.tree.tree import Tree
 
@@ -84,7 +85,7 @@ def _run(command: Sequence[str]) -> Result:
             tree.subscribe(cause)
 
         try:
-            session.run(begin)
+            session.run_to_end(begin)
         except click.UsageError:
             raise
         except click.ClickException as reason:
@@ -93,7 +94,10 @@ def _run(command: Sequence[str]) -> Result:
             return {**_not_started(ExitCode.USER_ERROR, reason.format_message()), "began": True}
         # Convert to JSON and back, as for --json: a report that is not JSON data raises here, in the worker.
         report = json.loads(json.dumps(session.summary.as_data()))
-        finished = session.tree_run
+        finished = session.run
+        if finished.exit_code == ExitCode.USER_ERROR:  # of a provider that was closed
+            fault = "; ".join(map(message_of, finished.closing_errors))
+            return {**_not_started(ExitCode.USER_ERROR, fault), "began": True}
         failed_at = finished.error.path if finished.error is not None else cause.find(finished.tree)
         return {"code": finished.exit_code, "report": report, "failed_at": failed_at, "fault": None}
 

@@ -65,9 +65,9 @@ def _run(ctx: click.Context, session: RosSession, *, navigates: bool) -> int:
         NavigationTopics(session, stack, navigates=navigates)
         if type(robot).__module__.startswith("btcore_sim."):  # the simulator need not be installed
             from btcore_ros2.simulation.services import offer_services
-            from btcore_sim.simulated_run import SimulatedRun
+            from btcore_sim.simulation import Simulation
 
-            simulated = run.find(SimulatedRun)
+            simulated = run.find(Simulation)
             assert simulated is not None
             offer_services(session, simulated)
         session.node.get_logger().info("navigation is ready: the actions, services and topics of Nav2")

@@ -66,17 +66,17 @@ def _run(
     from btcore_ros2.simulation.services import offer_services
     from btcore_ros2.simulation.topics import RobotTopics
     from btcore_sim.providers import SpareBoxes
-    from btcore_sim.simulated_run import SimulatedRun
+    from btcore_sim.simulation import Simulation
 
     program = TreelessProgram("Simulation")
     run = CommandRun(
         ctx, program, settings=[own], provided=[session, SpareBoxes(SPARE_BOXES)], used=[RosSettings]
-    ).want(SimulatedRun)
+    ).want(Simulation)
     if RosRobotSettings in run.settings:
         raise click.UsageError("--ros2 does not belong here: this command simulates its own robot")
     server: LockstepServer | None = None
     with run:
-        simulated = run.find(SimulatedRun)
+        simulated = run.find(Simulation)
         assert simulated is not None
         robot = simulated.robot
         topics = RobotTopics(session, robot)

@@ -9,10 +9,10 @@ from std_srvs.srv import SetBool, Trigger
 
 from btcore_ros2.session import RosSession
 from btcore_sim.errors import SimError
-from btcore_sim.simulated_run import SimulatedRun
+from btcore_sim.simulation import Simulation
 
 
-def offer_services(session: RosSession, simulated: SimulatedRun) -> None:
+def offer_services(session: RosSession, simulated: Simulation) -> None:
     """Create the services of the simulator, of the type std_srvs/Trigger, except those of doors.
 
     - `sim/recharge` fills the battery.

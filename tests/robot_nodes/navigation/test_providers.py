@@ -10,7 +10,7 @@ import pytest
 from btcore import Run, RunSettings, Settings
 from btcore.program_runner import TreelessProgram
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import ChosenSettings, choose
+from btcore.runs.choice import GivenSettings, choose
 from btcore_navigation.leaves.explore import Explorer, MapFile
 from btcore_navigation.leaves.navigate import PoseNavigator
 from btcore_navigation.mapping.exploration import Exploration
@@ -29,7 +29,7 @@ HOUSE = SimulatorSettings(world="house", camera="off")
 
 
 def used(wanted: list[Any], *settings: Settings) -> set[str]:
-    return {one.name for one in choose(wanted, AvailableProviders(), ChosenSettings(settings)).order}
+    return {one.name for one in choose(wanted, AvailableProviders(), GivenSettings(settings)).order}
 
 
 def test_the_simulated_robot_navigates_on_the_map_of_its_world():

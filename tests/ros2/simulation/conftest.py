@@ -4,16 +4,16 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from tests.ros2.simulation.process import Client, Simulation
+from tests.ros2.simulation.process import Client, SimProcess
 
 
 @pytest.fixture(scope="module")
-def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Simulation]]:
+def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., SimProcess]]:
     """A function that starts a simulation with options; all end with the module."""
-    started: list[Simulation] = []
+    started: list[SimProcess] = []
 
-    def begin(*arguments: str) -> Simulation:
-        started.append(Simulation(tmp_path_factory.mktemp("simulation"), *arguments))
+    def begin(*arguments: str) -> SimProcess:
+        started.append(SimProcess(tmp_path_factory.mktemp("simulation"), *arguments))
         return started[-1]
 
     yield begin

@@ -13,7 +13,7 @@ LIMIT = 120.0
 """The longest wait (s) for anything, on a slow machine."""
 
 
-class Simulation:
+class SimProcess:
     """`btcore ros2 sim` in another process, whose output goes to files in *folder*."""
 
     def __init__(self, folder: Path, *arguments: str) -> None:

@@ -31,7 +31,7 @@ from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.session import RosSession
 from btcore_ros2.simulation import lockstep
 from btcore_ros2.simulation.lockstep import LockstepClock
-from tests.ros2.simulation.process import LIMIT, Client, Simulation
+from tests.ros2.simulation.process import LIMIT, Client, SimProcess
 
 TENTH = 100_000_000
 ODOMETRY = "/mobile_base_controller/odom"
@@ -64,12 +64,12 @@ def stamp(message: Any) -> int:
 
 
 @pytest.fixture(scope="module")
-def world(start: Callable[..., Simulation]) -> Simulation:
+def world(start: Callable[..., SimProcess]) -> SimProcess:
     """The arena in lockstep."""
     return start("--world", "arena", "--lockstep", "--wait-limit", "300", "--camera", "64x48@10")
 
 
-def test_time_stands_without_a_request_and_a_sync_publishes_again(world: Simulation, client: Client) -> None:
+def test_time_stands_without_a_request_and_a_sync_publishes_again(world: SimProcess, client: Client) -> None:
     scans = client.messages(LaserScan, "/scan_raw", qos_profile_sensor_data)
 
     def synced() -> bool:
@@ -81,7 +81,7 @@ def test_time_stands_without_a_request_and_a_sync_publishes_again(world: Simulat
     assert json.loads(client.call(Trigger, "/sim/summary").message)["time_s"] == 0.0
 
 
-def test_step_runs_to_the_time_and_counts_messages(world: Simulation, client: Client) -> None:
+def test_step_runs_to_the_time_and_counts_messages(world: SimProcess, client: Client) -> None:
     scans = client.messages(LaserScan, "/scan_raw", qos_profile_sensor_data)
     client.wait(lambda: client.call(Trigger, "/sim/sync").success and scans)
     before = json.loads(client.call(Trigger, "/sim/sync").message)["published"]["/scan_raw"]
@@ -107,14 +107,14 @@ def test_step_runs_to_the_time_and_counts_messages(world: Simulation, client: Cl
     ],
 )
 def test_invalid_request_is_refused(
-    world: Simulation, client: Client, parameters: list[tuple[str, ParameterValue]], reason: str
+    world: SimProcess, client: Client, parameters: list[tuple[str, ParameterValue]], reason: str
 ) -> None:
     result = step(client, *parameters)
     assert not result.successful
     assert reason in result.reason
 
 
-def test_no_message_is_lost(world: Simulation) -> None:
+def test_no_message_is_lost(world: SimProcess) -> None:
     with RosSession("driver") as session:
         client = Client(session)
         clock = LockstepClock(session, LIMIT)
@@ -137,7 +137,7 @@ def test_no_message_is_lost(world: Simulation) -> None:
         assert moved > 0.3
 
 
-def test_check_robot(world: Simulation) -> None:
+def test_check_robot(world: SimProcess) -> None:
     pytest.importorskip("tf2_msgs")
     with RosSession("checked") as session:
         session.clock = LockstepClock(session, LIMIT)
@@ -153,7 +153,7 @@ def test_check_robot(world: Simulation) -> None:
         check_robot(at_rest)
 
 
-def test_tasks_of_the_clock_run_at_their_times(world: Simulation) -> None:
+def test_tasks_of_the_clock_run_at_their_times(world: SimProcess) -> None:
     with RosSession("scheduled") as session:
         clock = LockstepClock(session, LIMIT)
         start = clock.now()
@@ -168,7 +168,7 @@ def test_tasks_of_the_clock_run_at_their_times(world: Simulation) -> None:
         assert clock.now() == start + 5 * TENTH
 
 
-def test_world_outlives_a_client_that_dies(world: Simulation) -> None:
+def test_world_outlives_a_client_that_dies(world: SimProcess) -> None:
     died = subprocess.run([sys.executable, "-c", DYING_CLIENT], timeout=LIMIT, check=False)
     assert died.returncode == -9
     with RosSession("next") as session:
@@ -180,7 +180,7 @@ def test_world_outlives_a_client_that_dies(world: Simulation) -> None:
 
 
 def test_world_that_stands_still_goes_on_where_it_was(
-    world: Simulation, monkeypatch: pytest.MonkeyPatch
+    world: SimProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lockstep, "RETRY", 0.05)  # requests are repeated meanwhile
     with RosSession("patient") as session:
@@ -202,7 +202,7 @@ def test_world_that_stands_still_goes_on_where_it_was(
 
 
 def test_client_that_did_not_wait_for_a_response_may_request_the_next_step(
-    world: Simulation, client: Client
+    world: SimProcess, client: Client
 ) -> None:
     state = json.loads(client.call(Trigger, "/sim/sync").message)
     times = [state["time"] + number * TENTH for number in range(3)]
@@ -226,7 +226,7 @@ def test_client_that_did_not_wait_for_a_response_may_request_the_next_step(
     client.node.destroy_client(steps)
 
 
-def test_steps_may_be_shorter_than_those_of_the_physics(world: Simulation, client: Client) -> None:
+def test_steps_may_be_shorter_than_those_of_the_physics(world: SimProcess, client: Client) -> None:
     start = json.loads(client.call(Trigger, "/sim/sync").message)["time"]
     for number in range(1, 8):
         result = step(client, ("until", integer(start + number * 1_000_000)))
@@ -234,7 +234,7 @@ def test_steps_may_be_shorter_than_those_of_the_physics(world: Simulation, clien
         assert json.loads(result.reason)["time"] == start + number * 1_000_000
 
 
-def test_client_of_a_world_that_ends_raises(world: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_client_of_a_world_that_ends_raises(world: SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lockstep, "RETRY", 0.2)
     with RosSession("client") as session:
         clock = LockstepClock(session, LIMIT)
@@ -246,7 +246,7 @@ def test_client_of_a_world_that_ends_raises(world: Simulation, monkeypatch: pyte
 
 
 def test_end_of_the_duration_refuses_further_steps(
-    start: Callable[..., Simulation], monkeypatch: pytest.MonkeyPatch
+    start: Callable[..., SimProcess], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lockstep, "RETRY", 0.2)
     simulation = start("--lockstep", "--duration", "0.5")
@@ -258,7 +258,7 @@ def test_end_of_the_duration_refuses_further_steps(
     assert simulation.result()["time_s"] == 0.5
 
 
-def test_world_without_a_client_ends_after_the_limit(start: Callable[..., Simulation]) -> None:
+def test_world_without_a_client_ends_after_the_limit(start: Callable[..., SimProcess]) -> None:
     simulation = start("--lockstep", "--wait-limit", "0.5")
     assert simulation.process.wait(LIMIT) == 1
     assert "no client requested a step for 0.5 s" in simulation.errors

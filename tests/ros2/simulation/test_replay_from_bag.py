@@ -28,7 +28,7 @@ from btcore_ros2.robot.topic_report import type_name
 from btcore_ros2.robot.topic_robot import TopicRobot
 from btcore_ros2.session import RosSession
 from btcore_ros2.simulation.lockstep import LockstepClock
-from tests.ros2.simulation.process import LIMIT, Simulation
+from tests.ros2.simulation.process import LIMIT, SimProcess
 
 SECONDS = 5
 """The length of the recorded run. The robot reaches an obstacle before."""
@@ -76,7 +76,7 @@ def load_tree(robot: TopicRobot) -> btcore.Tree:
     )
 
 
-def test_recorded_run_gives_the_same_commands(start: Callable[..., Simulation], tmp_path: Path) -> None:
+def test_recorded_run_gives_the_same_commands(start: Callable[..., SimProcess], tmp_path: Path) -> None:
     simulation = start("--world", "arena", "--lockstep", "--seed", "3")
     tiago = load_robot("tiago")
     with (

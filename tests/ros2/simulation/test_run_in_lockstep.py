@@ -16,7 +16,7 @@ from btcore.cli.main import main
 from btcore_robot.occupancy_map import save_map
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.worlds import load_world_description
-from tests.ros2.simulation.process import LIMIT, Simulation
+from tests.ros2.simulation.process import LIMIT, SimProcess
 
 
 def run(*arguments: str) -> "subprocess.CompletedProcess[str]":
@@ -24,7 +24,7 @@ def run(*arguments: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(command, capture_output=True, text=True, timeout=2 * LIMIT, check=False)
 
 
-def test_a_tree_drives_the_robot(start: Callable[..., Simulation]) -> None:
+def test_a_tree_drives_the_robot(start: Callable[..., SimProcess]) -> None:
     """tests/acceptance/ros2_runs.py checks that such a run is repeatable."""
     simulation = start("--world", "arena", "--camera", "64x48@5", "--lockstep", "--seed", "7")
     simulation.wait_until_ready()
@@ -49,7 +49,7 @@ ROUND = """<root BTCPP_format="4"><BehaviorTree ID="Round"><Sequence>
 
 
 def test_a_patrol_drives_to_a_waypoint_beside_the_map(
-    start: Callable[..., Simulation], tmp_path: Path
+    start: Callable[..., SimProcess], tmp_path: Path
 ) -> None:
     simulation = start("--world", "house", "--camera", "off", "--lockstep")
     simulation.wait_until_ready()

@@ -24,15 +24,15 @@ from btcore_ros2.simulation.topics import RobotTopics
 from btcore_sim.camera import CameraSettings
 from btcore_sim.scenario import Scenario
 from btcore_sim.simulated_robot import SimulatedRobot
-from btcore_sim.simulated_run import SimulatedRun
+from btcore_sim.simulation import Simulation
 from btcore_sim.world import World
 from btcore_sim.worlds import load_world_description
-from tests.ros2.simulation.process import LIMIT, Simulation
+from tests.ros2.simulation.process import LIMIT, SimProcess
 
 SECOND = 1_000_000_000
 
 
-def test_duration_and_options_of_the_simulator_apply(start: Callable[..., Simulation]) -> None:
+def test_duration_and_options_of_the_simulator_apply(start: Callable[..., SimProcess]) -> None:
     arguments = (
         "--world",
         "aws_house",
@@ -84,7 +84,7 @@ def test_a_door_past_which_the_robot_is_carried_refuses_to_move(session: RosSess
     robot = SimulatedRobot(world)
     events = scenario.begin(world, robot, robot.base.radius)
     assert events is not None
-    offer_services(session, SimulatedRun(robot, world.description, events, (), None))
+    offer_services(session, Simulation(robot, world.description, events, (), None))
     robot.carry([Pose2D(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)], 0.1)
     client = session.node.create_client(SetBool, "sim/doors/hatch")
     assert session.wait_for(client.service_is_ready, LIMIT)

@@ -23,7 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from btcore_sim.world_description import WORLD_FILES
-from tests.ros2.simulation.process import Client, Simulation
+from tests.ros2.simulation.process import Client, SimProcess
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TYPES = {
@@ -41,8 +41,8 @@ TYPES = {
 
 @pytest.fixture(scope="module", autouse=True)
 def simulation(
-    start: Callable[..., Simulation], client: Client, tmp_path_factory: pytest.TempPathFactory
-) -> Simulation:
+    start: Callable[..., SimProcess], client: Client, tmp_path_factory: pytest.TempPathFactory
+) -> SimProcess:
     """The arena with a door, in real time."""
     arena = json.loads((WORLD_FILES / "arena.json").read_text(encoding="utf-8"))
     arena["objects"].append(
@@ -147,7 +147,7 @@ def test_higher_priority_wins_until_its_commands_stop(client: Client) -> None:
     client.wait(lambda: abs(motion[-1].twist.twist.angular.z) < 0.01)  # the command has lapsed
 
 
-def test_invalid_commands_are_ignored_with_a_warning(client: Client, simulation: Simulation) -> None:
+def test_invalid_commands_are_ignored_with_a_warning(client: Client, simulation: SimProcess) -> None:
     publisher = client.node.create_publisher(Twist, "/cmd_vel", 10)
     command = Twist()
     command.linear.x = math.nan
@@ -233,7 +233,7 @@ def test_services_recharge_trigger_events_and_report(client: Client) -> None:
     assert summary["time_s"] > 0
 
 
-def test_interrupt_ends_the_simulation_with_its_report(simulation: Simulation) -> None:
+def test_interrupt_ends_the_simulation_with_its_report(simulation: SimProcess) -> None:
     assert simulation.interrupt() == 130
     assert simulation.result()["robot"]["battery_min"] < 50.0
     assert "Traceback" not in simulation.errors

@@ -9,8 +9,8 @@ from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world_description import WorldDescription
 
 
-class SimulatedRun:
-    """The run of a simulated robot, with its measures.
+class Simulation:
+    """The simulated robot of a run in its world, with what happens there, and what is measured.
 
     Args:
         robot: The robot.
