@@ -37,6 +37,7 @@ class CommandProviders:
             provider for plugin in self.plugins.values() for provider in providers_in(plugin.module)
         )
         self.has_all_options = has_all_options
+        self._options: dict[bool, list[SettingOption]] = {}
 
     def options(self, own: Sequence[click.Parameter]) -> list[SettingOption]:
         """Return the options of the providers' settings, without settings that *own* options belong to.
@@ -44,6 +45,11 @@ class CommandProviders:
         Raises:
             ProviderError: Two providers have an option of the same name.
         """
+        if self.has_all_options not in self._options:  # click asks several times
+            self._options[self.has_all_options] = self._make_options(own)
+        return self._options[self.has_all_options]
+
+    def _make_options(self, own: Sequence[click.Parameter]) -> list[SettingOption]:
         kinds = {option.settings for option in own if isinstance(option, SettingOption)} | {RunSettings}
         taken = {name: "the command" for option in own for name in (*option.opts, option.name or "")}
         options: list[SettingOption] = []

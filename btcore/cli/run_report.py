@@ -39,7 +39,12 @@ _MIN_NAME: Final = 8
 
 
 class RunSummary:
-    """The report of the run *name*, which has ended."""
+    """The summary of a run at its end.
+
+    Args:
+        name: The name of the tree, for the heading.
+        run: The run; it has ended when a method is called.
+    """
 
     def __init__(self, name: str, run: Run) -> None:
         self.name = name

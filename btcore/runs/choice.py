@@ -1,11 +1,14 @@
 """Choosing the providers of a run: which are used, and in which order they are opened.
 
-A provider of a type is used if a leaf or a used provider needs the type, a provider of nothing if one of its
-settings was given. If several provide a type, the order of preference is: a provider whose required option
-was given; one that is used for another type anyway; the user's; one that needs only what is used anyway; an
-installed one; one that is marked as default. A provider that lost a type is not used for any other type, and
-neither is a provider that needs what only a loser provides: the map of a simulated world does not fit another
-robot.
+A provider of a type is used if a leaf or a used provider needs the type, and no object of the program has it.
+A provider of nothing is used if one of its settings was given. If several provide a type, the order of
+preference is: a provider whose required option was given; one that is used for another type anyway; the
+user's; one that needs only what is used anyway; an installed one; one that is marked as default. If two are
+equally good, one that takes the required settings of the other, too, is preferred.
+
+A provider that lost a type is not used for any other type, and neither is a provider that needs what only a
+loser provides: the map of a simulated world does not fit another robot. Therefore the choice begins anew
+whenever a provider has lost. Types with a single candidate are assigned first.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -12,9 +12,9 @@ the provider needs, by their types. A package offers a provider by an entry poin
     [project.entry-points."btcore.providers"]
     "gripper-grippers.arm.Gripper" = "grippers.providers:gripper"
 
-The name of the entry point is that of the provider, a dash, and the full name of the type; a provider of
-several types has several entry points, and a provider of nothing has its name alone. Nothing is imported to
-find out which packages provide a type.
+The name of the entry point is that of the provider, a dash, and the full name of the type. A provider has one
+for each type by which leaves or other providers may ask for it, and a provider of nothing has its name alone.
+Nothing is imported to find out which packages provide a type.
 """
 
 import ast
