@@ -47,13 +47,13 @@ class MonitorProcess:
         files = options.output_files
         self.writes_file = bool(files)
         self.takes_screenshot = options.screenshot is not None
-        self.stays_open = options.serve_web is not None
+        self.serves_web = options.serve_web is not None
         self.label = f"writing {' and '.join(map(str, files.values()))}" if files else "the monitor"
-        if self.stays_open:
+        if self.serves_web:
             self.label = "the viewer for browsers"
         flags = {
             "--no-view": self.writes_file,
-            "--until-end": not self.stays_open,
+            "--until-end": not self.serves_web,
             "--quiet": not options.verbose,
         }
         home = str(Path(__file__).parent.parent)
@@ -84,7 +84,7 @@ class MonitorProcess:
         Returns:
             The reason why the file that the process writes is incomplete, or "".
         """
-        if self.stays_open:
+        if self.serves_web:
             if stays_open:
                 self._wait_for_signal()
             self.process.terminate()
