@@ -210,7 +210,7 @@ class Manifest:
         if value is UNSET:
             message = f"<{self.id}> needs a {parameter.type_name} for its parameter '{parameter.name}': "
             name_hint = name_or_config_hint(parameter.name) if self.function is None else ""
-            message += name_hint or resources._namesake_hint(parameter) or "pass it in resources=[…]"
+            message += name_hint or resources._namesake_hint(parameter) or resources.remedy
             if parameter.looks_like_port and not name_hint:
                 message += f"; if it is a port, mark it: {parameter.name}: In[{parameter.type_name}]"
             raise NodeError(message)
@@ -237,11 +237,18 @@ class Resources(list[object]):
     """The objects for the leaves of a tree. A provider with a parameter of this type gets those of the run.
 
     A leaf gets the object that was chosen for the type of its parameter, else the first that fits.
+
+    Attributes:
+        remedy: What to do if an object is missing, for messages.
     """
 
     def __init__(self, given: Iterable[object] = ()) -> None:
         super().__init__(given)
-        self._chosen: dict[Any, object] = dict(given._chosen) if isinstance(given, Resources) else {}
+        self.remedy = "pass it in resources=[…]"
+        self._chosen: dict[Any, object] = {}
+        if isinstance(given, Resources):
+            self.remedy = given.remedy
+            self._chosen |= given._chosen
         self._cache: dict[Parameter, object] = {}
 
     def choose(self, kind: Any, thing: object) -> None:

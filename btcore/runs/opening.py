@@ -68,8 +68,8 @@ class OpenedProvider:
             with _named(self.provider, error):
                 return context.__exit__(kind, error, trace)
         except _TOLD as own_error:
-            if own_error is error:
-                raise
+            if error is not None and error in (own_error, own_error.__cause__):
+                raise  # the exception of the run, or its explanation by the provider
             self.error = self.error or own_error
             return None
 
@@ -116,6 +116,8 @@ def _named(provider: Provider, error_of_run: BaseException | None = None) -> Ite
             raise
         frames = [(frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__)]
         own = [place for place in frames if place[0] == provider.function.__code__.co_filename]
+        if not own and frames[-1][0] == contextlib.__file__:
+            raise ProviderError(f"the provider {provider} does not yield exactly once: {error}") from error
         file, line = (own or frames)[-1]
         raise ProviderError(
             f"the provider {provider} raised {type(error).__name__} at {file}:{line}: {error}"

@@ -19,6 +19,7 @@ find out which packages provide a type.
 
 import ast
 import inspect
+import json
 import sys
 import typing
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
@@ -59,12 +60,24 @@ class Report(dict[str, object]):
 
     end_reason: EndReason | None = None
 
+    def __setitem__(self, heading: str, values: object) -> None:
+        """Set the results under *heading*.
+
+        Raises:
+            TypeError: The results are no JSON data.
+        """
+        json.dumps(values)
+        super().__setitem__(heading, values)
+
     def add(self, heading: str, values: dict[str, object]) -> None:
         """Add results under *heading*, besides those that are there already.
 
         Args:
             heading: The heading in the summary, and the key in `--json`.
             values: The results, as JSON data.
+
+        Raises:
+            TypeError: The results are no JSON data.
         """
         before = self.get(heading)
         self[heading] = {**before, **values} if isinstance(before, dict) else values
@@ -152,6 +165,7 @@ class Provider:
         kind = self._hints["return"]
         if get_origin(kind) in (Iterator, Iterable, Generator):
             kind = get_args(kind)[0]
+        kind, _ = _without_none(kind)
         return get_args(kind) if get_origin(kind) is tuple else (kind or NoneType,)
 
     @property
@@ -171,11 +185,7 @@ class Provider:
         for parameter in inspect.signature(self.function).parameters.values():
             if parameter.name not in self._hints:
                 raise ProviderError(f"the parameter '{parameter.name}' of the provider {self} has no type")
-            kind = self._hints[parameter.name]
-            is_optional = get_origin(kind) in (Union, UnionType) and NoneType in get_args(kind)
-            if is_optional:
-                [kind] = [part for part in get_args(kind) if part is not NoneType]
-            needs.append(Need(parameter.name, kind, is_optional))
+            needs.append(Need(parameter.name, *_without_none(self._hints[parameter.name])))
         return tuple(needs)
 
     @property
@@ -241,6 +251,14 @@ def provider(
     if function is not None:
         return Provider(function, provides, default)
     return lambda function: Provider(function, provides, default)
+
+
+def _without_none(kind: Any) -> tuple[Any, bool]:
+    """Return `X` and True for `X | None`, and False for any other type."""
+    if get_origin(kind) in (Union, UnionType) and NoneType in get_args(kind):
+        [kind] = [part for part in get_args(kind) if part is not NoneType]
+        return kind, True
+    return kind, False
 
 
 def is_settings(kind: Any) -> bool:

@@ -162,6 +162,7 @@ class Run:
         self.tree: Tree
         self.choice: Choice
         self.resources = Resources()
+        self.resources.remedy = "the run does not provide it"
         self.report = Report()
         self.status = Status.IDLE
         self.error: NodeExecutionError | None = None
@@ -265,18 +266,27 @@ class Run:
                 source, self.resources, options.get("blackboard"), self.clock, options.get("tick_limit")
             )
         except TreeError as error:
-            missing = [kind for kind in self._wanted if full_name(kind) in self.choice.problems]
-            for name in map(full_name, missing):
-                if self.providers.of_type(name):
-                    error.add_note(self.choice.problems[name])
-            for note in self._unavailable_notes():
+            for note in self._missing_notes():
                 error.add_note(note)
-            if any(getattr(kind, "__module__", "builtins") != "builtins" for kind in missing):
-                error.add_note(
-                    "a run does not create objects of your own classes: derive the class from "
-                    "btcore.TreeState, or write a provider of the object: see 'Your own resources'"
-                )
             raise
+
+    def _missing_notes(self) -> Iterator[str]:
+        """Yield why objects that the leaves need are missing."""
+        for kind in self._wanted:
+            provider = self.choice.by_type.get(full_name(kind))
+            if isinstance(provider, Provider) and self._object_for(full_name(kind)) is None:
+                yield f"the provider {provider} has provided None"
+        missing = [kind for kind in self._wanted if full_name(kind) in self.choice.problems]
+        for name in map(full_name, missing):
+            if self.providers.of_type(name):
+                yield self.choice.problems[name]
+        yield from self._unavailable_notes()
+        if any(getattr(kind, "__module__", "builtins") != "builtins" for kind in missing):
+            yield (
+                "a run does not create objects of your own classes: derive the class from btcore.TreeState, "
+                "or write a provider of the object: see 'Your own resources'; a program may pass the object "
+                "in Run(provided=[…])"
+            )
 
     def _open_all(self, needs_tree: bool) -> None:
         for provider in self.choice.order:

@@ -1,11 +1,10 @@
 """Running the unfinished episodes of a sweep, with a progress bar."""
 
-import signal
+import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import click
@@ -15,7 +14,7 @@ from rich.text import Text
 from btcore.cli import terminal
 from btcore.runs.exit_codes import ExitCode
 from btcore.script.program import Program
-from btcore.signals import signal_handlers
+from btcore.signals import EndingSignals
 from btcore_sweep import table
 from btcore_sweep.definition import Episode, SweepDefinition, format_setting
 from btcore_sweep.journal import Journal, Record
@@ -52,7 +51,7 @@ def run_sweep(
 ) -> ExecutionSummary:
     """Run the episodes that are not in the journal yet, and add each of them to the journal.
 
-    SIGINT (Ctrl-C) or SIGTERM ends the sweep early.
+    Ctrl-C, SIGTERM or SIGHUP ends the sweep early.
 
     Args:
         journal: The journal, entered as a context manager.
@@ -72,13 +71,15 @@ def run_sweep(
     for record in journal.done.values():
         table.row(sweep.episode(record["episode"]), record, script)
     began = time.perf_counter()
+    stopped = threading.Event()
     with (
-        _stoppable() as stopped,
+        EndingSignals(stopped.set) as signals,
         _Bar(Path(sweep.tree).stem, len(sweep), len(journal.done)) as bar,
         pool as workers,
     ):
         count, episode_time = 0, 0.0
-        for episode, result in workers.run_episodes((sweep.episode(number) for number in todo), stopped):
+        episodes = (sweep.episode(number) for number in todo)
+        for episode, result in workers.run_episodes(episodes, stopped.is_set):
             record = {"episode": episode.number, **result}
             _raise_user_error(record, episode, sweep)
             bar.warn(record.pop("warnings", ()))
@@ -88,7 +89,7 @@ def run_sweep(
             bar.count_episode(table.row(episode, record, script)["success"], workers.count)
         wall = time.perf_counter() - began
         busy = episode_time / (wall * max(workers.count, 1))
-        return ExecutionSummary(stopped(), count, wall, workers.count, workers.deaths, busy)
+        return ExecutionSummary(signals.number, count, wall, workers.count, workers.deaths, busy)
 
 
 def _raise_user_error(record: Record, episode: Episode, sweep: SweepDefinition) -> None:
@@ -100,24 +101,6 @@ def _raise_user_error(record: Record, episode: Episode, sweep: SweepDefinition) 
     if had_error and episode.number < len(sweep.settings):
         values = f"\n({format_setting(episode.values)})" if episode.values else ""
         raise click.UsageError(f"{record['fault']}{values}")
-
-
-@contextmanager
-def _stoppable() -> Iterator[Callable[[], int]]:
-    """Return a context with a function that returns the number of the signal that was received, or 0.
-
-    The signals are SIGINT and SIGTERM. A second signal raises KeyboardInterrupt.
-    """
-    received = 0
-
-    def handler(number: int, frame: FrameType | None) -> None:
-        nonlocal received
-        if received:
-            raise KeyboardInterrupt
-        received = number
-
-    with signal_handlers((signal.SIGINT, signal.SIGTERM), handler):
-        yield lambda: received
 
 
 class _Bar(Progress):

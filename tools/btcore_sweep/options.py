@@ -42,7 +42,15 @@ class SweepCommand(click.Command):
         find_providers(ctx, args, has_all_options=True)
         words = list(args)  # click's parser removes the arguments from its list
         with explain_missing_options(ctx):
-            rest = super().parse_args(ctx, args)
+            try:
+                rest = super().parse_args(ctx, args)
+            except click.NoSuchOption as error:
+                reason = collect_run_options(ctx).refused.get(error.option_name.lstrip("-"))
+                if reason is None:
+                    raise
+                raise click.UsageError(
+                    f"a sweep has no option '{error.option_name}': {reason}.", ctx
+                ) from error
         ctx.meta[_GIVEN] = self.make_parser(ctx).parse_args(words)[0]
         return rest
 

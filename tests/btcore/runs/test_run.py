@@ -317,11 +317,49 @@ def test_an_error_after_the_yield_closes_the_others_and_is_raised_at_the_end() -
     assert (run.end_reason, run.exit_code) == ("done", 2)
 
 
+@pytest.mark.parametrize("count", [0, 2])
+def test_a_provider_yields_once(count: int) -> None:
+    @provider
+    def torch() -> Iterator[Torch]:
+        yield from [Torch()] * count
+
+    with (
+        pytest.raises(ProviderError, match=r"the provider torch .* does not yield exactly once"),
+        Run(program(), providers=[torch]).want(Torch),
+    ):
+        pass
+
+
+def test_results_that_are_no_json_data_are_an_error_at_their_line() -> None:
+    @provider
+    def torch(report: Report) -> Torch:
+        report.add("torch", {"lamp": object()})
+        return Torch()
+
+    with (
+        pytest.raises(
+            ProviderError, match=r"raised TypeError at .*test_run.py:\d+: .* not JSON serializable"
+        ),
+        Run(program(), providers=[torch]).want(Torch),
+    ):
+        pass
+
+
 @provider
-def two(settings: LampSettings) -> tuple[Torch, Beacon] | None:
+def none() -> tuple[Torch, Beacon] | None:
     return None
 
 
-def test_a_provider_of_several_objects_may_provide_none() -> None:
-    with Run(program(), providers=[two]).want(Beacon, optional=True) as run:
+def test_a_provider_of_several_objects_may_provide_none(tmp_path: Path) -> None:
+    with Run(program(), providers=[none]).want(Beacon, optional=True) as run:
         assert run.find(Beacon) is None
+
+    @btcore.action
+    def look(beacon: Beacon) -> bool:
+        return True
+
+    nodes = Registry.standard()
+    nodes.add(look)
+    with pytest.raises(btcore.TreeError, match="the run does not provide it") as caught:
+        Run(write_tree(tmp_path, "<Look/>"), nodes=nodes, providers=[none]).__enter__()
+    assert caught.value.__notes__ == [f"the provider {none} has provided None"]

@@ -118,6 +118,7 @@ def test_flag_accepts_only_true_and_false() -> None:
     ("words", "said"),
     [
         (["--seeds", "3", "--param", "untl=done"], "Did you mean 'until'?"),
+        (["--seeds", "3", "--log", "run.btlog"], "no option '--log': it applies to a single run"),
         (["--seeds", "3", "--param", "until=done,soon"], "'soon' is not one of"),
         (
             ["--seeds", "3", "--param", "rate=5", "--rate", "9"],
