@@ -172,8 +172,9 @@ def texts(module: str) -> list[str]:
 def test_monitor_client_imports_five_modules_of_the_engine() -> None:
     commands = (
         "btcore_monitor.providers",
+        "btcore_monitor.monitor_processes",
+        "btcore_monitor.monitor_settings",
         "btcore_monitor.preview_extension",
-        "btcore_monitor.drawing_options",
         "btcore_monitor.key_options",
         "btcore_monitor.viewer_options",
         "btcore_monitor.commands.hook",

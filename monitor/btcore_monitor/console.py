@@ -15,3 +15,8 @@ def print_line(text: str = "", err: bool = False, colour: str | None = None, dim
         dim: Whether to print in a weaker colour.
     """
     click.secho(escape_controls(text, one_line=True), err=err, fg=colour, dim=dim or None)
+
+
+def print_message(text: str) -> None:
+    """Print *text* to stderr as a message of the monitor, apart from the results of a run."""
+    print_line(f"monitor: {text}", err=True)

@@ -12,7 +12,7 @@ import click
 
 from btcore.runs.settings import Settings, option
 from btcore_monitor.installed_packages import check_installed
-from btcore_monitor.key_options import KeyFileOption, RobotKeysOption, client_keys
+from btcore_monitor.key_options import KeyOptions
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient
@@ -53,7 +53,7 @@ class RobotState(NamedTuple):
     problem: str = ""
 
 
-class RobotPreview(Settings):
+class RobotPreview(KeyOptions, Settings):
     """Connects the preview with any robot that the monitor can watch.
 
     It satisfies the protocol of the entry point group `btcore.preview`, which the preview declares.
@@ -74,13 +74,11 @@ class RobotPreview(Settings):
         ]
         | None
     ) = None
-    key_file: KeyFileOption | None = None
-    robot_keys: RobotKeysOption = ()
 
     def __post_init__(self) -> None:
         if self.live or self.key_file is not None:
             check_installed(*_PACKAGES)
-            client_keys(self.key_file, self.robot_keys)
+            self.read()
 
     @property
     def address(self) -> str:
@@ -94,7 +92,7 @@ class RobotPreview(Settings):
             click.ClickException: The address is invalid, or a package is not installed.
         """
         check_installed(*_PACKAGES)
-        [keys] = client_keys(self.key_file, self.robot_keys)
+        [keys] = self.read()
         return RobotConnection(address, keys)
 
 

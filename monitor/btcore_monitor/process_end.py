@@ -9,7 +9,7 @@ from types import FrameType
 from typing import Final, NoReturn
 
 from btcore.signals import ending_signals, signal_handlers
-from btcore_monitor.console import print_line
+from btcore_monitor.console import print_line, print_message
 from btcore_monitor.errors import RecordingError
 
 INCOMPLETE_OUTPUT: Final = 4
@@ -32,7 +32,7 @@ def stop_on_signals(stop: threading.Event) -> Iterator[None]:
 
 def wait_for_stop(duration: float | None = None) -> None:
     """Return on a signal, or after *duration* s, while a view is served to browsers."""
-    print_line("monitor: Ctrl-C ends it", err=True)
+    print_message("Ctrl-C ends it")
     stop = threading.Event()
     with stop_on_signals(stop):
         stop.wait(duration)

@@ -1,6 +1,7 @@
-"""The options for the viewer: the destinations of a tree's view, and how they are opened.
+"""The options for what is shown and written of a tree: `DrawingOptions`, `OutputOptions` and `ViewerOptions`.
 
-Large packages are imported only when they are needed, so that `--help` is fast and works without rerun.
+Each adds options to the previous. Those of `btcore run` are based on `OutputOptions`. Large packages are
+imported only when they are needed, so that `--help` is fast and works without rerun.
 """
 
 import contextlib
@@ -9,32 +10,113 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_args
 
 import click
 
-from btcore.runs.settings import Settings, option, option_names, pass_settings
-from btcore_monitor.console import print_line
-from btcore_monitor.drawing_options import DrawingSettings
+from btcore.runs.settings import Options, create_options, option, pass_settings
+from btcore_monitor.console import print_message
 from btcore_monitor.output_files import check_folder, check_is_recording
 
 if TYPE_CHECKING:
+    from btcore_monitor.screen.robot_layouts import RobotLayout
+    from btcore_monitor.screen.robot_view import RobotView
     from btcore_monitor.screen.sinks import RecordingSinks, WebView
 
+_PALETTE_VARIABLE: Final = "BTCORE_PALETTE"
 
-class ViewerSettings(Settings):
-    """The destinations of a view, and how they are opened.
+PaletteName = Literal["groot", "colour-blind"]
+PALETTE_NAMES: Final = get_args(PaletteName)
+LogLevel = Literal["trace", "debug", "info", "warn", "error"]
+LOG_LEVELS: Final = get_args(LogLevel)
+
+run_option: Final = functools.partial(option, one_run_only=True)
+"""An option that simultaneous runs cannot share."""
+
+
+class DrawingOptions(Options, kw_only=True):
+    """A palette, patterns of nodes to highlight, and the lowest level in the log.
 
     Raises:
-        click.BadParameter: The size is invalid.
+        click.BadParameter: The environment variable names no palette.
     """
 
-    save: Annotated[Path, option("Write a recording.", metavar="FILE.rrd")] | None = None
+    palette: (
+        Annotated[
+            PaletteName,
+            run_option(
+                "Colours of statuses: Groot's, or colours for red-green colour blindness; also set by the "
+                f"environment variable {_PALETTE_VARIABLE}.  [default: {PALETTE_NAMES[0]}]"
+            ),
+        ]
+        | None
+    ) = None
+    find: Annotated[
+        tuple[str, ...],
+        run_option(
+            "Highlight nodes whose name or path matches, such as 'Dock*', and show them in the lanes; may be "
+            "given several times.",
+            metavar="PATTERN",
+        ),
+    ] = ()
+    log_level: Annotated[
+        LogLevel,
+        run_option(
+            "Lowest level in the list of transitions: trace, all; debug, without IDLE; info, results; warn, "
+            "FAILURE and missing data; error, exceptions of nodes. It can be changed in the viewer."
+        ),
+    ] = "trace"
+
+    def __post_init__(self) -> None:
+        choose_palette(self.palette)
+
+    def create_view(self, robot_layout: "RobotLayout") -> "RobotView":
+        """Return a view of a robot in *robot_layout* with these options."""
+        from btcore_monitor.screen.robot_view import RobotView
+        from btcore_monitor.screen.style import PALETTES
+
+        palette = PALETTES[choose_palette(self.palette)]
+        return RobotView(robot_layout, palette, self.find, self.log_level.upper())
+
+
+DRAWING_OPTION_NAMES: Final = tuple(item.opts[0] for item in create_options(DrawingOptions))
+
+
+def choose_palette(given: str | None) -> str:
+    """Return the palette *given*, or that of the environment variable, or the default.
+
+    Raises:
+        click.BadParameter: The environment variable names no palette.
+    """
+    name = given or os.environ.get(_PALETTE_VARIABLE) or PALETTE_NAMES[0]
+    if name not in PALETTE_NAMES:
+        known = ", ".join(map(repr, PALETTE_NAMES))
+        raise click.BadParameter(
+            f"{name!r} is not one of {known}.", param_hint=f"'--palette' (env var: '{_PALETTE_VARIABLE}')"
+        )
+    return name
+
+
+class OutputOptions(DrawingOptions):
+    """Where the drawing of a tree is written and shown."""
+
+    save: (
+        Annotated[Path, run_option("Write a recording for the viewer (rerun).", metavar="FILE.rrd")] | None
+    ) = None
+    screenshot: (
+        Annotated[
+            Path,
+            run_option(
+                "Write a picture of the monitor at the last tick; needs no display.", metavar="FILE.png"
+            ),
+        ]
+        | None
+    ) = None
     serve_web: (
         Annotated[
             int,
-            option(
-                "Serve the viewer to browsers instead of opening a window.  [port: 9090]",
+            run_option(
+                "Serve the viewer to browsers until Ctrl-C, without opening a window.  [port: 9090]",
                 metavar="[PORT]",
                 ge=1,
                 le=65535,
@@ -43,13 +125,30 @@ class ViewerSettings(Settings):
         ]
         | None
     ) = None
-    screenshot: (
-        Annotated[
-            Path,
-            option("Picture of the monitor at the last tick; needs no display.", metavar="FILE.png"),
-        ]
-        | None
-    ) = None
+    verbose: Annotated[
+        bool,
+        run_option("Print the log of the viewer (rerun); a run also prints when its monitors connect."),
+    ] = False
+
+    @property
+    def output_files(self) -> dict[str, Path]:
+        """The given options that name a file to write, with their files."""
+        files = {"--save": self.save, "--screenshot": self.screenshot}
+        return {name: file for name, file in files.items() if file is not None}
+
+    @property
+    def outputs(self) -> list[str]:
+        """The given options that show or write something, such as `--save`."""
+        return [*self.output_files, *([] if self.serve_web is None else ["--serve-web"])]
+
+
+class ViewerOptions(OutputOptions):
+    """The options of `btcore monitor` and `btcore replay`.
+
+    Raises:
+        click.BadParameter: The size is invalid, or the environment variable names no palette.
+    """
+
     at: (
         Annotated[
             float,
@@ -69,14 +168,10 @@ class ViewerSettings(Settings):
             metavar="SIZE",
         ),
     ] = "25%"
-    verbose: Annotated[bool, option("Print the log of the viewer (rerun).")] = False
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _parse_size(self.size)
-
-    def list_given(self) -> list[str]:
-        """Return the options that name a destination and are present on the command line."""
-        return [name for name in option_names(self) if name in ("--save", "--serve-web", "--screenshot")]
 
     @contextlib.contextmanager
     def open_sinks(self, opens_viewer: bool) -> "Iterator[RecordingSinks]":
@@ -125,7 +220,7 @@ class ViewerSettings(Settings):
         from btcore_monitor.screen.sinks import serve_web
 
         web = serve_web(port, memory_limit=self.memory_limit)
-        print_line(f"monitor: look at {web.page}", err=True)
+        print_message(f"look at {web.page}")
         return web
 
     def take_screenshot(self, recordings: Sequence[Path]) -> None:
@@ -143,7 +238,7 @@ class ViewerSettings(Settings):
             except OSError as error:
                 reason = error.strerror or error
                 raise click.ClickException(f"cannot write the picture {self.screenshot}: {reason}") from error
-            print_line(f"monitor: the picture is {self.screenshot}", err=True)
+            print_message(f"the picture is {self.screenshot}")
 
 
 def _parse_size(text: str) -> tuple[int, int]:
@@ -160,18 +255,14 @@ def _parse_size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options for the viewer to *command*.
-
-    The parameters are `options`, `ViewerSettings`, and `drawing`, `DrawingSettings`.
-    """
+def pass_viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the `ViewerOptions` to *command*, which gets them as the parameter `options`."""
 
     @functools.wraps(command)
-    def with_viewer(*arguments: Any, options: ViewerSettings, **others: Any) -> Any:
+    def with_viewer(*arguments: Any, options: ViewerOptions, **others: Any) -> Any:
         if not options.verbose:
             # rerun reads the variable when it is imported, so this precedes the imports of the command.
             os.environ.setdefault("RUST_LOG", "off")
         return command(*arguments, options=options, **others)
 
-    # The drawing options first, so that they follow the options of the viewer in the help text.
-    return pass_settings(ViewerSettings, "options")(pass_settings(DrawingSettings, "drawing")(with_viewer))
+    return pass_settings(ViewerOptions, "options")(with_viewer)

@@ -1,6 +1,7 @@
 """``btcore run`` with --publish, --save and --port: the run is unchanged, and all events arrive."""
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -17,7 +18,6 @@ from rerun.chunk import RrdReader
 from btcore import Run, RunSettings
 from btcore.cli.main import main
 from btcore.runs.settings import arguments, create_options, from_values, given_fields
-from btcore_monitor.drawing_options import DrawingSettings, choose_palette
 from btcore_monitor.events import (
     ConnectionEvent,
     LostTransitionsEvent,
@@ -27,13 +27,13 @@ from btcore_monitor.events import (
     TransitionEvent,
     TreeEvent,
 )
-from btcore_monitor.key_options import KeySettings
+from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.keys import create_keys
-from btcore_monitor.monitor_process import wait_until_connected
-from btcore_monitor.providers import MonitorSettings
+from btcore_monitor.monitor_processes import wait_until_connected
+from btcore_monitor.monitor_settings import MonitorSettings
 from btcore_monitor.screen.style import COLOUR_BLIND
 from btcore_monitor.serve import serve
-from btcore_monitor.viewer_options import ViewerSettings
+from btcore_monitor.viewer_options import DrawingOptions, ViewerOptions, choose_palette
 from btcore_monitor.watch.feed import Feed
 
 BUMPGO = ["bumpgo", "--world", "arena", "--seed", "3", "--fast", "--json"]
@@ -170,6 +170,61 @@ def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
     assert recording.stat().st_size > 1000
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="finds the processes of a run in /proc")
+def test_ctrl_c_during_the_wait_for_a_recording_ends_all_monitors(command, tmp_path, free_port):
+    (tmp_path / "tree.xml").write_text(TREE.replace("AlwaysSuccess", "GoOn"))
+    text = "from btcore import condition\nfrom pathlib import Path\n\n@condition\ndef go_on() -> bool:\n"
+    (tmp_path / "nodes.py").write_text(f"{text}    return not Path('stop').exists()\n")
+    outputs = ["--save", "run.rrd", "--serve-web", free_port, "--verbose"]
+    run = command("run", "tree.xml", "--plugin", "nodes.py", *outputs)
+    run.wait_for(r"(?s)(run channel.*){2}")
+    children = Path(f"/proc/{run.process.pid}/task/{run.process.pid}/children").read_text().split()
+    [recorder] = [int(pid) for pid in children if b"--save" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    os.kill(recorder, signal.SIGSTOP)
+    (tmp_path / "stop").touch()
+    run.wait_for("writing run.rrd: waiting until all data is received")
+    run.process.send_signal(signal.SIGINT)
+    os.kill(recorder, signal.SIGCONT)
+    assert run.end() == 130, run.stderr_text  # no process has stderr open
+    assert "Traceback" not in run.stderr_text
+
+
+PROGRAM = """
+from pathlib import Path
+from btcore import NodeExecutionError, Registry, Run, action
+from btcore_monitor.monitor_settings import MonitorSettings
+
+@action
+def broken() -> bool:
+    raise ValueError
+
+nodes = Registry.standard()
+nodes.add(broken)
+run = Run("tree.xml", nodes=nodes, settings=[MonitorSettings(save=Path("run.rrd"))])
+try:
+    with run:
+        run.until_done()
+except NodeExecutionError:
+    print(run.end_reason, *run.closing_errors)
+"""
+
+
+def test_an_incomplete_recording_is_reported_after_the_exception_of_a_leaf(tmp_path):
+    (tmp_path / "tree.xml").write_text(TREE.replace("AlwaysSuccess", "Broken"))
+    resource = pytest.importorskip("resource", reason="Windows cannot limit the size of files")
+    limit = 1 << 14
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=tmp_path,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    failed = "raised writing run.rrd: the monitor's process failed with exit code 4\n"
+    assert done.stdout == failed, done.stderr
+
+
 def test_a_changed_tree_is_published_at_the_same_port_and_saved_separately(tmp_path, tree_file, free_port):
     recording = tmp_path / "run.rrd"
     options = ["--watch", "--publish", "groot2", "--port", str(free_port)]
@@ -267,6 +322,7 @@ def test_publishing_to_the_network_without_keys_prints_one_warning(tree_file):
 
 
 def usage_errors(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]:
+    outputs = "--monitor, --serve-web, --save FILE.rrd or --screenshot FILE.png"
     return {
         "groot1": (
             ["--publish", "groot1", "--port", str(free_port - 1)],
@@ -276,11 +332,12 @@ def usage_errors(free_port: int, tree_file: str) -> dict[str, tuple[list[str], s
             ["--publish", "groot2", "--publish", "groot1", "--port", "65000"],
             "--port 65000 leaves no port for Groot 1, which is 999 further: choose one up to 64535",
         ),
-        "look": (
-            ["--publish", "groot2", "--port", "0", "--find", "Dock*"],
-            "--find has no effect without a view: add --monitor, --serve-web, --save FILE.rrd or "
-            "--screenshot FILE.png",
-        ),
+        "look": (["--publish", "groot2", "--find", "Dock*"], f"--find needs {outputs}"),
+        "log of no viewer": (["--publish", "groot2", "--verbose"], f"--verbose needs {outputs}"),
+        "only bind": (["--bind", "*"], f"--bind needs --publish, {outputs}"),
+        "only port": (["--port", "0"], f"--port needs --publish, {outputs}"),
+        "only insecure": (["--publish", "groot2", "--insecure"], "--insecure needs --allow-control"),
+        "no control": (["--save", "run.rrd", "--allow-control"], "--allow-control needs --publish groot2"),
         "suffix": (["--save", "run.txt"], "a recording is an .rrd file: --save run.rrd"),
         "no folder for the picture": (
             ["--screenshot", "/no/such/folder/run.png"],
@@ -306,7 +363,7 @@ def usage_errors(free_port: int, tree_file: str) -> dict[str, tuple[list[str], s
         ),
         "not published": (
             ["--key-file", "robot", "--allow-key", "desk.pub"],
-            "--key-file needs --publish: nothing is published",
+            f"--key-file needs --publish, {outputs}",
         ),
         "missing key": (
             ["--publish", "groot2", "--key-file", "/no/robot", "--allow-key", "desk.pub"],
@@ -319,7 +376,8 @@ def usage_errors(free_port: int, tree_file: str) -> dict[str, tuple[list[str], s
     }
 
 
-USAGE_ERRORS = ["groot1", "both", "look", "suffix", "folder", "no folder for the picture", "bind", "port"]
+USAGE_ERRORS = ["groot1", "both", "suffix", "folder", "no folder for the picture", "bind", "port"]
+WITHOUT_EFFECT = ["look", "log of no viewer", "only bind", "only port", "only insecure", "no control"]
 KEY_ERRORS = [
     "no key file",
     "no key file for a watch port",
@@ -330,7 +388,7 @@ KEY_ERRORS = [
 ]
 
 
-@pytest.mark.parametrize("name", [*USAGE_ERRORS, *KEY_ERRORS])
+@pytest.mark.parametrize("name", [*USAGE_ERRORS, *WITHOUT_EFFECT, *KEY_ERRORS])
 def test_a_usage_error_is_reported_once_before_the_run_starts(
     name: str, sample, tree_file, free_port, no_threads_left: Callable[..., None]
 ):
@@ -369,7 +427,7 @@ def test_palette_of_the_environment_is_a_default_and_no_option(tree_file, monkey
     monkeypatch.setenv("BTCORE_PALETTE", "colour-blind")
     assert choose_palette(None) == "colour-blind"
     assert choose_palette("groot") == "groot"
-    assert given_fields(DrawingSettings()) == []
+    assert given_fields(DrawingOptions()) == []
     arguments = ["run", tree_file, "--fast", "--duration", "1", "--publish", "groot2", "--port", "0"]
     assert CliRunner().invoke(main, arguments).exit_code == 0
     monkeypatch.setenv("BTCORE_PALETTE", "rainbow")
@@ -382,8 +440,8 @@ def test_palette_of_the_environment_is_a_default_and_no_option(tree_file, monkey
 def test_arguments_give_the_settings_to_another_process(bare):
     settings = [
         MonitorSettings(publish=("groot1", "groot2"), port=0, serve_web=8080, find=("-a", "b")),
-        ViewerSettings(save=Path("a.rrd"), at=-1.5, size="400x300", verbose=True),
-        KeySettings(Path("desk"), ("k1", "k2")),
+        ViewerOptions(save=Path("a.rrd"), at=-1.5, size="400x300", verbose=True),
+        KeyOptions(key_file=Path("desk"), robot_keys=("k1", "k2")),
     ]
     for one in [type(one)() for one in settings] if bare else settings:
         command = click.Command("any", params=list(create_options(type(one))))

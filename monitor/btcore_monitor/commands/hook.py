@@ -6,15 +6,14 @@ import threading
 import time
 from collections.abc import Collection, Iterator
 from difflib import get_close_matches
-from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import click
 
-from btcore.runs.settings import setting_options
+from btcore.runs.settings import pass_settings
 from btcore_monitor.console import print_line
 from btcore_monitor.installed_packages import check_installed
-from btcore_monitor.key_options import KeySettings, client_keys
+from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.process_end import stop_on_signals
 from btcore_monitor.watch_options import duration_option
 
@@ -77,22 +76,15 @@ class _Connection(NamedTuple):
     metavar="SECONDS",
     help="How long to wait for the robot.",
 )
-@setting_options(KeySettings)
+@pass_settings(KeyOptions, "keys")
 @click.pass_context
-def hook(
-    context: click.Context,
-    address: str,
-    wait_s: float,
-    key_file: Path | None,
-    robot_keys: tuple[str, ...],
-) -> None:
+def hook(context: click.Context, address: str, wait_s: float, keys: KeyOptions) -> None:
     """Set breakpoints, step, and inject statuses in the tree at ADDRESS, on a robot with Groot 2's protocol.
 
     ADDRESS is as for `btcore monitor` (default: tcp://127.0.0.1:1667). A btcore robot has to be started with
     --allow-control. A PATTERN is a node's path or name, with the wildcards * ? [] for several nodes.
     """
-    [keys] = client_keys(key_file, robot_keys)
-    context.obj = _Connection(address, wait_s, keys)
+    context.obj = _Connection(address, wait_s, *keys.read())
 
 
 @contextlib.contextmanager

@@ -9,15 +9,19 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from btcore.runs.settings import option_names, setting_options
-from btcore_monitor.console import print_line
-from btcore_monitor.drawing_options import DrawingSettings
+from btcore.runs.settings import option_names, pass_settings
+from btcore_monitor.console import print_message
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.installed_packages import check_installed
-from btcore_monitor.key_options import KeySettings, client_keys
+from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.output_files import check_folder
 from btcore_monitor.process_end import abandon, stop_on_signals, time_limit, wait_for_stop
-from btcore_monitor.viewer_options import ViewerSettings, viewer_options
+from btcore_monitor.viewer_options import (
+    DRAWING_OPTION_NAMES,
+    DrawingOptions,
+    ViewerOptions,
+    pass_viewer_options,
+)
 from btcore_monitor.watch_options import duration_option, robot_options
 
 if TYPE_CHECKING:
@@ -39,21 +43,19 @@ _CHECK_VIEWER_INTERVAL_S: Final = 2.0
 
 @click.command()
 @click.argument("addresses", nargs=-1, metavar="[ADDRESS]...")
-@viewer_options
+@pass_viewer_options
 @robot_options
-@setting_options(KeySettings)
+@pass_settings(KeyOptions, "keys")
 @click.option("--no-view", "--headless", "no_view", is_flag=True, help="Open no window.")
 @click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
 @duration_option
 @click.option("--quiet", is_flag=True, help="Print problems only, not changes of the connection.")
 def monitor(
     addresses: tuple[str, ...],
-    options: ViewerSettings,
-    drawing: DrawingSettings,
+    options: ViewerOptions,
     no_record: bool,
     blackboard_rate: float,
-    key_file: Path | None,
-    robot_keys: tuple[str, ...],
+    keys: KeyOptions,
     no_view: bool,
     until_end: bool,
     duration: float | None,
@@ -83,11 +85,11 @@ def monitor(
         if recordings:
             if robots:
                 raise click.UsageError("recordings and robots cannot be shown together")
-            _check_is_live(drawing)
+            _check_is_live(options)
             _show_recordings(recordings, options, duration)
             return
         robots = robots or [DEFAULT_ADDRESS]
-        keys = client_keys(key_file, robot_keys, len(robots))
+        robot_keys = keys.read(len(robots))
         with contextlib.ExitStack() as stack:
             _check_addresses(robots)
             # Before the robots notice their clients: `btcore run` begins when its viewer is connected.
@@ -96,18 +98,17 @@ def monitor(
                 stack.enter_context(
                     Feed(robot, blackboard_rate=blackboard_rate, record=not no_record, keys=key)
                 )
-                for robot, key in zip(robots, keys, strict=True)
+                for robot, key in zip(robots, robot_keys, strict=True)
             ]
             with time_limit(duration):
-                files = _watch(feeds, sinks, drawing, until_end, duration, quiet)
+                files = _watch(feeds, sinks, options, until_end, duration, quiet)
             options.take_screenshot(files)
             if files:
                 return
             if options.screenshot is not None:
                 raise click.ClickException(f"no tree was seen at {', '.join(robots)}, so there is no picture")
             if options.save is not None:
-                seen_at = ", ".join(robots)
-                print_line(f"monitor: no tree was seen at {seen_at}, so nothing was recorded", err=True)
+                print_message(f"no tree was seen at {', '.join(robots)}, so nothing was recorded")
                 click.get_current_context().exit(1)
     except RecordingError as error:
         abandon(error)
@@ -115,12 +116,13 @@ def monitor(
         raise click.ClickException(str(error)) from None
 
 
-def _check_is_live(drawing: DrawingSettings) -> None:
+def _check_is_live(options: ViewerOptions) -> None:
     """Raise click.UsageError if there are drawing options, because a recording keeps its own options."""
-    for option in option_names(drawing):
-        raise click.UsageError(
-            f"{option} has no effect on a recording: use it with a robot, or with btcore replay and a log"
-        )
+    for name in option_names(options):
+        if name in DRAWING_OPTION_NAMES:
+            raise click.UsageError(
+                f"{name} has no effect on a recording: use it with a robot, or with btcore replay and a log"
+            )
 
 
 def _check_addresses(addresses: list[str]) -> None:
@@ -139,7 +141,7 @@ def _check_addresses(addresses: list[str]) -> None:
 def _watch(
     feeds: "list[Feed]",
     sinks: "RecordingSinks",
-    drawing: DrawingSettings,
+    drawing: DrawingOptions,
     until_end: bool,
     duration: float | None,
     quiet: bool,
@@ -196,7 +198,7 @@ def _watch(
                     failure, viewer = viewer.failure(), None
                     # Printed at once, because closing the recording takes some seconds without a viewer.
                     report = f"the viewer (rerun) failed: {failure}" if failure else "the viewer was closed"
-                    print_line(f"monitor: {report}", err=True)
+                    print_message(report)
                     if failure:
                         errors.append(click.exceptions.Exit(2))
                     if sinks.save is None:
@@ -232,14 +234,14 @@ def _process_feed(
             view.process_event(event)
             text = format_notice(event)
             if text and not (quiet and isinstance(event, ConnectionEvent) and event.state != "lost"):
-                print_line(f"monitor: {text}", err=True)
+                print_message(text)
         if not events:
             view.process_idle()
         if stop.is_set():
             return
 
 
-def _show_recordings(recordings: list[Path], options: ViewerSettings, duration: float | None) -> None:
+def _show_recordings(recordings: list[Path], options: ViewerOptions, duration: float | None) -> None:
     from btcore_monitor.screen.sinks import open_viewer
 
     for recording in recordings:

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from btcore.runs.settings import pass_settings, setting_options
+from btcore.runs.settings import pass_settings
 from btcore.suggestions import join_names
 from btcore_monitor.commands.monitor import DEFAULT_ADDRESS
 from btcore_monitor.console import print_line
-from btcore_monitor.drawing_options import DrawingSettings
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.installed_packages import check_installed
-from btcore_monitor.key_options import KeySettings, client_keys
+from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.output_files import check_writable
 from btcore_monitor.process_end import INCOMPLETE_OUTPUT, abandon, stop_on_signals, time_limit
+from btcore_monitor.viewer_options import DrawingOptions
 from btcore_monitor.watch_options import duration_option, robot_options
 
 if TYPE_CHECKING:
@@ -54,8 +54,8 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
 @duration_option
 @click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
 @robot_options
-@setting_options(KeySettings)
-@pass_settings(DrawingSettings, "drawing")
+@pass_settings(KeyOptions, "keys")
+@pass_settings(DrawingOptions, "drawing")
 def record(
     address: str,
     outputs: Sequence[Path],
@@ -64,9 +64,8 @@ def record(
     until_end: bool,
     no_record: bool,
     blackboard_rate: float,
-    key_file: Path | None,
-    robot_keys: tuple[str, ...],
-    drawing: DrawingSettings,
+    keys: KeyOptions,
+    drawing: DrawingOptions,
 ) -> None:
     """Record the tree at ADDRESS, on any robot that btcore monitor can show.
 
@@ -90,11 +89,11 @@ def record(
     from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
 
     _check(outputs, (*LOGS, _RERUN))
-    [keys] = client_keys(key_file, robot_keys)
+    [robot_keys] = keys.read()
     try:
         with (
             time_limit(duration),
-            Feed(address, blackboard_rate=blackboard_rate, record=not no_record, keys=keys) as feed,
+            Feed(address, blackboard_rate=blackboard_rate, record=not no_record, keys=robot_keys) as feed,
         ):
             files = _Files(outputs, drawing)
             try:
@@ -120,7 +119,7 @@ def record(
 class _Files:
     """The output files: logs, and recordings for the viewer."""
 
-    def __init__(self, outputs: Sequence[Path], drawing: DrawingSettings) -> None:
+    def __init__(self, outputs: Sequence[Path], drawing: DrawingOptions) -> None:
         from btcore_monitor.log_writer import LogWriter
 
         recordings = _filter_recordings(outputs)

@@ -13,8 +13,7 @@ from btcore.logs import Recording, read_log
 from btcore.logs.console import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import nearest_name
-from btcore_monitor.console import print_line
-from btcore_monitor.drawing_options import DrawingSettings
+from btcore_monitor.console import print_line, print_message
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.events import (
     NODE_TYPES,
@@ -29,7 +28,7 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.process_end import abandon, wait_for_stop
-from btcore_monitor.viewer_options import ViewerSettings, viewer_options
+from btcore_monitor.viewer_options import ViewerOptions, pass_viewer_options
 
 _NOT_KEPT: Final = "not in a log file"
 LOG_FILE: Final = DataSource(
@@ -60,15 +59,14 @@ _COLOURS: Final[dict[Status, str]] = {RUNNING: "yellow", SUCCESS: "green", FAILU
 @click.option(
     "--to", "to_s", type=float, metavar="SECONDS", help="Time of the last transition.  [default: the end]"
 )
-@viewer_options
+@pass_viewer_options
 def replay(
     log: str,
     text: bool,
     node_patterns: Sequence[str],
     from_s: float | None,
     to_s: float | None,
-    options: ViewerSettings,
-    drawing: DrawingSettings,
+    options: ViewerOptions,
 ) -> None:
     """Show LOG: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2), a bag (.mcap) or a .fbl.
 
@@ -76,8 +74,8 @@ def replay(
     --screenshot need no display. Times are in seconds since the log began. A truncated file is shown up to
     its end.
     """
-    if text and options.list_given():
-        raise click.UsageError(f"--text and {options.list_given()[0]} exclude each other: choose one.")
+    if text and options.outputs:
+        raise click.UsageError(f"--text and {options.outputs[0]} exclude each other: choose one.")
     if node_patterns and not text:
         raise click.UsageError("--node selects lines, so it needs --text.")
     if from_s is not None and to_s is not None and from_s > to_s:
@@ -90,7 +88,7 @@ def replay(
         _print(recording, window, node_patterns)
         return
     check_installed("rerun", "numpy")
-    _show_recording(recording, window, options, drawing)
+    _show_recording(recording, window, options)
 
 
 def observed_tree(recording: Recording) -> ObservedTree:
@@ -180,16 +178,14 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
             print_line(line, colour=colour, dim=colour is None)
 
 
-def _show_recording(
-    recording: Recording, window: range, options: ViewerSettings, drawing: DrawingSettings
-) -> None:
+def _show_recording(recording: Recording, window: range, options: ViewerOptions) -> None:
     from btcore_monitor.screen.rerun_process import ScreenError
     from btcore_monitor.screen.robot_layouts import SingleRobotLayout
 
-    opens_viewer = not options.list_given()
+    opens_viewer = not options.outputs
     try:
         with options.open_sinks(opens_viewer) as sinks:
-            view = drawing.create_view(SingleRobotLayout(sinks))
+            view = options.create_view(SingleRobotLayout(sinks))
             for event in events(recording, window):
                 view.process_event(event)
             view.close()
@@ -197,7 +193,7 @@ def _show_recording(
             if viewer is not None and not viewer.is_open and (failure := viewer.failure()):
                 raise ScreenError(f"the viewer (rerun) failed: {failure}")
             if options.save is not None:
-                print_line(f"monitor: the recording is {options.save}", err=True)
+                print_message(f"the recording is {options.save}")
             options.take_screenshot(view.files)
             if options.serve_web is not None:
                 wait_for_stop()

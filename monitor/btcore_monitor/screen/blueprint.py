@@ -89,7 +89,7 @@ class Pane:
 def compute_lanes_share(lane_count: int) -> float:
     """Return the share of the window's height for a number of lanes below the tree.
 
-    Lanes that need more than _MAX_LANES get _SCROLLED.
+    Lanes that need more than _MAX_LANES_SHARE get _SCROLLED_LANES_SHARE, and are scrolled.
     """
     needed = (lane_count * _LANE_HEIGHT * 1.31 + _LANES_FRAME_HEIGHT) / _SMALL_HEIGHT
     return max(0.16, needed) if needed <= _MAX_LANES_SHARE else _SCROLLED_LANES_SHARE

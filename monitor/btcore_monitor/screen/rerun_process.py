@@ -24,10 +24,9 @@ from rerun.experimental import ViewerClient
 from btcore.extras import install_command
 from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_monitor.errors import MonitorError
+from btcore_monitor.time_limits import VIEWER_START_TIMEOUT_S
 
 LOOPBACK: Final = "127.0.0.1"
-_START_TIMEOUT_S: Final = 300.0
-"""Timeout (s) for the start, which is slow on a busy machine. A viewer that ends is noticed at once."""
 _DRAW_TIMEOUT_S: Final = 5.0
 _END_TIMEOUT_S: Final = 2.0
 _CLOSED: Final = (0, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP if hasattr(signal, "SIGHUP") else 0)
@@ -78,16 +77,16 @@ class RerunProcess:
         """Wait until the viewer accepts connections at *port* (default: its port for recordings).
 
         Raises:
-            ScreenError: The viewer ends, or does not listen within `_START_TIMEOUT_S`.
+            ScreenError: The viewer ends, or does not listen within `VIEWER_START_TIMEOUT_S`.
         """
-        deadline = time.monotonic() + _START_TIMEOUT_S
+        deadline = time.monotonic() + VIEWER_START_TIMEOUT_S
         while time.monotonic() < deadline:
             if self._process.poll() is not None:
                 raise ScreenError(f"the viewer (rerun) ended while starting: {self.failure()}")
             if is_listening(port or self.port):
                 return
             time.sleep(0.05)
-        raise ScreenError(f"the viewer (rerun) did not answer within {_START_TIMEOUT_S:.0f} s")
+        raise ScreenError(f"the viewer (rerun) did not answer within {VIEWER_START_TIMEOUT_S:.0f} s")
 
     def wait_until_drawing(self) -> None:
         """Wait until the viewer answers from its window, or for some seconds: a hidden window may not answer.

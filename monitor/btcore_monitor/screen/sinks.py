@@ -26,12 +26,11 @@ from btcore_monitor.screen.rerun_process import (
     is_listening,
     port_of,
 )
+from btcore_monitor.time_limits import FLUSH_TIMEOUT_S
 
 if sys.platform != "win32":
     import resource
 
-FLUSH_TIMEOUT_S: Final = 20.0
-"""Wall time (s) for sinks to receive the remaining data at the end."""
 FLUSH_FILE_TIMEOUT_S: Final = 1.0
 """Wall time (s) for the file to receive the remaining data if the viewer was closed."""
 FLUSH_STEP_S: Final = 1.0

@@ -6,7 +6,7 @@ from click.testing import CliRunner
 from btcore.cli.main import main
 from btcore_monitor.commands.keys import keys
 from btcore_monitor.events import TreeEvent
-from btcore_monitor.key_options import client_keys
+from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.keys import RobotKeys, create_keys
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.feed import Feed
@@ -90,7 +90,7 @@ def test_the_options_of_hook_precede_or_follow_the_address(folder, endless, no_t
 
 def test_several_robots_have_their_own_keys(folder, endless, sample, no_threads_left):
     create_keys(folder / "robot2")
-    keys = client_keys(folder / "desk", ["robot.pub", "robot2.pub"], 2)
+    keys = KeyOptions(key_file=folder / "desk", robot_keys=("robot.pub", "robot2.pub")).read(2)
     for tree, name, robot, own in (
         (endless, "Endless", "robot", keys[0]),
         (sample, "Main", "robot2", keys[1]),
@@ -100,4 +100,4 @@ def test_several_robots_have_their_own_keys(folder, endless, sample, no_threads_
             Feed(publisher.address, keys=own) as feed,
         ):
             assert next(event.tree.name for event in feed if isinstance(event, TreeEvent)) == name
-    assert client_keys(folder / "desk", ["robot.pub"], 2)[0] is not None
+    assert KeyOptions(key_file=folder / "desk", robot_keys=("robot.pub",)).read(2)[0] is not None

@@ -3,7 +3,6 @@
 import pytest
 from rerun.chunk import RrdReader
 
-from btcore_monitor.drawing_options import LOG_LEVELS
 from btcore_monitor.events import (
     ExceptionEvent,
     LostTransitionsEvent,
@@ -16,6 +15,7 @@ from btcore_monitor.screen.panels import LEVELS
 from btcore_monitor.screen.robot_layouts import SingleRobotLayout
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.sinks import RecordingSinks
+from btcore_monitor.viewer_options import LOG_LEVELS
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = range(5)
 TREE = ObservedTree("a" * 32, "T", (ObservedNode(1, "Go", "Go", "action", "Go"),), {"": "T"})

@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from btcore_monitor.drawing_options import PALETTE_NAMES as NAMES
 from btcore_monitor.events import TransitionEvent
 from btcore_monitor.screen.style import COLOUR_BLIND, GROOT, PALETTES
+from btcore_monitor.viewer_options import PALETTE_NAMES as NAMES
 
 RUNNING, SUCCESS, FAILURE, SKIPPED = range(1, 5)
 # Machado, Oliveira and Fernandes 2009: full deficiency, in linear RGB.

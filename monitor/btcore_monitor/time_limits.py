@@ -1,0 +1,21 @@
+"""How long a run waits for the `btcore monitor` that it starts, and this for the viewer (s, wall clock)."""
+
+from typing import Final
+
+VIEWER_START_TIMEOUT_S: Final = 300.0
+"""Until a viewer listens after its start, which is slow on a busy machine. A viewer that ends is noticed."""
+
+FLUSH_TIMEOUT_S: Final = 20.0
+"""Until the viewer and the file of a recording have received its remaining data."""
+
+CONNECT_TIMEOUT_S: Final = VIEWER_START_TIMEOUT_S + 30.0
+"""Until a `btcore monitor` has opened its viewer and connected. A process that ends is noticed at once."""
+
+SHOW_TIMEOUT_S: Final = FLUSH_TIMEOUT_S + 10.0
+"""Until a `btcore monitor` has received the remaining data, passed them to its viewer, and ended."""
+
+WRITE_TIMEOUT_S: Final = FLUSH_TIMEOUT_S + 40.0
+"""The same of a `btcore monitor` that writes a recording, which must not be cut off."""
+
+PICTURE_TIMEOUT_S: Final = VIEWER_START_TIMEOUT_S + 600.0
+"""Further time of a `btcore monitor` that then opens another viewer and draws a picture."""
