@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
 from typing import Self
@@ -28,7 +28,7 @@ class EndingSignals:
         self._handlers: AbstractContextManager[None]
 
     def __enter__(self) -> Self:
-        self._handlers = signal_handlers(ending_signals(), self._handle)
+        self._handlers = _handled(self._handle)
         self._handlers.__enter__()
         return self
 
@@ -54,30 +54,23 @@ def delayed_signals() -> Iterator[None]:
     """
     received: list[int] = []
     try:
-        with signal_handlers(ending_signals(), lambda number, frame: received.append(number)):
+        with _handled(lambda number, frame: received.append(number)):
             yield
     finally:
         if received:
             signal.raise_signal(received[0])
 
 
-def ending_signals() -> list[signal.Signals]:
-    """Return the signals that end a run: SIGINT, SIGTERM and SIGHUP."""
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    # Windows has no SIGHUP; nohup sets it to SIG_IGN, so that the run survives the terminal.
-    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-        numbers.append(signal.SIGHUP)
-    return numbers
-
-
 @contextmanager
-def signal_handlers(
-    numbers: Iterable[signal.Signals], handler: Callable[[int, FrameType | None], None]
-) -> Iterator[None]:
-    """Return a context in which *handler* handles the signals *numbers*.
+def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Return a context in which *handler* handles SIGINT, SIGTERM and SIGHUP.
 
     Outside the main thread, where Python allows no signal handlers, the context has no effect.
     """
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    # Windows has no SIGHUP; nohup sets it to SIG_IGN, so that the process survives the terminal.
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
     in_main_thread = threading.current_thread() is threading.main_thread()
     before = {number: signal.signal(number, handler) for number in numbers if in_main_thread}
     try:

@@ -76,10 +76,11 @@ class MonitorProcess:
         )
 
     def finish(self, stays_open: bool) -> str:
-        """Wait until the process has received all data and written its files, and end it.
+        """Wait until the process has received all data and written its files; `start_monitors` ends it.
 
         Args:
-            stays_open: Whether a viewer for browsers stays open until a signal. Otherwise it ends at once.
+            stays_open: Whether a viewer for browsers stays open until a signal. Otherwise it is not waited
+                for.
 
         Returns:
             The reason why the file that the process writes is incomplete, or "".
@@ -87,7 +88,6 @@ class MonitorProcess:
         if self.serves_web:
             if stays_open:
                 self._wait_for_signal()
-            self.process.terminate()
             return ""
         timeout = WRITE_TIMEOUT_S if self.writes_file else SHOW_TIMEOUT_S
         if self.takes_screenshot:
@@ -95,7 +95,6 @@ class MonitorProcess:
         try:
             code = self._wait(timeout)
         except subprocess.TimeoutExpired:
-            self.process.terminate()
             lost = "so the picture is missing" if self.takes_screenshot else "so its end may be missing"
             failure = f"{self.label}: not finished {timeout:g} s after the run, {lost}"
             if not self.writes_file:

@@ -5,10 +5,9 @@ import os
 import sys
 import threading
 from collections.abc import Iterator
-from types import FrameType
 from typing import Final, NoReturn
 
-from btcore.signals import ending_signals, signal_handlers
+from btcore.signals import EndingSignals
 from btcore_monitor.console import print_line, print_message
 from btcore_monitor.errors import RecordingError
 
@@ -19,22 +18,11 @@ END_TIMEOUT_S: Final = 30.0
 """Seconds after a time limit within which a command completes its data; after that its process ends."""
 
 
-@contextlib.contextmanager
-def stop_on_signals(stop: threading.Event) -> Iterator[None]:
-    """Set *stop* on SIGINT (Ctrl-C), SIGTERM and SIGHUP, so that files are completed."""
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        stop.set()
-
-    with signal_handlers(ending_signals(), handle):
-        yield
-
-
 def wait_for_stop(duration: float | None = None) -> None:
     """Return on a signal, or after *duration* s, while a view is served to browsers."""
     print_message("Ctrl-C ends it")
     stop = threading.Event()
-    with stop_on_signals(stop):
+    with EndingSignals(stop.set):
         stop.wait(duration)
 
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import click
 
 from btcore.runs.settings import pass_settings
+from btcore.signals import EndingSignals
 from btcore_monitor.console import print_line
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import KeyOptions
-from btcore_monitor.process_end import stop_on_signals
 from btcore_monitor.watch_options import duration_option
 
 if TYPE_CHECKING:
@@ -265,7 +265,7 @@ def _print_reached(
     """
     stop = threading.Event()
     deadline = None if duration is None else time.monotonic() + duration
-    with stop_on_signals(stop):
+    with EndingSignals(stop.set):
         while not stop.is_set() and (deadline is None or time.monotonic() < deadline):
             reached = robot.poll(_CHECK_INTERVAL_S)
             if reached is not None:

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from btcore.runs.settings import option_names, pass_settings
+from btcore.signals import EndingSignals
 from btcore_monitor.console import print_message
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.output_files import check_folder
-from btcore_monitor.process_end import abandon, stop_on_signals, time_limit, wait_for_stop
+from btcore_monitor.process_end import abandon, time_limit, wait_for_stop
 from btcore_monitor.viewer_options import (
     DRAWING_OPTION_NAMES,
     DrawingOptions,
@@ -179,7 +180,7 @@ def _watch(
         threading.Thread(target=run, args=pair, name=f"monitor {pair[0].address}")
         for pair in zip(feeds, views, strict=True)
     ]
-    with stop_on_signals(stop):
+    with EndingSignals(stop.set):
         for thread in threads:
             thread.start()
         deadline = None if duration is None else time.monotonic() + duration

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from btcore.runs.settings import pass_settings
+from btcore.signals import EndingSignals
 from btcore.suggestions import join_names
 from btcore_monitor.commands.monitor import DEFAULT_ADDRESS
 from btcore_monitor.console import print_line
@@ -17,7 +18,7 @@ from btcore_monitor.errors import RecordingError
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.output_files import check_writable
-from btcore_monitor.process_end import INCOMPLETE_OUTPUT, abandon, stop_on_signals, time_limit
+from btcore_monitor.process_end import INCOMPLETE_OUTPUT, abandon, time_limit
 from btcore_monitor.viewer_options import DrawingOptions
 from btcore_monitor.watch_options import duration_option, robot_options
 
@@ -171,7 +172,7 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
     shown = ""
     stop = threading.Event()
     deadline = None if duration is None else time.monotonic() + duration
-    with stop_on_signals(stop):
+    with EndingSignals(stop.set):
         while not stop.is_set():
             left = (
                 _CHECK_INTERVAL_S if deadline is None else min(_CHECK_INTERVAL_S, deadline - time.monotonic())
