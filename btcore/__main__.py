@@ -4,6 +4,7 @@ Importing the command line takes some tenths of a second. In this time Ctrl-C en
 import that is interrupted by an exception would print a traceback.
 """
 
+import gc
 import os
 import signal
 from types import FrameType
@@ -25,15 +26,23 @@ def main() -> None:
         from btcore.confinement import confine_process
 
         confine_process()
+    # Modules are no garbage before the exit: until the command starts, the collector would scan them in vain.
+    gc.disable()
     from btcore.cli.main import main as command
 
+    gc.freeze()
     if handles_ctrl_c:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        command(prog_name="btcore")
+        command(prog_name="btcore", obj=_start_garbage_collection)
     finally:
         if handles_ctrl_c:
             signal.signal(signal.SIGINT, _exit_at_once)
+
+
+def _start_garbage_collection() -> None:
+    gc.freeze()  # also the module of the command; what is frozen is not scanned at the exit either
+    gc.enable()
 
 
 def _exit_at_once(number: int, frame: FrameType | None) -> NoReturn:

@@ -10,10 +10,10 @@ from typing import Final
 # C1 and DEL, the separators of lines and paragraphs, Unicode's Bidi_Control, and halves of surrogate pairs,
 # which no encoding can write.
 _LATER: Final = "\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff"
-_IN_LINE: Final = re.compile(f"[\\x00-\\x1f{_LATER}]")
-_IN_TEXT: Final = re.compile(f"[\\x00-\\x08\\x0b-\\x1f{_LATER}]")
+_IN_LINE: Final = f"[\\x00-\\x1f{_LATER}]"
+_IN_TEXT: Final = f"[\\x00-\\x08\\x0b-\\x1f{_LATER}]"
 # json.dumps escapes C0 itself. In XML, C0 and surrogates are invalid.
-_EXCEPT_C0: Final = re.compile(f"[{_LATER}]")
+_EXCEPT_C0: Final = f"[{_LATER}]"
 _IN_XML: Final = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
 
 
@@ -29,10 +29,8 @@ def escape_controls(text: str, one_line: bool = False) -> str:
         >>> print(escape_controls(f"red: {chr(27)}[31m"))
         red: \x1b[31m
     """
-    # Nearly every text consists of printable ASCII characters.
-    if text.isascii() and text.isprintable():
-        return text
-    return (_IN_LINE if one_line else _IN_TEXT).sub(_escape, text)
+    # Nearly every text is printable. The re module compiles a pattern when it is first used.
+    return text if text.isprintable() else re.sub(_IN_LINE if one_line else _IN_TEXT, _escape, text)
 
 
 def to_json(data: object, indent: int | None = None, ensure_ascii: bool = False) -> str:
@@ -51,7 +49,7 @@ def to_json(data: object, indent: int | None = None, ensure_ascii: bool = False)
     import json  # not at the start of every program
 
     text = json.dumps(data, ensure_ascii=ensure_ascii, indent=indent)
-    return _EXCEPT_C0.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return re.sub(_EXCEPT_C0, lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def escape_xml(text: str) -> str:
@@ -62,7 +60,7 @@ def escape_xml(text: str) -> str:
         >>> escape_xml(f'<Sequence name="{chr(155)}"/>')
         '<Sequence name="&#x9b;"/>'
     """
-    return _EXCEPT_C0.sub(lambda found: f"&#x{ord(found[0]):x};", text)
+    return re.sub(_EXCEPT_C0, lambda found: f"&#x{ord(found[0]):x};", text)
 
 
 def escape_text(text: str) -> str:

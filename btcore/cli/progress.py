@@ -6,10 +6,9 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console
-from rich.live import Live
 from rich.text import Text
 
 from btcore.cli import terminal
@@ -17,6 +16,9 @@ from btcore.clock import NS_PER_S
 from btcore.escaping import escape_controls
 from btcore.status import Status
 from btcore.tree.tree import Tree
+
+if TYPE_CHECKING:
+    from rich.live import Live
 
 _LIVE_INTERVAL_S: Final = 0.1  # real time between two updates of the live line
 _PLAIN_INTERVAL_S: Final = 10.0  # real time between two lines if stderr is not a terminal
@@ -52,6 +54,8 @@ class Progress:
 
     def _open(self) -> None:
         if self.console.is_terminal:
+            from rich.live import Live  # not for a pipe
+
             self.live = Live(console=self.console, auto_refresh=False, transient=True)
             self.live.start()
             sys.breakpointhook = self._start_debugger

@@ -101,7 +101,7 @@ def print_xml(document: str | bytes) -> None:
 
 
 def _make_console(stderr: bool) -> Console:
-    console = _EscapingConsole(stderr=stderr, highlight=False)
+    console = _EscapingConsole(stderr=stderr, highlight=False, emoji=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = 140  # in a pipe or a file rich would assume 80, which is too narrow for the tables
     return console
