@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from os import PathLike
 from types import TracebackType
-from typing import Any, Self, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
 import click
 
@@ -33,13 +33,15 @@ from btcore.runs.providers import (
     full_name,
     is_settings,
 )
-from btcore.runs.reload import TreeWatcher, reload_tree
 from btcore.runs.settings import RunSettings, Settings, check_settings
 from btcore.runs.tick_loop import TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
+
+if TYPE_CHECKING:
+    from btcore.runs.reload import TreeWatcher
 
 T = TypeVar("T")
 
@@ -321,7 +323,7 @@ class Run:
         until: Until = "done",
         *,
         on_tick: Callable[[Status], None] | None = None,
-        watcher: TreeWatcher | None = None,
+        watcher: "TreeWatcher | None" = None,
     ) -> Status:
         """Tick at the rate of the run until the end, halt the tree, and return the status of the last tick.
 
@@ -358,11 +360,13 @@ class Run:
             self.wall_s = time.perf_counter() - began
         return self.status
 
-    def _tick_and_reload(self, loop: TickLoop, watcher: TreeWatcher) -> EndReason:
+    def _tick_and_reload(self, loop: TickLoop, watcher: "TreeWatcher") -> EndReason:
         """Tick the tree, and those that replace it, until the run ends; return the reason.
 
         After the end of a tree, also by an exception of a leaf, the run waits for the next save.
         """
+        from btcore.runs.reload import reload_tree  # most runs do not need it
+
         has_ended = False
         while True:
             try:
