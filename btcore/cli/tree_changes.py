@@ -27,7 +27,7 @@ class TreeChanges:
     """The results of leaves without code, the substitution rules, and the entries of the blackboard.
 
     Args:
-        plan: The values of `--plan`.
+        stub_results: The values of `--plan`.
         substitute: The values of `--substitute`.
         set: The values of `--set`.
 
@@ -38,8 +38,8 @@ class TreeChanges:
         click.UsageError: A value is invalid.
     """
 
-    def __init__(self, plan: Sequence[str], substitute: Sequence[Path], set: Sequence[str]) -> None:
-        self._letters = _parse_letters(plan)
+    def __init__(self, stub_results: Sequence[str], substitute: Sequence[Path], set: Sequence[str]) -> None:
+        self._letters = _parse_letters(stub_results)
         self._rule_files = substitute
         self._entries = _parse_entries(set)
         self.provided = [StubResults(self._letters)] if self._letters else []

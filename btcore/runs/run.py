@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from os import PathLike
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
 import click
 
@@ -44,8 +44,6 @@ if TYPE_CHECKING:
     from btcore.runs.reload import TreeWatcher
 
 T = TypeVar("T")
-
-_OPTIONS_OF_FILES: Final = frozenset({"nodes", "tree", "format", "packages", "confined"})
 
 
 class TreelessProgram:
@@ -92,8 +90,9 @@ class Run:
         settings: Settings of providers, and `RunSettings`.
         prepare: Called on entry when the tree was created, before the providers that need the tree are
             opened.
-        options: As in `btcore.load`, except `resources`. The default of `clock` is that of a provider, or of
-            *provided*; without one, the system's clock, or a simulated clock with `RunSettings.fast`.
+        options: As in `btcore.load`, except `resources`; those about reading a file have no effect on plans
+            and programs. The default of `clock` is that of a provider, or of *provided*; without one, the
+            system's clock, or a simulated clock with `RunSettings.fast`.
 
     Attributes:
         tree: The tree that is ticked; `replace_tree` changes it.
@@ -141,10 +140,6 @@ class Run:
             raise TypeError("a run has no argument 'resources': write provided=[…]")
         if isinstance(source, (str, PathLike)):
             source = plan_source(source, options)
-        elif unused := options.keys() & _OPTIONS_OF_FILES:
-            raise TypeError(
-                f"'{min(unused)}' has no effect: the run has plans or a program instead of a file"
-            )
         if isinstance(source, Plans):
             source.diagnostics.raise_errors()
         self._source = source

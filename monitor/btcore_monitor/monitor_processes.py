@@ -111,7 +111,7 @@ class MonitorProcess:
         return self.process.wait(timeout - _ANNOUNCE_END_AFTER_S)
 
     def _wait_for_signal(self) -> None:
-        with contextlib.suppress(KeyboardInterrupt, SystemExit):
+        with contextlib.suppress(KeyboardInterrupt):
             if self.process.poll() is None:
                 print_message(f"the run is over; {self.label} stays open until Ctrl-C")
             # On Windows, Ctrl-C does not end a wait for a process.

@@ -30,13 +30,14 @@ if TYPE_CHECKING:
 class RunOptions(TreeOptions):
     """The options of `btcore run` about the tree and its end."""
 
-    plan: Annotated[
+    stub_results: Annotated[
         tuple[str, ...],
         option(
             "Results of a leaf from --model, given by its name or ID: one letter for each tick, R (RUNNING), "
             "S (SUCCESS), F (FAILURE) or K (SKIPPED), and | between two starts, for example Move=RRS|F. "
             "Leaves without a plan return SUCCESS. Repeatable.",
             metavar="NAME=LETTERS",
+            name="plan",
         ),
     ] = ()
     substitute: Annotated[
@@ -290,11 +291,11 @@ def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -
 
 def _create_changes(options: RunOptions) -> "TreeChanges | None":
     """Return what the options change in the tree, or None; most runs do not need the module."""
-    if not (options.plan or options.substitute or options.set):
+    if not (options.stub_results or options.substitute or options.set):
         return None
     from btcore.cli.tree_changes import TreeChanges
 
-    return TreeChanges(options.plan, options.substitute, options.set)
+    return TreeChanges(options.stub_results, options.substitute, options.set)
 
 
 def _unwritten_entry_hint(tree: Tree, error: NodeExecutionError) -> str:

@@ -277,11 +277,6 @@ def test_errors_of_the_file_come_before_the_providers(tmp_path: Path) -> None:
         Run(write_tree(tmp_path, "<Absent/>"))
 
 
-def test_an_option_without_effect_is_an_error() -> None:
-    with pytest.raises(TypeError, match="'nodes' has no effect"):
-        Run(program(), nodes=Registry.standard())
-
-
 def test_an_error_while_providers_open_names_those_that_failed_to_close() -> None:
     @provider
     def arm(lamp: Lamp) -> Iterator[Torch]:
