@@ -6,8 +6,6 @@ docs/reference/errors.md describes the codes; a test compares the page with this
 import re
 from typing import Final, Literal
 
-from btcore.documentation_site import documentation_url
-
 Severity = Literal["error", "warning", "same meaning", "new meaning", "manual step"]
 """The severity of a problem (error, warning), or the effect of a change in a conversion to format 4."""
 
@@ -49,6 +47,8 @@ class DiagnosticCode(str):
         """
         heading = f"{self} · {self.summary}".lower()
         anchor = re.sub(r"[^\w -]", "", heading).replace(" ", "-")
+        from btcore.documentation_site import documentation_url  # only for messages
+
         return documentation_url(f"reference/errors.html#{anchor}")
 
 

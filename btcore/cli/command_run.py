@@ -64,13 +64,12 @@ class CommandRun(Run):
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> bool | None:
+    ) -> None:
         try:
-            return super().__exit__(kind, error, trace)
+            super().__exit__(kind, error, trace)
         except (OutputError, ProviderError) as closing_error:
             if closing_error is error:
                 raise
-            return None
         finally:
             for one in self.closing_errors:
                 terminal.print_error(message_of(one))

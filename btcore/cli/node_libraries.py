@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
@@ -15,9 +15,11 @@ from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, own_packages
 from btcore.errors import Diagnostic
 from btcore.registry.registry import Plugin, Registry, import_plugin, library_of
 from btcore.runs.settings import Options, option
-from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.read import Document, read
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 
 class LibraryOptions(Options):
@@ -128,9 +130,12 @@ class NodeLibraries:
         Raises:
             TreeError: A model is invalid.
         """
-        for model in models:
-            add_models(self.nodes, model, confined)
-        self.has_models = bool(models)
+        if models:
+            from btcore.xml.models.model_file import add_models  # most commands have no models
+
+            for model in models:
+                add_models(self.nodes, model, confined)
+            self.has_models = True
 
     def nodes_for(self, document: Document) -> Registry:
         """Return the nodes for the trees of *document*.
@@ -140,6 +145,8 @@ class NodeLibraries:
         """
         if not self.has_models:
             return self.nodes
+        from btcore.xml.models.model_file import add_explicit_nodes
+
         # A copy, since the same explicit tag may have other ports in another document.
         nodes = self.nodes.copy()
         add_explicit_nodes(nodes, read(document).documents)
@@ -203,3 +210,13 @@ def _find_node_ids(documents: Iterable[Document]) -> Iterator[str]:
         for top in document.root.iterchildren("BehaviorTree"):
             for element in islice(top.iter(), 1, None):
                 yield element.get("ID") or "" if element.tag in EXPLICIT_TAGS else element.tag
+
+
+def complete_node_id(
+    ctx: click.Context, parameter: click.Parameter, incomplete: str
+) -> "list[CompletionItem]":
+    """Return the IDs of the built-in and installed nodes."""
+    from click.shell_completion import CompletionItem
+
+    ids = load_libraries(()).nodes.manifests_of(4)
+    return [CompletionItem(node_id) for node_id in ids if node_id.startswith(incomplete)]

@@ -4,12 +4,11 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import click
 
 from btcore import bundled_trees
-from btcore.cli.completion import complete_tree_id
 from btcore.cli.node_libraries import LibraryOptions, NodeLibraries, load_libraries
 from btcore.errors import TreeError
 from btcore.input_files import read_error, read_stream
@@ -18,8 +17,38 @@ from btcore.runs.settings import option
 from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.read import Document, parse_bytes, parse_file, read
 
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
 STDIN: Final = Path("-")
 """Stands for the standard input in place of the path of a file."""
+
+
+def complete_tree(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> "list[CompletionItem]":
+    """Return the bundled trees and the XML files that begin with *incomplete*."""
+    from click.shell_completion import CompletionItem
+
+    names = [name for name in bundled_trees.names() if name.startswith(incomplete)]
+    if not names:
+        return [CompletionItem(incomplete, type="file")]
+    files = sorted(str(path) for path in Path().glob("*.xml") if path.name.startswith(incomplete))
+    return [CompletionItem(name) for name in [*files, *names]]
+
+
+def complete_tree_id(
+    ctx: click.Context, parameter: click.Parameter, incomplete: str
+) -> "list[CompletionItem]":
+    """Return the IDs of the trees in the file that the command line names."""
+    from click.shell_completion import CompletionItem
+
+    # click does not assign the arguments when the last word is an option that lacks its value.
+    source = ctx.params.get("source") or next(iter(ctx.args), "")
+    try:
+        root = parse_file(bundled_trees.find(source)).root
+    except (TreeError, FileNotFoundError):
+        return []
+    ids = [tree.get("ID") or "" for tree in root.iterchildren("BehaviorTree")]
+    return [CompletionItem(tree_id) for tree_id in ids if tree_id.startswith(incomplete)]
 
 
 class TreeOptions(LibraryOptions):

@@ -53,25 +53,22 @@ class OpenedProvider:
         kind: type[BaseException] | None = None,
         error: BaseException | None = None,
         trace: TracebackType | None = None,
-    ) -> bool | None:
+    ) -> None:
         """Execute what follows the `yield`; *error* is the exception of the run, or None.
 
-        An error of the provider is kept, so that the others are closed as usual.
-
-        Returns:
-            Whether the function has handled *error*.
+        An error of the provider is kept, so that the others are closed as usual. A provider may explain
+        *error* by another exception, but cannot suppress it.
         """
         context, self._context = self._context, None
         if context is None:
-            return None
+            return
         try:
             with _named(self.provider, error):
-                return context.__exit__(kind, error, trace)
+                context.__exit__(kind, error, trace)
         except _TOLD as own_error:
             if error is not None and error in (own_error, own_error.__cause__):
                 raise  # the exception of the run, or its explanation by the provider
             self.error = self.error or own_error
-            return None
 
     def replace_tree(self, tree: Tree, arguments: Mapping[str, object]) -> None:
         """Let what was provided follow *tree*; if it cannot, close it and call the function again."""

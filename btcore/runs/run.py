@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from os import PathLike
 from types import TracebackType
-from typing import Any, Self, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
 import click
 
@@ -33,13 +33,15 @@ from btcore.runs.providers import (
     full_name,
     is_settings,
 )
-from btcore.runs.reload import TreeWatcher, reload_tree
 from btcore.runs.settings import RunSettings, Settings, check_settings
 from btcore.runs.tick_loop import TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
+
+if TYPE_CHECKING:
+    from btcore.runs.reload import TreeWatcher
 
 T = TypeVar("T")
 
@@ -139,8 +141,8 @@ class Run:
         self._source = source
         self._options = options
         self._provided = list(provided)
-        self._wanted: list[Any] = source.required_resources() if isinstance(source, Plans) else []
-        self._required: list[Any] = []
+        self._leaf_types: list[Any] = source.required_resources() if isinstance(source, Plans) else []
+        self._wanted: list[Any] = []
         self._optional: list[Any] = []
         self._used_settings: set[type[Settings]] = {RunSettings}
         # Those of a command are checked already.
@@ -181,7 +183,6 @@ class Run:
             self._optional += types
         else:
             self._wanted += types
-            self._required += types
         return self
 
     def find(self, kind: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
@@ -195,11 +196,12 @@ class Run:
         with ExitStack() as stack:
             self._stack = stack
             stack.enter_context(self._signals)
-            self.choice = choose(self._wanted, self.providers, self.settings, self._provided, self._optional)
-            self._check_required()
+            needed = [*self._leaf_types, *self._wanted]
+            self.choice = choose(needed, self.providers, self.settings, self._provided, self._optional)
+            self._check_wanted()
             self.resources += self._provided
             self._open_all(needs_tree=False)
-            for kind in [*self._wanted, *self._optional]:
+            for kind in [*needed, *self._optional]:
                 found = self._object_for(full_name(kind))
                 if found is not None:
                     self.resources.choose(kind, found)
@@ -223,8 +225,8 @@ class Run:
         """
         warnings.warn(f"{kind.__name__} have no effect: {reason}", stacklevel=3)
 
-    def _check_required(self) -> None:
-        for kind in self._required:
+    def _check_wanted(self) -> None:
+        for kind in self._wanted:
             problem = self.choice.problems.get(full_name(kind))
             if problem is not None:
                 raise ProviderError("; ".join([problem, *self._unavailable_notes()]))
@@ -270,11 +272,11 @@ class Run:
 
     def _missing_notes(self) -> Iterator[str]:
         """Yield why objects that the leaves need are missing."""
-        for kind in self._wanted:
+        for kind in self._leaf_types:
             provider = self.choice.by_type.get(full_name(kind))
             if isinstance(provider, Provider) and self._object_for(full_name(kind)) is None:
                 yield f"the provider {provider} has provided None"
-        missing = [kind for kind in self._wanted if full_name(kind) in self.choice.problems]
+        missing = [kind for kind in self._leaf_types if full_name(kind) in self.choice.problems]
         for name in map(full_name, missing):
             if self.providers.of_type(name):
                 yield self.choice.problems[name]
@@ -321,7 +323,7 @@ class Run:
         until: Until = "done",
         *,
         on_tick: Callable[[Status], None] | None = None,
-        watcher: TreeWatcher | None = None,
+        watcher: "TreeWatcher | None" = None,
     ) -> Status:
         """Tick at the rate of the run until the end, halt the tree, and return the status of the last tick.
 
@@ -358,11 +360,13 @@ class Run:
             self.wall_s = time.perf_counter() - began
         return self.status
 
-    def _tick_and_reload(self, loop: TickLoop, watcher: TreeWatcher) -> EndReason:
+    def _tick_and_reload(self, loop: TickLoop, watcher: "TreeWatcher") -> EndReason:
         """Tick the tree, and those that replace it, until the run ends; return the reason.
 
         After the end of a tree, also by an exception of a leaf, the run waits for the next save.
         """
+        from btcore.runs.reload import reload_tree  # most runs do not need it
+
         has_ended = False
         while True:
             try:
@@ -487,25 +491,23 @@ class Run:
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> bool | None:
+    ) -> None:
         if error is not None and error is not self.error:
             self.report.end_reason = "interrupted"
         elif self.end_reason is None:
             self.report.end_reason = "done"
         was_interrupted = self.end_reason == "interrupted"
         try:
-            handled = self._stack.__exit__(kind, error, trace)
+            self._stack.__exit__(kind, error, trace)
         except (KeyboardInterrupt, SystemExit):
             if was_interrupted or not self._signals.number:
                 raise
             # The first signal of the run has ended the waits of the providers.
             self.report.end_reason = "interrupted"
-            handled = None
         self.closing_errors = [opened.error for opened in self._opened.values() if opened.error is not None]
-        if self.closing_errors and (error is None or handled):
+        if self.closing_errors and error is None:
             text = "; ".join(map(message_of, self.closing_errors))
             raise OutputError(text) if self._is_only_incomplete() else ProviderError(text)
-        return handled
 
     def _is_only_incomplete(self) -> bool:
         """Return whether all `closing_errors` are about outputs."""

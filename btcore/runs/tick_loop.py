@@ -11,12 +11,14 @@ from typing import Final, Literal
 
 from btcore.clock import NS_PER_S
 from btcore.errors import EndOfTimeError
-from btcore.loading.hot_reload import POLL_INTERVAL_S
 from btcore.runs.settings import RunSettings
 from btcore.status import Status
 from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
+_CHECK_INTERVAL_S: Final = 0.05
+"""The longest time (s) between two checks whether the file was saved, or a pause has ended."""
+
 LoopEnd = Literal["done", "duration", "end_of_time", "interrupted", "saved"]
 """Why a loop ended; see `TickLoop.run`."""
 
@@ -91,7 +93,7 @@ class TickLoop:
                 return "done"
             if self.is_paused:
                 while self.is_paused and not self._is_stopping:
-                    self.tree.context.wait_real_time(POLL_INTERVAL_S)
+                    self.tree.context.wait_real_time(_CHECK_INTERVAL_S)
                 due = self.tree.clock.now()  # the ticks of the pause have not been skipped
             now = self.tree.clock.now()
             # An additional tick before `due` leaves the due time unchanged.
@@ -137,12 +139,12 @@ class TickLoop:
     def _wait_poll_interval(self, now: int) -> None:
         context = self.tree.context
         if not self.fast:
-            deadline = now + round(POLL_INTERVAL_S * NS_PER_S)
+            deadline = now + round(_CHECK_INTERVAL_S * NS_PER_S)
             context.wait_until(deadline if self.end_ns is None else min(deadline, self.end_ns))
         elif self.end_ns is not None:
             context.wait_until(self.end_ns)
         else:
-            context.wait_real_time(POLL_INTERVAL_S)
+            context.wait_real_time(_CHECK_INTERVAL_S)
 
     def _wait_until(self, deadline: int) -> bool:
         """Wait until *deadline*, a wake-up, a stop or a save; return whether the file was saved."""
@@ -152,7 +154,7 @@ class TickLoop:
             while not (self._is_stopping or saved):
                 step = deadline
                 if self.was_saved is not None:
-                    step = min(deadline, self.tree.clock.now() + round(POLL_INTERVAL_S * NS_PER_S))
+                    step = min(deadline, self.tree.clock.now() + round(_CHECK_INTERVAL_S * NS_PER_S))
                 if self.tree.context.wait_until(step) or step == deadline:
                     break
                 saved = self.was_saved is not None and self.was_saved()

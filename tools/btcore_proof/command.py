@@ -12,8 +12,7 @@ from rich.live import Live
 from rich.text import Text
 
 from btcore.cli import files, terminal
-from btcore.cli.completion import complete_tree
-from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, find_source, given_option
+from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, complete_tree, find_source, given_option
 from btcore.escaping import escape_controls
 from btcore.logs.formats import open_log
 from btcore.registry.registry import Registry

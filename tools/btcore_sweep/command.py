@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from btcore.cli import terminal
-from btcore.cli.completion import complete_tree
+from btcore.cli.tree_source import complete_tree
 from btcore.errors import ScriptError
 from btcore.runs.settings import FiniteRange
 from btcore.script.program import Program, compile_script

@@ -9,8 +9,7 @@ from rich.text import Text
 
 from btcore.blackboard.ports import Direction, Port
 from btcore.cli import terminal
-from btcore.cli.completion import complete_node_id
-from btcore.cli.node_libraries import PaletteOptions
+from btcore.cli.node_libraries import PaletteOptions, complete_node_id
 from btcore.documentation_site import node_url
 from btcore.registry.manifest import Manifest
 from btcore.runs.settings import pass_settings

@@ -3,28 +3,28 @@
 from collections.abc import Callable
 from contextlib import closing, suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from btcore.cli import initial_blackboard, stub_results, substitute, terminal
+from btcore.cli import terminal
 from btcore.cli.command_run import CommandRun
-from btcore.cli.completion import complete_tree
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.provider_options import ProviderCommand, command_providers
 from btcore.cli.run_report import RunSummary, print_leaf_error
-from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, find_source
+from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, complete_tree, find_source
 from btcore.errors import BtcoreError, NodeExecutionError
-from btcore.loading.hot_reload import FileWatcher
-from btcore.runs.reload import TreeWatcher
 from btcore.runs.run import Run
 from btcore.runs.settings import RunSettings, from_values, option, setting_options
 from btcore.runs.tick_loop import Until
 from btcore.status import Status
 from btcore.tree.tree import Tree
-from btcore.xml.models.stubs import StubResults
 from btcore.xml.plan.plan import Plans
+
+if TYPE_CHECKING:
+    from btcore.cli.tree_changes import TreeChanges
+    from btcore.loading.hot_reload import FileWatcher
 
 
 class RunOptions(TreeOptions):
@@ -117,8 +117,8 @@ def run(ctx: click.Context, /, as_json: bool, **options: Any) -> int:
     return session.print_results(as_json)
 
 
-class RunSession(TreeWatcher):
-    """The run of a tree and, with `--watch`, of the trees that replace it.
+class RunSession:
+    """The run of a tree and, with `--watch` as its `TreeWatcher`, of the trees that replace it.
 
     Args:
         run: The run, not yet entered.
@@ -139,7 +139,7 @@ class RunSession(TreeWatcher):
         source: TreeSource,
         plans: Plans,
         until: Until,
-        file_watcher: FileWatcher | None = None,
+        file_watcher: "FileWatcher | None" = None,
     ) -> None:
         self.run = run
         self.plans = plans
@@ -187,7 +187,7 @@ class RunSession(TreeWatcher):
     def _print_error(self, error: NodeExecutionError) -> None:
         self._printed_error = error
         print_leaf_error(error)
-        hint = initial_blackboard.unwritten_entry_hint(self.run.tree, error)
+        hint = _unwritten_entry_hint(self.run.tree, error)
         terminal.print_notes([hint] if hint else [])
 
     def _warn_about_skipped_ticks(self) -> None:
@@ -252,13 +252,16 @@ def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -
     """
     options = from_values(RunOptions, ctx.params)
     assert options is not None, "no option is required"
-    letters = stub_results.parse_letters(options.plan)
-    entries = initial_blackboard.parse_entries(options.set)
+    changes = _create_changes(options)
     path = find_source(ctx.params["source"])
     if options.watch and path == STDIN:
         raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
     # The watcher looks at the files before they are read: a save in between is not missed.
-    file_watcher = FileWatcher(path, options.confined) if options.watch else None
+    file_watcher = None
+    if options.watch:
+        from btcore.loading.hot_reload import FileWatcher
+
+        file_watcher = FileWatcher(path, options.confined)
     if installed is None or options.plugins:
         # Models and rules may name nodes of the installed libraries. Also, they would be lost when
         # `NodeLibraries.load_for` loads what is missing, because it begins anew.
@@ -269,16 +272,41 @@ def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -
         libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)
     libraries.add_models(options.models, options.confined)
     source = TreeSource(path, options, libraries)
-    substitute.add_rules(libraries.nodes, options.substitute)
+    if changes is not None:
+        changes.add_rules(libraries.nodes)
     plans = source.read_plans()
-    stub_results.check(letters, plans)
+    if changes is not None:
+        changes.check(plans)
 
     def prepare(run: Run) -> None:
         run.tree.count_ticks()  # before the first tick: the report contains the counts
-        initial_blackboard.write(run.tree, entries, plans)
         terminal.print_diagnostics(plans.diagnostics.warnings)
-        substitute.warn_unused_rules(run.tree)
+        if changes is not None:
+            changes.prepare(run.tree, plans)
 
-    stubs = [StubResults(letters)] if letters else []
-    run = CommandRun(ctx, plans, prepare, provided=stubs, tick_limit=options.tick_limit)
+    provided = () if changes is None else changes.provided
+    run = CommandRun(ctx, plans, prepare, provided=provided, tick_limit=options.tick_limit)
     return RunSession(run, source, plans, options.until, file_watcher)
+
+
+def _create_changes(options: RunOptions) -> "TreeChanges | None":
+    """Return what the options change in the tree, or None; most runs do not need the module."""
+    if not (options.plan or options.substitute or options.set):
+        return None
+    from btcore.cli.tree_changes import TreeChanges
+
+    return TreeChanges(options.plan, options.substitute, options.set)
+
+
+def _unwritten_entry_hint(tree: Tree, error: NodeExecutionError) -> str:
+    """Return how to set the entry that a node of *tree* needed, but that was never written; "" otherwise."""
+    key = getattr(error.cause, "unwritten_key", "")
+    board = next((node._blackboard for node in tree.nodes if node.config.path == error.path), None)
+    if not key or board is None:
+        return ""
+    if board is not tree.blackboard:
+        # The key in the main tree may be another key.
+        entry = board.find(key)
+        entries = tree.blackboard.local_entries().items()
+        key = next((outer for outer, other in entries if other is entry), "")
+    return f"to set the entry before the first tick, use --set {key}=VALUE" if key else ""

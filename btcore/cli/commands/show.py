@@ -8,8 +8,7 @@ import click
 from rich.text import Text
 
 from btcore.cli import files, terminal
-from btcore.cli.completion import complete_tree
-from btcore.cli.tree_source import TreeOptions, TreeSource, find_source
+from btcore.cli.tree_source import TreeOptions, TreeSource, complete_tree, find_source
 from btcore.runs.settings import pass_settings
 from btcore.tree.drawing import Fragment, draw_branches, is_ascii_only, node_label
 from btcore.xml.lint.data_flow import DataflowAccess, DataflowRow, trace_dataflow

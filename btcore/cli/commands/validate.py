@@ -8,8 +8,7 @@ from rich.text import Text
 
 from btcore.blackboard.ports import remapped_key
 from btcore.cli import terminal
-from btcore.cli.completion import complete_tree
-from btcore.cli.tree_source import TreeOptions, find_source, given_option, parse_source
+from btcore.cli.tree_source import TreeOptions, complete_tree, find_source, given_option, parse_source
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.runs.exit_codes import ExitCode
 from btcore.runs.settings import pass_settings

@@ -11,8 +11,7 @@ import click
 
 from btcore import entry_points
 from btcore.cli import terminal
-from btcore.cli.completion import complete_tree
-from btcore.cli.tree_source import STDIN, TreeOptions, find_source
+from btcore.cli.tree_source import STDIN, TreeOptions, complete_tree, find_source
 from btcore.loading.hot_reload import POLL_INTERVAL_S, FileWatcher
 from btcore.runs.exit_codes import code_of_signal
 from btcore.runs.settings import Settings, create_options, from_values, pass_settings

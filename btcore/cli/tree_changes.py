@@ -1,0 +1,215 @@
+"""What `btcore run` changes in a tree before its first tick: `--plan`, `--substitute` and `--set`."""
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Final
+
+import click
+
+from btcore.blackboard.ports import remapped_key
+from btcore.cli import terminal
+from btcore.errors import BlackboardError, ConversionError
+from btcore.json_text import too_deep_at
+from btcore.registry.registry import Registry
+from btcore.status import NodeType
+from btcore.suggestions import did_you_mean, join_names, nearest_name
+from btcore.tree.tree import Tree
+from btcore.values import ValueType
+from btcore.values.numbers import read_json
+from btcore.xml.models.stubs import StubAction, StubCondition, StubResults
+from btcore.xml.plan.plan import Plans
+
+_LETTERS: Final = re.compile(r"[RSFK]+(\|[RSFK]+)*")
+
+
+class TreeChanges:
+    """The results of leaves without code, the substitution rules, and the entries of the blackboard.
+
+    Args:
+        plan: The values of `--plan`.
+        substitute: The values of `--substitute`.
+        set: The values of `--set`.
+
+    Attributes:
+        provided: Objects for the leaves.
+
+    Raises:
+        click.UsageError: A value is invalid.
+    """
+
+    def __init__(self, plan: Sequence[str], substitute: Sequence[Path], set: Sequence[str]) -> None:
+        self._letters = _parse_letters(plan)
+        self._rule_files = substitute
+        self._entries = _parse_entries(set)
+        self.provided = [StubResults(self._letters)] if self._letters else []
+
+    def add_rules(self, nodes: Registry) -> None:
+        """Add the substitution rules to a registry.
+
+        Raises:
+            click.UsageError: A file cannot be read, or contains invalid rules.
+        """
+        if not self._rule_files:
+            return
+        from btcore.testing.substitution_rules import SubstitutionError, load_substitution_rules
+
+        for file in self._rule_files:
+            try:
+                load_substitution_rules(nodes, file)
+            except OSError as error:
+                raise click.UsageError(
+                    f"--substitute {file}: cannot read the file: {error.strerror}."
+                ) from error
+            except SubstitutionError as error:
+                raise click.UsageError(f"--substitute {file}: {error}.") from error
+
+    def check(self, plans: Plans) -> None:
+        """Check that each `--plan` applies to a leaf of the tree that has no code.
+
+        Raises:
+            click.UsageError: There is no such leaf, or the letters of a condition contain `|`.
+        """
+        kinds = _find_stub_leaves(plans) if self._letters else {}
+        for name, letters in self._letters.items():
+            if name not in kinds:
+                nearest = nearest_name(name, kinds)
+                hint = f"Leaves from a --model: {join_names(kinds) or 'none'}."
+                if nearest is not None:
+                    hint = f"Did you mean '{nearest}'?"
+                raise click.UsageError(
+                    f"--plan {name}=…: the tree has no leaf '{name}' from a --model. {hint}"
+                )
+            if "|" in letters and kinds[name] is NodeType.CONDITION:
+                raise click.UsageError(
+                    f"--plan {name}={letters}: '{name}' is a condition, which uses one letter for each tick "
+                    "and has no starts; remove the |."
+                )
+
+    def prepare(self, tree: Tree, plans: Plans) -> None:
+        """Write the entries to the blackboard of *tree*, and warn if substitution rules match no node.
+
+        A key that no port or script uses is written too, with a warning.
+
+        Raises:
+            click.UsageError: A text is not a value of its key's type.
+        """
+        board = tree.blackboard
+        without_port = [key for key in self._entries if board.find(key) is None]
+        if without_port:
+            _warn_unused(without_port, plans)
+        for key, text in self._entries.items():
+            entry = board.find(key)
+            kind = entry.declared if entry is not None and entry.declared.strong else None
+            try:
+                board.set(key, _convert_value(text, kind, tree.format), kind)
+            except (BlackboardError, ConversionError) as error:
+                raise click.UsageError(f"--set {key}={text}: {error}.") from error
+        _warn_unused_rules(tree)
+
+
+def _parse_letters(texts: Sequence[str]) -> dict[str, str]:
+    """Return the letters of the results in texts of the form NAME=LETTERS, by the name or ID of the leaf.
+
+    Raises:
+        click.UsageError: A text has another form, or a leaf has two plans.
+    """
+    letters_of: dict[str, str] = {}
+    for text in texts:
+        name, _, letters = text.rpartition("=")
+        if not name or not _LETTERS.fullmatch(letters):
+            raise click.UsageError(
+                f"--plan '{text}' is invalid: write NAME=LETTERS, for example Move=RRS|F; the letters are "
+                "R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED); | separates the starts of the leaf."
+            )
+        if name in letters_of:
+            raise click.UsageError(f"--plan: '{name}' has more than one plan.")
+        letters_of[name] = letters
+    return letters_of
+
+
+def _find_stub_leaves(plans: Plans) -> dict[str, NodeType]:
+    """Return the types of the leaves that have no code, by name and by ID."""
+    leaves: dict[str, NodeType] = {}
+    assert plans.main_tree is not None
+    for tree in plans.reachable(plans.main_tree):
+        for node in tree.nodes():
+            manifest = node.manifest
+            if manifest is not None and issubclass(manifest.cls, (StubAction, StubCondition)):
+                leaves.setdefault(node.name or node.id, manifest.type)
+                leaves.setdefault(node.id, manifest.type)
+    return leaves
+
+
+def _warn_unused_rules(tree: Tree) -> None:
+    """Print a warning if substitution rules match no node of *tree*."""
+    rules = tree.registry.substitutions.values()
+    configs = [node.config for node in tree.nodes] if rules else []
+    unused = [rule.filter for rule in rules if not any(rule.matches(config) for config in configs)]
+    if not unused:
+        return
+    names = [name for config in configs for name in (config.id, config.name, config.path)]
+    rules_match = "the rule {} matches" if len(unused) == 1 else "the rules {} match"
+    message = f"--substitute: {rules_match.format(join_names(map(repr, unused)))} no node"
+    nearest = nearest_name(unused[0], names)
+    terminal.print_warning(f"{message}; did you mean '{nearest}'?" if nearest is not None else message)
+
+
+def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
+    """Return the keys and the texts of their values.
+
+    Args:
+        texts: Assignments in the form KEY=VALUE or `{KEY}=VALUE`.
+
+    Raises:
+        click.UsageError: A text is not an assignment, or a key is assigned twice.
+    """
+    entries: dict[str, str] = {}
+    for text in texts:
+        left_side, equals, value = text.partition("=")
+        key = remapped_key(left_side, left_side) or left_side.strip()
+        if not equals or not key:
+            raise click.UsageError(
+                f"--set '{text}' is not an assignment: write KEY=VALUE, for example --set laps=3."
+            )
+        if key in entries:
+            raise click.UsageError(f"--set: '{key}' is set more than once.")
+        entries[key] = value
+    return entries
+
+
+def _convert_value(text: str, kind: ValueType | None, format: int) -> object:
+    """Convert the text of a value.
+
+    Args:
+        kind: The type of the value. None: a JSON value if *text* is valid JSON and not null, else *text*
+            itself.
+        format: The XML format (3 or 4), whose conversion rules apply.
+
+    Raises:
+        ConversionError: *text* is not a value of the type *kind*.
+    """
+    if kind is not None:
+        return kind.from_text(text, format)
+    try:
+        value = read_json(text)
+    except ConversionError:
+        if text.lstrip().startswith(("[", "{")) and too_deep_at(text) is not None:
+            raise
+        return text
+    return text if value is None else value
+
+
+def _warn_unused(keys: Iterable[str], plans: Plans) -> None:
+    """Print a warning for each of *keys* that neither a port nor a script of the tree uses."""
+    from btcore.xml.lint.dry_run import DryRun  # most runs do not need it
+
+    assert plans.main_tree is not None
+    dry_run = DryRun(plans)
+    dry_run.run(plans.main_tree)
+    board = dry_run.blackboard
+    for key in keys:
+        hint = did_you_mean(key, board.visible_keys())
+        # A leaf that takes the whole blackboard may use any key.
+        if board.find(key) is None and (hint or not dry_run.has_untracked_access):
+            terminal.print_warning(f"--set {key}: no port or script of the tree uses '{key}'{hint}")
