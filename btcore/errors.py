@@ -162,7 +162,8 @@ class BtcoreError(Exception):
 class TreeError(BtcoreError):
     """No tree can be loaded from the document.
 
-    *diagnostics* holds all errors found in the document. The message shows the first 100 of each file.
+    *diagnostics* holds all errors of the stage of loading that found errors: reading, planning, or creating
+    the nodes. The message shows the first 100 of each file.
 
     Examples:
         >>> import btcore
@@ -181,7 +182,7 @@ class TreeError(BtcoreError):
 
 
 class XmlSyntaxError(TreeError):
-    """The document is not XML, or not a document of behavior trees."""
+    """A file cannot be read, or is not XML, or not a document of behavior trees."""
 
 
 class UnknownNodeError(TreeError):

@@ -12,7 +12,8 @@ class EndingSignals:
     """Handles SIGINT (Ctrl-C), SIGTERM and SIGHUP in a `with` block.
 
     The first signal calls `stop`, which lets the present work end as usual. A second signal, or one while
-    `stop` is None, raises KeyboardInterrupt (SIGINT) or SystemExit.
+    `stop` is None, raises KeyboardInterrupt. That of SIGTERM or SIGHUP leaves the block as SystemExit: within
+    the block, an exit would be taken for an error of the leaf that is just ticked.
 
     Args:
         stop: Called by the first signal, or None.
@@ -25,6 +26,7 @@ class EndingSignals:
     def __init__(self, stop: Callable[[], object] | None = None) -> None:
         self.stop = stop
         self.number = 0
+        self._raised = 0
         self._handlers: AbstractContextManager[None]
 
     def __enter__(self) -> Self:
@@ -32,18 +34,19 @@ class EndingSignals:
         self._handlers.__enter__()
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._handlers.__exit__(None, None, None)
+        if isinstance(error, KeyboardInterrupt) and self._raised not in (0, signal.SIGINT):
+            raise SystemExit(128 + self._raised) from None
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         is_first = self.number == 0
         self.number = self.number or number
         if is_first and self.stop is not None:
             self.stop()
-        elif number == signal.SIGINT:
-            raise KeyboardInterrupt
         else:
-            raise SystemExit(128 + number)
+            self._raised = number
+            raise KeyboardInterrupt
 
 
 @contextmanager

@@ -120,7 +120,8 @@ class ProviderCommand(click.Command):
         providers = find_providers(ctx, args if has_plugins else (), has_all_options=False)
         options = [*self.params, *providers.options(self.params)]
         known = {name for option in options for name in (*option.opts, *option.secondary_opts)}
-        words = {word.partition("=")[0] for word in args if word.startswith("-")}
+        # Without `-`, which is standard input or output.
+        words = {word.partition("=")[0] for word in args if word.startswith("-") and word != "-"}
         # An option of a plugin could have the name of any other option, which is an error in every run.
         has_own = any(provider.settings for provider in providers.available.of_user)
         providers.has_all_options = ctx.resilient_parsing or has_own or not words <= known

@@ -426,7 +426,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     except NodeExecutionError as error:
         add_to_backtrace(node, error)
         raise
-    except KeyboardInterrupt:
+    except KeyboardInterrupt:  # also `UndecidedOperandError` of proofs
         raise
     except BaseException as error:
         raise execution_error(node, error, "ticking") from error

@@ -97,7 +97,7 @@ def load(path: str | PathLike[str], *more: str | PathLike[str], **options: Unpac
         options: See `LoadOptions`.
 
     Raises:
-        TreeError: The files have errors. It holds all of them, with file, line and column.
+        TreeError: The files have errors, see `TreeError`. It holds file, line and column of each.
         TypeError: *nodes* is not a Registry, or *resources* is not a list, or an option is unknown.
         ValueError: *tick_limit* is not a positive number.
 
@@ -122,7 +122,7 @@ def loads(text: str, *more: str, **options: Unpack[LoadOptions]) -> Tree:
         options: See `LoadOptions`.
 
     Raises:
-        TreeError: The texts have errors. It holds all of them, with line and column.
+        TreeError: The texts have errors, see `TreeError`. It holds line and column of each.
         TypeError: *nodes* is not a Registry, or *resources* is not a list, or an option is unknown.
         ValueError: *tick_limit* is not a positive number.
 

@@ -54,7 +54,7 @@ class PortScript:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Script(SyncAction):
-    """Runs the script `code` on the node's blackboard, and succeeds. An empty script has no effect."""
+    """Runs the script `code` on the node's blackboard, and succeeds. An empty `code` has no effect."""
 
     spec: ClassVar[NodeSpec] = NodeSpec(symbol="§", may_return=frozenset({SUCCESS}), formats=(4,))
 

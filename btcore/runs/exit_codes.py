@@ -13,7 +13,7 @@ class ExitCode(IntEnum):
     USER_ERROR = 2
     """An error in a tree or on the command line."""
     LEAF_ERROR = 3
-    """A leaf raised an exception."""
+    """A leaf raised an exception, or a tick exceeded its limit."""
     INCOMPLETE_OUTPUT = 4
     """A log, a recording or stdout is incomplete, for example because the disk is full, or a question of
     `btcore prove` has no answer."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from os import PathLike
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, Final, Self, TypeVar, Unpack
 
 import click
 
@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+_OPTIONS_OF_FILES: Final = frozenset({"nodes", "tree", "format", "packages", "confined"})
+
 
 class TreelessProgram:
     """A program without a tree, such as teleoperation, which is run like a tree of a single leaf.
@@ -79,8 +81,9 @@ class Run:
     On exit it halts the tree and closes the providers, in the reverse order.
 
     From its entry to its exit, a run handles Ctrl-C, SIGTERM and SIGHUP (the terminal was closed): the first
-    of them ends `until_done` or `serve` as usual, or the waits of providers that are closed. It is raised as
-    KeyboardInterrupt or SystemExit if it arrives at another time, or if it is the second.
+    of them ends `until_done` or `serve` as usual, or the waits of providers that are closed. If it arrives at
+    another time, or is the second, KeyboardInterrupt is raised, which leaves the run as SystemExit if the
+    signal is not Ctrl-C.
 
     Args:
         source: The path of an XML file, the plans of a tree, or a program.
@@ -138,6 +141,12 @@ class Run:
             raise TypeError("a run has no argument 'resources': write provided=[…]")
         if isinstance(source, (str, PathLike)):
             source = plan_source(source, options)
+        elif unused := options.keys() & _OPTIONS_OF_FILES:
+            raise TypeError(
+                f"'{min(unused)}' has no effect: the run has plans or a program instead of a file"
+            )
+        if isinstance(source, Plans):
+            source.diagnostics.raise_errors()
         self._source = source
         self._options = options
         self._provided = list(provided)
@@ -193,6 +202,16 @@ class Run:
         return found  # type: ignore[return-value]
 
     def __enter__(self) -> Self:
+        try:
+            self._enter()
+        except Exception as error:
+            self._collect_closing_errors()
+            for one in self.closing_errors:
+                error.add_note(message_of(one))
+            raise
+        return self
+
+    def _enter(self) -> None:
         with ExitStack() as stack:
             self._stack = stack
             stack.enter_context(self._signals)
@@ -214,7 +233,6 @@ class Run:
             for kind, reason in unused.items():
                 self.warn_unused(kind, reason)
             self._stack = stack.pop_all()
-        return self
 
     def warn_unused(self, kind: type[Settings], reason: str) -> None:
         """Warn that settings were given, but have no effect.
@@ -412,8 +430,9 @@ class Run:
             raise RuntimeError("a run has no tree before its entry: write 'with Run(…) as run:'")
 
     def _halt(self) -> None:
-        """Halt the tree, unless it is halted already."""
-        if self.tree.status is not Status.IDLE:
+        """Halt the tree, unless it is halted already. A tick that was interrupted leaves the status IDLE."""
+        statuses = [self.tree.status, *(node.status for node in self.tree.nodes)]
+        if any(status is not Status.IDLE for status in statuses):
             with self._leaf_error_kept():
                 self.tree.halt()
 
@@ -499,15 +518,18 @@ class Run:
         was_interrupted = self.end_reason == "interrupted"
         try:
             self._stack.__exit__(kind, error, trace)
-        except (KeyboardInterrupt, SystemExit):
+        except (KeyboardInterrupt, SystemExit):  # as `EndingSignals` raises them
             if was_interrupted or not self._signals.number:
                 raise
             # The first signal of the run has ended the waits of the providers.
             self.report.end_reason = "interrupted"
-        self.closing_errors = [opened.error for opened in self._opened.values() if opened.error is not None]
+        self._collect_closing_errors()
         if self.closing_errors and error is None:
             text = "; ".join(map(message_of, self.closing_errors))
             raise OutputError(text) if self._is_only_incomplete() else ProviderError(text)
+
+    def _collect_closing_errors(self) -> None:
+        self.closing_errors = [opened.error for opened in self._opened.values() if opened.error is not None]
 
     def _is_only_incomplete(self) -> bool:
         """Return whether all `closing_errors` are about outputs."""

@@ -24,7 +24,7 @@ from msgspec.structs import FieldInfo
 
 from btcore.errors import BtcoreError
 
-_STYLE: Final = "btcore"
+_DETAILS: Final = "btcore"
 """The key in the `extra` of a field's `msgspec.Meta`."""
 
 S = TypeVar("S", bound="Options")
@@ -47,7 +47,7 @@ class Plural(NamedTuple):
     help: str
 
 
-class _Style(NamedTuple):
+class _OptionDetails(NamedTuple):
     metavar: str | None
     vary: Plural | None
     one_run_only: bool
@@ -83,9 +83,9 @@ def option(
         complete: A function for shell completion, as the argument `shell_complete` of `click.Option`.
         name: The name of the option without dashes; by default that of the field.
     """
-    style = _Style(metavar, vary, one_run_only, bare_value, complete, name)
+    details = _OptionDetails(metavar, vary, one_run_only, bare_value, complete, name)
     limits: dict[str, Any] = {"gt": gt, "ge": ge, "le": le}
-    meta: msgspec.Meta = msgspec.Meta(description=help, extra={_STYLE: style}, **limits)
+    meta: msgspec.Meta = msgspec.Meta(description=help, extra={_DETAILS: details}, **limits)
     return meta
 
 
@@ -156,15 +156,15 @@ class SettingOption(click.Option):
 
     def __init__(self, settings: type[Options], field: FieldInfo) -> None:
         kind, meta = _unwrap(field.type)
-        style: _Style = (meta.extra or {})[_STYLE]
+        details: _OptionDetails = (meta.extra or {})[_DETAILS]
         self.settings = settings
-        self.vary = style.vary
-        self.one_run_only = style.one_run_only
+        self.vary = details.vary
+        self.one_run_only = details.one_run_only
         self.is_needed = field.required
         default = None if field.default is msgspec.NODEFAULT else field.default
-        arguments: dict[str, Any] = {"help": meta.description, "metavar": style.metavar}
-        if style.bare_value is not None:
-            arguments |= {"is_flag": False, "flag_value": style.bare_value}
+        arguments: dict[str, Any] = {"help": meta.description, "metavar": details.metavar}
+        if details.bare_value is not None:
+            arguments |= {"is_flag": False, "flag_value": details.bare_value}
         if kind is bool:
             arguments |= {"is_flag": True, "default": bool(default)}
         else:
@@ -174,8 +174,8 @@ class SettingOption(click.Option):
             elif default is not None:
                 arguments |= {"default": default, "show_default": True}
             arguments["type"] = _click_type(kind, meta)
-        dashed = (style.option_name or field.name).replace("_", "-")
-        super().__init__([f"--{dashed}", field.name], shell_complete=style.complete, **arguments)
+        dashed = (details.option_name or field.name).replace("_", "-")
+        super().__init__([f"--{dashed}", field.name], shell_complete=details.complete, **arguments)
 
     def get_help_extra(self, ctx: click.Context) -> Any:
         """Return what the help shows in brackets, without the range of a number that has no limits."""
@@ -315,7 +315,7 @@ def _unwrap(annotation: Any) -> tuple[Any, msgspec.Meta]:
     if get_origin(annotation) is Annotated:
         kind, *metadata = get_args(annotation)
         for meta in metadata:
-            if isinstance(meta, msgspec.Meta) and _STYLE in (meta.extra or {}):
+            if isinstance(meta, msgspec.Meta) and _DETAILS in (meta.extra or {}):
                 return kind, meta
     raise TypeError(f"the type {annotation} is no option: write Annotated[…, option(…)]")
 

@@ -57,7 +57,8 @@ class Definitions(NamedTuple):
         main_tree: The main tree; None if it is missing or ambiguous.
         subtree_models: For each tree that a model declares, the names of its ports with their defaults; None
             means a required port.
-        are_complete: Whether all documents could be read. If not, they may define the missing trees.
+        are_complete: Whether all documents could be read, in a known format. If not, missing trees are no
+            errors.
         diagnostics: What was found in this stage and before.
     """
 

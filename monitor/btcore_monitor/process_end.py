@@ -7,12 +7,10 @@ import threading
 from collections.abc import Iterator
 from typing import Final, NoReturn
 
+from btcore.runs.exit_codes import ExitCode
 from btcore.signals import EndingSignals
 from btcore_monitor.console import print_line, print_message
 from btcore_monitor.errors import RecordingError
-
-INCOMPLETE_OUTPUT: Final = 4
-"""The exit code, as of `btcore run`, if a recording is incomplete."""
 
 END_TIMEOUT_S: Final = 30.0
 """Seconds after a time limit within which a command completes its data; after that its process ends."""
@@ -52,4 +50,4 @@ def abandon(error: RecordingError) -> NoReturn:
     """Print *error*, and end the process with the exit code 4, without closing the recording."""
     print_line(f"error: {error}", err=True)
     sys.stdout.flush()
-    os._exit(INCOMPLETE_OUTPUT)
+    os._exit(ExitCode.INCOMPLETE_OUTPUT)

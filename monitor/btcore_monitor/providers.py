@@ -62,7 +62,8 @@ def publisher(
         try:
             yield publisher
         finally:
-            # Otherwise clients get 2 s for what they have not received, and no viewer stays open.
+            # After an interrupt no viewer for browsers stays open, and foreign clients get 2 s for what they
+            # have not received. Recordings and windows of the run itself are completed in any case.
             is_over = report.end_reason not in (None, "interrupted")
             # Before waiting: a monitor ends when it has received the end of the stream.
             publisher.end_stream()

@@ -106,6 +106,7 @@ def run(ctx: click.Context, /, as_json: bool, **options: Any) -> int:
       2    an error in the tree or on the command line
       3    a leaf raised an exception, or a tick exceeded --tick-limit
       4    a log or a recording is incomplete, for example because the disk is full
+      70   an error in btcore itself
       129  the terminal was closed
       130  interrupted by Ctrl-C
       143  terminated by SIGTERM

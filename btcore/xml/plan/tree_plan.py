@@ -1,4 +1,4 @@
-"""Plan one tree: check its structure, then the attributes of its nodes, and find their ports and scripts.
+"""Plan trees in two passes: check their structure, then the attributes, ports and scripts of their nodes.
 
 The caches of `PlanContext` and `_TagCache` only save time: without them the plans are the same.
 """
@@ -448,7 +448,7 @@ class _TreeOutliner:
 
 
 class TreePlanner:
-    """Plans one tree."""
+    """The second pass: completes the outlines of one tree's nodes."""
 
     def __init__(self, context: PlanContext, definition: TreeDefinition) -> None:
         self._context = context

@@ -37,7 +37,7 @@ class Element:
         return self.attributes.get(name)
 
     def iterchildren(self, *tags: str) -> Iterator["Element"]:
-        """Return the children with one of *tags*, in order."""
+        """Return the children with one of *tags*, in order; without *tags*, none."""
         return (child for child in self.children if child.tag in tags)
 
     def iter(self, *tags: str) -> Iterator["Element"]:

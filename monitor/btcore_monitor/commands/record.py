@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from btcore.runs.exit_codes import ExitCode
 from btcore.runs.settings import pass_settings
 from btcore.signals import EndingSignals
 from btcore.suggestions import join_names
@@ -18,7 +19,7 @@ from btcore_monitor.errors import RecordingError
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.output_files import check_writable
-from btcore_monitor.process_end import INCOMPLETE_OUTPUT, abandon, time_limit
+from btcore_monitor.process_end import abandon, time_limit
 from btcore_monitor.viewer_options import DrawingOptions
 from btcore_monitor.watch_options import duration_option, robot_options
 
@@ -107,7 +108,7 @@ def record(
         abandon(error)
     except WRITE_ERRORS as error:
         print_line(f"error: the recording ends here, because writing failed: {error}", err=True)
-        click.get_current_context().exit(INCOMPLETE_OUTPUT)
+        click.get_current_context().exit(ExitCode.INCOMPLETE_OUTPUT)
     if not files.written:
         raise click.ClickException(f"no tree was seen at {address}, so nothing is recorded")
     log = files.log

@@ -314,7 +314,7 @@ class Feed(Closeable):
         return _State.GROOT2 if self._groot1_feed is None else _State.GROOT1
 
     def _read_groot2(self, now: float, events: list[Event]) -> None:
-        """Send requests of Groot 2, and return events only after the run channel had time to connect."""
+        """Send requests of Groot 2, and append *events* only after the run channel had time to connect."""
         if self._state is _State.SEARCHING and self._groot2_feed.tree is not None:
             self._end_search(self._groot2_feed.tree.xml, now)
             return
@@ -345,7 +345,7 @@ class Feed(Closeable):
         events.extend(sampled)
 
     def _read_groot1(self, feed: Groot1Feed, now: float, events: list[Event]) -> None:
-        """Read updates of Groot 1, and return events only after the run channel had time to connect."""
+        """Read updates of Groot 1, and append *events* only after the run channel had time to connect."""
         try:
             self._groot1_events += feed.step()
         except NoReplyError as error:

@@ -251,14 +251,53 @@ def test_the_first_signal_ends_the_ticks_as_usual(number: signal.Signals, code: 
     assert run.report == {"end": "interrupted"}
 
 
-def test_a_second_signal_interrupts_the_tick() -> None:
-    def interrupt_twice(status: btcore.Status) -> None:
+@pytest.mark.parametrize(
+    ("number", "raised"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
+)
+def test_a_second_signal_interrupts_the_tick_and_halts_the_tree(
+    tmp_path: Path, number: signal.Signals, raised: type[BaseException]
+) -> None:
+    @btcore.action
+    def hang() -> bool:
         signal.raise_signal(signal.SIGINT)
-        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(number)
+        return True
 
-    with pytest.raises(SystemExit, match="143"), Run(program(ticks=9), settings=[FAST]) as run:
-        run.until_done(on_tick=interrupt_twice)
-    assert run.tree.status is btcore.IDLE
+    nodes = Registry.standard()
+    nodes.add(hang)
+    tree = write_tree(tmp_path, '<Parallel><Sleep msec="500"/><Hang/></Parallel>')
+    with pytest.raises(raised), Run(tree, nodes=nodes, settings=[FAST]) as run:
+        run.until_done()
+    assert {node.status for node in run.tree.nodes} == {btcore.IDLE}
+    assert (run.error, run.end_reason) == (None, "interrupted")
+
+
+def test_errors_of_the_file_come_before_the_providers(tmp_path: Path) -> None:
+    with pytest.raises(btcore.TreeError, match="E101"):
+        Run(write_tree(tmp_path, "<Absent/>"))
+
+
+def test_an_option_without_effect_is_an_error() -> None:
+    with pytest.raises(TypeError, match="'nodes' has no effect"):
+        Run(program(), nodes=Registry.standard())
+
+
+def test_an_error_while_providers_open_names_those_that_failed_to_close() -> None:
+    @provider
+    def arm(lamp: Lamp) -> Iterator[Torch]:
+        raise ValueError("no power")
+        yield Torch()
+
+    @provider(provides=(Lamp,))
+    def lamp() -> Iterator[Beacon]:
+        try:
+            yield Beacon()
+        finally:
+            raise OutputError("the recording is incomplete")
+
+    with pytest.raises(ProviderError, match="no power") as caught:
+        Run(program(), providers=[arm, lamp]).want(Torch).__enter__()
+    assert caught.value.__notes__ == ["the recording is incomplete"]
 
 
 @pytest.mark.parametrize(
