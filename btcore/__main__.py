@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def _start_garbage_collection() -> None:
-    gc.freeze()  # also the module of the command; what is frozen is not scanned at the exit either
+    gc.freeze()  # also the modules of the command; what is frozen is not scanned at the exit either
     gc.enable()
 
 

@@ -11,8 +11,6 @@ from collections.abc import Iterable
 from functools import cache
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from btcore.extras import describe_missing
-
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
@@ -47,6 +45,8 @@ class UnavailableEntryPoint(NamedTuple):
     @property
     def remedy(self) -> str:
         """The reason for the failure; if an extra is not installed, also the command that installs it."""
+        from btcore.extras import describe_missing
+
         missing = self.missing_module
         if missing is None:
             reason = f"{type(self.error).__name__}: {self.error}"

@@ -274,7 +274,8 @@ def main(ctx: click.Context) -> None:
     TREE arguments are XML files, or names of trees that are bundled with btcore, such as bumpgo.
     'btcore COMMAND --help' shows the options of a command.
     """
-    if ctx.obj is not None:  # a function of btcore.__main__, for the time when all modules are imported
+    # `run` starts the garbage collection later, when it has read the tree.
+    if ctx.obj is not None and ctx.invoked_subcommand != "run":
         ctx.obj()
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())

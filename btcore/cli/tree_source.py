@@ -75,9 +75,14 @@ class TreeOptions(LibraryOptions):
         option("Reject included files outside of the folder of the tree's file; for trees from strangers."),
     ] = False
 
-    def load_libraries(self) -> NodeLibraries:
-        """Call `btcore.cli.node_libraries.load_libraries` with the options."""
-        return load_libraries(self.plugins, self.models, self.confined)
+    def load_libraries(self, partial: bool = False) -> NodeLibraries:
+        """Call `btcore.cli.node_libraries.load_libraries` with the options.
+
+        Args:
+            partial: As in `btcore.cli.node_libraries.load_libraries`, unless there are models, which
+                `NodeLibraries.load_for` would lose.
+        """
+        return load_libraries(self.plugins, self.models, self.confined, partial and not self.models)
 
 
 given_option = click.option(

@@ -10,7 +10,6 @@ from typing import Final
 import click
 
 from btcore.errors import BtcoreError
-from btcore.extras import describe_missing
 from btcore.runs.providers import Provider, ProviderError, fits
 from btcore.tree.tree import Tree
 
@@ -106,6 +105,8 @@ def _named(provider: Provider, error_of_run: BaseException | None = None) -> Ite
     except _TOLD:
         raise
     except ModuleNotFoundError as error:
+        from btcore.extras import describe_missing
+
         missing = describe_missing(error.name)
         raise ProviderError(f"the resources of the run cannot be provided: {missing}") from error
     except Exception as error:

@@ -18,9 +18,8 @@ from btcore.diagnostic_codes import (
 )
 from btcore.names import model_port_name_error
 from btcore.suggestions import join_names, nearest_name
-from btcore.xml.models.tree_nodes_model import PORT_TAGS
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
-from btcore.xml.read.dialect import DIALECTS, Dialect
+from btcore.xml.read.dialect import DIALECTS, PORT_TAGS, Dialect
 from btcore.xml.read.element import EXAMPLE, Element
 from btcore.xml.read.read import Document, Sources
 

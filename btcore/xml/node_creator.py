@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard, Entry
-from btcore.blackboard.format3 import Format3Blackboard
 from btcore.blackboard.ports import Binding, Input, Output, Port
 from btcore.clock import Clock
 from btcore.diagnostic_codes import (
@@ -79,7 +78,11 @@ class NodeCreator:
         self._enums = registry.types.enums
         self._resources = Resources(resources)
         self.context = TreeContext(clock)
-        self._scope_class = Blackboard if self.format == 4 else Format3Blackboard
+        self._scope_class = Blackboard
+        if self.format == 3:
+            from btcore.blackboard.format3 import Format3Blackboard
+
+            self._scope_class = Format3Blackboard
         self.blackboard = blackboard if blackboard is not None else self._scope_class(clock=clock)
         self.instances: list[TreeInstance] = []
         self.nodes: list[TreeNode] = []

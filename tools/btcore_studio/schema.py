@@ -19,8 +19,14 @@ from btcore.registry.registry import Registry
 from btcore.runs.settings import pass_settings
 from btcore.status import NodeType, Status
 from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, EnumType, ValueType
-from btcore.xml.models.tree_nodes_model import PORT_TAGS, TAG_OF
-from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
+from btcore.xml.models.tree_nodes_model import TAG_OF
+from btcore.xml.read.dialect import (
+    DIALECTS,
+    EXPLICIT_TAGS,
+    PORT_TAGS,
+    POSTCONDITION_ATTRIBUTES,
+    PRECONDITION_ATTRIBUTES,
+)
 
 __all__ = ["write_schema"]
 

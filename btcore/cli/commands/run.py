@@ -113,6 +113,8 @@ def run(ctx: click.Context, /, as_json: bool, **options: Any) -> int:
       143  terminated by SIGTERM
     """
     session = create_session(ctx)
+    if ctx.obj is not None:  # the start of the garbage collection, see btcore.__main__
+        ctx.obj()
     session.run_to_end()
     return session.print_results(as_json)
 

@@ -13,6 +13,7 @@ from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.runs.exit_codes import ExitCode
 from btcore.runs.settings import pass_settings
 from btcore.xml.lint.validate import validate_document
+from btcore.xml.read.read import read
 
 
 @click.command(short_help="Check trees, and report all errors and warnings.")
@@ -39,7 +40,7 @@ def validate(
       2  errors, or with --strict warnings
     """
     files = [file for source in sources for file in _find_files(source)]
-    libraries = options.load_libraries()
+    libraries = options.load_libraries(partial=True)
     keys = [remapped_key(key, key) or key for key in given]
     diagnostics: list[Diagnostic] = []
     for file in files:
@@ -48,6 +49,8 @@ def validate(
         except TreeError as error:
             diagnostics += error.diagnostics
         else:
+            if libraries.is_partial:
+                libraries.load_for(read(document, libraries.nodes.documents).documents)
             nodes = libraries.nodes_for(document)
             diagnostics += validate_document(
                 document, nodes=nodes, tree=options.tree, format=options.format, given=keys

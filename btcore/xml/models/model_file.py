@@ -22,9 +22,8 @@ from btcore.status import NodeType
 from btcore.values import ANY, ValueType
 from btcore.xml.define import parse_format
 from btcore.xml.models.stubs import make_stub_class
-from btcore.xml.models.tree_nodes_model import PORT_TAGS
 from btcore.xml.read.diagnostics import DiagnosticCollector
-from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES
+from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS, SCRIPT_ATTRIBUTES
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import Document, parse_file, read
 

@@ -18,7 +18,6 @@ TAG_OF: Final = {
     NodeType.SUBTREE: "SubTree",
     NodeType.UNDEFINED: "Action",  # Groot has no tag for other kinds of nodes
 }
-PORT_TAGS: Final = {f"{direction.value}_port": direction for direction in Direction}
 
 
 _ATTRIBUTE_ESCAPES: Final = str.maketrans(

@@ -2,6 +2,7 @@
 
 from typing import Final, NamedTuple
 
+from btcore.blackboard.ports import Direction
 from btcore.status import NodeType
 
 # Explicit tags name the type of a node; its ID is an attribute.
@@ -11,6 +12,8 @@ EXPLICIT_TAGS: Final = {
     "Control": NodeType.CONTROL,
     "Decorator": NodeType.DECORATOR,
 }
+# The elements of a TreeNodesModel that declare ports.
+PORT_TAGS: Final = {f"{direction.value}_port": direction for direction in Direction}
 PRECONDITION_ATTRIBUTES: Final = ("_failureIf", "_successIf", "_skipIf", "_while")
 POSTCONDITION_ATTRIBUTES: Final = ("_onHalted", "_onFailure", "_onSuccess", "_post")
 SCRIPT_ATTRIBUTES: Final = frozenset(PRECONDITION_ATTRIBUTES + POSTCONDITION_ATTRIBUTES)

@@ -103,6 +103,7 @@ def imported_by(*arguments: str, code: int = 0, **environment: str) -> set[str]:
 
 
 PLUGIN = """
+import gc
 from random import Random
 from btcore import In, action
 
@@ -110,7 +111,7 @@ print("the plugin is imported")
 
 @action
 def greet(who: In[str], random: Random) -> bool:
-    return True
+    return gc.isenabled() and gc.get_freeze_count() > 10_000  # what was imported is frozen
 """
 
 
@@ -122,6 +123,8 @@ def greet(who: In[str], random: Random) -> bool:
         ["--help"],
         ["--version"],
         ["validate", "--help"],
+        ["validate", "tree.xml"],
+        ["show", "tree.xml"],
         ["run", "tree.xml", "--fast"],
         ["run", "tree.xml", "--fast", "--set", "x=3", "--log", "b.db3", "--json"],
         ["run", "greeting.xml", "--plugin", "greeting.py"],

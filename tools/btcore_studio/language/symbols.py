@@ -17,8 +17,7 @@ from btcore.script import lexer
 from btcore.values import BOOL
 from btcore.xml.define import parse_format
 from btcore.xml.lint.scripts import WRITING, AccessKind, find_name_uses
-from btcore.xml.models.tree_nodes_model import PORT_TAGS
-from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, SCRIPT_ATTRIBUTES
+from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS, SCRIPT_ATTRIBUTES
 from btcore_studio.language.scanner import Scan, ScannedAttribute, ScannedElement, value_offsets
 
 _CALL_TAGS: Final = DIALECTS[3].subtree_tags
