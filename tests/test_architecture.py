@@ -169,7 +169,7 @@ def texts(module: str) -> list[str]:
     return [node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
 
 
-def test_monitor_client_imports_five_modules_of_the_engine() -> None:
+def test_monitor_client_imports_six_modules_of_the_engine() -> None:
     commands = (
         "btcore_monitor.providers",
         "btcore_monitor.monitor_processes",
@@ -189,6 +189,7 @@ def test_monitor_client_imports_five_modules_of_the_engine() -> None:
         "btcore.extras",
         "btcore.flatbuffer",
         "btcore.process_group",
+        "btcore.runs.exit_codes",
         "btcore.signals",
     }
     assert {edge.split(" → ")[1] for edge in reached} <= shared
