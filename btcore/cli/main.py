@@ -80,6 +80,8 @@ class CommandLine(click.Group):
         try:
             return super().invoke(ctx)
         except ModuleNotFoundError as error:
+            if (error.name or "").startswith("btcore."):
+                raise  # an error of btcore itself
             name = ctx.invoked_subcommand or ""
             loaded = ctx.meta.get(_LOADED_COMMAND)
             distribution = entry_points.OWN_DISTRIBUTION if loaded is None else loaded.distribution
