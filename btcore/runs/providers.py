@@ -32,6 +32,7 @@ from btcore.clock import Clock
 from btcore.errors import BtcoreError
 from btcore.registry.manifest import Resources
 from btcore.runs.settings import Settings
+from btcore.runs.tick_loop import LoopEnd
 from btcore.tree.tree import Tree
 
 _UNNAMED: Final = ("builtins", "typing", "abc", "typing_extensions")
@@ -46,9 +47,9 @@ class OutputError(BtcoreError):
     """Raised when an output of a run, such as a recording, is incomplete, for example on a full disk."""
 
 
-EndReason = Literal["done", "duration", "end_of_time", "interrupted", "raised"]
-"""Why a run ended: the tree is done, the duration is over, the time of the clock has ended (as that of a
-recording), a signal or an exception of the program interrupted the run, or a leaf raised an exception."""
+EndReason = Literal[LoopEnd, "raised"]
+"""Why a run ended: as its loop, which a signal or an exception of the program interrupts, or because a leaf
+raised an exception."""
 
 
 class Report(dict[str, object]):

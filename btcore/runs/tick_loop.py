@@ -19,8 +19,11 @@ Until = Literal["done", "success", "failure", "never"]
 _CHECK_INTERVAL_S: Final = 0.05
 """The longest time (s) between two checks whether the file was saved, or a pause has ended."""
 
-LoopEnd = Literal["done", "duration", "end_of_time", "interrupted", "saved"]
-"""Why a loop ended; see `TickLoop.run`."""
+LoopEnd = Literal["done", "duration", "end_of_time", "interrupted"]
+"""Why a loop ended: the tree is done, the duration is over, the time of the clock has ended (as that of a
+recording), or `TickLoop.stop` was called."""
+LoopPause = Literal["saved"]
+"""Why a loop can continue with another tree: the file of the tree was saved."""
 
 _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
     "done": (Status.SUCCESS, Status.FAILURE, Status.SKIPPED, Status.IDLE),
@@ -74,14 +77,8 @@ class TickLoop:
         """The time since the start of the run, in ns of the tree's clock."""
         return self.tree.clock.now() - self.start_ns
 
-    def run(self) -> LoopEnd:
-        """Tick until the end of the loop, and return its reason.
-
-        Returns:
-            "done": the tree's status ends the run. "duration": the duration is over. "end_of_time": the time
-            of the tree's clock has ended, as that of a recording. "interrupted": `stop` was called. "saved":
-            the file was saved.
-        """
+    def run(self) -> LoopEnd | LoopPause:
+        """Tick until the end of the loop, or until the file was saved, and return the reason."""
         due = self.tree.clock.now()
         while True:
             self.status = self.tree.tick_once()
@@ -112,7 +109,7 @@ class TickLoop:
             if saved:
                 return "saved"
 
-    def wait_for_save(self) -> LoopEnd:
+    def wait_for_save(self) -> LoopEnd | LoopPause:
         """Wait without ticking until a save, the duration or `stop` ends the wait; return the reason.
 
         In real time the clock, and a simulator that owns the clock, keep running. In simulated time nothing
