@@ -85,7 +85,7 @@ class TreeOptions(LibraryOptions):
         return load_libraries(self.plugins, self.models, self.confined, partial and not self.models)
 
 
-given_option = click.option(
+assumed_keys_option = click.option(
     "--given",
     multiple=True,
     metavar="KEY",

@@ -104,7 +104,7 @@ class ControlNode(TreeNode):
 
     _children: list[TreeNode]
 
-    # The configs of the children; filled by the first reset that is observed.
+    # The configs of the children; filled by the first reset of many children for an observer.
     _configs: list[NodeConfig]
 
     def set_children(self, children: list[TreeNode]) -> None:

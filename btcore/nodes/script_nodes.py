@@ -19,7 +19,8 @@ from btcore.values import ANY, NODE_STATUS, STRING
 class PortScript:
     """The script in an input port: compiled when the tree is loaded, and again when its text changes.
 
-    As in BehaviorTree.CPP, a script that is empty from the start is not an error before it is run.
+    As in BehaviorTree.CPP, a script that is empty from the start is not an error of loading; a text that
+    becomes empty later is an error of the tick.
     """
 
     def __init__(self, node: TreeNode, port: str) -> None:

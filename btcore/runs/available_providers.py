@@ -36,6 +36,8 @@ class AvailableProviders:
     def __init__(self, users: Iterable[Provider] = (), uses_installed: bool = True) -> None:
         self.of_user = list(users)
         self.core = [random_numbers, tree_logs]
+        for provider in self.core:
+            provider.is_installed = True
         self.unavailable: list[entry_points.UnavailableEntryPoint] = []
         self._uses_installed = uses_installed
         self._loaded: dict[str, Provider | None] = {}

@@ -299,9 +299,9 @@ class _Chooser:
                 inner = self._explain(_Request(missing.type, False, (*request.chain, provider)))
                 reasons.append(f"{provider} needs {_with_article(missing.type)}, but {inner}")
         reason = "; ".join(reasons)
-        told = f"nothing provides {_with_article(request.type)}"
-        told = f"{told} ({_path(request)})" if request.chain and not reasons else told
-        return f"{told}: {reason}" if reasons else told
+        problem = f"nothing provides {_with_article(request.type)}"
+        problem = f"{problem} ({_path(request)})" if request.chain and not reasons else problem
+        return f"{problem}: {reason}" if reasons else problem
 
 
 def _needs(provider: Provider) -> list[Need]:

@@ -13,7 +13,7 @@ from btcore.errors import BtcoreError
 from btcore.runs.providers import Provider, ProviderError, fits
 from btcore.tree.tree import Tree
 
-_TOLD: Final = (BtcoreError, click.ClickException)
+_FOR_THE_USER: Final = (BtcoreError, click.ClickException)
 """Exceptions of providers whose message is meant for the user."""
 
 
@@ -64,7 +64,7 @@ class OpenedProvider:
         try:
             with _named(self.provider, error):
                 context.__exit__(kind, error, trace)
-        except _TOLD as own_error:
+        except _FOR_THE_USER as own_error:
             if error is not None and error in (own_error, own_error.__cause__):
                 raise  # the exception of the run, or its explanation by the provider
             self.error = self.error or own_error
@@ -102,7 +102,7 @@ def _named(provider: Provider, error_of_run: BaseException | None = None) -> Ite
     """
     try:
         yield
-    except _TOLD:
+    except _FOR_THE_USER:
         raise
     except ModuleNotFoundError as error:
         from btcore.extras import describe_missing

@@ -118,7 +118,8 @@ class Provider:
 
     Attributes:
         name: The name of the function.
-        is_installed: Whether the provider comes from an installed package, not from the user's program.
+        is_installed: Whether the provider comes from btcore or an installed package, not from the user's
+            program.
     """
 
     def __init__(

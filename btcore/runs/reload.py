@@ -40,7 +40,7 @@ def reload_tree(watcher: TreeWatcher, tree: Tree, resources: Sequence[object]) -
     """Return the tree in the saved file, with the blackboard of *tree*, which is halted.
 
     Args:
-        watcher: The watcher of the file, which is told the result.
+        watcher: The watcher of the file, whose methods are called with the result.
         tree: The present tree.
         resources: The objects for leaves.
 

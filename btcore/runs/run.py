@@ -15,7 +15,7 @@ from btcore.engine.leaf import StatefulAction
 from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, NodeExecutionError, TreeError
 from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
-from btcore.loading.load import LoadOptions, check_names, plan_source
+from btcore.loading.load import LoadOptions, PausedGarbageCollection, check_names, plan_source
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
@@ -139,7 +139,8 @@ class Run:
         if options.get("resources"):
             raise TypeError("a run has no argument 'resources': write provided=[…]")
         if isinstance(source, (str, PathLike)):
-            source = plan_source(source, options)
+            with PausedGarbageCollection():
+                source = plan_source(source, options)
         if isinstance(source, Plans):
             source.diagnostics.raise_errors()
         self._source = source
@@ -275,9 +276,10 @@ class Run:
         if isinstance(source, TreelessProgram):
             return source.make_tree(self.clock)
         try:
-            return instantiate(
-                source, self.resources, options.get("blackboard"), self.clock, options.get("tick_limit")
-            )
+            with PausedGarbageCollection():
+                return instantiate(
+                    source, self.resources, options.get("blackboard"), self.clock, options.get("tick_limit")
+                )
         except TreeError as error:
             for note in self._missing_notes():
                 error.add_note(note)
@@ -465,7 +467,11 @@ class Run:
 
     @property
     def exit_code(self) -> ExitCode:
-        """The exit code of a process for this run."""
+        """The exit code of a process for this run.
+
+        An exception of a leaf comes first, then an error of a provider or an incomplete output, then the
+        signal that ended the run, then the result of the tree.
+        """
         if self.error is not None:
             return ExitCode.LEAF_ERROR
         if self.closing_errors:

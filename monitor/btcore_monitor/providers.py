@@ -54,21 +54,21 @@ def publisher(
 
     with (
         _read_keys(settings) as (robot_keys, client_keys),
-        _publish(tree, resources, settings, robot_keys) as publisher,
-        start_monitors(publisher.address, settings.list_monitors(), client_keys) as monitors,
+        _publish(tree, resources, settings, robot_keys) as published,
+        start_monitors(published.address, settings.list_monitors(), client_keys) as monitors,
     ):
-        _print_addresses(publisher, settings, robot_keys)
-        wait_until_connected(publisher, monitors)
+        _print_addresses(published, settings, robot_keys)
+        wait_until_connected(published, monitors)
         try:
-            yield publisher
+            yield published
         finally:
             # After an interrupt no viewer for browsers stays open, and foreign clients get 2 s for what they
             # have not received. Recordings and windows of the run itself are completed in any case.
             is_over = report.end_reason not in (None, "interrupted")
             # Before waiting: a monitor ends when it has received the end of the stream.
-            publisher.end_stream()
+            published.end_stream()
             failures = [monitor.finish(stays_open=is_over) for monitor in monitors]
-            publisher.close(None if is_over else INTERRUPTED_GRACE_S)
+            published.close(None if is_over else INTERRUPTED_GRACE_S)
             if any(failures):
                 raise OutputError("; ".join(filter(None, failures)))
 

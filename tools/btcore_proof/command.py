@@ -12,7 +12,14 @@ from rich.live import Live
 from rich.text import Text
 
 from btcore.cli import files, terminal
-from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, complete_tree, find_source, given_option
+from btcore.cli.tree_source import (
+    STDIN,
+    TreeOptions,
+    TreeSource,
+    assumed_keys_option,
+    complete_tree,
+    find_source,
+)
 from btcore.escaping import escape_controls
 from btcore.logs.formats import open_log
 from btcore.registry.registry import Registry
@@ -55,7 +62,7 @@ _INTERVAL_S: Final = 0.2
     metavar="QUESTION",
     help="Ask a question: 'never A', 'A leads to B', 'A leads to B within 5 ticks' or 'A before B'.",
 )
-@given_option
+@assumed_keys_option
 @click.option(
     "--declarations",
     type=click.Path(path_type=Path),

@@ -443,3 +443,13 @@ def test_random_providers_open_after_their_needs_and_close_in_reverse(
     assert len(set(opened)) == len(opened)
     assert closed == opened[::-1]
     assert log == [("open", number) for number in opened] + [("close", number) for number in closed]
+
+
+def test_an_installed_provider_comes_before_the_default_of_the_core() -> None:
+    @provider(provides=("random.Random",))
+    def dice() -> object:
+        return "dice"
+
+    dice.is_installed = True
+    with Run(TreelessProgram("Test"), providers=[dice]).want("random.Random") as run:
+        assert run.resources == ["dice"]
