@@ -181,7 +181,8 @@ def simulator(
         raise click.ClickException(str(error)) from error
     finally:
         simulated.robot.stop()
-        report.update(simulated.report())
+        for heading, results in simulated.report().items():
+            report[heading] = results
         simulated.robot.world.close()
 
 
