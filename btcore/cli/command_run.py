@@ -11,7 +11,7 @@ from btcore.cli.provider_options import command_providers, given_options, settin
 from btcore.loading.load import LoadOptions
 from btcore.runs.choice import GivenSettings
 from btcore.runs.providers import OutputError, ProviderError
-from btcore.runs.run import Run, TreelessProgram, message_of
+from btcore.runs.run import Run, TreelessProgram
 from btcore.runs.settings import Settings
 from btcore.suggestions import join_names
 from btcore.xml.plan.plan import Plans
@@ -72,4 +72,4 @@ class CommandRun(Run):
                 raise
         finally:
             for one in self.closing_errors:
-                terminal.print_error(message_of(one))
+                terminal.print_error(str(one))

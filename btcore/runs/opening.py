@@ -29,7 +29,7 @@ class OpenedProvider:
     def __init__(self, provider: Provider) -> None:
         self.provider = provider
         self.value: object = None
-        self.error: BtcoreError | click.ClickException | None = None
+        self.error: BtcoreError | None = None
         self._context: contextlib.AbstractContextManager[object] | None = None
 
     def open(self, arguments: Mapping[str, object]) -> None:
@@ -67,6 +67,8 @@ class OpenedProvider:
         except _FOR_THE_USER as own_error:
             if error is not None and error in (own_error, own_error.__cause__):
                 raise  # the exception of the run, or its explanation by the provider
+            if isinstance(own_error, click.ClickException):
+                own_error = ProviderError(own_error.format_message())
             self.error = self.error or own_error
 
     def replace_tree(self, tree: Tree, arguments: Mapping[str, object]) -> None:

@@ -8,8 +8,6 @@ from os import PathLike
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
-import click
-
 from btcore.clock import NS_PER_S, Clock, SimClock, SystemClock
 from btcore.engine.leaf import StatefulAction
 from btcore.entry_points import names_by_remedy
@@ -173,7 +171,7 @@ class Run:
         self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0
         self.wall_s = 0.0
-        self.closing_errors: list[BtcoreError | click.ClickException] = []
+        self.closing_errors: list[BtcoreError] = []
 
     # --- opening
 
@@ -203,7 +201,7 @@ class Run:
         except Exception as error:
             self._collect_closing_errors()
             for one in self.closing_errors:
-                error.add_note(message_of(one))
+                error.add_note(str(one))
             raise
         return self
 
@@ -526,7 +524,7 @@ class Run:
             self.report.end_reason = "interrupted"
         self._collect_closing_errors()
         if self.closing_errors and error is None:
-            text = "; ".join(map(message_of, self.closing_errors))
+            text = "; ".join(map(str, self.closing_errors))
             raise OutputError(text) if self._is_only_incomplete() else ProviderError(text)
 
     def _collect_closing_errors(self) -> None:
@@ -535,8 +533,3 @@ class Run:
     def _is_only_incomplete(self) -> bool:
         """Return whether all `closing_errors` are about outputs."""
         return all(isinstance(error, OutputError) for error in self.closing_errors)
-
-
-def message_of(error: BtcoreError | click.ClickException) -> str:
-    """Return the message of an error for the user."""
-    return error.format_message() if isinstance(error, click.ClickException) else str(error)

@@ -19,7 +19,6 @@ from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError
 from btcore.runs.exit_codes import ExitCode
-from btcore.runs.run import message_of
 from btcore.status import Status, Transition
 from btcore.tree.tree import Tree
 
@@ -96,7 +95,7 @@ def _run(command: Sequence[str]) -> Result:
         report = json.loads(json.dumps(session.summary.as_data()))
         finished = session.run
         if finished.exit_code == ExitCode.USER_ERROR:  # of a provider that was closed
-            fault = "; ".join(map(message_of, finished.closing_errors))
+            fault = "; ".join(map(str, finished.closing_errors))
             return {**_not_started(ExitCode.USER_ERROR, fault), "began": True}
         failed_at = finished.error.path if finished.error is not None else cause.find(finished.tree)
         return {"code": finished.exit_code, "report": report, "failed_at": failed_at, "fault": None}
