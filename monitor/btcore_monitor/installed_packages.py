@@ -7,9 +7,9 @@ import click
 from btcore.extras import install_command
 
 
-def check_installed(*modules: str) -> None:
-    """Raise click.ClickException if one of *modules* is not installed."""
+def check_installed(*modules: str, needed_by: str = "the monitor") -> None:
+    """Raise click.ClickException if one of *modules*, which *needed_by* needs, is not installed."""
     missing = [name for name in modules if importlib.util.find_spec(name) is None]
     if missing:
         command = install_command(missing[0], "monitor")
-        raise click.ClickException(f"the monitor needs {missing[0]}, which is not installed: {command}")
+        raise click.ClickException(f"{needed_by} needs {missing[0]}, which is not installed: {command}")

@@ -1,6 +1,5 @@
 """The settings of a run for publishing, showing and recording it, and their checks."""
 
-import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -9,9 +8,9 @@ import click
 from msgspec.structs import replace
 
 from btcore import Settings
-from btcore.extras import install_command
 from btcore.runs.settings import option_names
 from btcore_monitor.display import has_display
+from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.keys import KeyFileError, RobotKeys
 from btcore_monitor.output_files import check_is_recording, check_writable
 from btcore_monitor.viewer_options import DRAWING_OPTION_NAMES, OutputOptions, ViewerOptions, run_option
@@ -109,9 +108,9 @@ class MonitorSettings(OutputOptions, Settings):
         for name, file in self.output_files.items():
             check_writable(name, file)
         if "groot1" in self.publish:
-            _check_installed("flatbuffers", "--publish groot1")
+            check_installed("flatbuffers", needed_by="--publish groot1")
         if self.outputs:
-            _check_installed("rerun", self.outputs[0])
+            check_installed("rerun", needed_by=self.outputs[0])
         if self.monitor and not has_display():
             raise click.ClickException(
                 "--monitor: there is no display here. --serve-web shows the run in a browser, --save "
@@ -176,10 +175,3 @@ class MonitorSettings(OutputOptions, Settings):
                 f"one up to {(1 << 16) - GROOT1_PORT_COUNT - _GROOT1_OFFSET}"
             )
         return groot2_port, groot1_port
-
-
-def _check_installed(module: str, option: str) -> None:
-    if importlib.util.find_spec(module) is None:
-        raise click.ClickException(
-            f"{option} needs {module}, which is not installed: {install_command(module)}"
-        )
