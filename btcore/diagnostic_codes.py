@@ -45,10 +45,10 @@ class DiagnosticCode(str):
 
         None if the documentation's address is unknown, because btcore is imported without being installed.
         """
-        heading = f"{self} · {self.summary}".lower()
-        anchor = re.sub(r"[^\w -]", "", heading).replace(" ", "-")
         from btcore.documentation_site import documentation_url  # only for messages
 
+        heading = f"{self} · {self.summary}".lower()
+        anchor = re.sub(r"[^\w -]", "", heading).replace(" ", "-")
         return documentation_url(f"reference/errors.html#{anchor}")
 
 

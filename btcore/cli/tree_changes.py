@@ -97,7 +97,7 @@ class TreeChanges:
         board = tree.blackboard
         without_port = [key for key in self._entries if board.find(key) is None]
         if without_port:
-            _warn_unused(without_port, plans)
+            _warn_unused_keys(without_port, plans)
         for key, text in self._entries.items():
             entry = board.find(key)
             kind = entry.declared if entry is not None and entry.declared.strong else None
@@ -200,7 +200,7 @@ def _convert_value(text: str, kind: ValueType | None, format: int) -> object:
     return text if value is None else value
 
 
-def _warn_unused(keys: Iterable[str], plans: Plans) -> None:
+def _warn_unused_keys(keys: Iterable[str], plans: Plans) -> None:
     """Print a warning for each of *keys* that neither a port nor a script of the tree uses."""
     from btcore.xml.lint.dry_run import DryRun  # most runs do not need it
 
