@@ -1,12 +1,11 @@
 """Call an action and a service of ROS 2. Needs: pip install 'btcore[ros2]' ros-test-msgs."""
 
 import threading
-from contextlib import suppress
 from typing import Any
 
 import rclpy
 from rclpy.action import ActionServer
-from rclpy.executors import ExternalShutdownException
+from rclpy.task import Future
 from std_srvs.srv import SetBool
 from test_msgs.action import Fibonacci
 
@@ -16,9 +15,9 @@ from btcore_ros2.session import RosSession
 from btcore_ros2.testing import isolate_ros
 
 TREE = """
-<root BTCPP_format="4"> <BehaviorTree ID="Main">
-  <Sequence> <SwitchMotors on="true"/> <Count order="6" last="{number}"/> </Sequence>
-</BehaviorTree> </root>"""
+<root BTCPP_format="4"> <BehaviorTree ID="Main"> <Sequence>
+  <SwitchMotors on="true"/> <Count order="6" last="{number}"/>
+</Sequence> </BehaviorTree> </root>"""
 
 
 class Count(RosAction):
@@ -40,8 +39,7 @@ class Count(RosAction):
 
 @ros_service(SetBool, "switch_motors", server_timeout=20_000, wait_for_server_timeout=20_000)
 def switch_motors(on: In[bool]) -> Any:
-    response = yield SetBool.Request(data=on)
-    return response.success
+    return (yield SetBool.Request(data=on)).success
 
 
 isolate_ros()  # this example talks only to itself
@@ -50,9 +48,13 @@ robot = rclpy.create_node("robot")  # usually in another process
 result = Fibonacci.Result(sequence=[0, 1, 1, 2, 3, 5])
 counter = ActionServer(robot, Fibonacci, "count", lambda goal: goal.succeed() or result)
 robot.create_service(SetBool, "switch_motors", lambda request, answer: SetBool.Response(success=request.data))
-with suppress(ExternalShutdownException), RosSession() as session:
-    threading.Thread(target=rclpy.spin, args=[robot], daemon=True).start()
+is_done: Future[None] = Future()
+spinning = threading.Thread(target=rclpy.spin_until_future_complete, args=[robot, is_done], daemon=True)
+spinning.start()
+with RosSession() as session:
     nodes = Registry.standard()
     nodes.add(Count, switch_motors)
     tree = loads(TREE, nodes=nodes, resources=[session], clock=session.clock)
     print(tree.tick_while_running(period=0.1), tree.blackboard["number"])
+is_done.set_result(None)
+spinning.join()
