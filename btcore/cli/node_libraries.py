@@ -88,7 +88,8 @@ class NodeLibraries:
                 self._warn(str(unavailable.error))
             self.unavailable.append(unavailable)
         for plugin in self.plugins:
-            self.nodes.add_plugin(plugin)
+            if plugin.has_nodes or not _has_providers(plugin):
+                self.nodes.add_plugin(plugin)
         for installed, added in self.nodes.overridden_nodes:
             self._warn(
                 f"<{added.id}> of {added.distribution} overrides <{added.id}> of {installed.distribution}"
@@ -202,6 +203,12 @@ def load_libraries(
     )
     libraries.add_models(models, confined)
     return libraries
+
+
+def _has_providers(plugin: Plugin) -> bool:
+    from btcore.runs.available_providers import providers_in  # not for commands without plugins
+
+    return bool(providers_in(plugin.module))
 
 
 def _find_node_ids(documents: Iterable[Document]) -> Iterator[str]:

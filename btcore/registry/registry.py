@@ -450,6 +450,12 @@ class Plugin(NamedTuple):
     module: ModuleType
     function: str = "register"
 
+    @property
+    def has_nodes(self) -> bool:
+        """Whether the module has the function or defines nodes; a user's file may have providers alone."""
+        has_function = callable(getattr(self.module, self.function, None))
+        return has_function or next(iter(_leaves_in(self.module)), None) is not None
+
 
 def import_plugin(library: str | Path, name: str | None = None) -> Plugin:
     """Import a node library without registering it; the arguments are those of `Registry.add_plugin`.

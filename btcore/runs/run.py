@@ -162,6 +162,7 @@ class Run:
         self._clock: Clock | None = None
         self._loop: TickLoop | None = None
         self._signals = EndingSignals()
+        self._is_paused = False
         self.tree: Tree
         self.choice: Choice
         self.resources = Resources()
@@ -287,7 +288,9 @@ class Run:
         """Yield why objects that the leaves need are missing."""
         for kind in self._leaf_types:
             provider = self.choice.by_type.get(full_name(kind))
-            if isinstance(provider, Provider) and self._object_for(full_name(kind)) is None:
+            if isinstance(provider, Provider) and provider.needs_tree:
+                yield f"{provider} needs the tree, so that its leaves cannot get what it provides"
+            elif isinstance(provider, Provider) and self._object_for(full_name(kind)) is None:
                 yield f"the provider {provider} has provided None"
         missing = [kind for kind in self._leaf_types if full_name(kind) in self.choice.problems]
         for name in map(full_name, missing):
@@ -354,6 +357,7 @@ class Run:
         self._check_entered()
         was_saved = None if watcher is None else watcher.was_saved
         loop = self._loop = TickLoop(self.tree, self.run_settings, until, on_tick, was_saved)
+        loop.is_paused = self._is_paused
         began = time.perf_counter()
         try:
             with self._leaf_error_kept():
@@ -434,15 +438,19 @@ class Run:
     def pause(self) -> None:
         """Let `until_done` stop ticking before the next tick, until `resume`. Any thread may call it.
 
-        Meanwhile a simulated world stands still; real time continues, and counts for the duration.
+        Meanwhile a simulated world stands still; real time continues, and counts for the duration. A pause
+        also holds for calls of `until_done` that begin later.
         """
-        if self._loop is not None:
-            self._loop.is_paused = True
+        self._set_paused(True)
 
     def resume(self) -> None:
         """End a pause."""
+        self._set_paused(False)
+
+    def _set_paused(self, is_paused: bool) -> None:
+        self._is_paused = is_paused
         if self._loop is not None:
-            self._loop.is_paused = False
+            self._loop.is_paused = is_paused
 
     def serve(self, serve: Callable[[], None], stop: Callable[[], None]) -> None:
         """Call *serve*, for a program that ticks trees itself, until it returns or a signal ends it.
@@ -481,6 +489,8 @@ class Run:
 
     def step(self) -> Status:
         """Tick the tree once, without waiting, and return its status.
+
+        Time passes only by other means: a `SimClock` by `run.clock.advance(0.1)`.
 
         Raises:
             NodeExecutionError: A leaf raised an exception.

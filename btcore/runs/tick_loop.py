@@ -79,6 +79,9 @@ class TickLoop:
 
     def run(self) -> LoopEnd | LoopPause:
         """Tick until the end of the loop, or until the file was saved, and return the reason."""
+        reason = self._wait_for_end_of_pause()
+        if reason is not None:
+            return reason
         due = self.tree.clock.now()
         while True:
             self.status = self.tree.tick_once()
@@ -89,8 +92,9 @@ class TickLoop:
             if self.status in self.end_statuses:
                 return "done"
             if self.is_paused:
-                while self.is_paused and not self._is_stopping:
-                    self.tree.context.wait_real_time(_CHECK_INTERVAL_S)
+                reason = self._wait_for_end_of_pause()
+                if reason is not None:
+                    return reason
                 due = self.tree.clock.now()  # the ticks of the pause have not been skipped
             now = self.tree.clock.now()
             # An additional tick before `due` leaves the due time unchanged.
@@ -108,6 +112,16 @@ class TickLoop:
                 return "duration"
             if saved:
                 return "saved"
+
+    def _wait_for_end_of_pause(self) -> LoopEnd | None:
+        """Wait until the end of a pause, and return None; or the reason why the loop ends before."""
+        while self.is_paused:
+            if self._is_stopping:
+                return "interrupted"
+            if self.end_ns is not None and self.tree.clock.now() >= self.end_ns:
+                return "duration"
+            self.tree.context.wait_real_time(_CHECK_INTERVAL_S)
+        return None
 
     def wait_for_save(self) -> LoopEnd | LoopPause:
         """Wait without ticking until a save, the duration or `stop` ends the wait; return the reason.

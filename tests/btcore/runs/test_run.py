@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Annotated, Any, Protocol, runtime_checkable
 
 import pytest
+from click.testing import CliRunner
 
 import btcore
 from btcore import OutputError, ProviderError, Registry, Report, Run, RunSettings, Settings, option, provider
+from btcore.cli.main import main
 from btcore.logs import read_log
 from btcore.runs.core_providers import LogSettings
 from btcore.runs.run import TreelessProgram
@@ -397,3 +399,54 @@ def test_a_provider_of_several_objects_may_provide_none(tmp_path: Path) -> None:
     with pytest.raises(btcore.TreeError, match="the run does not provide it") as caught:
         Run(write_tree(tmp_path, "<Look/>"), nodes=nodes, providers=[none]).__enter__()
     assert caught.value.__notes__ == [f"the provider {none} has provided None"]
+
+
+def test_the_duration_also_ends_a_pause() -> None:
+    with Run(program(ticks=9), settings=[RunSettings(duration=0.1)]) as run:
+        run.pause()
+        run.until_done()
+    assert (run.end_reason, run.tree.ticks) == ("duration", 0)
+
+
+def test_a_signal_ends_a_pause() -> None:
+    with Run(program(ticks=9), settings=[FAST]) as run:
+        run.pause()
+        timer = threading.Timer(0.05, signal.raise_signal, [signal.SIGINT])
+        timer.start()
+        run.until_done()
+    assert (run.end_reason, run.tree.ticks) == ("interrupted", 0)
+
+
+def test_a_leaf_cannot_get_what_follows_the_tree(tmp_path: Path) -> None:
+    @provider
+    def torch(tree: btcore.Tree) -> Torch:
+        return Torch()
+
+    @btcore.action
+    def look(torch: Torch) -> bool:
+        return True
+
+    nodes = Registry.standard()
+    nodes.add(look)
+    with pytest.raises(btcore.TreeError) as caught:
+        Run(write_tree(tmp_path, "<Look/>"), nodes=nodes, providers=[torch]).__enter__()
+    assert caught.value.__notes__ == [
+        f"{torch} needs the tree, so that its leaves cannot get what it provides"
+    ]
+
+
+def test_a_file_with_providers_alone_is_a_plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    leaves = tmp_path / "lamp_leaves.py"
+    leaves.write_text(
+        "import btcore\nclass Lamp: ...\n@btcore.action\ndef Look(lamp: Lamp) -> bool:\n    return True\n"
+    )
+    devices = tmp_path / "lamp_devices.py"
+    devices.write_text(
+        "import btcore\nfrom lamp_leaves import Lamp\n@btcore.provider\ndef lamp() -> Lamp:\n"
+        "    return Lamp()\n"
+    )
+    tree = str(write_tree(tmp_path, "<Look/>"))
+    command = ["run", tree, "--plugin", "lamp_leaves", "--plugin", str(devices)]
+    result = CliRunner().invoke(main, command)
+    assert result.exit_code == 0, result.output
