@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from btcore.runs.run import Run as Run
     from btcore.runs.settings import RunSettings as RunSettings
     from btcore.runs.settings import Settings as Settings
+    from btcore.runs.settings import SettingsError as SettingsError
     from btcore.runs.settings import option as option
     from btcore.script.program import compile_script as compile_script
     from btcore.status import FAILURE as FAILURE
@@ -119,7 +120,7 @@ _HOMES = {
     "btcore.registry.registry": ("Registry",),
     "btcore.runs.providers": ("OutputError", "ProviderError", "Report", "provider"),
     "btcore.runs.run": ("Run",),
-    "btcore.runs.settings": ("RunSettings", "Settings", "option"),
+    "btcore.runs.settings": ("RunSettings", "Settings", "SettingsError", "option"),
     "btcore.script.program": ("compile_script",),
     "btcore.status": (
         "FAILURE",

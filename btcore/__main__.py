@@ -10,8 +10,8 @@ import signal
 from types import FrameType
 from typing import NoReturn
 
-INTERRUPTED = 130
-"""The exit code, as in btcore.runs.exit_codes, which is not imported yet."""
+from btcore.exit_codes import ExitCode
+
 CONFINEMENT = "BTCORE_CONFINEMENT"
 """The environment variable that confines the process, as in btcore.confinement."""
 
@@ -47,7 +47,7 @@ def _start_garbage_collection() -> None:
 
 def _exit_at_once(number: int, frame: FrameType | None) -> NoReturn:
     os.write(2, b"interrupted\n")
-    os._exit(INTERRUPTED)
+    os._exit(ExitCode.INTERRUPTED)
 
 
 if __name__ == "__main__":

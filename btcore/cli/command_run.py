@@ -1,7 +1,6 @@
 """The run of a command: its providers come from the command line, and its problems are printed."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from types import TracebackType
 from typing import Any, Unpack
 
 import click
@@ -10,7 +9,6 @@ from btcore.cli import terminal
 from btcore.cli.provider_options import command_providers, given_options, settings_of
 from btcore.loading.load import LoadOptions
 from btcore.runs.choice import GivenSettings
-from btcore.runs.providers import OutputError, ProviderError
 from btcore.runs.run import Run, TreelessProgram
 from btcore.runs.settings import Settings
 from btcore.suggestions import join_names
@@ -58,18 +56,11 @@ class CommandRun(Run):
 
     def warn_unused(self, kind: type[Settings], reason: str) -> None:
         """Print a warning for the options of *kind* that were given."""
-        names = [option.opts[0] for option in given_options(self._ctx) if option.settings is kind]
+        names = [option.opts[0] for option in given_options(self._ctx) if option.options is kind]
         have = "has" if len(names) == 1 else "have"
         terminal.print_warning(f"{join_names(names)} {have} no effect: {reason}")
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            super().__exit__(kind, error, trace)
-        except (OutputError, ProviderError) as closing_error:
-            if closing_error is error:
-                raise
-        finally:
-            for one in self.closing_errors:
-                terminal.print_error(str(one))
+    def report_closing_errors(self, error: BaseException | None) -> None:
+        """Print the errors; the exit code tells of them, too."""
+        for one in self.closing_errors:
+            terminal.print_error(str(one))

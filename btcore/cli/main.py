@@ -18,7 +18,7 @@ import click
 import btcore
 from btcore import builds, entry_points
 from btcore.cli.terminal_encoding import make_encodable
-from btcore.runs.exit_codes import ExitCode
+from btcore.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,10 +9,18 @@ from click.core import ParameterSource
 
 from btcore import entry_points
 from btcore.cli import terminal
+from btcore.field_options import FieldOption, create_options
 from btcore.registry.registry import Plugin, import_plugin
 from btcore.runs.available_providers import AvailableProviders, providers_in
 from btcore.runs.providers import Provider, ProviderError
-from btcore.runs.settings import Options, RunSettings, SettingOption, Settings, create_options, from_values
+from btcore.runs.settings import (
+    Options,
+    RunSettings,
+    Settings,
+    SettingsError,
+    from_values,
+    required_option_names,
+)
 from btcore.suggestions import join_names
 
 _META_KEY: Final = "btcore.cli.provider_options"
@@ -37,9 +45,9 @@ class CommandProviders:
             provider for plugin in self.plugins.values() for provider in providers_in(plugin.module)
         )
         self.has_all_options = has_all_options
-        self._options: dict[bool, list[SettingOption]] = {}
+        self._options: dict[bool, list[FieldOption]] = {}
 
-    def options(self, own: Sequence[click.Parameter]) -> list[SettingOption]:
+    def options(self, own: Sequence[click.Parameter]) -> list[FieldOption]:
         """Return the options of the providers' settings, without settings that *own* options belong to.
 
         Raises:
@@ -49,10 +57,10 @@ class CommandProviders:
             self._options[self.has_all_options] = self._make_options(own)
         return self._options[self.has_all_options]
 
-    def _make_options(self, own: Sequence[click.Parameter]) -> list[SettingOption]:
-        kinds = {option.settings for option in own if isinstance(option, SettingOption)} | {RunSettings}
+    def _make_options(self, own: Sequence[click.Parameter]) -> list[FieldOption]:
+        kinds = {option.options for option in own if isinstance(option, FieldOption)} | {RunSettings}
         taken = {name: "the command" for option in own for name in (*option.opts, option.name or "")}
-        options: list[SettingOption] = []
+        options: list[FieldOption] = []
         some = [*self.available.of_user, *self.available.core]
         for provider in self.available.all() if self.has_all_options else some:
             for kind in [kind for kind in provider.settings if kind not in kinds]:
@@ -61,7 +69,7 @@ class CommandProviders:
         return options
 
 
-def _without_clash(provider: Provider, kind: type[Settings], taken: dict[str, str]) -> list[SettingOption]:
+def _without_clash(provider: Provider, kind: type[Settings], taken: dict[str, str]) -> list[FieldOption]:
     options = create_options(kind)
     for option in options:
         for name in (option.opts[0], option.name or ""):
@@ -144,7 +152,7 @@ class ProviderCommand(click.Command):
         for option in self.get_params(ctx):
             record = option.get_help_record(ctx)
             if record is not None and not isinstance(option, click.Argument):
-                provider = users.get(option.settings) if isinstance(option, SettingOption) else None
+                provider = users.get(option.options) if isinstance(option, FieldOption) else None
                 file = "" if provider is None else provider.place.rpartition(":")[0].rpartition("/")[2]
                 sections.setdefault(f"Options of {file}" if file else "Options", []).append(record)
         for title, records in sections.items():
@@ -164,14 +172,14 @@ def _plugins_in(args: Sequence[str]) -> Iterator[str]:
             yield value
 
 
-def given_options(ctx: click.Context) -> list[SettingOption]:
+def given_options(ctx: click.Context) -> list[FieldOption]:
     """Return the options of settings that were given to the command with the context *ctx*."""
     not_given = (None, ParameterSource.DEFAULT)
     return [
         option
         for option in ctx.command.get_params(ctx)
-        if isinstance(option, SettingOption)
-        and issubclass(option.settings, Settings)
+        if isinstance(option, FieldOption)
+        and issubclass(option.options, Settings)
         and ctx.get_parameter_source(option.name or "") not in not_given
     ]
 
@@ -196,13 +204,16 @@ def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -
         given += [item for kind in every for item in create_options(kind) if item.name in defaults]
         values = {**defaults, **values}
     found: list[Settings] = []
-    for kind in dict.fromkeys(option.settings for option in given):
-        settings = from_values(kind, values)
+    for kind in dict.fromkeys(option.options for option in given):
+        try:
+            settings = from_values(kind, values)
+        except SettingsError as error:
+            raise click.UsageError(str(error)) from error
         if isinstance(settings, Settings):
             found.append(settings)
         else:
-            needed = join_names([option.opts[0] for option in create_options(kind) if option.is_needed])
-            names = join_names([option.opts[0] for option in given if option.settings is kind])
+            needed = join_names(required_option_names(kind))
+            names = join_names([option.opts[0] for option in given if option.options is kind])
             terminal.print_warning(f"{names}: no effect without {needed}")
     return found
 

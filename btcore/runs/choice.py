@@ -25,7 +25,7 @@ from btcore.runs.providers import (
     full_name,
     is_settings,
 )
-from btcore.runs.settings import RunSettings, Settings, create_options, has_required_fields
+from btcore.runs.settings import RunSettings, Settings, required_option_names
 from btcore.suggestions import join_names
 
 S = TypeVar("S", bound=Settings)
@@ -42,7 +42,7 @@ class GivenSettings(dict[type[Settings], Settings]):
     def find(self, kind: type[S]) -> S | None:
         """Return the settings of the class *kind*; None if a required one was not given."""
         found = self.get(kind)
-        if found is None and not has_required_fields(kind):
+        if found is None and not required_option_names(kind):
             found = kind()
         return found  # type: ignore[return-value]
 
@@ -234,9 +234,8 @@ class _Chooser:
 
     def _required(self, provider: Provider) -> set[type[Settings]]:
         """Return the settings without which the provider cannot be used."""
-        return {
-            kind for kind, optional in provider.settings.items() if not optional and has_required_fields(kind)
-        }
+        needed = [kind for kind, optional in provider.settings.items() if not optional]
+        return {kind for kind in needed if required_option_names(kind)}
 
     def _add_clock(self) -> None:
         """Use a provider that provides the clock alone, if it needs only what is used, and no other is."""
@@ -338,11 +337,10 @@ def _join(chain: Sequence[Provider]) -> str:
 
 def _required_options(provider: Provider, settings: GivenSettings) -> str:
     names = [
-        item.opts[0]
+        name
         for kind, optional in provider.settings.items()
         if not optional and settings.find(kind) is None
-        for item in create_options(kind)
-        if item.is_needed
+        for name in required_option_names(kind)
     ]
     return join_names(names)
 

@@ -5,10 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import click
-
 from btcore.runs.providers import OutputError, provider
-from btcore.runs.settings import RunSettings, Settings, option
+from btcore.runs.settings import RunSettings, Settings, SettingsError, option
 from btcore.suggestions import join_names
 from btcore.tree.tree import Tree
 
@@ -22,7 +20,7 @@ class LogSettings(Settings):
     """The logs of a run.
 
     Raises:
-        click.UsageError: A log is given twice.
+        SettingsError: A log is given twice.
     """
 
     log: Annotated[
@@ -39,7 +37,7 @@ class LogSettings(Settings):
         files = [Path(name).resolve() for name in self.log]
         for number, file in enumerate(files):
             if file in files[:number]:
-                raise click.UsageError(f"--log '{self.log[number]}' is given more than once.")
+                raise SettingsError(f"--log '{self.log[number]}' is given more than once.")
 
 
 class TreeLogs:

@@ -5,16 +5,10 @@ import inspect
 from collections.abc import Iterator, Mapping
 from traceback import walk_tb
 from types import TracebackType
-from typing import Final
-
-import click
 
 from btcore.errors import BtcoreError
 from btcore.runs.providers import Provider, ProviderError, fits
 from btcore.tree.tree import Tree
-
-_FOR_THE_USER: Final = (BtcoreError, click.ClickException)
-"""Exceptions of providers whose message is meant for the user."""
 
 
 class OpenedProvider:
@@ -64,11 +58,9 @@ class OpenedProvider:
         try:
             with _named(self.provider, error):
                 context.__exit__(kind, error, trace)
-        except _FOR_THE_USER as own_error:
+        except BtcoreError as own_error:
             if error is not None and error in (own_error, own_error.__cause__):
                 raise  # the exception of the run, or its explanation by the provider
-            if isinstance(own_error, click.ClickException):
-                own_error = ProviderError(own_error.format_message())
             self.error = self.error or own_error
 
     def replace_tree(self, tree: Tree, arguments: Mapping[str, object]) -> None:
@@ -104,7 +96,7 @@ def _named(provider: Provider, error_of_run: BaseException | None = None) -> Ite
     """
     try:
         yield
-    except _FOR_THE_USER:
+    except BtcoreError:
         raise
     except ModuleNotFoundError as error:
         from btcore.extras import describe_missing

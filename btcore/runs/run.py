@@ -12,12 +12,12 @@ from btcore.clock import NS_PER_S, Clock, SimClock, SystemClock
 from btcore.engine.leaf import StatefulAction
 from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, NodeExecutionError, TreeError
+from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
 from btcore.loading.load import LoadOptions, PausedGarbageCollection, check_names, plan_source
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
-from btcore.runs.exit_codes import ExitCode, code_of_signal
 from btcore.runs.opening import OpenedProvider
 from btcore.runs.providers import (
     ATTRIBUTES_OF_RUN,
@@ -533,9 +533,20 @@ class Run:
             # The first signal of the run has ended the waits of the providers.
             self.report.end_reason = "interrupted"
         self._collect_closing_errors()
-        if self.closing_errors and error is None:
+        if self.closing_errors:
+            self.report_closing_errors(error)
+
+    def report_closing_errors(self, error: BaseException | None) -> None:
+        """Raise the `closing_errors` as one, unless *error* ends the run.
+
+        Raises:
+            OutputError: All errors are about outputs, which are incomplete.
+            ProviderError: Another error.
+        """
+        if error is None:
             text = "; ".join(map(str, self.closing_errors))
-            raise OutputError(text) if self._is_only_incomplete() else ProviderError(text)
+            kind = OutputError if self._is_only_incomplete() else ProviderError
+            raise kind(text) from self.closing_errors[0]
 
     def _collect_closing_errors(self) -> None:
         self.closing_errors = [opened.error for opened in self._opened.values() if opened.error is not None]

@@ -1,6 +1,6 @@
-"""Settings: typed structs whose fields are options of the command line.
+"""Options and settings: typed structs whose fields are options of the command line.
 
-A field declares its option once:
+`Options` are those of a command, `Settings` those of a provider. A field declares its option once:
 
     class GripperSettings(Settings):
         port: Annotated[str, option("Serial port of the gripper.", metavar="PORT")]
@@ -11,14 +11,10 @@ only if the option is given. A field of type `tuple[str, ...]` is an option that
 a flag, and a `Literal` a choice.
 """
 
-import functools
-import math
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Final, NamedTuple, TypeVar, Union, get_args, get_origin
 
-import click
 import msgspec
 from msgspec.structs import FieldInfo
 
@@ -27,8 +23,11 @@ from btcore.errors import BtcoreError
 _DETAILS: Final = "btcore"
 """The key in the `extra` of a field's `msgspec.Meta`."""
 
-S = TypeVar("S", bound="Options")
-Function = TypeVar("Function", bound=Callable[..., Any])
+AnyOptions = TypeVar("AnyOptions", bound="Options")
+
+
+class SettingsError(BtcoreError):
+    """Options contradict each other, or the value of one cannot be used; the message names them."""
 
 
 class Plural(NamedTuple):
@@ -36,7 +35,7 @@ class Plural(NamedTuple):
 
     Attributes:
         name: The name of the option without dashes, such as "worlds".
-        parse: Returns the values in the option's text; it may raise click.UsageError.
+        parse: Returns the values in the option's text; it may raise a `SettingsError`.
         metavar: The name of the value in the help.
         help: The help.
     """
@@ -47,7 +46,9 @@ class Plural(NamedTuple):
     help: str
 
 
-class _OptionDetails(NamedTuple):
+class OptionDetails(NamedTuple):
+    """What `option` says of a field beside its help and its limits; see there."""
+
     metavar: str | None
     vary: Plural | None
     one_run_only: bool
@@ -83,21 +84,21 @@ def option(
         complete: A function for shell completion, as the argument `shell_complete` of `click.Option`.
         name: The name of the option without dashes; by default that of the field.
     """
-    details = _OptionDetails(metavar, vary, one_run_only, bare_value, complete, name)
+    details = OptionDetails(metavar, vary, one_run_only, bare_value, complete, name)
     limits: dict[str, Any] = {"gt": gt, "ge": ge, "le": le}
     meta: msgspec.Meta = msgspec.Meta(description=help, extra={_DETAILS: details}, **limits)
     return meta
 
 
 class Options(msgspec.Struct):
-    """Options that a command declares for itself, in the form of `Settings`."""
+    """The options of a command, one for each field. `__post_init__` may raise a `SettingsError`."""
 
 
 class Settings(Options):
-    """The settings of a provider, whose fields are options of commands.
+    """The options of a provider, which every command with a run has.
 
     A field without a default is required: its provider is used only if the option is given. Required fields
-    come first. `__post_init__` may check several settings together and raise click.UsageError.
+    come first. `__post_init__` may check several settings together and raise a `SettingsError`.
 
     Examples:
         >>> from typing import Annotated
@@ -131,132 +132,27 @@ class RunSettings(Settings):
     fast: Annotated[bool, option("Use simulated time and run as fast as possible.")] = False
 
 
-class FiniteRange(click.FloatRange):
-    """A range of finite numbers: infinity and NaN are errors."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Convert *value* to a finite number in the range. Any other value is a usage error.
-
-        Args:
-            value: The text of the option.
-            param: The option.
-            ctx: The context of the command.
-
-        Returns:
-            The number.
-        """
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value} is not a finite number.", param, ctx)
-        return number
-
-
-class SettingOption(click.Option):
-    """The option of a field of *settings*, and how a sweep treats it."""
-
-    def __init__(self, settings: type[Options], field: FieldInfo) -> None:
-        kind, meta = _unwrap(field.type)
-        details: _OptionDetails = (meta.extra or {})[_DETAILS]
-        self.settings = settings
-        self.vary = details.vary
-        self.one_run_only = details.one_run_only
-        self.is_needed = field.required
-        default = None if field.default is msgspec.NODEFAULT else field.default
-        arguments: dict[str, Any] = {"help": meta.description, "metavar": details.metavar}
-        if details.bare_value is not None:
-            arguments |= {"is_flag": False, "flag_value": details.bare_value}
-        if kind is bool:
-            arguments |= {"is_flag": True, "default": bool(default)}
-        else:
-            if get_origin(kind) is tuple:
-                kind = get_args(kind)[0]
-                arguments["multiple"] = True
-            elif default is not None:
-                arguments |= {"default": default, "show_default": True}
-            arguments["type"] = _click_type(kind, meta)
-        dashed = (details.option_name or field.name).replace("_", "-")
-        super().__init__([f"--{dashed}", field.name], shell_complete=details.complete, **arguments)
-
-    def get_help_extra(self, ctx: click.Context) -> Any:
-        """Return what the help shows in brackets, without the range of a number that has no limits."""
-        extra = super().get_help_extra(ctx)
-        if getattr(self.type, "min", None) is None and getattr(self.type, "max", None) is None:
-            extra.pop("range", None)
-        return extra
-
-
-def create_options(settings: type[Options], *names: str) -> list[SettingOption]:
-    """Return the options of *settings*, or those of its fields *names*, in the order of the fields.
-
-    Raises:
-        BtcoreError: A field is no option.
-    """
-    options = []
-    for field in msgspec.structs.fields(settings):
-        if not names or field.name in names:
-            try:
-                options.append(SettingOption(settings, field))
-            except TypeError as error:
-                raise BtcoreError(f"the field '{field.name}' of {settings.__name__}: {error}") from error
-    return options
-
-
-def setting_options(settings: type[Options], *names: str) -> Callable[[Function], Function]:
-    """Return a decorator that adds the options of *settings* to a command.
+def from_values(options: type[AnyOptions], values: Mapping[str, Any]) -> AnyOptions | None:
+    """Return *options* with the values of a command's parameters; None if a required one is not given.
 
     Args:
-        settings: The class of the settings.
-        names: The fields whose options are added; by default all.
-    """
-
-    def decorate(function: Function) -> Function:
-        params = function.__dict__.setdefault("__click_params__", [])
-        params.extend(reversed(create_options(settings, *names)))
-        return function
-
-    return decorate
-
-
-def pass_settings(settings: type[Options], parameter: str) -> Callable[[Function], Function]:
-    """Return a decorator that adds the options of *settings* to a command, which gets them as *parameter*.
-
-    Args:
-        settings: The class of the settings.
-        parameter: The name of the parameter of the command's function.
-    """
-
-    def decorate(function: Function) -> Function:
-        @functools.wraps(function)
-        def with_settings(*arguments: Any, **values: Any) -> Any:
-            own = {field.name: values.pop(field.name) for field in msgspec.structs.fields(settings)}
-            return function(*arguments, **{parameter: from_values(settings, own)}, **values)
-
-        return setting_options(settings)(with_settings)  # type: ignore[return-value]
-
-    return decorate
-
-
-def from_values(settings: type[S], values: Mapping[str, Any]) -> S | None:
-    """Return *settings* with the values of a command's parameters; None if a required one is not given.
-
-    Args:
-        settings: The class of the settings.
+        options: The class of the options.
         values: The values of parameters by name; those that are missing have their defaults.
 
     Raises:
-        click.UsageError: The settings contradict each other.
+        SettingsError: The values contradict each other.
     """
     chosen: dict[str, Any] = {}
-    for field in msgspec.structs.fields(settings):
+    for field in msgspec.structs.fields(options):
         value = values.get(field.name)
         if field.required and (value is None or value is False or value == ()):
             return None
         if value is not None:
             chosen[field.name] = tuple(value) if isinstance(value, list) else value
-    return settings(**chosen)
+    return options(**chosen)
 
 
-def check_settings(settings: S) -> S:
+def check_settings(settings: AnyOptions) -> AnyOptions:
     """Check the types and the limits of the values that a program gave to *settings*, and return *settings*.
 
     Raises:
@@ -272,67 +168,59 @@ def check_settings(settings: S) -> S:
     return settings
 
 
-def given_fields(settings: Options) -> list[str]:
-    """Return the names of the fields that are required or differ from their defaults."""
-    return [
-        field.name
-        for field in msgspec.structs.fields(settings)
-        if field.required or getattr(settings, field.name) != field.default
-    ]
+def required_option_names(options: type[Options]) -> list[str]:
+    """Return the options that have no default, with dashes."""
+    return [option_name(field) for field in msgspec.structs.fields(options) if field.required]
 
 
-def has_required_fields(settings: type[Options]) -> bool:
-    """Return whether *settings* have a field without a default."""
-    return any(field.required for field in msgspec.structs.fields(settings))
+def given_option_names(options: Options) -> list[str]:
+    """Return the options that are required or whose values differ from their defaults, with dashes."""
+    return [option_name(field) for field in _given_fields(options)]
 
 
-def option_names(settings: Options) -> list[str]:
-    """Return the options for the `given_fields`, with dashes."""
-    given = given_fields(settings)
-    return [item.opts[0] for item in create_options(type(settings)) if item.name in given]
-
-
-def arguments(settings: Options) -> list[str]:
-    """Return the arguments of a command line that give *settings* to a command with their options.
+def arguments(options: Options) -> list[str]:
+    """Return the arguments of a command line that give the values of *options* to a command.
 
     Values that are the defaults are omitted.
     """
-    given = given_fields(settings)
     words: list[str] = []
-    for item in create_options(type(settings)):
-        value = getattr(settings, item.name or "")
-        if item.name not in given or value is None or value is False:
+    for field in _given_fields(options):
+        value = getattr(options, field.name)
+        if value is None or value is False:
             continue
         for one in value if isinstance(value, tuple) else (value,):
-            words += [item.opts[0]] if one is True else [item.opts[0], str(one)]
+            words += [option_name(field)] if one is True else [option_name(field), str(one)]
     return words
 
 
-def _unwrap(annotation: Any) -> tuple[Any, msgspec.Meta]:
-    """Return the type and the description of a field: `str` for `Annotated[str, option(…)] | None`."""
+def _given_fields(options: Options) -> list[FieldInfo]:
+    return [
+        field
+        for field in msgspec.structs.fields(options)
+        if field.required or getattr(options, field.name) != field.default
+    ]
+
+
+def option_name(field: FieldInfo) -> str:
+    """Return the option of *field*, with dashes."""
+    _, _, details = describe_field(field)
+    return "--" + (details.option_name or field.name).replace("_", "-")
+
+
+def describe_field(field: FieldInfo) -> tuple[Any, msgspec.Meta, OptionDetails]:
+    """Return the type of *field*, and its description.
+
+    The type is `str` for `Annotated[str, option(…)] | None`.
+
+    Raises:
+        TypeError: The field is no option.
+    """
+    annotation = field.type
     if get_origin(annotation) in (Union, UnionType):
         annotation = next(part for part in get_args(annotation) if part is not NoneType)
     if get_origin(annotation) is Annotated:
         kind, *metadata = get_args(annotation)
         for meta in metadata:
             if isinstance(meta, msgspec.Meta) and _DETAILS in (meta.extra or {}):
-                return kind, meta
+                return kind, meta, (meta.extra or {})[_DETAILS]
     raise TypeError(f"the type {annotation} is no option: write Annotated[…, option(…)]")
-
-
-def _click_type(kind: Any, meta: msgspec.Meta) -> "click.ParamType[Any]":
-    least: Any = meta.ge if meta.gt is None else meta.gt
-    most: Any = meta.le
-    if kind is float:
-        return FiniteRange(least, most, min_open=meta.gt is not None)
-    if kind is int:
-        return click.IntRange(least, most, min_open=meta.gt is not None)
-    if kind is Path:
-        return click.Path(dir_okay=False, path_type=Path)
-    if get_origin(kind) is Literal:
-        return click.Choice(get_args(kind), case_sensitive=False)
-    if kind is str:
-        return click.STRING
-    raise TypeError(
-        f"an option cannot have the type {kind}: use str, bool, int, float, Path, Literal or tuple[str, ...]"
-    )

@@ -34,7 +34,7 @@ GROUPS = {
     "Errors": (
         "BtcoreError", "TreeError", "XmlSyntaxError", "UnknownNodeError", "PortError", "ScriptError",
         "ConversionError", "RegistrationError", "NodeError", "NodeExecutionError", "BlackboardError",
-        "ProviderError", "OutputError", "Diagnostic", "LiteralProblem",
+        "SettingsError", "ProviderError", "OutputError", "Diagnostic", "LiteralProblem",
     ),
     "Builds": ("builds",),
 }  # fmt: skip

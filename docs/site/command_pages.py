@@ -18,8 +18,8 @@ from mentions import PAGES, links_to_mentions
 
 from btcore.cli.main import OWN_COMMANDS, main
 from btcore.entry_points import COMMANDS_GROUP
+from btcore.field_options import FieldOption
 from btcore.runs import exit_codes
-from btcore.runs.settings import SettingOption
 
 ROOT: Final = Path(__file__).parents[2]
 EXAMPLES: Final[dict[str, Any]] = tomllib.loads(
@@ -166,7 +166,7 @@ def _options(command: click.Command, context: click.Context) -> list[str]:
         if isinstance(option, click.Option) and not option.hidden:
             record = option.get_help_record(context)
             assert record is not None
-            is_added = isinstance(option, SettingOption) and option not in command.params
+            is_added = isinstance(option, FieldOption) and option not in command.params
             package = option.settings.__module__.partition(".")[0] if is_added else "btcore"
             title = "Options" if package == "btcore" else f"Options of {package}"
             # As HTML, because a table in Markdown would show the escape before a | in code.

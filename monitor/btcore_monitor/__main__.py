@@ -1,10 +1,9 @@
 """`python -m btcore_monitor` is `btcore monitor`."""
 
-import click
+import sys
 
-from btcore_monitor.commands.monitor import monitor
+from btcore.__main__ import main
 
 if __name__ == "__main__":
-    # As `btcore monitor` exits; click's own default, 1, is a tree's FAILURE there.
-    click.ClickException.exit_code = 2
-    monitor(prog_name="btcore monitor")
+    sys.argv.insert(1, "monitor")
+    main()

@@ -1,7 +1,9 @@
 """The base class of all exceptions of this package."""
 
+from btcore.errors import BtcoreError
 
-class MonitorError(Exception):
+
+class MonitorError(BtcoreError):
     """Base class of every exception that btcore_monitor defines."""
 
 

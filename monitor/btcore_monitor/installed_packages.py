@@ -2,14 +2,13 @@
 
 import importlib.util
 
-import click
-
 from btcore.extras import install_command
+from btcore_monitor.errors import MonitorError
 
 
 def check_installed(*modules: str, needed_by: str = "the monitor") -> None:
-    """Raise click.ClickException if one of *modules*, which *needed_by* needs, is not installed."""
+    """Raise MonitorError if one of *modules*, which *needed_by* needs, is not installed."""
     missing = [name for name in modules if importlib.util.find_spec(name) is None]
     if missing:
         command = install_command(missing[0], "monitor")
-        raise click.ClickException(f"{needed_by} needs {missing[0]}, which is not installed: {command}")
+        raise MonitorError(f"{needed_by} needs {missing[0]}, which is not installed: {command}")

@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import click
-
-from btcore.runs.settings import Options, option
+from btcore.runs.settings import Options, SettingsError, option
 
 if TYPE_CHECKING:
     from btcore_monitor.keys import ClientKeys
@@ -39,23 +37,21 @@ class KeyOptions(Options, kw_only=True):
             robots: The number of robots.
 
         Raises:
-            click.UsageError: An option is missing, or a key cannot be used.
+            SettingsError: An option is missing.
+            KeyFileError: A key cannot be used.
         """
         if self.key_file is None:
             if self.robot_keys:
-                raise click.UsageError("--robot-key needs --key-file with your secret key (see btcore keys)")
+                raise SettingsError("--robot-key needs --key-file with your secret key (see btcore keys)")
             return [None] * robots
         if not self.robot_keys:
-            raise click.UsageError("--key-file needs --robot-key with the robot's public key")
+            raise SettingsError("--key-file needs --robot-key with the robot's public key")
         if len(self.robot_keys) not in (1, robots):
-            raise click.UsageError(
+            raise SettingsError(
                 f"--robot-key is given {len(self.robot_keys)} times for {robots} robot{'s' * (robots > 1)}: "
                 "give it once, or once per ADDRESS in their order"
             )
-        from btcore_monitor.keys import ClientKeys, KeyFileError
+        from btcore_monitor.keys import ClientKeys
 
-        try:
-            keys = [ClientKeys(self.key_file, key) for key in self.robot_keys]
-        except KeyFileError as error:
-            raise click.UsageError(str(error)) from None
+        keys = [ClientKeys(self.key_file, key) for key in self.robot_keys]
         return keys if len(keys) == robots else keys * robots

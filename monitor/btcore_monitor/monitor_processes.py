@@ -9,12 +9,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-import click
-
 from btcore.process_group import NEW_PROCESS_GROUP
 from btcore.runs.settings import arguments
 from btcore.signals import delayed_signals
 from btcore_monitor.console import print_message
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.time_limits import (
     CONNECT_TIMEOUT_S,
@@ -159,7 +158,7 @@ def wait_until_connected(publisher: "Publisher", monitors: Sequence[MonitorProce
         monitors: The processes to wait for.
 
     Raises:
-        click.ClickException: A process ends before all have connected.
+        MonitorError: A process ends before all have connected.
     """
     start = time.monotonic()
     is_announced = False
@@ -167,7 +166,7 @@ def wait_until_connected(publisher: "Publisher", monitors: Sequence[MonitorProce
         for monitor in monitors:
             code = monitor.process.poll()
             if code is not None:
-                raise click.ClickException(
+                raise MonitorError(
                     f"{monitor.label}: the monitor's process ended before the run, with exit code {code}"
                 )
         waited = time.monotonic() - start

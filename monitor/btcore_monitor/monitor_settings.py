@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-import click
 from msgspec.structs import replace
 
-from btcore import Settings
-from btcore.runs.settings import option_names
+from btcore import Settings, SettingsError
+from btcore.runs.settings import given_option_names
 from btcore_monitor.display import has_display
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.installed_packages import check_installed
-from btcore_monitor.keys import KeyFileError, RobotKeys
+from btcore_monitor.keys import RobotKeys
 from btcore_monitor.output_files import check_is_recording, check_writable
 from btcore_monitor.viewer_options import DRAWING_OPTION_NAMES, OutputOptions, ViewerOptions, run_option
 from btcore_monitor.wire.groot1 import PORT_BESIDE_GROOT2, PUBLISH_PORT
@@ -25,8 +25,8 @@ class MonitorSettings(OutputOptions, Settings):
     """The options of a run for publishing and showing: `--publish`, `--monitor`, `--save`, …
 
     Raises:
-        click.UsageError: An option lacks another one, two exclude each other, or a file cannot be written.
-        click.ClickException: A package or a display is missing.
+        SettingsError: An option lacks another one, two exclude each other, or a file cannot be written.
+        MonitorError: A package or a display is missing, or a key cannot be used.
     """
 
     monitor: Annotated[bool, run_option("Start the viewer and show the run live.")] = False
@@ -99,10 +99,7 @@ class MonitorSettings(OutputOptions, Settings):
         self._check_needed_options()
         self.choose_ports()
         if self.key_file is not None:
-            try:
-                RobotKeys(self.key_file, self.allow_key)
-            except KeyFileError as error:
-                raise click.UsageError(str(error)) from None
+            RobotKeys(self.key_file, self.allow_key)  # reads the keys
         if self.save is not None:
             check_is_recording(self.save)
         for name, file in self.output_files.items():
@@ -112,13 +109,13 @@ class MonitorSettings(OutputOptions, Settings):
         if self.outputs:
             check_installed("rerun", needed_by=self.outputs[0])
         if self.monitor and not has_display():
-            raise click.ClickException(
+            raise MonitorError(
                 "--monitor: there is no display here. --serve-web shows the run in a browser, --save "
                 "FILE.rrd records it for later, and --publish groot2 lets a monitor connect from elsewhere"
             )
 
     def _check_needed_options(self) -> None:
-        """Raise click.UsageError if an option has no effect, because it needs another one."""
+        """Raise SettingsError if an option has no effect, because it needs another one."""
         outputs = "--monitor, --serve-web, --save FILE.rrd or --screenshot FILE.png"
         needs: Sequence[tuple[Sequence[str], object, str]] = [
             ([*DRAWING_OPTION_NAMES, "--verbose"], self.outputs, outputs),
@@ -128,11 +125,11 @@ class MonitorSettings(OutputOptions, Settings):
             (["--key-file"], self.allow_key, "--allow-key with the public keys of the clients"),
             (["--allow-key", "--watch-port"], self.key_file, "--key-file with the robot's secret key"),
         ]
-        given = option_names(self)
+        given = given_option_names(self)
         for names, needed, description in needs:
             for name in names:
                 if name in given and not needed:
-                    raise click.UsageError(f"{name} needs {description}")
+                    raise SettingsError(f"{name} needs {description}")
 
     @property
     def outputs(self) -> list[str]:
@@ -158,7 +155,7 @@ class MonitorSettings(OutputOptions, Settings):
         """Return the first port for Groot 2 and the first port for Groot 1; None: not served.
 
         Raises:
-            click.UsageError: The port for Groot 1 would be out of range.
+            SettingsError: The port for Groot 1 would be out of range.
         """
         first = self.port
         if "groot1" not in self.publish:
@@ -170,7 +167,7 @@ class MonitorSettings(OutputOptions, Settings):
         groot2_port = DEFAULT_PORT if first is None else first
         groot1_port = groot2_port + _GROOT1_OFFSET if groot2_port else 0
         if groot1_port + GROOT1_PORT_COUNT > 1 << 16:
-            raise click.UsageError(
+            raise SettingsError(
                 f"--port {groot2_port} leaves no port for Groot 1, which is {_GROOT1_OFFSET} further: choose "
                 f"one up to {(1 << 16) - GROOT1_PORT_COUNT - _GROOT1_OFFSET}"
             )

@@ -2,25 +2,23 @@
 
 from pathlib import Path
 
-import click
+from btcore.runs.settings import SettingsError
 
 
 def check_is_recording(save: Path) -> None:
-    """Raise click.UsageError if the file of `--save` does not have the suffix `.rrd`."""
+    """Raise SettingsError if the file of `--save` does not have the suffix `.rrd`."""
     if save.suffix.lower() != ".rrd":
-        raise click.UsageError(
-            f"--save {save}: a recording is an .rrd file: --save {save.with_suffix('.rrd')}"
-        )
+        raise SettingsError(f"--save {save}: a recording is an .rrd file: --save {save.with_suffix('.rrd')}")
 
 
 def check_folder(option: str, path: Path) -> None:
-    """Raise click.UsageError if the folder of *option*'s file does not exist."""
+    """Raise SettingsError if the folder of *option*'s file does not exist."""
     if not path.resolve().parent.is_dir():
-        raise click.UsageError(f"{option} {path}: there is no folder {path.resolve().parent}")
+        raise SettingsError(f"{option} {path}: there is no folder {path.resolve().parent}")
 
 
 def check_writable(option: str, path: Path) -> None:
-    """Raise click.UsageError if *option*'s file cannot be written; an existing file is not changed."""
+    """Raise SettingsError if *option*'s file cannot be written; an existing file is not changed."""
     check_folder(option, path)
     is_new = not path.exists()
     try:
@@ -29,4 +27,4 @@ def check_writable(option: str, path: Path) -> None:
         if is_new:
             path.unlink()
     except OSError as error:
-        raise click.UsageError(f"{option} {path}: it can't be written: {error.strerror or error}") from None
+        raise SettingsError(f"{option} {path}: it can't be written: {error.strerror or error}") from None

@@ -8,8 +8,6 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
-import click
-
 from btcore.runs.settings import Settings, option
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import KeyOptions
@@ -59,8 +57,8 @@ class RobotPreview(KeyOptions, Settings):
     It satisfies the protocol of the entry point group `btcore.preview`, which the preview declares.
 
     Raises:
-        click.UsageError: An option has an invalid value.
-        click.ClickException: A package is not installed.
+        SettingsError: An option has an invalid value.
+        MonitorError: A package is not installed.
     """
 
     live: (
@@ -89,7 +87,7 @@ class RobotPreview(KeyOptions, Settings):
         """Return a connection to the robot at *address*.
 
         Raises:
-            click.ClickException: The address is invalid, or a package is not installed.
+            MonitorError: The address is invalid, or a package is not installed.
         """
         check_installed(*_PACKAGES)
         [keys] = self.read()
@@ -104,19 +102,15 @@ class RobotConnection:
         keys: The keys of the client, if the robot requires keys.
 
     Raises:
-        click.ClickException: *address* is invalid.
+        AddressError: *address* is invalid.
     """
 
     def __init__(self, address: str, keys: "ClientKeys | None" = None) -> None:
         # Imported here, because `btcore preview --help` needs no ZeroMQ.
-        from btcore_monitor.watch.address import AddressError
         from btcore_monitor.watch.feed import Feed
 
-        try:
-            # Another monitor may read the recording of transitions, which only one client can read.
-            self._feed = Feed(address, record=False, keys=keys)
-        except AddressError as error:
-            raise click.ClickException(str(error)) from None
+        # Another monitor may read the recording of transitions, which only one client can read.
+        self._feed = Feed(address, record=False, keys=keys)
         self._keys = keys
         self._robot: BreakpointClient | None = None
         self._state = RobotState()
@@ -128,17 +122,12 @@ class RobotConnection:
         """Return the state after *timeout* s, the same object if nothing has changed.
 
         Raises:
-            click.ClickException: The robot refuses the keys.
+            MonitorError: The robot refuses the keys.
         """
-        from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
-
         deadline = time.monotonic() + timeout
-        try:
-            while (left := deadline - time.monotonic()) > 0:
-                for event in self._feed.poll(left):
-                    self._take(event)
-        except ConnectionRefusedByRobotError as error:
-            raise click.ClickException(str(error)) from None
+        while (left := deadline - time.monotonic()) > 0:
+            for event in self._feed.poll(left):
+                self._take(event)
         if self._has_new_status:
             self._has_new_status = False
             self._state = self._state._replace(statuses=dict(self._statuses), results=dict(self._results))

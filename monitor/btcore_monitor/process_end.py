@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 from typing import Final, NoReturn
 
-from btcore.runs.exit_codes import ExitCode
+from btcore.exit_codes import ExitCode
 from btcore.signals import EndingSignals
 from btcore_monitor.console import print_line, print_message
 from btcore_monitor.errors import RecordingError

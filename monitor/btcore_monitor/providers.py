@@ -10,14 +10,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 from btcore import OutputError, Report, Resources, provider
 from btcore.tree.tree import Tree
 from btcore_monitor.console import print_message
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.key_options import KeyOptions
-from btcore_monitor.keys import KeyFileError, RobotKeys, create_keys
+from btcore_monitor.keys import RobotKeys, create_keys
 from btcore_monitor.monitor_processes import start_monitors, wait_until_connected
 from btcore_monitor.monitor_settings import MonitorSettings
 
@@ -25,7 +23,7 @@ if TYPE_CHECKING:
     from btcore_monitor.serve import Publisher
 
 
-class PortOptionError(MonitorError, click.UsageError):
+class PortOptionError(MonitorError):
     """Another program uses the port.
 
     Attributes:
@@ -44,7 +42,7 @@ def publisher(
     """Publish the tree during the run, and start the processes that show and record it.
 
     Raises:
-        click.ClickException: The tree cannot be published, or a process ends before the run.
+        MonitorError: The tree cannot be published, or a process ends before the run.
         OutputError: On exit: the file of --save is incomplete, or there is no picture for --screenshot.
     """
     if not settings.is_published:
@@ -84,10 +82,7 @@ def _read_keys(settings: MonitorSettings) -> Iterator[tuple[RobotKeys | None, Ke
         return
     with tempfile.TemporaryDirectory(prefix="btcore-") as folder:
         key = Path(folder) / "monitor"
-        try:
-            keys = RobotKeys(settings.key_file, [*settings.allow_key, create_keys(key)])
-        except KeyFileError as error:
-            raise click.ClickException(str(error)) from None
+        keys = RobotKeys(settings.key_file, [*settings.allow_key, create_keys(key)])
         yield keys, KeyOptions(key_file=key, robot_keys=(keys.public,))
 
 
@@ -95,7 +90,7 @@ def _publish(
     tree: Tree, resources: Sequence[object], settings: MonitorSettings, keys: RobotKeys | None
 ) -> "Publisher":
     # Imported here, because most runs publish nothing, and the import takes a tenth of a second.
-    from btcore_monitor.serve import PortInUseError, ServeError, serve
+    from btcore_monitor.serve import PortInUseError, serve
 
     groot2_port, groot1_port = settings.choose_ports()
     try:
@@ -112,8 +107,6 @@ def _publish(
         )
     except PortInUseError as error:
         raise PortOptionError(str(error), error.option.removeprefix("--").replace("-", "_")) from None
-    except ServeError as error:
-        raise click.ClickException(str(error)) from None
 
 
 def _print_addresses(publisher: "Publisher", settings: MonitorSettings, keys: RobotKeys | None) -> None:

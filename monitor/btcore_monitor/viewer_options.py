@@ -12,9 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_args
 
-import click
-
-from btcore.runs.settings import Options, create_options, option, pass_settings
+from btcore.field_options import create_options, pass_options
+from btcore.runs.settings import Options, SettingsError, option
 from btcore_monitor.console import print_message
 from btcore_monitor.output_files import check_folder, check_is_recording
 
@@ -38,7 +37,7 @@ class DrawingOptions(Options, kw_only=True):
     """A palette, patterns of nodes to highlight, and the lowest level in the log.
 
     Raises:
-        click.BadParameter: The environment variable names no palette.
+        SettingsError: The environment variable names no palette.
     """
 
     palette: (
@@ -86,13 +85,13 @@ def choose_palette(given: str | None) -> str:
     """Return the palette *given*, or that of the environment variable, or the default.
 
     Raises:
-        click.BadParameter: The environment variable names no palette.
+        SettingsError: The environment variable names no palette.
     """
     name = given or os.environ.get(_PALETTE_VARIABLE) or PALETTE_NAMES[0]
     if name not in PALETTE_NAMES:
         known = ", ".join(map(repr, PALETTE_NAMES))
-        raise click.BadParameter(
-            f"{name!r} is not one of {known}.", param_hint=f"'--palette' (env var: '{_PALETTE_VARIABLE}')"
+        raise SettingsError(
+            f"invalid value for '--palette' (env var: '{_PALETTE_VARIABLE}'): {name!r} is not one of {known}."
         )
     return name
 
@@ -146,7 +145,7 @@ class ViewerOptions(OutputOptions):
     """The options of `btcore monitor` and `btcore replay`.
 
     Raises:
-        click.BadParameter: The size is invalid, or the environment variable names no palette.
+        SettingsError: The size is invalid, or the environment variable names no palette.
     """
 
     at: (
@@ -181,7 +180,7 @@ class ViewerOptions(OutputOptions):
         until the end of the `with` block.
 
         Raises:
-            click.UsageError: There is no destination, a file has the wrong suffix, or its folder does not
+            SettingsError: There is no destination, a file has the wrong suffix, or its folder does not
                 exist.
             ScreenError: The viewer or a display is not available.
         """
@@ -206,7 +205,7 @@ class ViewerOptions(OutputOptions):
             elif save is not None:
                 yield RecordingSinks(save=save)
             else:
-                raise click.UsageError(
+                raise SettingsError(
                     "--no-view leaves nothing to do: add --save FILE.rrd, --serve-web or "
                     "--screenshot FILE.png"
                 )
@@ -227,17 +226,17 @@ class ViewerOptions(OutputOptions):
         """Write the picture of the last of *recordings* to the file of `--screenshot`, if it is given.
 
         Raises:
-            ScreenError: The viewer or a driver is not available.
-            click.ClickException: The file cannot be written.
+            ScreenError: The viewer or a driver is not available, or the file cannot be written.
         """
         if self.screenshot is not None and recordings:
+            from btcore_monitor.screen.rerun_process import ScreenError
             from btcore_monitor.screen.screenshot import write_screenshot
 
             try:
                 write_screenshot(recordings[-1], self.screenshot, self.at, _parse_size(self.size))
             except OSError as error:
                 reason = error.strerror or error
-                raise click.ClickException(f"cannot write the picture {self.screenshot}: {reason}") from error
+                raise ScreenError(f"cannot write the picture {self.screenshot}: {reason}") from error
             print_message(f"the picture is {self.screenshot}")
 
 
@@ -245,12 +244,13 @@ def _parse_size(text: str) -> tuple[int, int]:
     """Return width and height (pixels) from the value of the option `--size`.
 
     Raises:
-        click.BadParameter: *text* is not a size, or less than 320x240.
+        SettingsError: *text* is not a size, or less than 320x240.
     """
     width, _, height = text.partition("x")
     if not (width.isdigit() and height.isdigit() and int(width) >= 320 and int(height) >= 240):
-        raise click.BadParameter(
-            f"'{text}' is not a size: use WIDTHxHEIGHT in pixels, such as 1920x1080", param_hint="'--size'"
+        raise SettingsError(
+            f"invalid value for '--size': '{text}' is not a size: use WIDTHxHEIGHT in pixels, such as "
+            "1920x1080"
         )
     return int(width), int(height)
 
@@ -265,4 +265,4 @@ def pass_viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
             os.environ.setdefault("RUST_LOG", "off")
         return command(*arguments, options=options, **others)
 
-    return pass_settings(ViewerOptions, "options")(with_viewer)
+    return pass_options(ViewerOptions, "options")(with_viewer)

@@ -9,7 +9,7 @@ import click
 
 from btcore import Run, RunSettings
 from btcore.escaping import escape_controls
-from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, print_json, setting_options
+from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, add_options, print_json
 from btcore_robot.control.keyboard import (
     HELP,
     KeyboardTeleop,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     metavar="FILE.yaml",
     help="Make a map, and save it at the end.",
 )
-@setting_options(RunSettings, "duration", "seed", "fast")
+@add_options(RunSettings, "duration", "seed", "fast")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object as the last line of stdout.")
 @click.pass_context
 def drive(
@@ -106,13 +106,10 @@ def _mapper(run: Run, robot: Robot) -> "Mapper":
 
 def _save(mapper: "Mapper", path: Path) -> dict[str, object]:
     """Write the map, print its size, and return its numbers for the JSON output."""
-    from btcore_robot.occupancy_map import MapError, save_map
+    from btcore_robot.occupancy_map import save_map
 
     map = mapper.map()
-    try:
-        save_map(map, path)
-    except MapError as error:
-        raise click.UsageError(str(error)) from error
+    save_map(map, path)
     click.echo(
         f"{path}: {map.width} x {map.height} cells of {map.resolution:g} m, "
         f"made of {len(mapper.scans)} scans and {mapper.loops_closed} loops"

@@ -10,6 +10,7 @@ import click
 
 from btcore import Report, RunSettings, Settings, option, provider
 from btcore.escaping import escape_controls
+from btcore.runs.settings import SettingsError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -76,7 +77,7 @@ class ExplorationSettings(Settings):
     def __post_init__(self) -> None:
         # Checked before the run, so that a long exploration does not end without its map.
         if self.save_map is not None and not self.save_map.resolve().parent.is_dir():
-            raise click.UsageError(
+            raise SettingsError(
                 f"--save-map {self.save_map}: there is no folder {self.save_map.resolve().parent}"
             )
 
@@ -86,14 +87,11 @@ def map_file(settings: MapSettings) -> "OccupancyMap":
     """Return the map of `--map`.
 
     Raises:
-        click.UsageError: The map cannot be read.
+        MapError: The map cannot be read.
     """
-    from btcore_robot.occupancy_map import MapError, load_map
+    from btcore_robot.occupancy_map import load_map
 
-    try:
-        return load_map(settings.map)
-    except MapError as error:
-        raise click.UsageError(str(error)) from error
+    return load_map(settings.map)
 
 
 @provider
@@ -101,9 +99,8 @@ def waypoints(settings: MapSettings | None, places: "WorldPlaces | None") -> "Wa
     """Return the waypoints in the file beside the map; without such a file, those of the world.
 
     Raises:
-        click.UsageError: The file cannot be read.
+        MapError: The file cannot be read.
     """
-    from btcore_robot.occupancy_map import MapError
     from btcore_robot.robot import Waypoints
     from btcore_robot.waypoint_file import load_waypoints, waypoints_path
 
@@ -117,11 +114,9 @@ def waypoints(settings: MapSettings | None, places: "WorldPlaces | None") -> "Wa
     file = waypoints_path(settings.map)
     if not file.exists():
         return replace(found, remedy=f"write them to the file {file}: {_EXAMPLE}")
-    try:
-        found = load_waypoints(file)
-    except MapError as error:
-        raise click.UsageError(str(error)) from error
-    return replace(found, remedy="add '{name}: [x, y, yaw]' to the file, in m and rad on the map")
+    return replace(
+        load_waypoints(file), remedy="add '{name}: [x, y, yaw]' to the file, in m and rad on the map"
+    )
 
 
 @provider
@@ -144,16 +139,17 @@ def navigation(
         run: The settings of the run.
 
     Raises:
-        click.UsageError: The map or the parameters cannot be used.
+        SettingsError: The map cannot be used.
+        ParameterError: The parameters cannot be used.
     """
     from btcore.bundled_trees import folder
     from btcore_navigation.stack import Navigation
 
     if map is None:
-        raise click.UsageError("there is no map to navigate on: use --map FILE.yaml")
+        raise SettingsError("there is no map to navigate on: use --map FILE.yaml")
     for cells, missing in ((map.free, "free floor"), (map.occupied, "wall")):
         if not cells.any():
-            raise click.UsageError(f"there is no {missing} on the map, so navigation is not possible")
+            raise SettingsError(f"there is no {missing} on the map, so navigation is not possible")
     parameters = _load_parameters(settings.nav_params, places)
     with _report_plugin_errors(settings):
         navigation = Navigation(robot, map, _random(run), folder(), parameters, waypoints)
@@ -207,7 +203,7 @@ def exploration(
         report: Gets the quality of the saved map.
 
     Raises:
-        click.UsageError: The parameters cannot be used.
+        ParameterError: The parameters cannot be used.
     """
     from btcore.bundled_trees import folder
     from btcore_navigation.leaves.explore import MapFile
@@ -260,13 +256,13 @@ def object_locator(robot: "Robot", servers: "Servers") -> "Iterator[ObjectLocato
 
 @contextmanager
 def _report_plugin_errors(settings: NavigationSettings) -> Iterator[None]:
-    """Raise a usage error if a node library that the parameters name cannot be loaded."""
+    """Raise a SettingsError if a node library that the parameters name cannot be loaded."""
     from btcore import RegistrationError
 
     try:
         yield
     except RegistrationError as error:
-        raise click.UsageError(f"--nav-params {settings.nav_params}: {error}") from error
+        raise SettingsError(f"--nav-params {settings.nav_params}: {error}") from error
 
 
 def _load_parameters(file: Path | None, places: "WorldPlaces | None") -> "NavigationParameters | None":
@@ -277,14 +273,10 @@ def _load_parameters(file: Path | None, places: "WorldPlaces | None") -> "Naviga
     from btcore.bundled_trees import folder
     from btcore_navigation.parameters import NavigationParameters, load_parameters
     from btcore_navigation.stack import missing_trees
-    from btcore_robot.parameter_files import ParameterError
 
     parameters = None
     if file is not None:
-        try:
-            parameters = load_parameters(file)
-        except ParameterError as error:
-            raise click.UsageError(str(error)) from error
+        parameters = load_parameters(file)
         missing = [f"{file}: {tree}" for tree in missing_trees(parameters.navigator, folder())]
         for warning in (*parameters.warnings, *missing):
             click.echo(f"warning: {escape_controls(warning)}", err=True)

@@ -5,11 +5,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from btcore.__main__ import INTERRUPTED
 from btcore.__main__ import main as run_command_line
+from btcore.exit_codes import ExitCode
 
-USAGE_ERROR = 2
-"""The exit code, as in btcore.runs.exit_codes, which is not imported yet."""
 ARGUMENTS = "--arguments="
 """The prefix of several arguments in a single text, as launch files pass the value of a launch argument."""
 
@@ -22,12 +20,12 @@ def main() -> None:
         sys.argv[1:] = [*command, *command_arguments(sys.argv[1:])]
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
-        sys.exit(USAGE_ERROR)
+        sys.exit(ExitCode.USER_ERROR)
     try:
         run_command_line()
     except SystemExit as end:
         # launch stops a server by SIGINT, and reports every other exit code than 0 as an error.
-        sys.exit(0 if command and end.code == INTERRUPTED else end.code)
+        sys.exit(0 if command and end.code == ExitCode.INTERRUPTED else end.code)
 
 
 def command_arguments(arguments: Sequence[str]) -> list[str]:

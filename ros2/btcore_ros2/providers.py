@@ -9,6 +9,7 @@ import click
 
 from btcore import Report, Resources, RunSettings, Settings, option, provider
 from btcore.clock import Clock
+from btcore.runs.settings import SettingsError
 from btcore.tree.tree import Tree
 from btcore_ros2.errors import RosError
 
@@ -85,7 +86,7 @@ class TelemetrySettings(Settings):
     """The settings of the telemetry.
 
     Raises:
-        click.UsageError: The package of a message is not installed.
+        SettingsError: The package of a message is not installed.
     """
 
     ros2_publish: Annotated[
@@ -103,7 +104,7 @@ class TelemetrySettings(Settings):
         try:
             check_topics(self.ros2_publish)
         except RosError as error:
-            raise click.UsageError(f"--ros2-publish: {error}.") from error
+            raise SettingsError(f"--ros2-publish: {error}.") from error
 
 
 @contextmanager
@@ -152,7 +153,7 @@ def ros_session(
         bag: It is an error: a bag is read without ROS.
     """
     if bag is not None:
-        raise click.UsageError(
+        raise SettingsError(
             "--bag reads sensors without ROS, but the tree has leaves that use ROS 2: replace them by "
             "--substitute"
         )
@@ -206,7 +207,7 @@ def bag_robot(
         resources: If a session is among them, that of a command that serves on ROS 2, it is an error.
 
     Raises:
-        click.UsageError: Another option excludes a bag.
+        SettingsError: Another option excludes a bag.
         LogError: The bag cannot be read.
         RosError: The bag does not fit the robot.
     """
@@ -216,11 +217,11 @@ def bag_robot(
     from btcore_ros2.session import RosSession
 
     if any(isinstance(one, RosSession) for one in resources):
-        raise click.UsageError("--bag does not belong here: this command serves on ROS 2")
+        raise SettingsError("--bag does not belong here: this command serves on ROS 2")
     excluded = {"--nav2": nav2 is not None, "--lockstep": ros.lockstep, "--ros-args": ros.ros_args}
     for name, is_given in excluded.items():
         if is_given:
-            raise click.UsageError(f"--bag and {name} exclude each other: a bag is read without ROS")
+            raise SettingsError(f"--bag and {name} exclude each other: a bag is read without ROS")
     description = load_robot("tiago" if robot is None else robot.ros2)
     description.base.check_rate(run.rate)
     with BagReader(settings.bag) as reader:

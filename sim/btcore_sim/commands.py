@@ -37,9 +37,8 @@ def map_command(world: str, output: Path, resolution: float) -> None:
     only the legs of a table, so the outlines of tables are written to a keep-out file beside the map. The
     waypoints of the world are written to another file beside the map.
     """
-    from btcore_robot.occupancy_map import MapError, save_map
+    from btcore_robot.occupancy_map import save_map
     from btcore_robot.waypoint_file import save_waypoints, waypoints_path
-    from btcore_sim.errors import SimError
     from btcore_sim.map_rasteriser import rasterise
     from btcore_sim.worlds import load_world_description
 
@@ -51,8 +50,6 @@ def map_command(world: str, output: Path, resolution: float) -> None:
         save_map(map, path)
         if description.waypoints:
             save_waypoints(description.waypoint_poses(), waypoints_path(path))
-    except (SimError, MapError) as error:
-        raise click.UsageError(str(error)) from error
     except OSError as error:
         raise click.UsageError(f"{error.filename}: cannot write the map: {error.strerror}") from error
     x, y = map.origin
@@ -99,15 +96,12 @@ def world_command(kind: str, rooms: int, seed: int, output: Path | None) -> None
     A robot of the size of Tiago can drive to all waypoints. With the default number of rooms, the world is
     the one that --world office:SEED or --world home:SEED names.
     """
-    from btcore_sim.errors import SimError
     from btcore_sim.random_worlds import random_world_json
 
     path = output if output is not None else Path(f"{kind}_{seed}.json")
     try:
         world = random_world_json(kind, seed, rooms)
         path.write_text(_world_text(world), encoding="utf-8", newline="\n")
-    except SimError as error:
-        raise click.UsageError(str(error)) from error
     except OSError as error:
         raise click.UsageError(f"{error.filename}: cannot write the world: {error.strerror}") from error
     click.echo(f"{path}: {world['description']}, {len(world['objects'])} objects")

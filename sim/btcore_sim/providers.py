@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
 
 import click
 
-from btcore import Report, Resources, RunSettings, Settings, option, provider
+from btcore import Report, Resources, RunSettings, Settings, SettingsError, option, provider
 from btcore.clock import Clock
 from btcore.runs.settings import Plural
 from btcore_sim.completion import complete_world
-from btcore_sim.errors import SimError
 
 if TYPE_CHECKING:
     from btcore_robot.occupancy_map import OccupancyMap
@@ -33,7 +32,7 @@ def parse_worlds(text: str) -> list[str]:
         text: The names, separated by commas; a range of seeds is written as `office:1-30`.
 
     Raises:
-        click.UsageError: A range is invalid, or a world is listed twice.
+        SettingsError: A range is invalid, or a world is listed twice.
 
     Examples:
         >>> from btcore_sim.providers import parse_worlds
@@ -48,12 +47,12 @@ def parse_worlds(text: str) -> list[str]:
             continue
         first, last = int(match[2]), int(match[3])
         if not 0 <= last - first < _MOST_WORLDS:
-            raise click.UsageError(
+            raise SettingsError(
                 f"--worlds {text}: {part.strip()} has to ascend, with at most {_MOST_WORLDS} worlds."
             )
         worlds += [f"{match[1]}:{number}" for number in range(first, last + 1)]
     if len(set(worlds)) < len(worlds):
-        raise click.UsageError(f"--worlds {text}: a world is listed more than once.")
+        raise SettingsError(f"--worlds {text}: a world is listed more than once.")
     return worlds
 
 
@@ -166,19 +165,13 @@ def simulator(
         spare_boxes: The boxes for events that the program triggers by `Simulation.events`.
 
     Raises:
-        click.UsageError: An option has an invalid value.
-        click.ClickException: An event was not possible at its time.
+        SimError: An option has an invalid value, or an event was not possible at its time.
     """
-    try:
-        simulated = _simulate(settings, run, resources, 0 if spare_boxes is None else spare_boxes.number)
-    except SimError as error:
-        raise click.UsageError(str(error)) from error
+    simulated = _simulate(settings, run, resources, 0 if spare_boxes is None else spare_boxes.number)
     try:
         yield simulated.robot, simulated
         for event in simulated.events.pending if simulated.events is not None else ():
             click.echo(f"warning: event '{event}' did not happen: the run ended before", err=True)
-    except SimError as error:
-        raise click.ClickException(str(error)) from error
     finally:
         simulated.robot.stop()
         for heading, results in simulated.report().items():

@@ -14,9 +14,9 @@ from click.testing import CliRunner
 
 import btcore
 from btcore import SimClock
+from btcore.cli.main import main
 from btcore.engine.node import count_ticks
 from btcore_monitor.breakpoints import BreakpointClient, BreakpointError, find_nodes
-from btcore_monitor.commands.hook import hook as hook_command
 from btcore_monitor.events import ObservedNode, ObservedTree
 from btcore_monitor.serve import serve
 
@@ -288,7 +288,7 @@ def test_commands_that_set_hooks_warn_about_hooks_of_other_clients(robot):
         )
 
         def stderr(*arguments: str) -> str:
-            return CliRunner().invoke(hook_command, [robot.address, *arguments]).stderr
+            return CliRunner().invoke(main, ["hook", robot.address, *arguments]).stderr
 
         assert stderr("inject", "left", "FAILURE") == warning
         assert stderr("step", "1").startswith(warning)

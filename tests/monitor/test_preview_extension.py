@@ -5,13 +5,14 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
-import click
 import pytest
 
 import btcore
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.keys import ClientKeys, RobotKeys, create_keys
 from btcore_monitor.preview_extension import RobotConnection, RobotPreview, RobotState
 from btcore_monitor.serve import serve
+from btcore_monitor.watch.address import AddressError
 
 XML = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main">
@@ -131,16 +132,16 @@ def test_robot_with_keys_is_watched_and_controlled_by_its_clients_only(
             assert (state.breakpoints, state.problem) == ({3}, "")
         with (
             closing(connect("stranger")) as connection,
-            pytest.raises(click.ClickException, match="does not know this key"),
+            pytest.raises(MonitorError, match="does not know this key"),
         ):
             until(connection, lambda state: state.nodes)
         with (
             closing(RobotConnection(publisher.address)) as connection,
-            pytest.raises(click.ClickException, match="keys"),
+            pytest.raises(MonitorError, match="keys"),
         ):
             until(connection, lambda state: state.nodes)
 
 
 def test_invalid_address_is_an_error() -> None:
-    with pytest.raises(click.ClickException, match="not an address"):
+    with pytest.raises(AddressError, match="not an address"):
         RobotPreview().connect("http://x/y z")

@@ -17,7 +17,9 @@ from rerun.chunk import RrdReader
 
 from btcore import Run, RunSettings
 from btcore.cli.main import main
-from btcore.runs.settings import arguments, create_options, from_values, given_fields
+from btcore.field_options import create_options
+from btcore.runs.settings import arguments, from_values, given_option_names
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.events import (
     ConnectionEvent,
     LostTransitionsEvent,
@@ -418,7 +420,7 @@ def test_monitor_without_a_display_is_refused_before_the_run(tree_file, monkeypa
 def test_a_port_in_use_is_recognised_by_the_name_of_its_setting(sample, tree_file, free_port):
     with serve(sample, groot2_port=free_port):
         settings = MonitorSettings(publish=("groot2",), port=free_port)
-        with pytest.raises(click.UsageError, match=f"port {free_port} is in use") as caught:
+        with pytest.raises(MonitorError, match=f"port {free_port} is in use") as caught:
             Run(tree_file, settings=[settings, RunSettings(fast=True)]).__enter__()
     assert getattr(caught.value, "option", None) == "port"
 
@@ -427,7 +429,7 @@ def test_palette_of_the_environment_is_a_default_and_no_option(tree_file, monkey
     monkeypatch.setenv("BTCORE_PALETTE", "colour-blind")
     assert choose_palette(None) == "colour-blind"
     assert choose_palette("groot") == "groot"
-    assert given_fields(DrawingOptions()) == []
+    assert given_option_names(DrawingOptions()) == []
     arguments = ["run", tree_file, "--fast", "--duration", "1", "--publish", "groot2", "--port", "0"]
     assert CliRunner().invoke(main, arguments).exit_code == 0
     monkeypatch.setenv("BTCORE_PALETTE", "rainbow")

@@ -1,10 +1,8 @@
-"""The exceptions of ``btcore_robot``: they have a common base class, except click's usage errors."""
+"""The exceptions of ``btcore_robot``: they have a common base class."""
 
 import inspect
 from importlib import import_module
 from pkgutil import walk_packages
-
-import click
 
 import btcore_robot
 from btcore_robot.errors import RobotError
@@ -19,4 +17,4 @@ def test_every_exception_derives_from_robot_error() -> None:
         if issubclass(kind, BaseException) and kind.__module__.startswith("btcore_robot.")
     }
     assert len(exceptions) > 10
-    assert all(issubclass(kind, (RobotError, click.ClickException)) for kind in exceptions)
+    assert all(issubclass(kind, RobotError) for kind in exceptions)

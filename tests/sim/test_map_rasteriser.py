@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from btcore.cli.main import main
 from btcore_robot.occupancy_map import load_map
 from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import ClearanceMap
-from btcore_sim.commands import map_command
 from btcore_sim.map_rasteriser import overhangs, rasterise
 from btcore_sim.world_description import WorldDescription, WorldObject
 from btcore_sim.worlds import load_world_description
@@ -101,7 +101,7 @@ def test_the_clearance_along_a_line_is_that_of_its_narrowest_place(room, box):
 
 
 def run(*arguments: str) -> Result:
-    return CliRunner().invoke(map_command, arguments)
+    return CliRunner().invoke(main, ["map", *arguments])
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house", "arena_boxes"])

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import click
 import msgspec
 import pytest
 
@@ -16,6 +15,7 @@ from btcore import BtcoreError, Report, Run, RunSettings, provider
 from btcore.program_runner import TreelessProgram
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import GoalOutcome, Pose2D, Robot, WorldPlaces
+from btcore_sim.errors import SimError
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.providers import SimulatorSettings, SpareBoxes
 from btcore_sim.simulated_robot import SimulatedRobot
@@ -138,7 +138,7 @@ def test_a_run_that_fails_is_reported():
     ],
 )
 def test_an_invalid_setting_is_a_usage_error(changes: dict[str, Any], said: str):
-    with pytest.raises(click.UsageError, match=said):
+    with pytest.raises(SimError, match=said):
         drive(msgspec.structs.replace(ARENA, **changes))
 
 

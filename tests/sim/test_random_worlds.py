@@ -6,14 +6,13 @@ import math
 import re
 from pathlib import Path
 
-import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from btcore import SettingsError
 from btcore.cli.main import main
 from btcore_sim.clearance_map import ClearanceMap
-from btcore_sim.commands import world_command
 from btcore_sim.errors import SimError
 from btcore_sim.laser import RayCaster
 from btcore_sim.providers import parse_worlds
@@ -87,13 +86,13 @@ def test_the_same_seed_gives_the_same_world_and_another_seed_another():
 
 def test_the_command_writes_the_world_that_the_name_means(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    result = CliRunner().invoke(world_command, ["office", "--seed", "3"])
+    result = CliRunner().invoke(main, ["world", "office", "--seed", "3"])
     assert result.exit_code == 0
     assert "office_3.json: a random office of 6 rooms, seed 3" in result.stdout
     written, named = load_world_description("office_3.json"), load_world_description("office:3")
     assert written == named
     assert json.loads(Path("office_3.json").read_text())["waypoints"]["start"]
-    failed = CliRunner().invoke(world_command, ["home", "-o", "missing/home.json"])
+    failed = CliRunner().invoke(main, ["world", "home", "-o", "missing/home.json"])
     assert failed.exit_code == 2
     assert "cannot write the world" in failed.stderr
 
@@ -101,7 +100,7 @@ def test_the_command_writes_the_world_that_the_name_means(tmp_path: Path, monkey
 def test_worlds_of_a_sweep_are_names_and_ranges():
     assert parse_worlds("house, office:2-4,home:7") == ["house", "office:2", "office:3", "office:4", "home:7"]
     for wrong in ("office:4-2", "office:1-2,office:2", "home:1-99999"):
-        with pytest.raises(click.UsageError, match="--worlds"):
+        with pytest.raises(SettingsError, match="--worlds"):
             parse_worlds(wrong)
 
 

@@ -21,10 +21,10 @@ from btcore.cli.tree_source import (
     find_source,
 )
 from btcore.escaping import escape_controls
+from btcore.exit_codes import ExitCode
+from btcore.field_options import pass_options
 from btcore.logs.formats import open_log
 from btcore.registry.registry import Registry
-from btcore.runs.exit_codes import ExitCode
-from btcore.runs.settings import pass_settings
 from btcore.tree.tree import Tree
 from btcore.xml.models.stubs import StubAction, StubCondition
 from btcore.xml.plan.plan import Plans
@@ -47,7 +47,7 @@ _INTERVAL_S: Final = 0.2
 
 @click.command(short_help="Prove what holds in every run of a tree.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@pass_settings(TreeOptions, "options")
+@pass_options(TreeOptions, "options")
 @click.option(
     "--never",
     "never",

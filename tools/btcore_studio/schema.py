@@ -14,9 +14,9 @@ from lxml import etree
 from btcore.blackboard.ports import Port
 from btcore.cli import terminal
 from btcore.cli.node_libraries import PaletteOptions
+from btcore.field_options import pass_options
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
-from btcore.runs.settings import pass_settings
 from btcore.status import NodeType, Status
 from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, EnumType, ValueType
 from btcore.xml.models.tree_nodes_model import TAG_OF
@@ -281,7 +281,7 @@ def _models(schema: _SchemaElement) -> None:
 
 
 @click.command(short_help="Print an XML schema (XSD) for XML editors.")
-@pass_settings(PaletteOptions, "options")
+@pass_options(PaletteOptions, "options")
 def schema(options: PaletteOptions) -> None:
     """Print an XML schema (XSD) of trees and all available nodes.
 

@@ -10,7 +10,7 @@ import click
 from btcore.cli import terminal
 from btcore.cli.tree_source import complete_tree
 from btcore.errors import ScriptError
-from btcore.runs.settings import FiniteRange
+from btcore.field_options import FiniteRange
 from btcore.script.program import Program, compile_script
 from btcore_sweep.definition import create_definition
 from btcore_sweep.episode_runner import run_sweep

@@ -12,7 +12,7 @@ import click
 
 import btcore
 from btcore.cli import terminal
-from btcore.cli.commands.run import create_session, run
+from btcore.cli.commands.run import parse_run, run
 from btcore.cli.tree_source import find_tree_file
 from btcore.input_files import read_file
 from btcore.suggestions import join_names
@@ -184,9 +184,11 @@ def _check(sweep: SweepDefinition) -> None:
     for values in [first, *others]:
         words = [sweep.tree, *sweep.arguments, *parameters.setting_arguments(values, sweep.choices), "--fast"]
         try:
-            with run.make_context("run", words) as context:
-                if values is first:
-                    terminal.print_diagnostics(create_session(context).plans.diagnostics.warnings)
+            if values is first:
+                with parse_run(words) as session:
+                    terminal.print_diagnostics(session.plans.diagnostics.warnings)
+            else:
+                run.make_context("run", words).close()
         except click.ClickException as error:
             if not values:
                 raise

@@ -14,11 +14,11 @@ from typing import Any, Final
 
 import click
 
-from btcore.cli.commands.run import create_session, run
+from btcore.cli.commands.run import parse_run
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError
-from btcore.runs.exit_codes import ExitCode
+from btcore.exit_codes import ExitCode
 from btcore.status import Status, Transition
 from btcore.tree.tree import Tree
 
@@ -73,8 +73,7 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
 
 
 def _run(command: Sequence[str]) -> Result:
-    with run.make_context("run", list(command)) as context:
-        session = create_session(context, _installed())
+    with parse_run(command, _installed()) as session:
         cause = FailureCause()
         has_begun = False
 
@@ -85,12 +84,10 @@ def _run(command: Sequence[str]) -> Result:
 
         try:
             session.run_to_end(begin)
-        except click.UsageError:
-            raise
-        except click.ClickException as reason:
+        except BtcoreError as reason:
             if not has_begun:
                 raise
-            return {**_not_started(ExitCode.USER_ERROR, reason.format_message()), "began": True}
+            return {**_not_started(ExitCode.USER_ERROR, str(reason)), "began": True}
         # Convert to JSON and back, as for --json: a report that is not JSON data raises here, in the worker.
         report = json.loads(json.dumps(session.summary.as_data()))
         finished = session.run

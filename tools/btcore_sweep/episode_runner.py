@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 
 from btcore.cli import terminal
-from btcore.runs.exit_codes import ExitCode
+from btcore.exit_codes import ExitCode
 from btcore.script.program import Program
 from btcore.signals import EndingSignals
 from btcore_sweep import table

@@ -8,7 +8,8 @@ import click
 
 from btcore.cli.commands.run import run
 from btcore.cli.provider_options import explain_missing_options, find_providers
-from btcore.runs.settings import Plural, SettingOption
+from btcore.field_options import FieldOption
+from btcore.runs.settings import Plural, SettingsError
 from btcore_sweep.parameters import ParameterOptions
 
 _GIVEN: Final = "btcore_sweep.options.given"
@@ -60,7 +61,7 @@ def collect_run_options(ctx: click.Context) -> ParameterOptions:
     options = {_key(item): item for item in run.get_params(ctx) if isinstance(item, click.Option)}
     refused = dict(_REFUSED)
     for key, option in options.items():
-        if isinstance(option, SettingOption) and option.one_run_only:
+        if isinstance(option, FieldOption) and option.one_run_only:
             refused[key] = "it applies to a single run; replay a single episode with it"
     accepted = {key: option for key, option in options.items() if key not in {*refused, "help"}}
     return ParameterOptions(accepted, refused)
@@ -81,13 +82,16 @@ def varied_by_plurals(ctx: click.Context) -> dict[str, tuple[str, ...]]:
 
 def plural_options(ctx: click.Context) -> dict[str, click.Option]:
     """Return the plural options of settings, by the KEY of the parameter that they vary."""
-    settings = (item for item in collect_run_options(ctx).options.values() if isinstance(item, SettingOption))
+    settings = (item for item in collect_run_options(ctx).options.values() if isinstance(item, FieldOption))
     return {_key(item): _plural_option(item.vary) for item in settings if item.vary is not None}
 
 
 def _plural_option(plural: Plural) -> click.Option:
     def parse(ctx: click.Context, option: click.Parameter, text: str | None) -> Sequence[str] | None:
-        return None if text is None else plural.parse(text)
+        try:
+            return None if text is None else plural.parse(text)
+        except SettingsError as error:
+            raise click.UsageError(str(error)) from None
 
     return click.Option([f"--{plural.name}"], metavar=plural.metavar, help=plural.help, callback=parse)
 

@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from btcore.cli import files, terminal
-from btcore.runs.exit_codes import ExitCode, code_of_signal
+from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.script.program import Program
 from btcore_sweep import table
 from btcore_sweep.charts import percent

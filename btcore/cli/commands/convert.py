@@ -11,9 +11,9 @@ from btcore.cli.node_libraries import LibraryOptions
 from btcore.cli.tree_source import find_tree_file
 from btcore.diagnostic_codes import Severity
 from btcore.errors import Diagnostic
+from btcore.exit_codes import ExitCode
+from btcore.field_options import pass_options
 from btcore.input_files import read_file
-from btcore.runs.exit_codes import ExitCode
-from btcore.runs.settings import pass_settings
 from btcore.xml.convert.convert import Conversion
 from btcore.xml.convert.convert import convert as converted
 from btcore.xml.read.read import parse_file
@@ -32,7 +32,7 @@ _BYTE_ORDER_MARK = "\ufeff".encode()
 )
 @click.option("--in-place", is_flag=True, help="Overwrite FILE with the result, if the result is valid.")
 @click.option("--force", is_flag=True, help="Overwrite FILE also with an invalid result.")
-@pass_settings(LibraryOptions, "options")
+@pass_options(LibraryOptions, "options")
 def convert(
     source: str,
     output: Path | None,

@@ -7,9 +7,9 @@ from rich.text import Text
 
 from btcore.cli import terminal
 from btcore.clock import NS_PER_S
+from btcore.exit_codes import ExitCode
 from btcore.logs import Divergence, Recording, Step, find_divergence, read_log, steps
 from btcore.logs.console import format_transition
-from btcore.runs.exit_codes import ExitCode
 from btcore.suggestions import join_names
 
 

@@ -11,8 +11,8 @@ from btcore.blackboard.ports import Direction, Port
 from btcore.cli import terminal
 from btcore.cli.node_libraries import PaletteOptions, complete_node_id
 from btcore.documentation_site import node_url
+from btcore.field_options import pass_options
 from btcore.registry.manifest import Manifest
-from btcore.runs.settings import pass_settings
 from btcore.status import NodeType
 from btcore.suggestions import join_names, nearest_name
 from btcore.values import DOUBLE
@@ -30,7 +30,7 @@ _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "�
 
 @click.command(short_help="List the available nodes and their ports.")
 @click.argument("ids", nargs=-1, metavar="[ID]…", shell_complete=complete_node_id)
-@pass_settings(PaletteOptions, "options")
+@pass_options(PaletteOptions, "options")
 @click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot can import.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def nodes(

@@ -1,7 +1,7 @@
 """`btcore run`: run a tree, with what providers of other packages provide."""
 
-from collections.abc import Callable
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,8 +15,9 @@ from btcore.cli.provider_options import ProviderCommand, command_providers
 from btcore.cli.run_report import RunSummary, print_leaf_error
 from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, complete_tree, find_source
 from btcore.errors import BtcoreError, NodeExecutionError
+from btcore.field_options import add_options, pass_options
 from btcore.runs.run import Run
-from btcore.runs.settings import RunSettings, from_values, option, setting_options
+from btcore.runs.settings import RunSettings, from_values, option
 from btcore.runs.tick_loop import Until
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -85,8 +86,8 @@ class RunOptions(TreeOptions):
 
 @click.command(cls=ProviderCommand, short_help="Run a tree until it ends.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@setting_options(RunOptions)
-@setting_options(RunSettings)
+@pass_options(RunOptions, "options")
+@add_options(RunSettings)
 @click.option(
     "--json",
     "as_json",
@@ -94,7 +95,9 @@ class RunOptions(TreeOptions):
     help="Print the results as a JSON object on the last line of stdout (with --watch, of the last tree).",
 )
 @click.pass_context
-def run(ctx: click.Context, /, as_json: bool, **options: Any) -> int:
+def run(
+    ctx: click.Context, /, source: str, options: RunOptions, as_json: bool, **settings_of_providers: Any
+) -> int:
     """Run TREE until it ends.
 
     TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore, such as bumpgo. The
@@ -112,7 +115,7 @@ def run(ctx: click.Context, /, as_json: bool, **options: Any) -> int:
       130  interrupted by Ctrl-C
       143  terminated by SIGTERM
     """
-    session = create_session(ctx)
+    session = create_session(ctx, source, options)
     if ctx.obj is not None:  # the start of the garbage collection, see btcore.__main__
         ctx.obj()
     session.run_to_end()
@@ -161,7 +164,7 @@ class RunSession:
 
         Raises:
             LogError: A log cannot be written.
-            click.UsageError: A provider rejects its settings.
+            ProviderError: A provider raises while it is opened.
             TreeError: The tree lacks a resource.
         """
         run, console = self.run, terminal.stderr_console()
@@ -239,11 +242,34 @@ class RunSession:
         self._progress.set_tree(tree)
 
 
-def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -> RunSession:
-    """Return the run of the command with the context *ctx*, before its providers are opened.
+@contextmanager
+def parse_run(arguments: Sequence[str], installed: NodeLibraries | None = None) -> Iterator[RunSession]:
+    """Return a context with the run of `btcore run` with *arguments*, before its providers are opened.
 
     Args:
-        ctx: The context, whose parameters are those of `run`.
+        arguments: The arguments of the command.
+        installed: As in `create_session`.
+
+    Raises:
+        click.ClickException: An argument is invalid.
+        TreeError: The tree has an error.
+        RegistrationError: A node library cannot be loaded.
+    """
+    with run.make_context("run", list(arguments)) as ctx:
+        options = from_values(RunOptions, ctx.params)
+        assert options is not None, "no option is required"
+        yield create_session(ctx, ctx.params["source"], options, installed)
+
+
+def create_session(
+    ctx: click.Context, source: str, options: RunOptions, installed: NodeLibraries | None = None
+) -> RunSession:
+    """Return the run of the tree *source*, before its providers are opened.
+
+    Args:
+        ctx: The context of the command, with the settings of providers.
+        source: The tree, as the user named it.
+        options: The options of the run.
         installed: The installed nodes, for a process that loads them once for many runs. They are not
             changed.
 
@@ -252,10 +278,8 @@ def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -
         TreeError: The tree has an error.
         RegistrationError: A node library cannot be loaded.
     """
-    options = from_values(RunOptions, ctx.params)
-    assert options is not None, "no option is required"
     changes = _create_changes(options)
-    path = find_source(ctx.params["source"])
+    path = find_source(source)
     if options.watch and path == STDIN:
         raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
     # The watcher looks at the files before they are read: a save in between is not missed.
@@ -273,10 +297,10 @@ def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -
     else:
         libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)
     libraries.add_models(options.models, options.confined)
-    source = TreeSource(path, options, libraries)
+    tree_source = TreeSource(path, options, libraries)
     if changes is not None:
         changes.add_rules(libraries.nodes)
-    plans = source.read_plans()
+    plans = tree_source.read_plans()
     if changes is not None:
         changes.check(plans)
 
@@ -288,7 +312,7 @@ def create_session(ctx: click.Context, installed: NodeLibraries | None = None) -
 
     provided = () if changes is None else changes.provided
     run = CommandRun(ctx, plans, prepare, provided=provided, tick_limit=options.tick_limit)
-    return RunSession(run, source, plans, options.until, file_watcher)
+    return RunSession(run, tree_source, plans, options.until, file_watcher)
 
 
 def _create_changes(options: RunOptions) -> "TreeChanges | None":

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from btcore.cli import files, terminal
 from btcore.cli.tree_source import TreeOptions, TreeSource, complete_tree, find_source
-from btcore.runs.settings import pass_settings
+from btcore.field_options import pass_options
 from btcore.tree.drawing import Fragment, draw_branches, is_ascii_only, node_label
 from btcore.xml.lint.data_flow import DataflowAccess, DataflowRow, trace_dataflow
 from btcore.xml.render.png import MAX_SIDE, svg_to_png
@@ -19,7 +19,7 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 
 @click.command(short_help="Draw a tree, or list its data flow.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@pass_settings(TreeOptions, "options")
+@pass_options(TreeOptions, "options")
 @click.option("--ports/--no-ports", default=True, help="Show or hide ports and scripts.")
 @click.option("--svg", type=files.OUTPUT_FILE, metavar="FILE", help="Write the drawing to an SVG file.")
 @click.option(

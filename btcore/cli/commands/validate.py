@@ -10,15 +10,15 @@ from btcore.blackboard.ports import remapped_key
 from btcore.cli import terminal
 from btcore.cli.tree_source import TreeOptions, assumed_keys_option, complete_tree, find_source, parse_source
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
-from btcore.runs.exit_codes import ExitCode
-from btcore.runs.settings import pass_settings
+from btcore.exit_codes import ExitCode
+from btcore.field_options import pass_options
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import read
 
 
 @click.command(short_help="Check trees, and report all errors and warnings.")
 @click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…", shell_complete=complete_tree)
-@pass_settings(TreeOptions, "options")
+@pass_options(TreeOptions, "options")
 @assumed_keys_option
 @click.option("--strict", is_flag=True, help="Treat warnings as errors.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import click
 
-from btcore.runs.settings import pass_settings
+from btcore.field_options import pass_options
 from btcore.signals import EndingSignals
 from btcore_monitor.console import print_line
 from btcore_monitor.installed_packages import check_installed
@@ -76,7 +76,7 @@ class _Connection(NamedTuple):
     metavar="SECONDS",
     help="How long to wait for the robot.",
 )
-@pass_settings(KeyOptions, "keys")
+@pass_options(KeyOptions, "keys")
 @click.pass_context
 def hook(context: click.Context, address: str, wait_s: float, keys: KeyOptions) -> None:
     """Set breakpoints, step, and inject statuses in the tree at ADDRESS, on a robot with Groot 2's protocol.
@@ -89,17 +89,14 @@ def hook(context: click.Context, address: str, wait_s: float, keys: KeyOptions) 
 
 @contextlib.contextmanager
 def _connect_robot() -> Iterator["BreakpointClient"]:
-    """Connect to the robot at the command line's ADDRESS. Convert BreakpointError to click.ClickException."""
+    """Connect to the robot at the command line's ADDRESS."""
     check_installed("zmq", "msgpack", "lxml")
-    from btcore_monitor.breakpoints import BreakpointClient, BreakpointError
+    from btcore_monitor.breakpoints import BreakpointClient
 
     connection = click.get_current_context().find_object(_Connection)
     assert connection is not None
-    try:
-        with BreakpointClient(*connection) as robot:
-            yield robot
-    except BreakpointError as error:
-        raise click.ClickException(str(error)) from None
+    with BreakpointClient(*connection) as robot:
+        yield robot
 
 
 _after = click.option("--after", is_flag=True, help="After the node's tick instead of before.")

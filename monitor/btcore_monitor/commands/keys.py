@@ -18,11 +18,7 @@ def keys(file: Path) -> None:
     `btcore monitor … --key-file FILE --robot-key ROBOT.pub`. Existing files are not overwritten.
     """
     check_installed("zmq")
-    from btcore_monitor.keys import KeyFileError, create_keys, public_file
+    from btcore_monitor.keys import create_keys, public_file
 
-    try:
-        public = create_keys(file)
-    except KeyFileError as error:
-        raise click.ClickException(str(error)) from None
-    print_line(public)
+    print_line(create_keys(file))
     print_line(f"keys: {file} is the secret key; give {public_file(file)} to the other side", err=True)

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from btcore.runs.settings import option_names, pass_settings
+from btcore.exit_codes import ExitCode
+from btcore.field_options import pass_options
+from btcore.runs.settings import given_option_names
 from btcore.signals import EndingSignals
 from btcore_monitor.console import print_message
 from btcore_monitor.errors import RecordingError
@@ -46,7 +48,7 @@ _CHECK_VIEWER_INTERVAL_S: Final = 2.0
 @click.argument("addresses", nargs=-1, metavar="[ADDRESS]...")
 @pass_viewer_options
 @robot_options
-@pass_settings(KeyOptions, "keys")
+@pass_options(KeyOptions, "keys")
 @click.option("--no-view", "--headless", "no_view", is_flag=True, help="Open no window.")
 @click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
 @duration_option
@@ -76,9 +78,7 @@ def monitor(
       4  the recording is incomplete, for example because the disk is full
     """
     check_installed("rerun", "zmq", "msgpack", "numpy")
-    from btcore_monitor.screen.rerun_process import ScreenError
     from btcore_monitor.watch.feed import Feed
-    from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
 
     recordings = [Path(address) for address in addresses if address.endswith(".rrd")]
     robots = [address for address in addresses if not address.endswith(".rrd")]
@@ -110,16 +110,14 @@ def monitor(
                 raise click.ClickException(f"no tree was seen at {', '.join(robots)}, so there is no picture")
             if options.save is not None:
                 print_message(f"no tree was seen at {', '.join(robots)}, so nothing was recorded")
-                click.get_current_context().exit(1)
+                click.get_current_context().exit(ExitCode.FAILURE)
     except RecordingError as error:
         abandon(error)
-    except (ScreenError, ConnectionRefusedByRobotError) as error:
-        raise click.ClickException(str(error)) from None
 
 
 def _check_is_live(options: ViewerOptions) -> None:
     """Raise click.UsageError if there are drawing options, because a recording keeps its own options."""
-    for name in option_names(options):
+    for name in given_option_names(options):
         if name in DRAWING_OPTION_NAMES:
             raise click.UsageError(
                 f"{name} has no effect on a recording: use it with a robot, or with btcore replay and a log"
@@ -127,13 +125,10 @@ def _check_is_live(options: ViewerOptions) -> None:
 
 
 def _check_addresses(addresses: list[str]) -> None:
-    """Raise click.UsageError if an address is invalid or given twice."""
-    from btcore_monitor.watch.address import AddressError, parse_address
+    """Raise an error if an address is invalid or given twice."""
+    from btcore_monitor.watch.address import parse_address
 
-    try:
-        parsed = [parse_address(address) for address in addresses]
-    except AddressError as error:
-        raise click.UsageError(str(error)) from None
+    parsed = [parse_address(address) for address in addresses]
     for index, address in enumerate(parsed):
         if address in parsed[:index]:
             raise click.UsageError(f"{address} is given twice")
@@ -201,7 +196,7 @@ def _watch(
                     report = f"the viewer (rerun) failed: {failure}" if failure else "the viewer was closed"
                     print_message(report)
                     if failure:
-                        errors.append(click.exceptions.Exit(2))
+                        errors.append(click.exceptions.Exit(ExitCode.USER_ERROR))
                     if sinks.save is None:
                         break
         stop.set()

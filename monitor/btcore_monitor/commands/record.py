@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from btcore.runs.exit_codes import ExitCode
-from btcore.runs.settings import pass_settings
+from btcore.exit_codes import ExitCode
+from btcore.field_options import pass_options
 from btcore.signals import EndingSignals
 from btcore.suggestions import join_names
 from btcore_monitor.commands.monitor import DEFAULT_ADDRESS
@@ -56,8 +56,8 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
 @duration_option
 @click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
 @robot_options
-@pass_settings(KeyOptions, "keys")
-@pass_settings(DrawingOptions, "drawing")
+@pass_options(KeyOptions, "keys")
+@pass_options(DrawingOptions, "drawing")
 def record(
     address: str,
     outputs: Sequence[Path],
@@ -84,11 +84,8 @@ def record(
     if not outputs:
         raise click.UsageError("Missing option '-o' / '--output' or '--bag'.")
     check_installed("zmq", "msgpack", *(["rerun", "numpy"] if _filter_recordings(outputs) else []))
-    from btcore.logs import LogError
     from btcore_monitor.log_writer import LOGS, WRITE_ERRORS
-    from btcore_monitor.watch.address import AddressError
     from btcore_monitor.watch.feed import Feed
-    from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
 
     _check(outputs, (*LOGS, _RERUN))
     [robot_keys] = keys.read()
@@ -102,8 +99,6 @@ def record(
                 _follow(feed, files, duration, until_end)
             finally:
                 files.close()
-    except (AddressError, ConnectionRefusedByRobotError, LogError) as error:
-        raise click.ClickException(str(error)) from None
     except RecordingError as error:
         abandon(error)
     except WRITE_ERRORS as error:

@@ -200,4 +200,4 @@ def _show_recording(recording: Recording, window: range, options: ViewerOptions)
     except RecordingError as error:
         abandon(error)
     except ScreenError as error:
-        raise click.ClickException(f"{error}, or --text for lines" if opens_viewer else str(error)) from None
+        raise ScreenError(f"{error}, or --text for lines" if opens_viewer else str(error)) from None

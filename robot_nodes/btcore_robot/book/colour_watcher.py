@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import btcore_scene
+from btcore_robot.errors import RobotError
 from btcore_robot.perception.colour import ColourRange, Detection, Detections, debug_image, detect_each
 from btcore_robot.process.process import Process, ProcessContext
 from btcore_robot.robot import Robot
@@ -27,13 +28,13 @@ class ColourWatcher(Process):
         each: Whether every object is marked separately in the picture.
 
     Raises:
-        click.UsageError: The robot has no camera, or the camera is off.
+        RobotError: The robot has no camera, or the camera is off.
     """
 
     def __init__(self, context: ProcessContext, ranges: list[int], each: bool) -> None:
         super().__init__("colour_watcher", context)
         if context.robot is None or context.robot.camera_info is None:
-            raise click.UsageError("there are no camera images: the robot has no camera, or it is off")
+            raise RobotError("there are no camera images: the robot has no camera, or it is off")
         h, hh, s, ss, v, vv = ranges
         self.colours = ColourRange((h, hh), (s, ss), (v, vv))
         self.each = each
@@ -75,12 +76,12 @@ class ColourWatcher(Process):
         """Return the camera image (RGB) with other colours dimmed and detections marked.
 
         Raises:
-            click.UsageError: There is no camera image.
+            RobotError: There is no camera image.
         """
         robot = self.context.robot
         image = robot.camera() if robot is not None else None
         if image is None:
-            raise click.UsageError("there is no camera image: the robot has no camera, or it is off")
+            raise RobotError("there is no camera image: the robot has no camera, or it is off")
         objects = detect_each(image, self.colours) if self.each else None
         return debug_image(image, self.colours, objects)
 

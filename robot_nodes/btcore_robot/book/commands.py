@@ -6,13 +6,12 @@ from typing import Annotated
 import click
 
 from btcore import RunSettings, Settings, option
-from btcore.program_runner import FiniteRange, setting_options
-from btcore.runs.settings import pass_settings
+from btcore.field_options import pass_options
+from btcore.program_runner import FiniteRange, add_options
 from btcore_robot.book.runner import (
     BookRunner,
     OutputSettings,
     Results,
-    report_usage_errors,
     run_processes,
     world_command,
 )
@@ -35,10 +34,9 @@ def book() -> None:
 
 @book.command("hello", short_help="The first programs: publisher, subscriber, executor …")
 @click.argument("program", type=click.Choice(FIRST_STEPS), default="executor")
-@setting_options(RunSettings, "duration", "fast")
+@add_options(RunSettings, "duration", "fast")
 @click.option("--params", type=click.Path(path_type=Path), metavar="FILE.yaml", help="ROS 2 parameters.")
 @click.pass_context
-@report_usage_errors
 def hello(ctx: click.Context, /, program: str, params: Path | None, **settings: object) -> int:
     """Run a program of chapter 2; by default the executor with publisher and subscriber."""
     from btcore_robot.process.parameters import load_process_parameters
@@ -152,7 +150,7 @@ def _obstacle(
     return run_processes(ctx, name, create, output)
 
 
-_DETECTOR_OPTIONS = [pass_settings(DetectorSettings, "detector")]
+_DETECTOR_OPTIONS = [pass_options(DetectorSettings, "detector")]
 
 
 @world_command(

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 
-import click
 import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.book.colour_watcher import camera_scene
 from btcore_robot.control.head_tracker import BOOK_TUNING, REACTIVE, HeadTracker, command_from_detection
+from btcore_robot.errors import RobotError
 from btcore_robot.perception.colour import debug_image
 from btcore_robot.process.process import Process, ProcessContext
 from btcore_scene import MovingScene, StaticScene
@@ -22,7 +22,7 @@ class HeadWatcher(Process):
     *reactive* selects the tuning `REACTIVE` of the tracker.
 
     Raises:
-        click.UsageError: The robot has no head with a camera, or the camera is off.
+        RobotError: The robot has no head with a camera, or the camera is off.
     """
 
     def __init__(self, context: ProcessContext, turn: float, reactive: bool) -> None:
@@ -32,7 +32,7 @@ class HeadWatcher(Process):
         self.turn = turn
         self.tracker = HeadTracker(self.robot, tuning=REACTIVE if reactive else BOOK_TUNING)
         if self.robot.camera_info is None or not (self.tracker.configure() and self.tracker.activate()):
-            raise click.UsageError("this robot has no head with a camera to track with, or the camera is off")
+            raise RobotError("this robot has no head with a camera to track with, or the camera is off")
         if turn:
             self.create_timer(0.1, self.drive)
         self.create_timer(PERIOD, self.report)
@@ -75,9 +75,9 @@ class HeadWatcher(Process):
         """Return the image (RGB) of the head's camera with the object marked.
 
         Raises:
-            click.UsageError: There is no camera image.
+            RobotError: There is no camera image.
         """
         image = self.robot.camera()
         if image is None:
-            raise click.UsageError("there is no camera image to draw on")
+            raise RobotError("there is no camera image to draw on")
         return debug_image(image, self.tracker.colours)

@@ -1,6 +1,5 @@
 """The common parts of the `btcore book` commands: options, the robot, and the executor of processes."""
 
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, cast
@@ -11,17 +10,17 @@ from numpy.typing import NDArray
 
 from btcore import Run, RunSettings, Settings, option
 from btcore.escaping import escape_controls
+from btcore.field_options import pass_options
 from btcore.program_runner import (
     CommandRun,
     ProviderCommand,
     TreelessProgram,
+    add_options,
     print_json,
     print_result,
-    setting_options,
 )
-from btcore.runs.settings import from_values, pass_settings
+from btcore.runs.settings import SettingsError, from_values
 from btcore_robot.book.top_view import is_image_format_supported, save_picture
-from btcore_robot.errors import RobotError
 from btcore_robot.process.process import Executor, LogMessage, Process, ProcessContext
 from btcore_robot.robot import Phase, Robot
 from btcore_robot.schedule import RealTimeSchedule, SimulatedSchedule
@@ -42,16 +41,16 @@ class OutputSettings(Settings):
     def __post_init__(self) -> None:
         path = self.picture
         if path is not None and not path.resolve().parent.is_dir():
-            raise click.UsageError(f"--picture {path}: there is no folder {path.resolve().parent}")
+            raise SettingsError(f"--picture {path}: there is no folder {path.resolve().parent}")
         if path is not None and not is_image_format_supported(path):
-            raise click.UsageError(
+            raise SettingsError(
                 f"--picture {path}: format '{path.suffix}' is not supported; use .png or .jpg"
             )
 
 
 _WORLD_OPTIONS: Sequence[Callable[[Any], Any]] = (
-    setting_options(RunSettings, "duration", "seed", "fast"),
-    pass_settings(OutputSettings, "output"),
+    add_options(RunSettings, "duration", "seed", "fast"),
+    pass_options(OutputSettings, "output"),
 )
 
 
@@ -72,23 +71,10 @@ def world_command(
     def decorate(function: Callable[..., int]) -> click.Command:
         for each in (*reversed(options), *reversed(_WORLD_OPTIONS)):
             function = each(function)
-        command = click.pass_context(report_usage_errors(function))
+        command = click.pass_context(function)
         return group.command(name, cls=ProviderCommand, short_help=help_line)(command)
 
     return decorate
-
-
-def report_usage_errors(function: Callable[..., int]) -> Callable[..., int]:
-    """Wrap *function* so that it raises click.UsageError in place of a `RobotError`."""
-
-    @functools.wraps(function)
-    def call(*arguments: Any, **settings: Any) -> int:
-        try:
-            return function(*arguments, **settings)
-        except RobotError as error:
-            raise click.UsageError(str(error)) from error
-
-    return call
 
 
 class Results(NamedTuple):
@@ -157,7 +143,7 @@ def run_processes(
         The exit code.
 
     Raises:
-        click.UsageError: The picture cannot be written.
+        SettingsError: The picture cannot be written.
     """
     output = output or OutputSettings()
     log_sink = (lambda line: None) if output.quiet else _print
@@ -194,7 +180,7 @@ def _save_picture(image: Image, path: Path) -> None:
     try:
         save_picture(image, path)
     except OSError as error:
-        raise click.UsageError(f"--picture {path}: cannot be written: {error.strerror}") from error
+        raise SettingsError(f"--picture {path}: cannot be written: {error.strerror}") from error
 
 
 def _print(line: LogMessage) -> None:

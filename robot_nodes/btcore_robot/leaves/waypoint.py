@@ -17,7 +17,7 @@ FIRST = "wp1"
 """The first waypoint of a patrol. The others are wp2, wp3 and so on, as far as they exist."""
 
 
-class WaypointError(RobotError, BtcoreError):
+class WaypointError(RobotError):
     """Raised when a tree is created whose `GetWaypoint` needs a waypoint that does not exist."""
 
 

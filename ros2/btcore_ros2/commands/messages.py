@@ -60,10 +60,7 @@ def messages(sources: Sequence[str], only: Sequence[str], force: bool, wheels: P
       btcore ros2 messages control_msgs --only JointJog
     """
     _check_environment()
-    try:
-        _install(select(find_packages(sources or bundled_packages()), only), force, wheels)
-    except RosError as error:
-        raise click.ClickException(str(error)) from None
+    _install(select(find_packages(sources or bundled_packages()), only), force, wheels)
 
 
 def _check_environment() -> None:

@@ -7,9 +7,9 @@ from btcore.program_runner import (
     CommandRun,
     ProviderCommand,
     TreelessProgram,
-    pass_settings,
+    add_options,
+    pass_options,
     print_result,
-    setting_options,
 )
 from btcore_robot.robot import Phase
 from btcore_ros2.commands.sim import SPARE_BOXES
@@ -24,9 +24,9 @@ from btcore_ros2.session import DRAIN_RATE, RosSession
     help="Leave out navigate_to_pose, navigate_through_poses and goal_pose: another program offers them, "
     "such as bt_navigator or btcore ros2 navigator.",
 )
-@setting_options(RunSettings, "duration", "seed")
-@pass_settings(RosRobotSettings, "ros_robot")
-@pass_settings(RosSettings, "ros")
+@add_options(RunSettings, "duration", "seed")
+@pass_options(RosRobotSettings, "ros_robot")
+@pass_options(RosSettings, "ros")
 @click.pass_context
 def navigation(
     ctx: click.Context,

@@ -8,7 +8,7 @@ import click
 
 from btcore import Run
 from btcore.clock import NS_PER_S
-from btcore.program_runner import CommandRun, FiniteRange, ProviderCommand, TreelessProgram, pass_settings
+from btcore.program_runner import CommandRun, FiniteRange, ProviderCommand, TreelessProgram, pass_options
 from btcore_ros2.providers import RosSettings, open_session
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option(
     "--plugin", "plugins", multiple=True, metavar="MODULE", help="Library with further nodes; repeatable."
 )
-@pass_settings(RosSettings, "ros")
+@pass_options(RosSettings, "ros")
 @click.pass_context
 def navigator(
     ctx: click.Context,

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from btcore import Registry, Run, RunSettings, Tree
+from btcore.errors import BtcoreError
 from btcore.escaping import escape_controls
 from btcore.extras import install_command
 from btcore.program_runner import (
@@ -15,10 +16,11 @@ from btcore.program_runner import (
     FiniteRange,
     ProviderCommand,
     TreelessProgram,
+    add_options,
     load_nodes,
-    pass_settings,
-    setting_options,
+    pass_options,
 )
+from btcore.runs.settings import SettingsError
 from btcore.suggestions import did_you_mean
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
@@ -52,9 +54,9 @@ FIXED_PORT = "read-only, because viewers stay connected to this port between goa
 @click.option(
     "--plugin", "plugins", multiple=True, metavar="MODULE|FILE.py", help="Load a node library. Repeatable."
 )
-@setting_options(RunSettings, "seed")
-@pass_settings(RosRobotSettings, "ros_robot")
-@pass_settings(RosSettings, "ros")
+@add_options(RunSettings, "seed")
+@pass_options(RosRobotSettings, "ros_robot")
+@pass_options(RosSettings, "ros")
 @click.pass_context
 def serve(
     ctx: click.Context,
@@ -188,11 +190,11 @@ def _explain_port(is_parameter: bool) -> Iterator[None]:
     """Return a context that explains how to choose another port, if a ROS parameter has chosen it."""
     try:
         yield
-    except click.UsageError as error:
+    except BtcoreError as error:
         if not is_parameter or getattr(error, "option", None) != "port":
             raise
         hint = "for a server that ros2 launch starts, set the ROS parameter groot2_port"
-        raise click.UsageError(f"{error.message}; {hint}") from error
+        raise SettingsError(f"{error}; {hint}") from error
 
 
 def _warn_about_misspelt_parameters(session: RosSession) -> None:

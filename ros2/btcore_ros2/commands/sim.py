@@ -10,10 +10,10 @@ from btcore.program_runner import (
     FiniteRange,
     ProviderCommand,
     TreelessProgram,
-    pass_settings,
+    add_options,
+    pass_options,
     print_json,
     print_result,
-    setting_options,
 )
 from btcore_robot.robot import Phase
 from btcore_ros2.providers import RosRobotSettings, RosSettings, open_session
@@ -24,8 +24,8 @@ SPARE_BOXES: Final = 5
 
 
 @click.command("sim", cls=ProviderCommand, short_help="Simulate a robot on the topics of ROS 2.")
-@setting_options(RunSettings, "duration", "seed")
-@pass_settings(RosSettings, "ros")
+@add_options(RunSettings, "duration", "seed")
+@pass_options(RosSettings, "ros")
 @click.option(
     "--wait-limit",
     type=FiniteRange(0, min_open=True),

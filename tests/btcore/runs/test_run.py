@@ -13,10 +13,10 @@ from click.testing import CliRunner
 import btcore
 from btcore import OutputError, ProviderError, Registry, Report, Run, RunSettings, Settings, option, provider
 from btcore.cli.main import main
+from btcore.field_options import create_options
 from btcore.logs import read_log
 from btcore.runs.core_providers import LogSettings
 from btcore.runs.run import TreelessProgram
-from btcore.runs.settings import create_options
 from btcore.signals import delayed_signals
 
 FAST = RunSettings(fast=True)

@@ -4,7 +4,6 @@ import pytest
 from click.testing import CliRunner
 
 from btcore.cli.main import main
-from btcore_monitor.commands.keys import keys
 from btcore_monitor.events import TreeEvent
 from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.keys import RobotKeys, create_keys
@@ -13,14 +12,14 @@ from btcore_monitor.watch.feed import Feed
 
 
 def test_a_key_pair_is_created_and_its_public_key_is_printed(tmp_path):
-    done = CliRunner().invoke(keys, [str(tmp_path / "desk")])
+    done = CliRunner().invoke(main, ["keys", str(tmp_path / "desk")])
     assert done.exit_code == 0
     public = done.stdout.strip()
     assert (tmp_path / "desk.pub").read_text() == f"{public} desk\n"
     assert done.stderr == (
         f"keys: {tmp_path}/desk is the secret key; give {tmp_path}/desk.pub to the other side\n"
     )
-    again = CliRunner().invoke(keys, [str(tmp_path / "desk")])
+    again = CliRunner().invoke(main, ["keys", str(tmp_path / "desk")])
     assert again.exit_code != 0
     assert "exists and is not overwritten: choose another name" in again.stderr
 

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from rerun.chunk import RrdReader
 
-from btcore_monitor.commands.monitor import monitor as monitor_command
+from btcore.cli.main import main
 
 ROOT = Path(__file__).parents[3]
 SECOND = 10**9
@@ -52,7 +52,7 @@ def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.Comple
 )
 def test_a_usage_error_is_reported_with_exit_code_2(arguments, said):
     nowhere_to_show = {"DISPLAY": None, "WAYLAND_DISPLAY": None}
-    result = CliRunner().invoke(monitor_command, arguments, prog_name="btcore monitor", env=nowhere_to_show)
+    result = CliRunner().invoke(main, ["monitor", *arguments], prog_name="btcore", env=nowhere_to_show)
     assert result.exit_code == 2
     assert isinstance(result.exception, SystemExit)
     assert said in result.stderr

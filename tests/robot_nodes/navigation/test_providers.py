@@ -3,11 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 import pytest
 
-from btcore import Run, RunSettings, Settings
+from btcore import Run, RunSettings, Settings, SettingsError
 from btcore.program_runner import TreelessProgram
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import GivenSettings, choose
@@ -94,14 +93,14 @@ class Rover(Robot):
 
 def test_a_robot_without_a_map_cannot_navigate(tmp_path: Path):
     run = Run(TreelessProgram("Navigate"), settings=[NavigationSettings()], provided=[Rover()])
-    with pytest.raises(click.UsageError, match=r"there is no map to navigate on: use --map FILE\.yaml"):
+    with pytest.raises(SettingsError, match=r"there is no map to navigate on: use --map FILE\.yaml"):
         run.want(PoseNavigator).__enter__()
     save_map(OccupancyMap(np.zeros((2, 2), dtype=np.int8), 0.05, (0.0, 0.0)), tmp_path / "map.yaml")
     run = Run(TreelessProgram("Navigate"), settings=[MapSettings(tmp_path / "map.yaml")], provided=[Rover()])
-    with pytest.raises(click.UsageError, match="there is no wall on the map"):
+    with pytest.raises(SettingsError, match="there is no wall on the map"):
         run.want(PoseNavigator).__enter__()
 
 
 def test_the_folder_of_the_map_is_checked_before_the_run():
-    with pytest.raises(click.UsageError, match=r"--save-map /nowhere/map\.yaml: there is no folder /nowhere"):
+    with pytest.raises(SettingsError, match=r"--save-map /nowhere/map\.yaml: there is no folder /nowhere"):
         ExplorationSettings(Path("/nowhere/map.yaml"))

@@ -7,8 +7,9 @@ import msgspec
 from mcp.server.mcpserver.utilities.func_metadata import ArgModelBase
 from pydantic import ConfigDict, Field, create_model
 
+from btcore.field_options import create_options
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.settings import RunSettings, Settings, create_options
+from btcore.runs.settings import RunSettings, Settings
 from btcore_studio.agents.served_folder import MAX_TREE_SIZE
 
 MAX_EPISODES: Final = 60

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
-from btcore.runs.exit_codes import code_of_signal
-from btcore.runs.settings import FiniteRange
+from btcore.exit_codes import code_of_signal
+from btcore.field_options import FiniteRange
 
 
 @click.command(short_help="Serve AI agents that write trees (MCP).")

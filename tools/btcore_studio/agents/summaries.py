@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from typing import Any, Final
 
-from btcore.runs.exit_codes import ExitCode
+from btcore.exit_codes import ExitCode
 
 _TRANSITION: Final = re.compile(r"\s*([\d.]+)\s+(.*?)\s+([A-Z]+) → ([A-Z]+)")
 

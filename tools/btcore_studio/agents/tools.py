@@ -12,7 +12,7 @@ from typing import Any, Final
 from mcp_types import ContentBlock, ImageContent, TextContent
 
 from btcore.escaping import escape_controls
-from btcore.runs.exit_codes import ExitCode
+from btcore.exit_codes import ExitCode
 from btcore_studio.agents.arguments import (
     MAX_EPISODES,
     SETTINGS,

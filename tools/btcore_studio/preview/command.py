@@ -12,9 +12,10 @@ import click
 from btcore import entry_points
 from btcore.cli import terminal
 from btcore.cli.tree_source import STDIN, TreeOptions, complete_tree, find_source
+from btcore.exit_codes import code_of_signal
+from btcore.field_options import create_options, pass_options
 from btcore.loading.hot_reload import POLL_INTERVAL_S, FileWatcher
-from btcore.runs.exit_codes import code_of_signal
-from btcore.runs.settings import Settings, create_options, from_values, pass_settings
+from btcore.runs.settings import Settings, from_values
 from btcore.signals import EndingSignals
 from btcore_studio.preview.live import PreviewExtension
 from btcore_studio.preview.server import PreviewServer
@@ -43,7 +44,7 @@ def _find_extension() -> type[Settings] | None:
 
 @click.command(cls=PreviewCommand, short_help="Show a tree in a browser, and watch it run.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@pass_settings(TreeOptions, "options")
+@pass_options(TreeOptions, "options")
 @click.option(
     "--http-port",
     type=click.IntRange(0, 65535),

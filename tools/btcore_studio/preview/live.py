@@ -87,7 +87,7 @@ class LiveConnection(Protocol):
         """Return the state after *timeout* s, the same object if nothing has changed.
 
         Raises:
-            click.ClickException: The tree can never be watched, for example because it refuses the keys.
+            BtcoreError: The tree can never be watched, for example because it refuses the keys.
         """
         ...
 
@@ -125,6 +125,6 @@ class PreviewExtension(Protocol):
             address: The address, as a user wrote it.
 
         Raises:
-            click.ClickException: The address is invalid, or a package is not installed.
+            BtcoreError: The address is invalid, or a package is not installed.
         """
         ...

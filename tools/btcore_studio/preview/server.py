@@ -17,8 +17,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any, Final, cast
 
-import click
-
 from btcore.errors import BtcoreError
 from btcore.json_text import load_json
 from btcore.xml.render.svg import drawing_style
@@ -162,7 +160,7 @@ class _Handler(BaseHTTPRequestHandler):
             except RequestError as error:
                 self.close_connection = True
                 self._send_json({"error": str(error)}, error.status)
-            except (BtcoreError, click.ClickException) as error:
+            except BtcoreError as error:
                 self._send_json({"error": str(error)}, HTTPStatus.CONFLICT)
             except (ValueError, RecursionError) as error:
                 self.close_connection = True

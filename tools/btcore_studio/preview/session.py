@@ -5,15 +5,14 @@ import threading
 from collections.abc import Callable, Collection, Iterator
 from typing import Any, Final
 
-import click
-
+from btcore.errors import BtcoreError
 from btcore.extras import install_command
 from btcore_studio.preview.live import LiveConnection, LiveState
 from btcore_studio.preview.node_keys import KeyedNode, node_keys
 from btcore_studio.preview.tree_reading import TreeFile, draw
 
 Connect = Callable[[str], LiveConnection]
-"""Returns a connection to the running tree at an address. Raises click.ClickException."""
+"""Returns a connection to the running tree at an address. Raises BtcoreError."""
 
 PING_EVERY: Final = 10.0
 """Seconds after which a page without news receives an empty message, which detects closed pages."""
@@ -99,10 +98,10 @@ class PreviewSession:
         """Connect with the running tree at *address*; "" ends the connection.
 
         Raises:
-            click.ClickException: The address is invalid, or no installed package can connect.
+            BtcoreError: The address is invalid, or no installed package can connect.
         """
         if address and self._connect is None:
-            raise click.ClickException(f"running trees need btcore's monitor: {install_command('zmq')}")
+            raise BtcoreError(f"running trees need btcore's monitor: {install_command('zmq')}")
         connection = self._connect(address) if address and self._connect is not None else None
         with self._news:
             before = self._thread
@@ -157,7 +156,7 @@ class PreviewSession:
                     released = self._releases
                     connection.release()
                 self._publish(state, keys, ended)
-        except click.ClickException as error:
+        except BtcoreError as error:
             self._publish(state, keys, ended, str(error))
         finally:
             connection.close()

@@ -12,8 +12,8 @@ import click
 from pydantic import ValidationError
 
 from btcore.entry_points import LIMIT_VARIABLE
+from btcore.field_options import create_options
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.settings import create_options
 from btcore_studio.agents.arguments import SETTINGS, RunArguments
 
 OTHERS = {"tree", "xml", "tree_id", "models", "own_models", "plans", "entries", "duration", "until"}

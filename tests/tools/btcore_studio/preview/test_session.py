@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from queue import Queue
 from typing import Any
 
-import click
 import pytest
 
+from btcore.errors import BtcoreError
 from btcore_monitor.events import ObservedNode
 from btcore_monitor.preview_extension import RobotState
 from btcore_studio.preview.session import PreviewSession
@@ -99,7 +99,7 @@ def test_page_sees_the_running_tree_and_sets_breakpoints(tree_file: TreeFile) ->
 def test_page_shows_why_the_tree_can_never_be_watched(tree_file: TreeFile) -> None:
     class Refused(FakeRobot):
         def poll(self, timeout: float) -> RobotState:
-            raise click.ClickException("the robot does not know this key")
+            raise BtcoreError("the robot does not know this key")
 
     session = PreviewSession(tree_file, lambda address: Refused())
     events = session.events()
@@ -113,5 +113,5 @@ def test_page_shows_why_the_tree_can_never_be_watched(tree_file: TreeFile) -> No
 
 
 def test_without_the_monitor_the_page_explains_what_is_missing(tree_file: TreeFile) -> None:
-    with pytest.raises(click.ClickException, match=r"pip install 'btcore\[monitor\]'"):
+    with pytest.raises(BtcoreError, match=r"pip install 'btcore\[monitor\]'"):
         PreviewSession(tree_file).watch("somewhere")

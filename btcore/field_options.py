@@ -1,0 +1,136 @@
+"""Options of commands that are made from the fields of `btcore.runs.settings.Options`."""
+
+import functools
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin
+
+import click
+import msgspec
+from msgspec.structs import FieldInfo
+
+from btcore.errors import BtcoreError
+from btcore.runs.settings import Options, describe_field, from_values, option_name
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class FiniteRange(click.FloatRange):
+    """A range of finite numbers: infinity and NaN are errors."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Convert *value* to a finite number in the range. Any other value is a usage error.
+
+        Args:
+            value: The text of the option.
+            param: The option.
+            ctx: The context of the command.
+
+        Returns:
+            The number.
+        """
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
+
+class FieldOption(click.Option):
+    """The option of a field of *options*, and how a sweep treats it."""
+
+    def __init__(self, options: type[Options], field: FieldInfo) -> None:
+        kind, meta, details = describe_field(field)
+        self.options = options
+        self.vary = details.vary
+        self.one_run_only = details.one_run_only
+        default = None if field.default is msgspec.NODEFAULT else field.default
+        arguments: dict[str, Any] = {"help": meta.description, "metavar": details.metavar}
+        if details.bare_value is not None:
+            arguments |= {"is_flag": False, "flag_value": details.bare_value}
+        if kind is bool:
+            arguments |= {"is_flag": True, "default": bool(default)}
+        else:
+            if get_origin(kind) is tuple:
+                kind = get_args(kind)[0]
+                arguments["multiple"] = True
+            elif default is not None:
+                arguments |= {"default": default, "show_default": True}
+            arguments["type"] = _click_type(kind, meta)
+        super().__init__([option_name(field), field.name], shell_complete=details.complete, **arguments)
+
+    def get_help_extra(self, ctx: click.Context) -> Any:
+        """Return what the help shows in brackets, without the range of a number that has no limits."""
+        extra = super().get_help_extra(ctx)
+        if getattr(self.type, "min", None) is None and getattr(self.type, "max", None) is None:
+            extra.pop("range", None)
+        return extra
+
+
+def create_options(options: type[Options], *names: str) -> list[FieldOption]:
+    """Return the options of the fields *names* of *options*, or of all fields, in the order of the fields.
+
+    Raises:
+        BtcoreError: A field is no option.
+    """
+    created = []
+    for field in msgspec.structs.fields(options):
+        if not names or field.name in names:
+            try:
+                created.append(FieldOption(options, field))
+            except TypeError as error:
+                raise BtcoreError(f"the field '{field.name}' of {options.__name__}: {error}") from error
+    return created
+
+
+def add_options(options: type[Options], *names: str) -> Callable[[Function], Function]:
+    """Return a decorator that adds the options of *options* to a command.
+
+    Args:
+        options: The class of the options.
+        names: The fields whose options are added; by default all.
+    """
+
+    def decorate(function: Function) -> Function:
+        params = function.__dict__.setdefault("__click_params__", [])
+        params.extend(reversed(create_options(options, *names)))
+        return function
+
+    return decorate
+
+
+def pass_options(options: type[Options], parameter: str) -> Callable[[Function], Function]:
+    """Return a decorator that adds the options of *options* to a command, which gets them as *parameter*.
+
+    Args:
+        options: The class of the options.
+        parameter: The name of the parameter of the command's function.
+    """
+
+    def decorate(function: Function) -> Function:
+        @functools.wraps(function)
+        def with_options(*arguments: Any, **values: Any) -> Any:
+            own = {field.name: values.pop(field.name) for field in msgspec.structs.fields(options)}
+            return function(*arguments, **{parameter: from_values(options, own)}, **values)
+
+        return add_options(options)(with_options)  # type: ignore[return-value]
+
+    return decorate
+
+
+def _click_type(kind: Any, meta: msgspec.Meta) -> "click.ParamType[Any]":
+    least: Any = meta.ge if meta.gt is None else meta.gt
+    most: Any = meta.le
+    if kind is float:
+        return FiniteRange(least, most, min_open=meta.gt is not None)
+    if kind is int:
+        return click.IntRange(least, most, min_open=meta.gt is not None)
+    if kind is Path:
+        return click.Path(dir_okay=False, path_type=Path)
+    if get_origin(kind) is Literal:
+        return click.Choice(get_args(kind), case_sensitive=False)
+    if kind is str:
+        return click.STRING
+    raise TypeError(
+        f"an option cannot have the type {kind}: use str, bool, int, float, Path, Literal or tuple[str, ...]"
+    )
