@@ -54,7 +54,17 @@ class AvailableProviders:
         return [one for one in self._known() if name in one.type_names]
 
     def of_nothing(self, given: Set[type[Settings]]) -> list[Provider]:
-        """Return the providers that provide no type, such as a publisher, and take settings of *given*."""
+        """Return the providers that provide no type, such as a publisher, and take settings of *given*.
+
+        Raises:
+            ProviderError: A provider of the user provides nothing, and has no settings.
+        """
+        for one in self.of_user:
+            if not one.types and not one.settings:
+                raise ProviderError(
+                    f"the provider {one} has no type in its return annotation, and no settings, so that no run "
+                    "would use it"
+                )
         if not given <= {kind for one in self._known() for kind in one.settings}:
             self._load(point for point, provided in self._points.items() if not provided)
         return [one for one in self._known() if not one.types and one.settings.keys() & given]

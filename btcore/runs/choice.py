@@ -317,7 +317,7 @@ def _name_of(winner: Provider | None) -> str:
 def _with_article(kind: Any) -> str:
     """Return "a Robot" or "an Explorer"."""
     title = _title(kind)
-    return f"{'an' if title[0] in 'AEIOU' else 'a'} {title}"
+    return f"{'an' if title[0] in 'AEIOUaeiou' else 'a'} {title}"
 
 
 def _title(kind: Any) -> str:

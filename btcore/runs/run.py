@@ -163,6 +163,7 @@ class Run:
         self._loop: TickLoop | None = None
         self._signals = EndingSignals()
         self._is_paused = False
+        self._has_exited = False
         self.tree: Tree
         self.choice: Choice
         self.resources = Resources()
@@ -354,7 +355,7 @@ class Run:
         Raises:
             NodeExecutionError: A leaf raised an exception; it is also the attribute `error`.
         """
-        self._check_entered()
+        self._check_open()
         was_saved = None if watcher is None else watcher.was_saved
         loop = self._loop = TickLoop(self.tree, self.run_settings, until, on_tick, was_saved)
         loop.is_paused = self._is_paused
@@ -424,9 +425,13 @@ class Run:
         finally:
             self._signals.stop = None
 
-    def _check_entered(self) -> None:
+    def _check_open(self) -> None:
         if not hasattr(self, "tree"):
             raise RuntimeError("a run has no tree before its entry: write 'with Run(…) as run:'")
+        if self._has_exited:
+            raise RuntimeError(
+                "the run has ended, and its providers are closed: tick within the 'with' block"
+            )
 
     def _halt(self) -> None:
         """Halt the tree, unless it is halted already. A tick that was interrupted leaves the status IDLE."""
@@ -461,7 +466,7 @@ class Run:
             serve: Called once. It returns soon after a call of *stop*.
             stop: Called by the handler of the first signal.
         """
-        self._check_entered()
+        self._check_open()
         with self._ended_by_signals(stop):
             serve()
         self.report.end_reason = "interrupted" if self._signals.number else "done"
@@ -495,7 +500,7 @@ class Run:
         Raises:
             NodeExecutionError: A leaf raised an exception.
         """
-        self._check_entered()
+        self._check_open()
         with self._leaf_error_kept():
             self.status = self.tree.tick_once()
         return self.status
@@ -525,6 +530,7 @@ class Run:
         elif self.end_reason is None:
             self.report.end_reason = "done"
         was_interrupted = self.end_reason == "interrupted"
+        self._has_exited = True
         try:
             self._stack.__exit__(kind, error, trace)
         except (KeyboardInterrupt, SystemExit):  # as `EndingSignals` raises them

@@ -83,7 +83,7 @@ def serve(
         defaults = _publish_by_default(ctx, session)
         run = CommandRun(
             ctx, TreelessProgram("Waiting"), provided=[session], used=[RosSettings], option_defaults=defaults
-        ).want(*wanted, optional=True)
+        ).want(*wanted)
         with _explain_port("port" in defaults), run:
             robot = run.find(Robot)
             if robot is not None and robot.clock is not session.clock:

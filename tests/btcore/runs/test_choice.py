@@ -262,6 +262,13 @@ def test_a_provider_of_nothing_is_used_if_a_setting_was_given() -> None:
     assert opened == [("a.txt", "TestAlone")]
     assert run.report == {"output": {"file": "a.txt"}}
 
+    @provider
+    def useless() -> None:
+        pass
+
+    with pytest.raises(ProviderError, match="useless .* no settings, so that no run would use it"):
+        run_with(useless).__enter__()
+
 
 @pytest.mark.parametrize("follows", [True, False])
 def test_a_new_tree_is_passed_on_or_the_provider_is_opened_again(follows: bool) -> None:

@@ -227,10 +227,15 @@ def test_a_tree_that_is_only_stepped_is_halted_at_the_end(tmp_path: Path) -> Non
     assert run.end_reason == "done"
 
 
-def test_a_run_is_entered_before_it_is_ticked() -> None:
+def test_a_run_is_ticked_between_its_entry_and_its_exit() -> None:
     for use in (Run.until_done, Run.step):
+        run = Run(program())
         with pytest.raises(RuntimeError, match="write 'with Run"):
-            use(Run(program()))
+            use(run)
+        with run:
+            pass
+        with pytest.raises(RuntimeError, match="the run has ended, and its providers are closed"):
+            use(run)
 
 
 class Notebook:
