@@ -62,8 +62,8 @@ class AvailableProviders:
         for one in self.of_user:
             if not one.types and not one.settings:
                 raise ProviderError(
-                    f"the provider {one} has no type in its return annotation, and no settings, so that no run "
-                    "would use it"
+                    f"the provider {one} has no type in its return annotation, and no settings, so that no "
+                    "run would use it"
                 )
         if not given <= {kind for one in self._known() for kind in one.settings}:
             self._load(point for point, provided in self._points.items() if not provided)

@@ -429,9 +429,7 @@ class Run:
         if not hasattr(self, "tree"):
             raise RuntimeError("a run has no tree before its entry: write 'with Run(…) as run:'")
         if self._has_exited:
-            raise RuntimeError(
-                "the run has ended, and its providers are closed: tick within the 'with' block"
-            )
+            raise RuntimeError("the run has ended, and its providers are closed: tick in the 'with' block")
 
     def _halt(self) -> None:
         """Halt the tree, unless it is halted already. A tick that was interrupted leaves the status IDLE."""

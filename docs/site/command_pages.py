@@ -16,10 +16,10 @@ import click
 from click.testing import CliRunner
 from mentions import PAGES, links_to_mentions
 
+from btcore import exit_codes
 from btcore.cli.main import OWN_COMMANDS, main
 from btcore.entry_points import COMMANDS_GROUP
 from btcore.field_options import FieldOption
-from btcore import exit_codes
 
 ROOT: Final = Path(__file__).parents[2]
 EXAMPLES: Final[dict[str, Any]] = tomllib.loads(

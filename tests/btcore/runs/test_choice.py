@@ -266,7 +266,7 @@ def test_a_provider_of_nothing_is_used_if_a_setting_was_given() -> None:
     def useless() -> None:
         pass
 
-    with pytest.raises(ProviderError, match="useless .* no settings, so that no run would use it"):
+    with pytest.raises(ProviderError, match=r"useless .* no settings, so that no run would use it"):
         run_with(useless).__enter__()
 
 
