@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from btcore.data_folders import data_folder
+from btcore.errors import BtcoreError
 from btcore.suggestions import join_names, nearest_name
 
 
@@ -28,7 +29,7 @@ def find(name: str) -> Path:
     """Return the file for *name*, which is the path of a file or one of `names`.
 
     Raises:
-        FileNotFoundError: There is no such file or tree; the message suggests the nearest name.
+        BtcoreError: There is no such file or tree; the message suggests the nearest name.
 
     Examples:
         >>> from btcore import bundled_trees
@@ -42,8 +43,8 @@ def find(name: str) -> Path:
     if path.suffix != ".xml" and name in names():
         return folder() / f"{name}.xml"
     if path.is_dir():
-        raise FileNotFoundError(f"'{name}' is a folder; give the path of a file.")
-    raise FileNotFoundError(_missing_message(path, name))
+        raise BtcoreError(f"'{name}' is a folder; give the path of a file.")
+    raise BtcoreError(_missing_message(path, name))
 
 
 def _missing_message(path: Path, name: str) -> str:

@@ -10,7 +10,7 @@ import click
 
 from btcore import bundled_trees
 from btcore.cli.node_libraries import LibraryOptions, NodeLibraries, load_libraries
-from btcore.errors import TreeError
+from btcore.errors import BtcoreError, TreeError
 from btcore.input_files import read_error, read_stream
 from btcore.registry.registry import Registry
 from btcore.runs.settings import option
@@ -45,7 +45,7 @@ def complete_tree_id(
     source = ctx.params.get("source") or next(iter(ctx.args), "")
     try:
         root = parse_file(bundled_trees.find(source)).root
-    except (TreeError, FileNotFoundError):
+    except BtcoreError:
         return []
     ids = [tree.get("ID") or "" for tree in root.iterchildren("BehaviorTree")]
     return [CompletionItem(tree_id) for tree_id in ids if tree_id.startswith(incomplete)]
@@ -94,12 +94,12 @@ assumed_keys_option = click.option(
 
 
 def find_source(name: str) -> Path:
-    """Return the file for *name* as `find_tree_file` does, or `STDIN` for `-`.
+    """Return the file for *name* as `bundled_trees.find` does, or `STDIN` for `-`.
 
     Raises:
-        click.UsageError: There is no such file or tree; the message suggests the nearest name.
+        BtcoreError: There is no such file or tree; the message suggests the nearest name.
     """
-    return STDIN if name == str(STDIN) else find_tree_file(name)
+    return STDIN if name == str(STDIN) else bundled_trees.find(name)
 
 
 def parse_source(path: Path, confined: bool) -> Document:
@@ -111,30 +111,18 @@ def parse_source(path: Path, confined: bool) -> Document:
 
     Raises:
         XmlSyntaxError: The file can't be read, is not UTF-8 or is not valid XML.
-        click.UsageError: stdin can't be read.
+        BtcoreError: stdin can't be read.
     """
     if path != STDIN:
         return parse_file(path, confined=confined)
     try:
         data = read_stream(sys.stdin.buffer, "stdin")
     except OSError as error:
-        raise click.UsageError(f"stdin can't be read: {read_error(error)}") from None
+        raise BtcoreError(f"stdin can't be read: {read_error(error)}") from None
     document = parse_bytes(data, "<stdin>")
     if confined:
         document.confine()
     return document
-
-
-def find_tree_file(name: str) -> Path:
-    """Return the file for *name*, which is the path of a file or the name of a bundled tree.
-
-    Raises:
-        click.UsageError: There is no such file or tree; the message suggests the nearest name.
-    """
-    try:
-        return bundled_trees.find(name)
-    except FileNotFoundError as error:
-        raise click.UsageError(str(error)) from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,9 @@ from typing import Any, Final
 import click
 
 import btcore
+from btcore import bundled_trees
 from btcore.cli import terminal
 from btcore.cli.commands.run import parse_run, run
-from btcore.cli.tree_source import find_tree_file
 from btcore.input_files import read_file
 from btcore.suggestions import join_names
 from btcore.xml.read.read import parse_file, read
@@ -164,7 +164,7 @@ def create_definition(
         if key in texts and not choices.options[key].multiple:
             raise click.UsageError(f"--{key} and --param {key}=… cannot be used together.")
     arguments = tuple(options.option_arguments(ctx, texts))
-    path = find_tree_file(source)
+    path = bundled_trees.find(source)
     documents = read(parse_file(path, confined="confined" in texts)).documents
     files = {path, *(Path(document.file) for document in documents if document.file)}
     files |= options.named_files([*texts.values(), *varied.values()])

@@ -6,9 +6,9 @@ from pathlib import Path
 import click
 from rich.text import Text
 
+from btcore import bundled_trees
 from btcore.cli import files, terminal
 from btcore.cli.node_libraries import LibraryOptions
-from btcore.cli.tree_source import find_tree_file
 from btcore.diagnostic_codes import Severity
 from btcore.errors import Diagnostic
 from btcore.exit_codes import ExitCode
@@ -52,7 +52,7 @@ def convert(
     """
     if in_place and output is not None:
         raise click.UsageError("--in-place and --output cannot be used together.")
-    path = find_tree_file(source)
+    path = bundled_trees.find(source)
     document = parse_file(path)
     libraries = options.load_libraries()
     result = converted(document, libraries.nodes_for(document))
