@@ -79,8 +79,9 @@ class Progress:
         Args:
             status: The last status of the tree; None if a leaf raised an exception.
         """
-        result = Text("✘ RAISED", style="bold red") if status is None else terminal.format_status(status)
-        line = Text.assemble(result, "  ", (self.name, "bold"), f"  tick {self.tree.ticks}")
+        line = Text.assemble(
+            terminal.format_status(status), "  ", (self.name, "bold"), f"  tick {self.tree.ticks}"
+        )
         line.append(f"  waiting for a new version of {file}", style="dim")
         self._show(line)
 

@@ -88,8 +88,7 @@ class RunSummary:
     def _format_heading(self) -> Text:
         """Return a line with the result, the time, the number of ticks, and the reason why the run ended."""
         run = self._run
-        raised = Text("✘ RAISED", style="bold red")
-        result = terminal.format_status(run.status) if run.error is None else raised
+        result = terminal.format_status(run.status if run.error is None else None)
         ticks = terminal.counted(run.tree.ticks, "tick")
         duration = f"{run.elapsed_s:.1f} s, {ticks}, ×{self.real_time_factor:.1f} real time"
         end = END_REASON_TEXT[run.end_reason]

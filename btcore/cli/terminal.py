@@ -146,9 +146,9 @@ def counted(count: int, noun: str, zero: str = "0") -> str:
     return f"{count or zero} {noun}{'' if count == 1 else 's'}"
 
 
-def format_status(value: Status) -> Text:
-    """Return the symbol and the name of a status, in its colour."""
-    return Text(*status_label(value))
+def format_status(value: Status | None) -> Text:
+    """Return the symbol and the name of a status, in its colour; None: a leaf raised an exception."""
+    return Text("✘ RAISED", style="bold red") if value is None else Text(*status_label(value))
 
 
 def format_diagnostic(diagnostic: Diagnostic) -> Text:

@@ -9,6 +9,16 @@ equally good, one that takes the required settings of the other, too, is preferr
 A provider that lost a type is not used for any other type, and neither is a provider that needs what only a
 loser provides: the map of a simulated world does not fit another robot. Therefore the choice begins anew
 whenever a provider has lost. Types with a single candidate are assigned first.
+
+For example, the leaves of `btcore run patrolling --ros2 tiago --map house.yaml` need a `Robot`, `Waypoints`
+and a `PoseNavigator`:
+
+1. `simulator` and `ros_robot` provide a `Robot`. The required option of `ros_robot`, `--ros2`, was given, so
+   that `simulator` loses, and the choice begins anew.
+2. `navigator` provides the `PoseNavigator`, and needs a `Navigation`, which needs an `OccupancyMap`. It is
+   that of `map_file`: `world_map` needs the world of `simulator`, which has lost.
+3. The order is: `ros_session`, which `ros_robot` needs, `ros_robot`, `waypoints`, `map_file`, `navigation`,
+   `navigator`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -116,6 +126,14 @@ class _Request(NamedTuple):
 
 
 class _Chooser:
+    """Assigns a provider to each needed type; `assign` is called until no provider loses.
+
+    Args:
+        available: The available providers.
+        settings: The settings of the run.
+        objects: The objects of the program.
+    """
+
     def __init__(
         self, available: AvailableProviders, settings: GivenSettings, objects: Sequence[object]
     ) -> None:
