@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import click
 from click.core import ParameterSource
@@ -26,47 +26,75 @@ from btcore.suggestions import join_names
 _META_KEY: Final = "btcore.cli.provider_options"
 
 
-class CommandProviders:
+class CommandProviders(NamedTuple):
     """The providers that a command can use.
-
-    Args:
-        plugins: The values of the option `--plugin`.
-        has_all_options: Whether the command has the options of all providers, or of those in plugins and in
-            the core alone.
 
     Attributes:
         available: The providers.
-        plugins: The imported plugins, by the values of the option.
+        options: The options of their settings.
+        plugins: The imported plugins, by the values of the option `--plugin`.
     """
 
-    def __init__(self, plugins: Sequence[str] = (), has_all_options: bool = True) -> None:
-        self.plugins: dict[str, Plugin] = {name: import_plugin(name) for name in plugins}
-        self.available = AvailableProviders(
-            provider for plugin in self.plugins.values() for provider in providers_in(plugin.module)
-        )
-        self.has_all_options = has_all_options
-        self._options: dict[bool, list[FieldOption]] = {}
+    available: AvailableProviders
+    options: Sequence[FieldOption]
+    plugins: Mapping[str, Plugin]
 
-    def options(self, own: Sequence[click.Parameter]) -> list[FieldOption]:
-        """Return the options of the providers' settings, without settings that *own* options belong to.
 
-        Raises:
-            ProviderError: Two providers have an option of the same name.
-        """
-        if self.has_all_options not in self._options:  # click asks several times
-            self._options[self.has_all_options] = self._make_options(own)
-        return self._options[self.has_all_options]
+def find_providers(
+    ctx: click.Context, own: Sequence[click.Parameter], args: Sequence[str], has_all_options: bool = False
+) -> CommandProviders:
+    """Find the providers for the command with the context *ctx*, also in its plugins.
 
-    def _make_options(self, own: Sequence[click.Parameter]) -> list[FieldOption]:
-        kinds = {option.options for option in own if isinstance(option, FieldOption)} | {RunSettings}
-        taken = {name: "the command" for option in own for name in (*option.opts, option.name or "")}
-        options: list[FieldOption] = []
-        some = [*self.available.of_user, *self.available.core]
-        for provider in self.available.all() if self.has_all_options else some:
-            for kind in [kind for kind in provider.settings if kind not in kinds]:
-                kinds.add(kind)
-                options += _without_clash(provider, kind, taken)
-        return options
+    Importing all providers takes time. Therefore the options of installed providers are missing, unless a
+    word of *args* may be one of them, such as `--monitor` or `--help`.
+
+    Args:
+        ctx: The context, which keeps them for `command_providers`.
+        own: The options that the command has without providers.
+        args: The arguments of the command, which may contain the option `--plugin`.
+        has_all_options: Whether to add the options of all providers in any case.
+
+    Raises:
+        ProviderError: Two providers have an option of the same name.
+    """
+    has_plugins = any(parameter.name == "plugins" for parameter in own)
+    plugins = {name: import_plugin(name) for name in _plugins_in(args)} if has_plugins else {}
+    available = AvailableProviders(
+        provider for plugin in plugins.values() for provider in providers_in(plugin.module)
+    )
+    options = _create_provider_options([*available.of_user, *available.core], own)
+    known = {name for option in [*own, *options] for name in (*option.opts, *option.secondary_opts)}
+    # Without `-`, which is standard input or output.
+    words = {word.partition("=")[0] for word in args if word.startswith("-") and word != "-"}
+    # An option of a plugin could have the name of any other option, which is an error in every run.
+    has_own = any(provider.settings for provider in available.of_user)
+    if has_all_options or has_own or not words <= known:
+        options = _create_provider_options(available.all(), own)
+    found = ctx.meta[_META_KEY] = CommandProviders(available, options, plugins)
+    return found
+
+
+def command_providers(ctx: click.Context) -> CommandProviders:
+    """Return the providers for the command with the context *ctx*."""
+    if _META_KEY not in ctx.meta:  # nothing was parsed
+        return find_providers(ctx, ctx.command.params, (), has_all_options=True)
+    found: CommandProviders = ctx.meta[_META_KEY]
+    return found
+
+
+def _create_provider_options(
+    providers: Sequence[Provider], own: Sequence[click.Parameter]
+) -> list[FieldOption]:
+    """Return the options of *providers*' settings, without settings that *own* options belong to."""
+    kinds = {option.options for option in own if isinstance(option, FieldOption)} | {RunSettings}
+    names = ["--help", *(name for option in own for name in (*option.opts, option.name or ""))]
+    taken = dict.fromkeys(names, "the command")
+    options: list[FieldOption] = []
+    for provider in providers:
+        for kind in [kind for kind in provider.settings if kind not in kinds]:
+            kinds.add(kind)
+            options += _without_clash(provider, kind, taken)
+    return options
 
 
 def _without_clash(provider: Provider, kind: type[Settings], taken: dict[str, str]) -> list[FieldOption]:
@@ -81,38 +109,13 @@ def _without_clash(provider: Provider, kind: type[Settings], taken: dict[str, st
     return options
 
 
-def find_providers(ctx: click.Context, args: Sequence[str], has_all_options: bool) -> CommandProviders:
-    """Find the providers for the command with the context *ctx*, also in its plugins.
-
-    Args:
-        ctx: The context.
-        args: The arguments of the command, which may contain the option `--plugin`.
-        has_all_options: As in `CommandProviders`.
-    """
-    found = ctx.meta[_META_KEY] = CommandProviders(list(_plugins_in(args)), has_all_options)
-    return found
-
-
-def command_providers(ctx: click.Context) -> CommandProviders:
-    """Return the providers for the command with the context *ctx*."""
-    if _META_KEY not in ctx.meta:
-        ctx.meta[_META_KEY] = CommandProviders()
-    found: CommandProviders = ctx.meta[_META_KEY]
-    return found
-
-
 class ProviderCommand(click.Command):
-    """A command that also has the options of all providers.
-
-    Importing the providers takes time. Therefore the command has the options of installed providers only if
-    its arguments contain a word like an option that is not its own, such as `--monitor` or `--help`, or if a
-    plugin has options.
-    """
+    """A command that also has the options of providers."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the command's options, those of providers, and `--help`."""
         own = super().get_params(ctx)  # the last is --help
-        return [*own[:-1], *command_providers(ctx).options(own), own[-1]]
+        return [*own[:-1], *command_providers(ctx).options, own[-1]]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse *args*; for an unknown option explain which packages may add it.
@@ -124,15 +127,7 @@ class ProviderCommand(click.Command):
         Returns:
             The arguments that remain.
         """
-        has_plugins = any(parameter.name == "plugins" for parameter in self.params)
-        providers = find_providers(ctx, args if has_plugins else (), has_all_options=False)
-        options = [*self.params, *providers.options(self.params)]
-        known = {name for option in options for name in (*option.opts, *option.secondary_opts)}
-        # Without `-`, which is standard input or output.
-        words = {word.partition("=")[0] for word in args if word.startswith("-") and word != "-"}
-        # An option of a plugin could have the name of any other option, which is an error in every run.
-        has_own = any(provider.settings for provider in providers.available.of_user)
-        providers.has_all_options = ctx.resilient_parsing or has_own or not words <= known
+        find_providers(ctx, self.params, args, has_all_options=ctx.resilient_parsing)
         with explain_missing_options(ctx):
             return super().parse_args(ctx, args)
 

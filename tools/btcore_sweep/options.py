@@ -40,7 +40,7 @@ class SweepCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse *args*, and keep the unconverted texts of the options for the command lines of the runs."""
-        find_providers(ctx, args, has_all_options=True)
+        find_providers(ctx, run.params, args, has_all_options=True)
         words = list(args)  # click's parser removes the arguments from its list
         with explain_missing_options(ctx):
             try:
