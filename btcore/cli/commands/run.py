@@ -123,14 +123,14 @@ def run(
 
 
 class RunSession:
-    """The run of a tree and, with `--watch` as its `TreeWatcher`, of the trees that replace it.
+    """The run of a tree from the command line.
 
     Args:
         run: The run, not yet entered.
-        source: The file of the tree, from which the tree is reloaded.
+        source: The file of the tree.
         plans: The plans of the tree.
         until: The result that ends the run.
-        file_watcher: Detects that the tree's file was saved; None without `--watch`.
+        reloads: Reloads the tree when its file is saved; None without `--watch`.
 
     Attributes:
         run: The run.
@@ -139,22 +139,13 @@ class RunSession:
     """
 
     def __init__(
-        self,
-        run: CommandRun,
-        source: TreeSource,
-        plans: Plans,
-        until: Until,
-        file_watcher: "FileWatcher | None" = None,
+        self, run: CommandRun, source: TreeSource, plans: Plans, until: Until, reloads: "Reloads | None"
     ) -> None:
         self.run = run
         self.plans = plans
         self.summary = RunSummary(source.name, run)
-        self._source = source
         self._until: Until = until
-        self._file_watcher = file_watcher
-        self._progress: Progress
-        self._reloads = 0
-        self._printed_error: NodeExecutionError | None = None
+        self._reloads = reloads
 
     def run_to_end(self, on_tree: Callable[[Tree], object] = lambda tree: None) -> None:
         """Run to the end.
@@ -167,33 +158,26 @@ class RunSession:
             ProviderError: A provider raises while it is opened.
             TreeError: The tree lacks a resource.
         """
-        run, console = self.run, terminal.stderr_console()
-        if self._file_watcher is not None:
-            run.report["reloads"] = self._reloads  # the first entry
+        run, console, reloads = self.run, terminal.stderr_console(), self._reloads
         with log_to_console(console), run:
             on_tree(run.tree)
             limit = run.run_settings.duration
-            with closing(Progress(console, run.tree, self.summary.name, limit)) as self._progress:
-                watcher = None if self._file_watcher is None else self
+            with closing(Progress(console, run.tree, self.summary.name, limit)) as progress:
+                if reloads is not None:
+                    reloads.progress = progress
                 with suppress(NodeExecutionError):  # it is printed after the summary
-                    run.until_done(self._until, on_tick=self._progress.on_tick, watcher=watcher)
+                    run.until_done(self._until, on_tick=progress.on_tick, watcher=reloads)
             self._warn_about_skipped_ticks()
 
     def print_results(self, as_json: bool) -> int:
         """Print the summary and, with *as_json*, the JSON object; return the exit code."""
         run = self.run
         self.summary.print_summary()
-        if run.error is not None and run.error is not self._printed_error:
-            self._print_error(run.error)
+        if run.error is not None and (self._reloads is None or run.error is not self._reloads.printed_error):
+            _print_error(run.tree, run.error)
         if as_json:
             terminal.print_json(self.summary.as_data())
         return run.exit_code
-
-    def _print_error(self, error: NodeExecutionError) -> None:
-        self._printed_error = error
-        print_leaf_error(error)
-        hint = _unwritten_entry_hint(self.run.tree, error)
-        terminal.print_notes([hint] if hint else [])
 
     def _warn_about_skipped_ticks(self) -> None:
         count = self.run.skipped_ticks
@@ -204,11 +188,31 @@ class RunSession:
                 f"{1000 / self.run.run_settings.rate:g} ms; use a lower --rate"
             )
 
-    # --- the watcher of the run
+
+class Reloads:
+    """Reloads the tree of a run when its file is saved, as a `TreeWatcher`, and prints what happens.
+
+    Args:
+        run: The run, not yet entered.
+        source: The file of the tree.
+        files: Detects that the file, or one that it includes, was saved.
+
+    Attributes:
+        progress: The status line of the run.
+        printed_error: The last exception of a leaf, which was printed; None without one.
+    """
+
+    def __init__(self, run: CommandRun, source: TreeSource, files: "FileWatcher") -> None:
+        self.progress: Progress
+        self.printed_error: NodeExecutionError | None = None
+        self._run = run
+        self._source = source
+        self._files = files
+        self._count = run.report["reloads"] = 0  # the first entry of the report
 
     def was_saved(self) -> bool:
         """Return whether the tree's file was saved."""
-        return self._file_watcher is not None and self._file_watcher.was_saved()
+        return self._files.was_saved()
 
     def read_plans(self) -> Plans:
         """Return the plans of the saved file."""
@@ -216,30 +220,38 @@ class RunSession:
 
     def on_end(self) -> None:
         """Show that the run waits for the next save."""
-        run = self.run
-        self._progress.show_waiting(None if run.error is not None else run.status, self._source.path.name)
+        status = None if self._run.error is not None else self._run.status
+        self.progress.show_waiting(status, self._source.path.name)
 
     def on_error(self, error: NodeExecutionError) -> None:
         """Print the exception of a leaf."""
-        with self._progress.suspend():
-            self._print_error(error)
+        self.printed_error = error
+        with self.progress.suspend():
+            _print_error(self._run.tree, error)
 
     def on_rejected(self, error: BtcoreError) -> None:
         """Print the errors of the saved file."""
-        with self._progress.suspend():
+        with self.progress.suspend():
             terminal.print_btcore_error(error)
-            action = "continues" if self.run.tree.status is Status.RUNNING else "is kept"
+            action = "continues" if self._run.tree.status is Status.RUNNING else "is kept"
             terminal.print_warning(f"{self._source.path.name} has errors: the previous tree {action}")
 
     def on_reload(self, tree: Tree, plans: Plans) -> None:
         """Count the reload, and show *tree*."""
         tree.count_ticks()
-        self._reloads += 1
-        self.run.report["reloads"] = self._reloads
-        with self._progress.suspend():
+        self._count += 1
+        self._run.report["reloads"] = self._count
+        with self.progress.suspend():
             terminal.print_diagnostics(plans.diagnostics.warnings)
             terminal.print_labelled("reloaded", str(self._source.path))
-        self._progress.set_tree(tree)
+        self.progress.set_tree(tree)
+
+
+def _print_error(tree: Tree, error: NodeExecutionError) -> None:
+    """Print the exception of a leaf, and how to set the entry that it lacked."""
+    print_leaf_error(error)
+    hint = _unwritten_entry_hint(tree, error)
+    terminal.print_notes([hint] if hint else [])
 
 
 @contextmanager
@@ -312,7 +324,8 @@ def create_session(
 
     provided = () if changes is None else changes.provided
     run = CommandRun(ctx, plans, prepare, provided=provided, tick_limit=options.tick_limit)
-    return RunSession(run, tree_source, plans, options.until, file_watcher)
+    reloads = None if file_watcher is None else Reloads(run, tree_source, file_watcher)
+    return RunSession(run, tree_source, plans, options.until, reloads)
 
 
 def _create_changes(options: RunOptions) -> "TreeChanges | None":
