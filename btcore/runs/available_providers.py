@@ -35,6 +35,10 @@ class AvailableProviders:
 
     def __init__(self, users: Iterable[Provider] = (), uses_installed: bool = True) -> None:
         self.of_user = list(users)
+        for one in self.of_user:
+            if not isinstance(one, Provider):
+                name = getattr(one, "__name__", repr(one))
+                raise TypeError(f"{name} is no provider: mark the function by @btcore.provider")
         self.core = [random_numbers, tree_logs]
         for provider in self.core:
             provider.is_installed = True

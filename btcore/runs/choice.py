@@ -74,6 +74,16 @@ class Choice(NamedTuple):
     problems: Mapping[str, str]
     losers: Mapping[Provider, tuple[Any, Provider | None]]
 
+    def follows_tree(self, provider: Provider) -> bool:
+        """Return whether a used provider needs the tree, or what such a provider provides.
+
+        It is opened when the tree was created, so that leaves cannot get what it provides.
+        """
+        needed = (self.by_type.get(full_name(need.type)) for need in object_needs(provider))
+        return provider.needs_tree or any(
+            isinstance(other, Provider) and self.follows_tree(other) for other in needed
+        )
+
     @property
     def clock(self) -> Provider | None:
         """The provider of the run's clock, or None."""
@@ -182,7 +192,13 @@ class _Chooser:
 
     def _owned(self, kind: Any) -> object:
         """Return the first object of the program that fits a type, or None."""
-        return next((thing for thing in self._objects if fits(thing, kind)), None)
+        fitting = [thing for thing in self._objects if fits(thing, kind)]
+        if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
+            raise ProviderError(
+                f"the program provides {len(fitting)} objects of the class {type(fitting[0]).__name__}: the "
+                f"choice between them for {_with_article(kind)} would be arbitrary"
+            )
+        return next(iter(fitting), None)
 
     def _lose(self, losers: Sequence[Provider], request: _Request, winner: Provider | None) -> bool:
         """Let *losers* lose the type of a request to *winner*; return whether one had not lost before."""
@@ -199,7 +215,7 @@ class _Chooser:
 
     def _use(self, provider: Provider, chain: tuple[Provider, ...], pending: list[_Request]) -> None:
         self._used[provider] = None
-        for need in _needs(provider):
+        for need in object_needs(provider):
             pending.append(_Request(need.type, need.is_optional, (*chain, provider)))
 
     def _candidates(self, kind: Any, chain: tuple[Provider, ...] = ()) -> list[Provider]:
@@ -217,7 +233,7 @@ class _Chooser:
             return False
         return all(
             need.is_optional or self._owned(need.type) is not None or bool(self._candidates(need.type, chain))
-            for need in _needs(provider)
+            for need in object_needs(provider)
         )
 
     def _best(self, request: _Request, candidates: Sequence[Provider]) -> Provider:
@@ -241,7 +257,7 @@ class _Chooser:
         return best[0]
 
     def _rank(self, provider: Provider) -> tuple[bool, bool, bool, bool, bool]:
-        needs = [self._available.of_type(full_name(need.type)) for need in _needs(provider)]
+        needs = [self._available.of_type(full_name(need.type)) for need in object_needs(provider)]
         return (
             bool(self._required(provider)),
             provider in self._used,
@@ -267,7 +283,7 @@ class _Chooser:
             return
         for provider in self._available.of_type(_CLOCK):
             is_alone = {full_name(kind) for kind in provider.types} == {_CLOCK}
-            kinds = {full_name(need.type): need.type for need in _needs(provider)}
+            kinds = {full_name(need.type): need.type for need in object_needs(provider)}
             found = {name: self._by_type.get(name, self._owned(kind)) for name, kind in kinds.items()}
             if is_alone and None not in found.values():
                 self._used[provider] = None
@@ -284,7 +300,7 @@ class _Chooser:
             raise ProviderError(
                 f"providers need each other: {_join([*chain[chain.index(provider) :], provider])}"
             )
-        needed = [self._by_type.get(full_name(need.type)) for need in _needs(provider)]
+        needed = [self._by_type.get(full_name(need.type)) for need in object_needs(provider)]
         if any(need.type is Clock for need in provider.needs):
             needed += [other for other in self._used if other.provides_clock]
         for other in needed:
@@ -310,19 +326,26 @@ class _Chooser:
             else:
                 missing = next(
                     need
-                    for need in _needs(provider)
+                    for need in object_needs(provider)
                     if not need.is_optional and not self._candidates(need.type, (*request.chain, provider))
                 )
                 inner = self._explain(_Request(missing.type, False, (*request.chain, provider)))
                 reasons.append(f"{provider} needs {_with_article(missing.type)}, but {inner}")
+        name, title = full_name(request.type), _title(request.type)
+        reasons += (
+            f"{provider} provides {other}, and not {name}: the file of the class was loaded twice"
+            for provider in self._available.of_user
+            for other in provider.type_names
+            if other != name and _title(other) == title
+        )
         reason = "; ".join(reasons)
         problem = f"nothing provides {_with_article(request.type)}"
         problem = f"{problem} ({_path(request)})" if request.chain and not reasons else problem
         return f"{problem}: {reason}" if reasons else problem
 
 
-def _needs(provider: Provider) -> list[Need]:
-    """Return the parameters for objects of other providers."""
+def object_needs(provider: Provider) -> list[Need]:
+    """Return the parameters of *provider* for objects of other providers."""
     return [
         need for need in provider.needs if need.type not in ATTRIBUTES_OF_RUN and not is_settings(need.type)
     ]

@@ -63,15 +63,14 @@ class OpenedProvider:
                 raise  # the exception of the run, or its explanation by the provider
             self.error = self.error or own_error
 
-    def replace_tree(self, tree: Tree, arguments: Mapping[str, object]) -> None:
-        """Let what was provided follow *tree*; if it cannot, close it and call the function again."""
-        follow = getattr(self.value, "replace_tree", None)
-        if follow is None:
-            self.close()
-            self.open(arguments)
-            return
+    def follow(self, tree: Tree) -> bool:
+        """Pass *tree* to what was provided; return False if it has no method `replace_tree`."""
+        replace_tree = getattr(self.value, "replace_tree", None)
+        if replace_tree is None:
+            return False
         with _named(self.provider):
-            follow(tree)
+            replace_tree(tree)
+        return True
 
     @property
     def objects(self) -> list[object]:

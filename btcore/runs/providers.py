@@ -116,6 +116,9 @@ class Provider:
             classes, or their full names.
         default: Whether the provider is used only if no other provides the type.
 
+    Raises:
+        ProviderError: The function is asynchronous.
+
     Attributes:
         name: The name of the function.
         is_installed: Whether the provider comes from btcore or an installed package, not from the user's
@@ -125,6 +128,8 @@ class Provider:
     def __init__(
         self, function: Callable[..., Any], provides: Sequence[type | str] = (), default: bool = False
     ) -> None:
+        if inspect.iscoroutinefunction(function) or inspect.isasyncgenfunction(function):
+            raise ProviderError(f"the provider {function.__name__} is asynchronous: write def, not async def")
         self.function = function
         self.name = function.__name__
         self.is_default = default

@@ -2,6 +2,7 @@
 
 import time
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from os import PathLike
@@ -17,7 +18,7 @@ from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
 from btcore.loading.load import LoadOptions, PausedGarbageCollection, check_names, plan_source
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
+from btcore.runs.choice import Choice, GivenSettings, choose, object_needs, unused_settings
 from btcore.runs.opening import OpenedProvider
 from btcore.runs.providers import (
     ATTRIBUTES_OF_RUN,
@@ -31,7 +32,7 @@ from btcore.runs.providers import (
     full_name,
     is_settings,
 )
-from btcore.runs.settings import RunSettings, Settings, check_settings
+from btcore.runs.settings import RunSettings, Settings, SettingsError, check_settings
 from btcore.runs.tick_loop import TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
@@ -42,6 +43,10 @@ if TYPE_CHECKING:
     from btcore.runs.reload import TreeWatcher
 
 T = TypeVar("T")
+
+
+def _needs_tree(provider: Provider) -> str:
+    return f"{provider} follows the tree, so that its leaves cannot get what it provides"
 
 
 class TreelessProgram:
@@ -141,6 +146,10 @@ class Run:
                 source = plan_source(source, options)
         if isinstance(source, Plans):
             source.diagnostics.raise_errors()
+        elif not isinstance(source, TreelessProgram):
+            raise TypeError(
+                f"there is no run of a {type(source).__name__}: write the XML to a file, and pass its path"
+            )
         self._source = source
         self._options = options
         self._provided = list(provided)
@@ -149,9 +158,12 @@ class Run:
         self._optional: list[Any] = []
         self._used_settings: set[type[Settings]] = {RunSettings}
         # Those of a command are checked already.
-        self.settings = (
-            settings if isinstance(settings, GivenSettings) else GivenSettings(map(check_settings, settings))
-        )
+        if not isinstance(settings, GivenSettings):
+            for kind, count in Counter(map(type, settings)).items():
+                if count > 1:
+                    raise SettingsError(f"{kind.__name__} are given {count} times")
+            settings = GivenSettings(map(check_settings, settings))
+        self.settings = settings
         self.run_settings = self.settings.find(RunSettings) or RunSettings()
         self.providers = (
             providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
@@ -215,7 +227,7 @@ class Run:
             self.choice = choose(needed, self.providers, self.settings, self._provided, self._optional)
             self._check_wanted()
             self.resources += self._provided
-            self._open_all(needs_tree=False)
+            self._open_all(follows_tree=False)
             for kind in [*needed, *self._optional]:
                 found = self._object_for(full_name(kind))
                 if found is not None:
@@ -223,7 +235,7 @@ class Run:
             self.tree = self._create_tree()
             if self._prepare is not None:
                 self._prepare(self)
-            self._open_all(needs_tree=True)
+            self._open_all(follows_tree=True)
             stack.callback(self._halt)
             unused = unused_settings(self.choice, self.providers, self.settings, self._used_settings)
             for kind, reason in unused.items():
@@ -244,6 +256,9 @@ class Run:
             problem = self.choice.problems.get(full_name(kind))
             if problem is not None:
                 raise ProviderError("; ".join([problem, *self._unavailable_notes()]))
+            chosen = self.choice.by_type[full_name(kind)]
+            if isinstance(chosen, Provider) and self.choice.follows_tree(chosen):
+                raise ProviderError(_needs_tree(chosen))
 
     def _unavailable_notes(self) -> list[str]:
         remedies = names_by_remedy(self.providers.unavailable).items()
@@ -289,8 +304,8 @@ class Run:
         """Yield why objects that the leaves need are missing."""
         for kind in self._leaf_types:
             provider = self.choice.by_type.get(full_name(kind))
-            if isinstance(provider, Provider) and provider.needs_tree:
-                yield f"{provider} needs the tree, so that its leaves cannot get what it provides"
+            if isinstance(provider, Provider) and self.choice.follows_tree(provider):
+                yield _needs_tree(provider)
             elif isinstance(provider, Provider) and self._object_for(full_name(kind)) is None:
                 yield f"the provider {provider} has provided None"
         missing = [kind for kind in self._leaf_types if full_name(kind) in self.choice.problems]
@@ -298,33 +313,39 @@ class Run:
             if self.providers.of_type(name):
                 yield self.choice.problems[name]
         yield from self._unavailable_notes()
-        if any(getattr(kind, "__module__", "builtins") != "builtins" for kind in missing):
+        unknown = [kind for kind in missing if not self.providers.of_type(full_name(kind))]
+        if any(getattr(kind, "__module__", "builtins") != "builtins" for kind in unknown):
             yield (
                 "a run does not create objects of your own classes: derive the class from btcore.TreeState, "
                 "or write a provider of the object: see 'Your own resources'; a program may pass the object "
                 "in Run(provided=[…])"
             )
 
-    def _open_all(self, needs_tree: bool) -> None:
+    def _open_all(self, follows_tree: bool) -> None:
         for provider in self.choice.order:
-            if provider.needs_tree is needs_tree:
+            if self.choice.follows_tree(provider) is follows_tree:
                 opened = self._opened[provider] = OpenedProvider(provider)
                 self._stack.push(opened.close)
                 opened.open(self._arguments(provider))
-                if not needs_tree:  # the leaves of the tree exist already
+                if not follows_tree:  # the leaves of the tree exist already
                     # A provider may return an object of another one, under another type.
                     known = set(map(id, self.resources))
                     self.resources += [thing for thing in opened.objects if id(thing) not in known]
 
     def _arguments(self, provider: Provider) -> dict[str, object]:
-        return {need.parameter: self._argument(need) for need in provider.needs}
+        return {need.parameter: self._argument(provider, need) for need in provider.needs}
 
-    def _argument(self, need: Need) -> object:
+    def _argument(self, provider: Provider, need: Need) -> object:
         if need.type in ATTRIBUTES_OF_RUN:
             return getattr(self, ATTRIBUTES_OF_RUN[need.type])
         if is_settings(need.type):
             return self.settings.find(need.type)
-        return self._object_for(full_name(need.type))
+        name = full_name(need.type)
+        found = self._object_for(name)
+        if found is None and not need.is_optional:
+            giver = self.choice.by_type[name]
+            raise ProviderError(f"{provider} needs its '{need.parameter}', but {giver} has provided None")
+        return found
 
     def _object_for(self, name: str) -> object:
         chosen = self.choice.by_type.get(name)
@@ -514,9 +535,19 @@ class Run:
         self.error = None
         if self._loop is not None:
             self._loop.tree = tree
-        for opened in self._opened.values():
-            if opened.provider.needs_tree:
-                opened.replace_tree(tree, self._arguments(opened.provider))
+        again: dict[Provider, OpenedProvider] = {}
+        for provider, opened in self._opened.items():  # each after those that it needs
+            if provider.needs_tree:
+                is_new = not opened.follow(tree)
+            else:
+                needed = (self.choice.by_type.get(full_name(need.type)) for need in object_needs(provider))
+                is_new = any(other in again for other in needed)
+            if is_new:
+                again[provider] = opened
+        for opened in reversed(again.values()):
+            opened.close()
+        for provider, opened in again.items():
+            opened.open(self._arguments(provider))
 
     # --- closing
 
@@ -548,9 +579,10 @@ class Run:
             ProviderError: Another error.
         """
         if error is None:
+            if len(self.closing_errors) == 1:
+                raise self.closing_errors[0]
             text = "; ".join(map(str, self.closing_errors))
-            kind = OutputError if self._is_only_incomplete() else ProviderError
-            raise kind(text) from self.closing_errors[0]
+            raise OutputError(text) if self._is_only_incomplete() else ProviderError(text)
 
     def _collect_closing_errors(self) -> None:
         self.closing_errors = [opened.error for opened in self._opened.values() if opened.error is not None]

@@ -26,7 +26,7 @@ _DETAILS: Final = "btcore"
 AnyOptions = TypeVar("AnyOptions", bound="Options")
 
 
-class SettingsError(BtcoreError):
+class SettingsError(BtcoreError, ValueError):
     """Options contradict each other, or the value of one cannot be used; the message names them."""
 
 
@@ -157,14 +157,14 @@ def check_settings(settings: AnyOptions) -> AnyOptions:
 
     Raises:
         TypeError: *settings* are no settings, such as their class.
-        ValueError: A value has another type, or is out of range.
+        SettingsError: A value has another type, or is out of range.
     """
     if not isinstance(settings, Options):
         raise TypeError(f"{settings!r} are no settings: write GripperSettings(…)")
     try:
         msgspec.convert(msgspec.structs.asdict(settings), type(settings))
     except msgspec.ValidationError as error:
-        raise ValueError(f"{type(settings).__name__}: {error}") from None
+        raise SettingsError(f"{type(settings).__name__}: {error}") from None
     return settings
 
 

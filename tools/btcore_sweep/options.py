@@ -7,7 +7,7 @@ from typing import Any, Final, cast
 import click
 
 from btcore.cli.commands.run import run
-from btcore.cli.provider_options import explain_missing_options, find_providers
+from btcore.cli.provider_options import ProviderCommand, explain_missing_options, find_providers
 from btcore.field_options import FieldOption
 from btcore.runs.settings import Plural, SettingsError
 from btcore_sweep.parameters import ParameterOptions
@@ -37,6 +37,8 @@ class SweepCommand(click.Command):
             if option.name not in names and key not in _OWN
         ]
         return [*own[:-1], *plural_options(ctx).values(), *run_options, own[-1]]
+
+    format_options = ProviderCommand.format_options  # in sections
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse *args*, and keep the unconverted texts of the options for the command lines of the runs."""

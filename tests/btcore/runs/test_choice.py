@@ -19,6 +19,7 @@ from btcore import (
     Run,
     RunSettings,
     Settings,
+    SettingsError,
     option,
     provider,
 )
@@ -460,3 +461,77 @@ def test_an_installed_provider_comes_before_the_default_of_the_core() -> None:
     dice.is_installed = True
     with Run(TreelessProgram("Test"), providers=[dice]).want("random.Random") as run:
         assert run.resources == ["dice"]
+
+
+def test_a_provider_that_needs_what_follows_the_tree_follows_it_too() -> None:
+    log: list[str] = []
+
+    class Watcher(NamedTuple):
+        tree: str
+
+    @provider
+    def alarm(settings: OutputSettings, watcher: Watcher) -> Iterator[None]:
+        log.append(f"open {watcher.tree}")
+        yield
+        log.append(f"close {watcher.tree}")
+
+    @provider
+    def watcher(tree: Tree) -> Iterator[Watcher]:
+        yield Watcher(tree.id)
+        log.append("close watcher")
+
+    with run_with(alarm, watcher, settings=[OutputSettings("a.txt")]) as run:
+        run.replace_tree(TreelessProgram("Other").make_tree(run.clock))
+    assert log == [
+        "open TestAlone",
+        "close TestAlone",
+        "close watcher",
+        "open OtherAlone",
+        "close OtherAlone",
+        "close watcher",
+    ]
+
+
+def test_what_is_none_cannot_be_needed() -> None:
+    class Bell:
+        pass
+
+    @provider
+    def gong() -> Bell | None:
+        return None
+
+    @provider
+    def clapper(settings: OutputSettings, bell: Bell) -> None:
+        pass
+
+    with pytest.raises(ProviderError, match=r"clapper .* needs its 'bell', but gong .* has provided None"):
+        run_with(gong, clapper, settings=[OutputSettings("a.txt")]).__enter__()
+
+
+def test_two_objects_of_a_class_are_ambiguous() -> None:
+    class Bell:
+        pass
+
+    @provider
+    def clapper(settings: OutputSettings, bell: Bell) -> None:
+        pass
+
+    with pytest.raises(ProviderError, match="2 objects of the class Bell"):
+        run_with(clapper, settings=[OutputSettings("a.txt")], provided=[Bell(), Bell()]).__enter__()
+
+
+def test_mistakes_of_programs_are_explained() -> None:
+    def plain() -> None:
+        pass
+
+    async def late() -> None:
+        pass
+
+    with pytest.raises(TypeError, match=r"plain is no provider: mark the function by @btcore\.provider"):
+        run_with(plain)  # type: ignore[arg-type]
+    with pytest.raises(ProviderError, match="the provider late is asynchronous"):
+        provider(late)
+    with pytest.raises(SettingsError, match="OutputSettings are given 2 times"):
+        run_with(settings=[OutputSettings("a"), OutputSettings("b")])
+    with pytest.raises(TypeError, match="there is no run of a Tree: write the XML to a file"):
+        Run(TreelessProgram("Other").make_tree(SimClock()))  # type: ignore[arg-type]
