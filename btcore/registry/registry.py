@@ -15,7 +15,7 @@ from btcore import entry_points
 from btcore.engine.functions import MARK, camel_case
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, distribution_of
+from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint
 from btcore.errors import RegistrationError
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manifest
@@ -392,12 +392,11 @@ class Registry:
         """
         unavailable = []
         for point in entry_points.find(NODES_GROUP, own):
-            distribution = distribution_of(point)
             self._installing = self.types.installing = True
             try:
-                self.add_plugin(point.value, distribution)
+                self.add_plugin(point.value, point.distribution)
             except RegistrationError as error:
-                unavailable.append(UnavailableEntryPoint(point.name, distribution, error))
+                unavailable.append(UnavailableEntryPoint(point.name, point.distribution, error))
             finally:
                 self._installing = self.types.installing = False
         return unavailable

@@ -3,15 +3,11 @@
 from collections.abc import Iterable, Set
 from functools import cached_property
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 from btcore import entry_points
 from btcore.runs.core_providers import random_numbers, tree_logs
 from btcore.runs.providers import Provider, ProviderError
 from btcore.runs.settings import Settings
-
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
 
 
 def providers_in(module: ModuleType) -> list[Provider]:
@@ -47,7 +43,7 @@ class AvailableProviders:
         self._loaded: dict[str, Provider | None] = {}
 
     @cached_property
-    def _points(self) -> "dict[EntryPoint, str]":
+    def _points(self) -> dict[entry_points.EntryPoint, str]:
         """The entry points of installed providers, with the full names of their types."""
         points = entry_points.find(entry_points.PROVIDERS_GROUP) if self._uses_installed else []
         return {point: point.name.partition("-")[2] for point in points}
@@ -82,7 +78,7 @@ class AvailableProviders:
         loaded = (one for one in self._loaded.values() if one is not None)
         return [*self.of_user, *self.core, *loaded]
 
-    def _load(self, points: "Iterable[EntryPoint]") -> None:
+    def _load(self, points: Iterable[entry_points.EntryPoint]) -> None:
         for point in points:
             if point.value in self._loaded:
                 continue

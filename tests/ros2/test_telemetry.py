@@ -7,7 +7,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,9 @@ from click.testing import CliRunner
 pytest.importorskip("rclpy")
 
 import btcore
-from btcore import Builder, NodeExecutionError, Registry, Status, Tree, action
+from btcore import Builder, NodeExecutionError, Registry, Status, Tree, action, entry_points
 from btcore.cli.main import main
+from btcore.entry_points import EntryPoint
 from btcore_ros2.errors import RosError
 from btcore_ros2.telemetry import MAX_WAITING, RosTelemetry
 
@@ -209,13 +209,13 @@ def test_unknown_topic_is_an_error() -> None:
 @pytest.fixture
 def only_telemetry(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the telemetry the only provider of `btcore run`, whatever is installed."""
-    point = metadata.EntryPoint("telemetry", "btcore_ros2.providers:telemetry", "btcore.providers")
-    installed = metadata.entry_points
+    point = EntryPoint("telemetry", "btcore_ros2.providers:telemetry", "btcore")
+    installed = entry_points.find
 
-    def entry_points(**query: str) -> Any:
-        return [point] if query.get("group") == "btcore.providers" else installed(**query)
+    def find(group: str, own: bool = True) -> list[EntryPoint]:
+        return [point] if group == entry_points.PROVIDERS_GROUP else installed(group, own)
 
-    monkeypatch.setattr(metadata, "entry_points", entry_points)
+    monkeypatch.setattr(entry_points, "find", find)
 
 
 LEAF = """

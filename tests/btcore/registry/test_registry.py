@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
@@ -33,6 +32,7 @@ from btcore import (
     condition,
 )
 from btcore.cli.node_libraries import load_libraries
+from btcore.entry_points import EntryPoint
 from btcore.registry.registry import MOVED_MODULES
 from btcore.values import DOUBLE
 
@@ -605,7 +605,7 @@ def test_two_types_with_the_same_name_are_refused() -> None:
 def test_a_type_of_the_user_overrides_the_type_of_an_installed_library(
     library: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    point = EntryPoint("gestures", "gestures", "btcore.nodes")
+    point = EntryPoint("gestures", "gestures", "gestures")
     monkeypatch.setattr("btcore.entry_points.find", lambda group, own: [point])
     library.write_text(
         "from dataclasses import dataclass\nfrom btcore import In, action\n"

@@ -1,4 +1,10 @@
-"""The entry points of btcore's own providers say what the providers declare."""
+"""The entry points of installed distributions, and what those of btcore's own providers say."""
+
+import importlib.metadata
+import json
+import shutil
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -9,7 +15,7 @@ from btcore.runs.providers import Provider, full_name
 POINTS = {
     point.name: point
     for point in entry_points.find(entry_points.PROVIDERS_GROUP)
-    if entry_points.distribution_of(point) == entry_points.OWN_DISTRIBUTION
+    if point.distribution == entry_points.OWN_DISTRIBUTION
 }
 
 
@@ -24,3 +30,46 @@ def test_entry_points_name_the_provider_and_its_types(value: str) -> None:
     # A clock never causes its provider to be used; only a provider of a clock alone is searched by this type.
     assert named - {full_name(Clock)} <= types
     assert types == named | ({full_name(Clock)} if provider.provides_clock else set())
+
+
+def install(information: Path, name: str, points: str, header: str = "METADATA") -> None:
+    """Create the metadata of the distribution *name* in the folder *information*."""
+    information.mkdir(parents=True)
+    text = f"[btcore.logs]\nlog = log\n\n[btcore.nodes]\n# nodes\n{points}\n[btcore.nodes.others]\nx = x\n"
+    (information / "entry_points.txt").write_text(text)
+    (information / header).write_text(f"Metadata-Version: 2.1\nName: {name}\n\nName: description\n")
+
+
+def test_entry_points_of_folders_are_those_that_importlib_metadata_finds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    install(first / "Old_Arm.parts-2.0.dist-info", "Old-Arm.parts", "arm = arm.nodes")
+    install(second / "old_arm_parts-1.0.dist-info", "old_arm_parts", "hidden = arm.nodes")
+    (first / "leg-2.0.dist-info").mkdir()
+    install(second / "leg-1.0.dist-info", "leg", "hidden = leg")
+    points = "hand=json:decoder.JSONDecoder [extra]\nfist = json"
+    install(second / "hand.egg-info", "hand", points, "PKG-INFO")
+    path = [str(first), str(second), str(tmp_path / "missing")]
+    monkeypatch.setattr(sys, "path", [*path, *sys.path])
+    found = entry_points.find(entry_points.NODES_GROUP)
+    expected = importlib.metadata.entry_points(group=entry_points.NODES_GROUP)
+    assert {(point.name, point.value, point.distribution) for point in found} == {
+        (point.name, point.value, point.dist.name) for point in expected if point.dist is not None
+    }
+    added = {point.name: point for point in found if point.distribution != entry_points.OWN_DISTRIBUTION}
+    assert {name: point.distribution for name, point in added.items()} == {
+        "arm": "Old-Arm.parts",
+        "fist": "hand",
+        "hand": "hand",
+    }
+    assert added["hand"].load() is json.JSONDecoder
+    assert added["fist"].load() is json
+
+
+def test_entry_points_are_found_in_zip_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(tmp_path / "arm-1.0.dist-info", "arm", "arm = arm.nodes")
+    packed = shutil.make_archive(str(tmp_path / "arm"), "zip", tmp_path, "arm-1.0.dist-info")
+    monkeypatch.setattr(sys, "path", [*sys.path, packed])
+    found = entry_points.find(entry_points.NODES_GROUP, own=False)
+    assert ("arm", "arm.nodes", "arm") in found

@@ -1,12 +1,12 @@
 """Models without code: trees with C++ leaves are checked, and run with planned leaves."""
 
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
 import btcore
 from btcore import Direction, NodeType, Registry, SimClock, Status, TreeError
+from btcore.entry_points import EntryPoint
 from btcore.errors import RegistrationError
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
@@ -87,7 +87,7 @@ def test_type_of_a_model_is_not_the_type_of_an_installed_library_with_the_same_n
     model = '<Action ID="Fly"><input_port name="to" type="Position"/></Action>'
     (tmp_path / "palette.xml").write_text(f"<root><TreeNodesModel>{model}</TreeNodesModel></root>")
     nodes = Registry.standard()
-    point = EntryPoint("positions", "positions", "btcore.nodes")
+    point = EntryPoint("positions", "positions", "positions")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr("btcore.entry_points.find", lambda group, own: [point])
     assert nodes.add_installed() == []
