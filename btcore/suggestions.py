@@ -31,6 +31,11 @@ def nearest_name(word: str, names: Iterable[str]) -> str | None:
     return nearest
 
 
+def with_article(name: str) -> str:
+    """Return "a Robot" or "an Explorer"."""
+    return f"{'an' if name[:1] in 'AEIOUaeiou' else 'a'} {name}"
+
+
 def did_you_mean(word: str, names: Iterable[str]) -> str:
     """Return the end of an error message, `; did you mean 'name'?`, or "" if no name is near *word*."""
     nearest = nearest_name(word, names)

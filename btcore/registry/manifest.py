@@ -208,7 +208,10 @@ class Manifest:
             return input
         value = self._resource(parameter, node, context, resources)
         if value is UNSET:
-            message = f"<{self.id}> needs a {parameter.type_name} for its parameter '{parameter.name}': "
+            from btcore.suggestions import with_article  # for this message alone
+
+            wanted = with_article(parameter.type_name)
+            message = f"<{self.id}> needs {wanted} for its parameter '{parameter.name}': "
             name_hint = name_or_config_hint(parameter.name) if self.function is None else ""
             message += name_hint or resources._namesake_hint(parameter) or resources.remedy
             if parameter.looks_like_port and not name_hint:

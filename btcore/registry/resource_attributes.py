@@ -9,6 +9,7 @@ from typing import Any, Final
 from btcore.blackboard.ports import UNSET
 from btcore.engine.signature import Parameter, class_annotations, hides_attribute
 from btcore.errors import NodeError
+from btcore.suggestions import with_article
 
 _ENGINE: Final = "btcore"
 
@@ -29,8 +30,8 @@ class ResourceAttribute:
             return self
         name, kind = self.parameter.name, self.parameter.type_name
         raise MissingResourceError(
-            f"<{node.config.id}> needs a {kind} for its attribute '{name}': pass it in resources=[…], or "
-            f"assign it; if it is a port, mark it: {name}: In[{kind}]"
+            f"<{node.config.id}> needs {with_article(kind)} for its attribute '{name}': pass it in "
+            f"resources=[…], or assign it; if it is a port, mark it: {name}: In[{kind}]"
         )
 
 

@@ -36,7 +36,7 @@ from btcore.runs.providers import (
     is_settings,
 )
 from btcore.runs.settings import RunSettings, Settings, required_option_names
-from btcore.suggestions import join_names
+from btcore.suggestions import join_names, with_article
 
 S = TypeVar("S", bound=Settings)
 
@@ -356,9 +356,7 @@ def _name_of(winner: Provider | None) -> str:
 
 
 def _with_article(kind: Any) -> str:
-    """Return "a Robot" or "an Explorer"."""
-    title = _title(kind)
-    return f"{'an' if title[0] in 'AEIOUaeiou' else 'a'} {title}"
+    return with_article(_title(kind))
 
 
 def _title(kind: Any) -> str:
