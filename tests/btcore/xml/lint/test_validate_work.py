@@ -10,7 +10,7 @@ from btcore import Registry
 from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 
-SMALL, LARGE = 300, 2_400  # elements
+SMALL, LARGE = 100, 800  # elements
 MOST = 16  # times the calls of SMALL: linear checks make 8 times the calls, quadratic checks 64 times
 
 
