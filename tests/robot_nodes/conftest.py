@@ -1,4 +1,5 @@
 import threading
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -18,6 +19,14 @@ from btcore_robot.robot import (
     Twist2D,
 )
 from btcore_robot.schedule import SimulatedSchedule
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_physics() -> Iterator[None]:
+    """Load worlds with 120 physics steps per second, as random worlds have, instead of 240."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("btcore_sim.world_description.PHYSICS_RATE", 120)
+        yield
 
 
 class SteppedClock(SimulatedSchedule):

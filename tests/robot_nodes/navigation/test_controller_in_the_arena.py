@@ -22,7 +22,7 @@ def arena(course_of):
     worlds = []
 
     def make(at=(*START, 0.0), slip=0.02, slip_sigma=0.03, seed=0):
-        description = replace(load_world_description("arena_boxes"), pose=Pose2D(*at), physics_rate=120)
+        description = replace(load_world_description("arena_boxes"), pose=Pose2D(*at))
         worlds.append(World(description, seed=seed))
         # There is no localiser here: with the slip of Tiago's wheels, the path would drift into the boxes.
         tiago = load_robot_description()
