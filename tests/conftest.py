@@ -46,7 +46,7 @@ if importlib.util.find_spec("hypothesis") is not None:
     )
     # In CI, the examples are always the same, so that only a change of the code can let a test fail.
     settings.register_profile(
-        "ci", settings.get_profile("local"), derandomize=True, database=None, max_examples=50
+        "ci", settings.get_profile("local"), derandomize=True, database=None, max_examples=100
     )
     settings.load_profile("ci" if os.environ.get("CI") else "local")
 
