@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def _needs_tree(provider: Provider) -> str:
+def _unavailable_to_leaves(provider: Provider) -> str:
     return f"{provider} follows the tree, so that its leaves cannot get what it provides"
 
 
@@ -258,7 +258,7 @@ class Run:
                 raise ProviderError("; ".join([problem, *self._unavailable_notes()]))
             chosen = self.choice.by_type[full_name(kind)]
             if isinstance(chosen, Provider) and self.choice.follows_tree(chosen):
-                raise ProviderError(_needs_tree(chosen))
+                raise ProviderError(_unavailable_to_leaves(chosen))
 
     def _unavailable_notes(self) -> list[str]:
         remedies = names_by_remedy(self.providers.unavailable).items()
@@ -305,7 +305,7 @@ class Run:
         for kind in self._leaf_types:
             provider = self.choice.by_type.get(full_name(kind))
             if isinstance(provider, Provider) and self.choice.follows_tree(provider):
-                yield _needs_tree(provider)
+                yield _unavailable_to_leaves(provider)
             elif isinstance(provider, Provider) and self._object_for(full_name(kind)) is None:
                 yield f"the provider {provider} has provided None"
         missing = [kind for kind in self._leaf_types if full_name(kind) in self.choice.problems]

@@ -140,6 +140,28 @@ def test_command_without_a_robot_imports_btcore_alone(command: list[str]) -> Non
     assert imported_by(*command) - {"btcore_plugin_greeting"} == set()
 
 
+BEFORE_THE_FIRST_TICK = """
+import sys
+from btcore.runs.tick_loop import TickLoop
+
+def count(self):
+    names = {name for name in sys.modules if name.partition(".")[0] == "btcore"}
+    print(len(names - {"btcore.__main__"}))
+    sys.exit()
+
+TickLoop.run = count
+from btcore.__main__ import main
+main()
+"""
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_run_without_a_robot_imports_at_most_110_modules_before_its_first_tick() -> None:
+    command = [sys.executable, "-c", BEFORE_THE_FIRST_TICK, "run", "tree.xml", "--fast"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert 80 < int(done.stdout) <= 110
+
+
 def test_command_is_suggested_and_completed_without_imports_of_other_packages() -> None:
     assert imported_by("wrold", code=2) == set()
     command = [sys.executable, "-c", IMPORTS.replace("main()\n", "sys.argv[0] = 'btcore'\nmain()\n")]
