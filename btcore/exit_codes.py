@@ -11,7 +11,7 @@ class ExitCode(IntEnum):
     FAILURE = 1
     """The tree ended in FAILURE, or the compared runs differ."""
     USER_ERROR = 2
-    """An error in a tree or on the command line."""
+    """An error in a tree, on the command line, or of a provider, such as a robot that cannot be reached."""
     LEAF_ERROR = 3
     """A leaf raised an exception, or a tick exceeded its limit."""
     INCOMPLETE_OUTPUT = 4

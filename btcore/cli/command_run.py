@@ -7,7 +7,7 @@ import click
 
 from btcore.cli import terminal
 from btcore.cli.provider_options import command_providers, given_options, settings_of
-from btcore.loading.load import LoadOptions
+from btcore.loading.load import LoadArguments
 from btcore.runs.choice import GivenSettings
 from btcore.runs.run import Run, TreelessProgram
 from btcore.runs.settings import Settings
@@ -41,7 +41,7 @@ class CommandRun(Run):
         provided: Sequence[object] = (),
         used: Iterable[type[Settings]] = (),
         option_defaults: Mapping[str, Any] | None = None,
-        **options: Unpack[LoadOptions],
+        **options: Unpack[LoadArguments],
     ) -> None:
         super().__init__(
             source,
@@ -61,6 +61,6 @@ class CommandRun(Run):
         terminal.print_warning(f"{join_names(names)} {have} no effect: {reason}")
 
     def report_closing_errors(self, error: BaseException | None) -> None:
-        """Print the errors; the exit code tells of them, too."""
+        """Print the errors, which also determine the exit code."""
         for one in self.closing_errors:
             terminal.print_error(str(one))

@@ -26,7 +26,7 @@ def instantiate(
 
     Args:
         plans: The plans.
-        resources: As in `LoadOptions`, like all following arguments.
+        resources: As in `LoadArguments`, like all following arguments.
         blackboard: The blackboard of the main tree.
         clock: The clock.
         tick_limit: The limit of a tick (s).

@@ -19,7 +19,7 @@ from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_text, read
 
-__all__ = ["LoadOptions"]  # for the API reference, which has the functions on the page of `btcore`
+__all__ = ["LoadArguments"]  # for the API reference, which has the functions on the page of `btcore`
 
 S = TypeVar("S")
 
@@ -50,7 +50,7 @@ class PausedGarbageCollection:
             gc.enable()
 
 
-class LoadOptions(TypedDict, total=False):
+class LoadArguments(TypedDict, total=False):
     """The options with which a tree is loaded; each may be omitted.
 
     Attributes:
@@ -70,8 +70,8 @@ class LoadOptions(TypedDict, total=False):
 
     Examples:
         >>> import btcore
-        >>> from btcore.loading.load import LoadOptions
-        >>> options: LoadOptions = {"nodes": btcore.Registry.standard(), "clock": btcore.SimClock()}
+        >>> from btcore.loading.load import LoadArguments
+        >>> options: LoadArguments = {"nodes": btcore.Registry.standard(), "clock": btcore.SimClock()}
         >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sleep msec="5"/></BehaviorTree></root>'
         >>> btcore.loads(xml, **options).tick_while_running()
         <Status.SUCCESS: 2>
@@ -88,13 +88,13 @@ class LoadOptions(TypedDict, total=False):
     tick_limit: float | None
 
 
-def load(path: str | PathLike[str], *more: str | PathLike[str], **options: Unpack[LoadOptions]) -> Tree:
+def load(path: str | PathLike[str], *more: str | PathLike[str], **options: Unpack[LoadArguments]) -> Tree:
     """Return the tree in an XML file, ready to be ticked.
 
     Args:
         path: The XML file.
         more: Further XML files, whose trees the first file may call without an include.
-        options: See `LoadOptions`.
+        options: See `LoadArguments`.
 
     Raises:
         TreeError: The files have errors, see `TreeError`. It holds file, line and column of each.
@@ -113,13 +113,13 @@ def load(path: str | PathLike[str], *more: str | PathLike[str], **options: Unpac
         return _load(_parse(parse_file, options, path, *more), options)
 
 
-def loads(text: str, *more: str, **options: Unpack[LoadOptions]) -> Tree:
+def loads(text: str, *more: str, **options: Unpack[LoadArguments]) -> Tree:
     """Return the tree in an XML text, ready to be ticked.
 
     Args:
         text: The XML. Paths of includes are relative to the working directory.
         more: Further XML texts, whose trees the first text may call.
-        options: See `LoadOptions`.
+        options: See `LoadArguments`.
 
     Raises:
         TreeError: The texts have errors, see `TreeError`. It holds line and column of each.
@@ -136,12 +136,12 @@ def loads(text: str, *more: str, **options: Unpack[LoadOptions]) -> Tree:
         return _load(_parse(parse_text, options, text, *more), options)
 
 
-def make(ID: str, /, **options: Unpack[LoadOptions]) -> Tree:
+def make(ID: str, /, **options: Unpack[LoadArguments]) -> Tree:
     """Return a new instance of a tree that was registered with `Registry.add_trees`.
 
     Args:
         ID: The ID of the tree.
-        options: See `LoadOptions`. *nodes* is the registry of the tree. Whether includes are *confined* is
+        options: See `LoadArguments`. *nodes* is the registry of the tree. Whether includes are *confined* is
             an argument of `Registry.add_trees` instead.
 
     Raises:
@@ -169,7 +169,7 @@ def make(ID: str, /, **options: Unpack[LoadOptions]) -> Tree:
 
 
 def required_resources(
-    path: str | PathLike[str], *more: str | PathLike[str], **options: Unpack[LoadOptions]
+    path: str | PathLike[str], *more: str | PathLike[str], **options: Unpack[LoadArguments]
 ) -> list[Any]:
     """Return the types of the resources that the leaves of a tree need, each once.
 
@@ -202,7 +202,7 @@ def required_resources(
     return plans.required_resources()
 
 
-def plan_source(source: str | PathLike[str], options: LoadOptions, is_text: bool = False) -> Plans:
+def plan_source(source: str | PathLike[str], options: LoadArguments, is_text: bool = False) -> Plans:
     """Return the plans of a tree, for callers that need them before the tree is created.
 
     Args:
@@ -218,7 +218,7 @@ def plan_source(source: str | PathLike[str], options: LoadOptions, is_text: bool
     return _plan_documents(documents, options)
 
 
-def _load(documents: Sequence[Document], options: LoadOptions) -> Tree:
+def _load(documents: Sequence[Document], options: LoadArguments) -> Tree:
     """Return the tree of the first of *documents*."""
     resources = options.get("resources", ())
     # A text can be iterated, but is a single object here.
@@ -233,14 +233,14 @@ def _load(documents: Sequence[Document], options: LoadOptions) -> Tree:
     )
 
 
-def check_names(options: LoadOptions) -> None:
+def check_names(options: LoadArguments) -> None:
     """Raise TypeError if an option is unknown."""
-    for name in options.keys() - LoadOptions.__annotations__.keys():
-        hint = did_you_mean(name, LoadOptions.__annotations__)
+    for name in options.keys() - LoadArguments.__annotations__.keys():
+        hint = did_you_mean(name, LoadArguments.__annotations__)
         raise TypeError(f"unexpected keyword argument '{name}'{hint}")
 
 
-def _plan_documents(documents: Sequence[Document], options: LoadOptions) -> Plans:
+def _plan_documents(documents: Sequence[Document], options: LoadArguments) -> Plans:
     """Return the plans of the tree of the first of *documents*."""
     check_names(options)
     registry = _registry(options.get("nodes"))
@@ -249,7 +249,7 @@ def _plan_documents(documents: Sequence[Document], options: LoadOptions) -> Plan
     return define_and_plan(sources, registry, options.get("tree"), options.get("format"))
 
 
-def _parse(parse: Callable[[S], Document], options: LoadOptions, *sources: S) -> list[Document]:
+def _parse(parse: Callable[[S], Document], options: LoadArguments, *sources: S) -> list[Document]:
     """Return the documents of *sources*. Raise XmlSyntaxError, which holds the errors of all sources."""
     documents: list[Document] = []
     errors: list[Diagnostic] = []

@@ -1,4 +1,7 @@
-"""Opening the providers of a run and closing them, with errors that name the provider."""
+"""Opening the providers of a run and closing them.
+
+An exception whose message is not meant for the user becomes a `ProviderError` that names the provider.
+"""
 
 import contextlib
 import inspect
@@ -89,7 +92,7 @@ class OpenedProvider:
 
 @contextlib.contextmanager
 def _named(provider: Provider, error_of_run: BaseException | None = None) -> Iterator[None]:
-    """Return a context in which an exception of a provider becomes an error that names it.
+    """Return a context in which an exception of a provider becomes a `ProviderError`, but no BtcoreError.
 
     *error_of_run* is passed on unchanged.
     """

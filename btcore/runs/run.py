@@ -15,7 +15,7 @@ from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, NodeExecutionError, TreeError
 from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
-from btcore.loading.load import LoadOptions, PausedGarbageCollection, check_names, plan_source
+from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_names, plan_source
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, GivenSettings, choose, object_needs, unused_settings
@@ -136,7 +136,7 @@ class Run:
         providers: Sequence[Provider] | AvailableProviders = (),
         settings: Sequence[Settings] | GivenSettings = (),
         prepare: Callable[["Run"], None] | None = None,
-        **options: Unpack[LoadOptions],
+        **options: Unpack[LoadArguments],
     ) -> None:
         check_names(options)
         if options.get("resources"):
@@ -453,7 +453,7 @@ class Run:
             raise RuntimeError("the run has ended, and its providers are closed: tick in the 'with' block")
 
     def _halt(self) -> None:
-        """Halt the tree, unless it is halted already. A tick that was interrupted leaves the status IDLE."""
+        """Halt the tree, unless it is halted already. An interrupted first tick leaves its status IDLE."""
         statuses = [self.tree.status, *(node.status for node in self.tree.nodes)]
         if any(status is not Status.IDLE for status in statuses):
             with self._leaf_error_kept():

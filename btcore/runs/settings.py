@@ -47,7 +47,7 @@ class Plural(NamedTuple):
 
 
 class OptionDetails(NamedTuple):
-    """What `option` says of a field beside its help and its limits; see there."""
+    """The arguments of `option`, except the help and the limits."""
 
     metavar: str | None
     vary: Plural | None
@@ -70,7 +70,7 @@ def option(
     complete: Any = None,
     name: str | None = None,
 ) -> msgspec.Meta:
-    """Describe a field of `Settings` as an option.
+    """Describe a field of `Options` or `Settings` as an option.
 
     Args:
         help: The help text, with the unit.

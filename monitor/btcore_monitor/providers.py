@@ -18,6 +18,7 @@ from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.keys import RobotKeys, create_keys
 from btcore_monitor.monitor_processes import start_monitors, wait_until_connected
 from btcore_monitor.monitor_settings import MonitorSettings
+from btcore_monitor.time_limits import INTERRUPTED_GRACE_S
 
 if TYPE_CHECKING:
     from btcore_monitor.serve import Publisher
@@ -48,8 +49,6 @@ def publisher(
     if not settings.is_published:
         yield None
         return
-    from btcore_monitor.serve.publisher import INTERRUPTED_GRACE_S
-
     with (
         _read_keys(settings) as (robot_keys, client_keys),
         _publish(tree, resources, settings, robot_keys) as published,

@@ -1,4 +1,4 @@
-"""How long a run waits for the `btcore monitor` that it starts, and this for the viewer (s, wall clock)."""
+"""How long a run waits for its clients, and `btcore monitor` for its viewer (s, wall clock)."""
 
 from typing import Final
 
@@ -19,3 +19,10 @@ WRITE_TIMEOUT_S: Final = FLUSH_TIMEOUT_S + 40.0
 
 PICTURE_TIMEOUT_S: Final = VIEWER_START_TIMEOUT_S + 600.0
 """Further time of a `btcore monitor` that then opens another viewer and draws a picture."""
+
+GRACE_S: Final = 30.0
+"""Until foreign clients have received the end of the stream. One that reads gets it at once, but on a busy
+machine it may need many seconds."""
+
+INTERRUPTED_GRACE_S: Final = 2.0
+"""The same after an exception or Ctrl-C."""

@@ -107,7 +107,7 @@ def run(
     Exit codes:
       0    the tree ended in SUCCESS or SKIPPED, or --duration ended the run
       1    the tree ended in FAILURE
-      2    an error in the tree or on the command line
+      2    an error in the tree, on the command line, or of a robot or another resource
       3    a leaf raised an exception, or a tick exceeded --tick-limit
       4    a log or a recording is incomplete, for example because the disk is full
       70   an error in btcore itself
@@ -323,9 +323,9 @@ def create_session(
             changes.prepare(run.tree, plans)
 
     provided = () if changes is None else changes.provided
-    run = CommandRun(ctx, plans, prepare, provided=provided, tick_limit=options.tick_limit)
-    reloads = None if file_watcher is None else Reloads(run, tree_source, file_watcher)
-    return RunSession(run, tree_source, plans, options.until, reloads)
+    command_run = CommandRun(ctx, plans, prepare, provided=provided, tick_limit=options.tick_limit)
+    reloads = None if file_watcher is None else Reloads(command_run, tree_source, file_watcher)
+    return RunSession(command_run, tree_source, plans, options.until, reloads)
 
 
 def _create_changes(options: RunOptions) -> "TreeChanges | None":

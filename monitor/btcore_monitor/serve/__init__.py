@@ -8,8 +8,9 @@ from typing import Final
 from btcore.tree.tree import Tree
 from btcore_monitor.keys import RobotKeys
 from btcore_monitor.serve.hook_controller import MAX_HEARTBEAT_DELAY_S
-from btcore_monitor.serve.publisher import GRACE_S, Publisher
+from btcore_monitor.serve.publisher import Publisher
 from btcore_monitor.serve.tcp_ports import PortInUseError, ServeError
+from btcore_monitor.time_limits import GRACE_S
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
 __all__ = ["PortInUseError", "Publisher", "ServeError", "serve"]

@@ -31,6 +31,7 @@ from btcore_monitor.serve.tcp_ports import (
     Socket,
     bind_consecutive,
 )
+from btcore_monitor.time_limits import INTERRUPTED_GRACE_S
 from btcore_monitor.wire import run_channel
 from btcore_monitor.wire.groot1 import PORT_BESIDE_GROOT2
 
@@ -39,14 +40,6 @@ _MAX_REQUEST_BYTES: Final = 1 << 20
 _MAX_SUBSCRIPTION_BYTES: Final = 1 << 10
 _MAX_UNSENT_MESSAGES: Final = 2_000
 """Maximum queued messages of a slow client; the client requests further messages again later."""
-
-GRACE_S: Final = 30.0
-"""Default maximum time (s, wall clock) that closing waits for clients that have not received the end.
-
-A client that reads gets the end at once. On a busy machine it may need many seconds."""
-
-INTERRUPTED_GRACE_S: Final = 2.0
-"""The same (s) after an exception or Ctrl-C."""
 
 _ANNOUNCE_AFTER_S: Final = 2.0
 """Time (s, wall clock) of waiting after which a warning explains the wait."""
