@@ -33,7 +33,7 @@ from btcore.runs.providers import (
     is_settings,
 )
 from btcore.runs.settings import RunSettings, Settings, SettingsError, check_settings
-from btcore.runs.tick_loop import TickLoop, Until
+from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -384,26 +384,24 @@ class Run:
         try:
             with self._leaf_error_kept():
                 with self._ended_by_signals(loop.stop):
-                    if watcher is None:
-                        reason = loop.run()
-                        assert reason != "saved", "nothing is watched"
-                        self.report.end_reason = reason
-                    else:
-                        self.report.end_reason = self._tick_and_reload(loop, watcher)
+                    self.report.end_reason = self._tick(loop, watcher)
                 self._halt()
-                if self.error is not None:  # of a tree that was not replaced after it
-                    raise self.error
         finally:
             self.status = loop.status if self.error is None else Status.IDLE
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
             self.wall_s = time.perf_counter() - began
         return self.status
 
-    def _tick_and_reload(self, loop: TickLoop, watcher: "TreeWatcher") -> EndReason:
+    def _tick(self, loop: TickLoop, watcher: "TreeWatcher | None") -> LoopEnd:
         """Tick the tree, and those that replace it, until the run ends; return the reason.
 
-        After the end of a tree, also by an exception of a leaf, the run waits for the next save.
+        With a watcher, the run waits for the next save after the end of a tree, also by an exception of a
+        leaf. The exception is raised at the end of the run, unless another tree has replaced that tree.
         """
+        if watcher is None:
+            ended = loop.run()
+            assert ended != "saved", "nothing is watched"
+            return ended
         from btcore.runs.reload import reload_tree  # most runs do not need it
 
         has_ended = False
@@ -423,6 +421,8 @@ class Run:
                 has_ended = True
                 self.status = loop.status
                 watcher.on_end()
+            elif self.error is not None:
+                raise self.error
             else:
                 return reason
 
