@@ -14,7 +14,7 @@ def folder() -> Path:
 
 
 def names() -> list[str]:
-    """Return the names of the bundled trees: `bumpgo`, `navigation/patrol` …
+    """Return the names of the bundled trees: `bumpgo`, `patrolling` …
 
     Examples:
         >>> from btcore import bundled_trees

@@ -162,8 +162,8 @@ class BtcoreError(Exception):
 class TreeError(BtcoreError):
     """No tree can be loaded from the document.
 
-    *diagnostics* holds all errors of the stage of loading that found errors: reading, planning, or creating
-    the nodes. The message shows the first 100 of each file.
+    *diagnostics* holds all errors of reading and planning or, without such errors, all of creating the nodes.
+    The message shows the first 100 of each file.
 
     Examples:
         >>> import btcore

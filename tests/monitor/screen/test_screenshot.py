@@ -246,6 +246,6 @@ def test_a_run_writes_a_picture_of_its_end_or_fails(vulkan, tmp_path):
     # Without a driver, the viewer ends.
     done = run(VK_DRIVER_FILES="/nowhere.json", VK_ICD_FILENAMES="/nowhere.json")
     assert done.returncode == 4, done.stderr
-    assert re.search(r"Error: the viewer \(rerun\) .*: it found no Vulkan driver; on", done.stderr)
+    assert re.search(r"error: the viewer \(rerun\) .*: it found no Vulkan driver; on", done.stderr)
     assert f"error: writing {picture}: the monitor's process failed with exit code 2" in done.stderr
     assert "SUCCESS  tree" in done.stderr
