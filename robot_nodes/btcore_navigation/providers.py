@@ -126,7 +126,7 @@ def navigation(
     waypoints: "Waypoints | None",
     places: "WorldPlaces | None",
     settings: NavigationSettings,
-    run: RunSettings,
+    run_settings: RunSettings,
 ) -> "tuple[Navigation, Servers]":
     """Return the navigation of the robot on the map, and its servers.
 
@@ -136,7 +136,7 @@ def navigation(
         waypoints: The places that messages name.
         places: The start pose of the robot, unless the parameters contain another pose.
         settings: The settings of the navigation.
-        run: The settings of the run.
+        run_settings: The settings of the run.
 
     Raises:
         SettingsError: The map cannot be used.
@@ -152,7 +152,7 @@ def navigation(
             raise SettingsError(f"there is no {missing} on the map, so navigation is not possible")
     parameters = _load_parameters(settings.nav_params, places)
     with _report_plugin_errors(settings):
-        navigation = Navigation(robot, map, _random(run), folder(), parameters, waypoints)
+        navigation = Navigation(robot, map, _random(run_settings), folder(), parameters, waypoints)
     return navigation, navigation.servers
 
 
@@ -185,7 +185,7 @@ def exploration(
     places: "WorldPlaces | None",
     settings: NavigationSettings,
     own: ExplorationSettings,
-    run: RunSettings,
+    run_settings: RunSettings,
     report: Report,
 ) -> "Iterator[tuple[Exploration, Servers, Mapper, MapFile]]":
     """Provide a navigation that makes a map; at the end, save the map if the tree has not saved it.
@@ -199,7 +199,7 @@ def exploration(
         places: The start pose of the robot, unless the parameters contain another pose.
         settings: The settings of the navigation.
         own: The settings of the exploration.
-        run: The settings of the run.
+        run_settings: The settings of the run.
         report: Gets the quality of the saved map.
 
     Raises:
@@ -212,7 +212,7 @@ def exploration(
     keepout = () if map is None else map.keepout
     parameters = _load_parameters(settings.nav_params, places)
     with _report_plugin_errors(settings):
-        exploration = Exploration(robot, _random(run), folder(), parameters, keepout)
+        exploration = Exploration(robot, _random(run_settings), folder(), parameters, keepout)
     file = MapFile(own.save_map)
     try:
         yield exploration, exploration.servers, exploration.mapper, file
@@ -304,10 +304,10 @@ def _has_initial_pose(file: Path | None) -> bool:
     return any(name.startswith("initial_pose") for name in names)
 
 
-def _random(run: RunSettings) -> "np.random.Generator":
+def _random(run_settings: RunSettings) -> "np.random.Generator":
     import numpy as np
 
-    return np.random.default_rng([run.seed, 4])
+    return np.random.default_rng([run_settings.seed, 4])
 
 
 def _save(exploration: "Exploration", path: Path) -> None:

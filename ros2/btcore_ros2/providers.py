@@ -168,19 +168,21 @@ def ros_clock(session: "RosSession") -> Clock:
 
 
 @provider(provides=(_ROBOT, Clock))
-def ros_robot(session: "RosSession", settings: RosRobotSettings, run: RunSettings) -> "Iterator[RosRobot]":
+def ros_robot(
+    session: "RosSession", settings: RosRobotSettings, run_settings: RunSettings
+) -> "Iterator[RosRobot]":
     """Provide a robot over its topics, and stop it at the end.
 
     Args:
         session: The session.
         settings: The settings of the robot.
-        run: The settings of the run.
+        run_settings: The settings of the run.
     """
     from btcore_ros2.robot.description import load_robot
     from btcore_ros2.robot.ros_robot import RosRobot
 
     description = load_robot(settings.ros2)
-    description.base.check_rate(run.rate)
+    description.base.check_rate(run_settings.rate)
     with RosRobot(session, description) as robot:
         yield robot
 
@@ -191,7 +193,7 @@ def bag_robot(
     robot: RosRobotSettings | None,
     ros: RosSettings,
     nav2: Nav2Settings | None,
-    run: RunSettings,
+    run_settings: RunSettings,
     report: Report,
     resources: Resources,
 ) -> "Iterator[BagRobot]":
@@ -202,7 +204,7 @@ def bag_robot(
         robot: The description of the robot; by default that of the Tiago.
         ros: Settings that exclude a bag, as *nav2* does.
         nav2: See *ros*.
-        run: The settings of the run.
+        run_settings: The settings of the run.
         report: Gets the comparison.
         resources: If a session is among them, that of a command that serves on ROS 2, it is an error.
 
@@ -223,7 +225,7 @@ def bag_robot(
         if is_given:
             raise SettingsError(f"--bag and {name} exclude each other: a bag is read without ROS")
     description = load_robot("tiago" if robot is None else robot.ros2)
-    description.base.check_rate(run.rate)
+    description.base.check_rate(run_settings.rate)
     with BagReader(settings.bag) as reader:
         recorded = BagRobot(reader, description)
         try:

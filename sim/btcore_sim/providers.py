@@ -147,7 +147,7 @@ class SpareBoxes(NamedTuple):
 @provider(provides=("btcore_robot.robot.Robot", Clock), default=True)
 def simulator(
     settings: SimulatorSettings,
-    run: RunSettings,
+    run_settings: RunSettings,
     report: Report,
     resources: Resources,
     spare_boxes: SpareBoxes | None,
@@ -159,7 +159,7 @@ def simulator(
 
     Args:
         settings: The settings of the simulator.
-        run: The settings of the run.
+        run_settings: The settings of the run.
         report: Gets the results; see `Simulation.report`.
         resources: If a `NavigationReporter` is among them, its pose errors and failed goals are reported.
         spare_boxes: The boxes for events that the program triggers by `Simulation.events`.
@@ -167,7 +167,7 @@ def simulator(
     Raises:
         SimError: An option has an invalid value, or an event was not possible at its time.
     """
-    simulated = _simulate(settings, run, resources, 0 if spare_boxes is None else spare_boxes.number)
+    simulated = _simulate(settings, run_settings, resources, 0 if spare_boxes is None else spare_boxes.number)
     try:
         yield simulated.robot, simulated
         for event in simulated.events.pending if simulated.events is not None else ():
@@ -196,7 +196,7 @@ def world_map(simulated: "Simulation") -> "OccupancyMap":
 
 
 def _simulate(
-    settings: SimulatorSettings, run: RunSettings, resources: Resources, spare_boxes: int
+    settings: SimulatorSettings, run_settings: RunSettings, resources: Resources, spare_boxes: int
 ) -> "Simulation":
     from btcore_sim.camera import parse_camera
     from btcore_sim.events import check_events, parse_event
@@ -211,19 +211,22 @@ def _simulate(
     robot = load_robot_description(settings.robot or TIAGO).with_noise(settings.noise)
     radius = robot.base.radius
     description = load_world_description(
-        settings.world, seed=run.seed, radius=radius, waypoints=settings.waypoints
+        settings.world, seed=run_settings.seed, radius=radius, waypoints=settings.waypoints
     )
     if settings.start is not None:
-        random = random_generator(run.seed, "start")
+        random = random_generator(run_settings.seed, "start")
         description = with_start(description, settings.start, random, radius)
-    robot.base.check_rate(run.rate)
+    robot.base.check_rate(run_settings.rate)
     camera = parse_camera(settings.camera)
     faults = [parse_fault(text) for text in settings.fault]
     planned = [parse_event(text) for text in settings.event]
     scenario = Scenario(settings.people, settings.obstacles, planned, spare_boxes)
-    check_events(planned, description, run.duration)
+    check_events(planned, description, run_settings.duration)
     world = World(
-        scenario.add_to(description, run.seed, radius), seed=run.seed, fast=run.fast, gui=settings.gui
+        scenario.add_to(description, run_settings.seed, radius),
+        seed=run_settings.seed,
+        fast=run_settings.fast,
+        gui=settings.gui,
     )
     body = SimulatedRobot(world, robot, camera=camera, faults=faults, battery=settings.battery)
     events = scenario.begin(world, body, radius)
