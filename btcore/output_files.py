@@ -5,6 +5,16 @@ import shutil
 from pathlib import Path
 
 
+def numbered_file(path: Path, number: int) -> Path:
+    """Return the file for one of several trees that follow each other: `run.btlog`, `run.2.btlog` …
+
+    Args:
+        path: The file of the first tree.
+        number: The number of the tree, from 1.
+    """
+    return path if number == 1 else path.with_name(f"{path.stem}.{number}{path.suffix}")
+
+
 def write_file(path: str | os.PathLike[str], data: bytes) -> None:
     """Write *data* to a file; an existing file is replaced, and keeps its permissions.
 

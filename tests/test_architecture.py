@@ -193,6 +193,7 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
         "btcore.exit_codes",
         "btcore.extras",
         "btcore.flatbuffer",
+        "btcore.output_files",
         "btcore.process_group",
         "btcore.signals",
     }

@@ -74,12 +74,12 @@ class TreeLogs:
         """
         from btcore.logs import LogError, open_log
         from btcore.logs.formats import CONSOLE
+        from btcore.output_files import numbered_file
 
         self.close()
         self._number += 1
         for name in self._names:
-            path = Path(name)
-            numbered = str(path.with_name(f"{path.stem}.{self._number}{path.suffix}"))
+            numbered = str(numbered_file(Path(name), self._number))
             try:
                 self._open.append(open_log(tree, CONSOLE if name == CONSOLE else numbered))
             except LogError as error:

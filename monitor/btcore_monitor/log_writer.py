@@ -15,6 +15,7 @@ from btcore.logs.btlog import EXTENSION as BTLOG
 from btcore.logs.btlog import BtLogWriter
 from btcore.logs.sqlite import EXTENSIONS as SQLITE
 from btcore.logs.sqlite import GAP_PREFIX, SqliteWriter
+from btcore.output_files import numbered_file
 from btcore.status import Status
 from btcore_bags.log import EXTENSION as BAG
 from btcore_bags.log import BagWriter
@@ -101,10 +102,9 @@ class LogWriter:
         self._statuses = dict.fromkeys(event.tree.by_uid, 0)
         self._trees += 1
         for path in self.paths:
-            if self._trees > 1:
-                path = path.with_name(f"{path.stem}.{self._trees}{path.suffix}")
-            self._logs.append(_FORMATS.get(path.suffix, _SqliteLog)(path, event))
-            self.files.append(path)
+            file = numbered_file(path, self._trees)
+            self._logs.append(_FORMATS.get(file.suffix, _SqliteLog)(file, event))
+            self.files.append(file)
 
     def _write_change(self, event: TransitionEvent) -> None:
         if event.uid not in self._statuses:

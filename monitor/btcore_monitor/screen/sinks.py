@@ -14,6 +14,7 @@ from urllib.parse import quote
 import rerun as rr
 from rerun.experimental import ViewerClient
 
+from btcore.output_files import numbered_file
 from btcore_monitor.display import has_display
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.screen.page import PageServer, page_files
@@ -90,9 +91,7 @@ class RecordingSinks:
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         file = self.save
         if file is not None:
-            # A file holds one recording.
-            if number > 1:
-                file = file.with_name(f"{file.stem}.{number}{file.suffix}")
+            file = numbered_file(file, number)  # a file holds one recording
             sinks.append(rr.FileSink(file))
         if self.viewer is not None:
             sinks.append(rr.GrpcSink(self.viewer.address))
