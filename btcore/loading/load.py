@@ -51,7 +51,7 @@ class PausedGarbageCollection:
 
 
 class LoadArguments(TypedDict, total=False):
-    """The options with which a tree is loaded; each may be omitted.
+    """The arguments with which a tree is loaded; each may be omitted.
 
     Attributes:
         nodes: The nodes and trees that the tree may use; default `Registry.standard`.

@@ -91,7 +91,7 @@ class Choice(NamedTuple):
 
 
 def choose(
-    wanted: Sequence[Any],
+    needed: Sequence[Any],
     available: AvailableProviders,
     settings: GivenSettings,
     objects: Sequence[object] = (),
@@ -100,7 +100,7 @@ def choose(
     """Return the providers of a run.
 
     Args:
-        wanted: The types that the leaves of the tree need.
+        needed: The types that the leaves of the tree need, and those that the program wants.
         available: The available providers.
         settings: The settings of the run.
         objects: Objects of the program, which are preferred to providers.
@@ -115,7 +115,7 @@ def choose(
     starters = [provider for provider in candidates if _has_settings(provider, settings)]
     chooser = _Chooser(available, settings, objects)
     requests = [
-        *(_Request(kind, False, ()) for kind in wanted),
+        *(_Request(kind, False, ()) for kind in needed),
         *(_Request(kind, True, ()) for kind in optional),
     ]
     while chooser.assign(requests, starters):

@@ -115,6 +115,7 @@ def run(
       130  interrupted by Ctrl-C
       143  terminated by SIGTERM
     """
+    # The settings of providers stay in the context, for `CommandRun`.
     session = create_session(ctx, source, options)
     if ctx.obj is not None:  # the start of the garbage collection, see btcore.__main__
         ctx.obj()
