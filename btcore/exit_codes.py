@@ -9,7 +9,7 @@ class ExitCode(IntEnum):
 
     SUCCESS = 0
     FAILURE = 1
-    """The tree ended in FAILURE, or the compared runs differ."""
+    """The tree ended in FAILURE, the compared runs differ, or a recording has no tree."""
     USER_ERROR = 2
     """An error in a tree, on the command line, or of a provider, such as a robot that cannot be reached."""
     LEAF_ERROR = 3

@@ -75,7 +75,7 @@ class MonitorProcess:
         )
 
     def finish(self, stays_open: bool) -> str:
-        """Wait until the process has received all data and written its files; `start_monitors` ends it.
+        """Wait until the process has received all data, written its files and ended.
 
         Args:
             stays_open: Whether a viewer for browsers stays open until a signal. Otherwise it is not waited
