@@ -48,8 +48,8 @@ class OutputError(BtcoreError):
 
 
 EndReason = Literal[LoopEnd, "raised"]
-"""Why a run ended: as its loop ended ("interrupted" also stands for an exception of the program), or because a
-leaf raised an exception."""
+"""Why a run ended: as its loop ended ("interrupted" also stands for an exception of the program), or because
+a leaf raised an exception."""
 
 
 class Report(dict[str, object]):

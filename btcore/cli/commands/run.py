@@ -156,7 +156,7 @@ class RunSession:
 
         Raises:
             LogError: A log cannot be written.
-            ProviderError: A provider raises while it is opened.
+            BtcoreError: A provider raises while it is opened.
             TreeError: The tree lacks a resource.
         """
         run, console, reloads = self.run, terminal.stderr_console(), self._reloads
