@@ -37,11 +37,11 @@ class FiniteRange(click.FloatRange):
 
 
 class FieldOption(click.Option):
-    """The option of a field of *options*, and how a sweep treats it."""
+    """The option of a field of *struct*, and how a sweep treats it."""
 
-    def __init__(self, options: type[Options], field: FieldInfo) -> None:
+    def __init__(self, struct: type[Options], field: FieldInfo) -> None:
         kind, meta, details = describe_field(field)
-        self.options = options
+        self.struct = struct
         self.vary = details.vary
         self.one_run_only = details.one_run_only
         default = None if field.default is msgspec.NODEFAULT else field.default

@@ -1,4 +1,7 @@
-"""Write files so that a killed process or a full disk leaves the old content or the new, never a part."""
+"""The names of numbered files, and writing files so that they are never left incomplete.
+
+A killed process or a full disk leaves the old content or the new, never a part.
+"""
 
 import os
 import shutil

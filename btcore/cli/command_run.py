@@ -56,7 +56,7 @@ class CommandRun(Run):
 
     def warn_unused(self, kind: type[Settings], reason: str) -> None:
         """Print a warning for the options of *kind* that were given."""
-        names = [option.opts[0] for option in given_options(self._ctx) if option.options is kind]
+        names = [option.opts[0] for option in given_options(self._ctx) if option.struct is kind]
         have = "has" if len(names) == 1 else "have"
         terminal.print_warning(f"{join_names(names)} {have} no effect: {reason}")
 

@@ -86,7 +86,7 @@ def _create_provider_options(
     providers: Sequence[Provider], own: Sequence[click.Parameter]
 ) -> list[FieldOption]:
     """Return the options of *providers*' settings, without settings that *own* options belong to."""
-    kinds = {option.options for option in own if isinstance(option, FieldOption)} | {RunSettings}
+    kinds = {option.struct for option in own if isinstance(option, FieldOption)} | {RunSettings}
     names = ["--help", *(name for option in own for name in (*option.opts, option.name or ""))]
     taken = dict.fromkeys(names, "the command")
     options: list[FieldOption] = []
@@ -147,7 +147,7 @@ class ProviderCommand(click.Command):
         for option in self.get_params(ctx):
             record = option.get_help_record(ctx)
             if record is not None and not isinstance(option, click.Argument):
-                provider = users.get(option.options) if isinstance(option, FieldOption) else None
+                provider = users.get(option.struct) if isinstance(option, FieldOption) else None
                 file = "" if provider is None else provider.place.rpartition(":")[0].rpartition("/")[2]
                 sections.setdefault(f"Options of {file}" if file else "Options", []).append(record)
         for title, records in sections.items():
@@ -174,7 +174,7 @@ def given_options(ctx: click.Context) -> list[FieldOption]:
         option
         for option in ctx.command.get_params(ctx)
         if isinstance(option, FieldOption)
-        and issubclass(option.options, Settings)
+        and issubclass(option.struct, Settings)
         and ctx.get_parameter_source(option.name or "") not in not_given
     ]
 
@@ -199,7 +199,7 @@ def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -
         given += [item for kind in every for item in create_options(kind) if item.name in defaults]
         values = {**defaults, **values}
     found: list[Settings] = []
-    for kind in dict.fromkeys(option.options for option in given):
+    for kind in dict.fromkeys(option.struct for option in given):
         try:
             settings = from_values(kind, values)
         except SettingsError as error:
@@ -208,7 +208,7 @@ def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -
             found.append(settings)
         else:
             needed = join_names(required_option_names(kind))
-            names = join_names([option.opts[0] for option in given if option.options is kind])
+            names = join_names([option.opts[0] for option in given if option.struct is kind])
             terminal.print_warning(f"{names}: no effect without {needed}")
     return found
 

@@ -79,10 +79,12 @@ class Choice(NamedTuple):
 
         It is opened when the tree was created, so that leaves cannot get what it provides.
         """
-        needed = (self.by_type.get(full_name(need.type)) for need in object_needs(provider))
-        return provider.needs_tree or any(
-            isinstance(other, Provider) and self.follows_tree(other) for other in needed
-        )
+        return provider.needs_tree or any(map(self.follows_tree, self.providers_for(provider)))
+
+    def providers_for(self, provider: Provider) -> list[Provider]:
+        """Return the used providers of the objects that *provider* needs."""
+        found = (self.by_type.get(full_name(need.type)) for need in _needs(provider))
+        return [other for other in found if isinstance(other, Provider)]
 
     @property
     def clock(self) -> Provider | None:
@@ -215,7 +217,7 @@ class _Chooser:
 
     def _use(self, provider: Provider, chain: tuple[Provider, ...], pending: list[_Request]) -> None:
         self._used[provider] = None
-        for need in object_needs(provider):
+        for need in _needs(provider):
             pending.append(_Request(need.type, need.is_optional, (*chain, provider)))
 
     def _candidates(self, kind: Any, chain: tuple[Provider, ...] = ()) -> list[Provider]:
@@ -233,7 +235,7 @@ class _Chooser:
             return False
         return all(
             need.is_optional or self._owned(need.type) is not None or bool(self._candidates(need.type, chain))
-            for need in object_needs(provider)
+            for need in _needs(provider)
         )
 
     def _best(self, request: _Request, candidates: Sequence[Provider]) -> Provider:
@@ -257,7 +259,7 @@ class _Chooser:
         return best[0]
 
     def _rank(self, provider: Provider) -> tuple[bool, bool, bool, bool, bool]:
-        needs = [self._available.of_type(full_name(need.type)) for need in object_needs(provider)]
+        needs = [self._available.of_type(full_name(need.type)) for need in _needs(provider)]
         return (
             bool(self._required(provider)),
             provider in self._used,
@@ -283,7 +285,7 @@ class _Chooser:
             return
         for provider in self._available.of_type(_CLOCK):
             is_alone = {full_name(kind) for kind in provider.types} == {_CLOCK}
-            kinds = {full_name(need.type): need.type for need in object_needs(provider)}
+            kinds = {full_name(need.type): need.type for need in _needs(provider)}
             found = {name: self._by_type.get(name, self._owned(kind)) for name, kind in kinds.items()}
             if is_alone and None not in found.values():
                 self._used[provider] = None
@@ -300,7 +302,7 @@ class _Chooser:
             raise ProviderError(
                 f"providers need each other: {_join([*chain[chain.index(provider) :], provider])}"
             )
-        needed = [self._by_type.get(full_name(need.type)) for need in object_needs(provider)]
+        needed = [self._by_type.get(full_name(need.type)) for need in _needs(provider)]
         if any(need.type is Clock for need in provider.needs):
             needed += [other for other in self._used if other.provides_clock]
         for other in needed:
@@ -326,7 +328,7 @@ class _Chooser:
             else:
                 missing = next(
                     need
-                    for need in object_needs(provider)
+                    for need in _needs(provider)
                     if not need.is_optional and not self._candidates(need.type, (*request.chain, provider))
                 )
                 inner = self._explain(_Request(missing.type, False, (*request.chain, provider)))
@@ -344,8 +346,8 @@ class _Chooser:
         return f"{problem}: {reason}" if reasons else problem
 
 
-def object_needs(provider: Provider) -> list[Need]:
-    """Return the parameters of *provider* for objects of other providers."""
+def _needs(provider: Provider) -> list[Need]:
+    """Return the parameters for objects of other providers."""
     return [
         need for need in provider.needs if need.type not in ATTRIBUTES_OF_RUN and not is_settings(need.type)
     ]

@@ -114,7 +114,7 @@ class Provider:
         function: The function or generator function.
         provides: Further types under which the object is provided, such as protocols that it satisfies: the
             classes, or their full names.
-        default: Whether any other provider that is equally good otherwise is preferred.
+        default: Whether every other provider that is otherwise equally good is preferred.
 
     Raises:
         ProviderError: The function is asynchronous.
@@ -242,7 +242,7 @@ def provider(
         provides: Further types under which the object is provided: protocols that it satisfies, and `Clock`,
             if the object, or its attribute `clock`, is the clock of the run. A type whose import would take
             time is given by its full name, as text.
-        default: Whether any other provider that is equally good otherwise is preferred.
+        default: Whether every other provider that is otherwise equally good is preferred.
 
     Examples:
         >>> from collections.abc import Iterator

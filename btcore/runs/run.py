@@ -18,7 +18,7 @@ from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
 from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_names, plan_source
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, GivenSettings, choose, object_needs, unused_settings
+from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
 from btcore.runs.opening import OpenedProvider
 from btcore.runs.providers import (
     ATTRIBUTES_OF_RUN,
@@ -308,12 +308,14 @@ class Run:
                 yield _unavailable_to_leaves(provider)
             elif isinstance(provider, Provider) and self._object_for(full_name(kind)) is None:
                 yield f"the provider {provider} has provided None"
-        missing = [kind for kind in self._leaf_types if full_name(kind) in self.choice.problems]
-        for name in map(full_name, missing):
-            if self.providers.of_type(name):
-                yield self.choice.problems[name]
+        unknown = []
+        for kind in self._leaf_types:
+            problem = self.choice.problems.get(full_name(kind))
+            if problem is not None and self.providers.of_type(full_name(kind)):
+                yield problem
+            elif problem is not None:
+                unknown.append(kind)
         yield from self._unavailable_notes()
-        unknown = [kind for kind in missing if not self.providers.of_type(full_name(kind))]
         if any(getattr(kind, "__module__", "builtins") != "builtins" for kind in unknown):
             yield (
                 "a run does not create objects of your own classes: derive the class from btcore.TreeState, "
@@ -540,8 +542,7 @@ class Run:
             if provider.needs_tree:
                 is_new = not opened.follow(tree)
             else:
-                needed = (self.choice.by_type.get(full_name(need.type)) for need in object_needs(provider))
-                is_new = any(other in again for other in needed)
+                is_new = any(other in again for other in self.choice.providers_for(provider))
             if is_new:
                 again[provider] = opened
         for opened in reversed(again.values()):

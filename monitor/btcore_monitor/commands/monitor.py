@@ -125,7 +125,7 @@ def _check_is_live(options: ViewerOptions) -> None:
 
 
 def _check_addresses(addresses: list[str]) -> None:
-    """Raise an error if an address is invalid or given twice."""
+    """Raise AddressError if an address is invalid, and click.UsageError if one is given twice."""
     from btcore_monitor.watch.address import parse_address
 
     parsed = [parse_address(address) for address in addresses]

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from btcore import Run, RunSettings, Settings, option
 from btcore.escaping import escape_controls
-from btcore.field_options import pass_options
 from btcore.program_runner import (
     CommandRun,
     ProviderCommand,
     TreelessProgram,
     add_options,
+    pass_options,
     print_json,
     print_result,
 )
