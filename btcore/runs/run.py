@@ -1,4 +1,4 @@
-"""Runs: a tree with the providers of what its leaves need, from their opening to their end."""
+"""Runs: trees with the providers of what their leaves need, from their opening to their end."""
 
 import time
 import warnings
@@ -33,7 +33,7 @@ from btcore.runs.providers import (
     is_settings,
 )
 from btcore.runs.settings import RunSettings, Settings, SettingsError, check_settings
-from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
+from btcore.runs.tick_loop import LoopEnd, TickLoop, Until, joint_status
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -75,11 +75,38 @@ class TreelessProgram:
         return make_leaf_tree(Work, self.name, clock)
 
 
-class Run:
-    """A tree that is ticked, with the providers of what its leaves need.
+Source = str | PathLike[str] | Plans | TreelessProgram
+"""What a run ticks: the path of an XML file, the plans of a tree, or a program."""
 
-    On entry, a run chooses the providers, opens them, creates the tree, and opens those that need the tree.
-    On exit it halts the tree and closes the providers, in the reverse order.
+
+def _planned(source: object, options: LoadArguments) -> Plans | TreelessProgram:
+    """Return the plans of a tree, or a program.
+
+    Raises:
+        TreeError: The tree has an error.
+        TypeError: *source* is neither.
+    """
+    if isinstance(source, (str, PathLike)):
+        with PausedGarbageCollection():
+            source = plan_source(source, options)
+    if isinstance(source, Plans):
+        source.diagnostics.raise_errors()
+    elif not isinstance(source, TreelessProgram):
+        raise TypeError(
+            f"there is no run of a {type(source).__name__}: write the XML to a file, and pass its path"
+        )
+    return source
+
+
+class Run:
+    """A tree that is ticked, or several, with the providers of what their leaves need.
+
+    On entry, a run chooses the providers, opens them, creates the trees, and opens those that need the tree.
+    On exit it halts the trees and closes the providers, in the reverse order.
+
+    Several trees share the providers and the clock, and are ticked in their order. A tree that has ended is
+    not ticked again. The run ends when all trees have ended, with FAILURE if one of them failed. A provider
+    with a parameter of the type `Tree`, such as a publisher or a log, gets the first tree.
 
     From its entry to its exit, a run handles Ctrl-C, SIGTERM and SIGHUP (the terminal was closed): the first
     of them ends `until_done` or `serve` as usual, or the waits of providers that are closed. If it arrives at
@@ -87,25 +114,27 @@ class Run:
     signal is not Ctrl-C.
 
     Args:
-        source: The path of an XML file, the plans of a tree, or a program.
+        source: The path of an XML file, the plans of a tree, or a program; or a list of them.
         provided: Objects for leaves and providers; they are preferred to providers of the same types.
         providers: Providers of the program, besides those of installed packages; or all that may be used.
         settings: Settings of providers, and `RunSettings`.
-        prepare: Called on entry when the tree was created, before the providers that need the tree are
+        prepare: Called on entry when the trees were created, before the providers that need the tree are
             opened.
-        options: As in `btcore.load`, except `resources`; those about reading a file have no effect on plans
-            and programs. The default of `clock` is that of a provider, or of *provided*; without one, the
-            system's clock, or a simulated clock with `RunSettings.fast`.
+        options: As in `btcore.load`, except `resources`, for all trees: a *blackboard* is shared by them.
+            Those about reading a file have no effect on plans and programs. The default of `clock` is that of
+            a provider, or of *provided*; without one, the system's clock, or a simulated clock with
+            `RunSettings.fast`.
 
     Attributes:
-        tree: The tree that is ticked; `replace_tree` changes it.
+        trees: The trees that are ticked; none before the entry.
         settings: The settings by their classes.
         run_settings: The `RunSettings`.
         providers: The available providers.
         resources: The objects for leaves; the object of a used provider comes before others of its type.
         choice: The used providers.
         report: The results that providers have added; complete after the end.
-        status: The status after the last tick.
+        status: The status after the last tick. For several trees, RUNNING or FAILURE if one of them has it,
+            otherwise the status of the first.
         error: The exception that a leaf raised, or None.
         elapsed_s: The duration of the ticking by the run's clock (s).
         wall_s: The duration of the ticking in real time (s).
@@ -130,7 +159,7 @@ class Run:
 
     def __init__(
         self,
-        source: str | PathLike[str] | Plans | TreelessProgram,
+        source: Source | Sequence[Source],
         *,
         provided: Sequence[object] = (),
         providers: Sequence[Provider] | AvailableProviders = (),
@@ -141,19 +170,18 @@ class Run:
         check_names(options)
         if options.get("resources"):
             raise TypeError("a run has no argument 'resources': write provided=[…]")
-        if isinstance(source, (str, PathLike)):
-            with PausedGarbageCollection():
-                source = plan_source(source, options)
-        if isinstance(source, Plans):
-            source.diagnostics.raise_errors()
-        elif not isinstance(source, TreelessProgram):
-            raise TypeError(
-                f"there is no run of a {type(source).__name__}: write the XML to a file, and pass its path"
-            )
-        self._source = source
+        sources: Sequence[object] = [source]
+        if isinstance(source, Sequence) and not isinstance(source, (str, Plans)):  # plans are a tuple
+            sources = source
+        if not sources:
+            raise ValueError("there is no run of an empty list: pass a tree or a program")
+        self._sources = [_planned(one, options) for one in sources]
         self._options = options
         self._provided = list(provided)
-        self._leaf_types: list[Any] = source.required_resources() if isinstance(source, Plans) else []
+        self._leaf_types: list[Any] = []
+        for plans in self._sources:
+            types = plans.required_resources() if isinstance(plans, Plans) else []
+            self._leaf_types += (kind for kind in types if kind not in self._leaf_types)
         self._wanted: list[Any] = []
         self._optional: list[Any] = []
         self._used_settings: set[type[Settings]] = {RunSettings}
@@ -176,7 +204,7 @@ class Run:
         self._signals = EndingSignals()
         self._is_paused = False
         self._has_exited = False
-        self.tree: Tree
+        self.trees: list[Tree] = []
         self.choice: Choice
         self.resources = Resources()
         self.resources.remedy = "the run does not provide it"
@@ -232,7 +260,7 @@ class Run:
                 found = self._object_for(full_name(kind))
                 if found is not None:
                     self.resources.choose(kind, found)
-            self.tree = self._create_tree()
+            self.trees = [self._create_tree(source) for source in self._sources]
             if self._prepare is not None:
                 self._prepare(self)
             self._open_all(follows_tree=True)
@@ -267,6 +295,17 @@ class Run:
         ]
 
     @property
+    def tree(self) -> Tree:
+        """The tree that is ticked, or the first of them; `replace_tree` changes it.
+
+        Raises:
+            RuntimeError: The run was not entered.
+        """
+        if not self.trees:
+            raise RuntimeError("a run has no tree before its entry: write 'with Run(…) as run:'")
+        return self.trees[0]
+
+    @property
     def clock(self) -> Clock:
         """The clock of the run."""
         if self._clock is None:
@@ -286,8 +325,8 @@ class Run:
         given = next((thing for thing in self._provided if is_clock(thing)), None)
         return given or (SimClock() if self.run_settings.fast else SystemClock())
 
-    def _create_tree(self) -> Tree:
-        source, options = self._source, self._options
+    def _create_tree(self, source: Plans | TreelessProgram) -> Tree:
+        options = self._options
         if isinstance(source, TreelessProgram):
             return source.make_tree(self.clock)
         try:
@@ -365,22 +404,23 @@ class Run:
         on_tick: Callable[[Status], None] | None = None,
         watcher: "TreeWatcher | None" = None,
     ) -> Status:
-        """Tick at the rate of the run until the end, halt the tree, and return the status of the last tick.
+        """Tick at the rate of the run until the end, halt the trees, and return the status of the last tick.
 
-        The end is the result *until*, the duration, a signal, or the end of the clock's time; see the
-        attribute `end_reason`.
+        The end is the result *until* of each tree, the duration, a signal, or the end of the clock's time;
+        see the attribute `end_reason`.
 
         Args:
-            until: The result of the tree that ends the run.
-            on_tick: Called with the tree's status after every tick.
-            watcher: Replaces the tree whenever its file is saved. The end of a tree is not that of the run.
+            until: The result that ends a tree; the run ends when all trees have ended.
+            on_tick: Called with the `status` after every tick.
+            watcher: Replaces the first tree whenever its file is saved. The run does not end when the trees
+                have ended.
 
         Raises:
             NodeExecutionError: A leaf raised an exception; it is also the attribute `error`.
         """
         self._check_open()
         was_saved = None if watcher is None else watcher.was_saved
-        loop = self._loop = TickLoop(self.tree, self.run_settings, until, on_tick, was_saved)
+        loop = self._loop = TickLoop(self.trees, self.run_settings, until, on_tick, was_saved)
         loop.is_paused = self._is_paused
         began = time.perf_counter()
         try:
@@ -395,9 +435,9 @@ class Run:
         return self.status
 
     def _tick(self, loop: TickLoop, watcher: "TreeWatcher | None") -> LoopEnd:
-        """Tick the tree, and those that replace it, until the run ends; return the reason.
+        """Tick the trees, and those that replace the first, until the run ends; return the reason.
 
-        With a watcher, the run waits for the next save after the end of a tree, also by an exception of a
+        With a watcher, the run waits for the next save after the end of the trees, also by an exception of a
         leaf. The exception is raised at the end of the run, unless another tree has replaced that tree.
         """
         if watcher is None:
@@ -449,17 +489,27 @@ class Run:
             self._signals.stop = None
 
     def _check_open(self) -> None:
-        if not hasattr(self, "tree"):
-            raise RuntimeError("a run has no tree before its entry: write 'with Run(…) as run:'")
+        assert self.tree
         if self._has_exited:
             raise RuntimeError("the run has ended, and its providers are closed: tick in the 'with' block")
 
     def _halt(self) -> None:
-        """Halt the tree, unless it is halted already. An interrupted first tick leaves its status IDLE."""
-        statuses = [self.tree.status, *(node.status for node in self.tree.nodes)]
-        if any(status is not Status.IDLE for status in statuses):
+        """Halt the trees that are not halted already."""
+        errors: list[NodeExecutionError] = []
+        for tree in self.trees:
+            # An interrupted first tick leaves the status of the tree IDLE.
+            statuses = [tree.status, *(node.status for node in tree.nodes)]
+            if any(status is not Status.IDLE for status in statuses):
+                try:
+                    tree.halt()
+                except NodeExecutionError as error:
+                    errors.append(error)
+        if errors and self.error is not None:
+            self.error.later_errors += errors
+        elif errors:
             with self._leaf_error_kept():
-                self.tree.halt()
+                errors[0].later_errors += errors[1:]
+                raise errors[0]
 
     def pause(self) -> None:
         """Let `until_done` stop ticking before the next tick, until `resume`. Any thread may call it.
@@ -516,14 +566,17 @@ class Run:
     def step(self) -> Status:
         """Tick the tree once, without waiting, and return its status.
 
-        Time passes only by other means: a `SimClock` by `run.clock.advance(0.1)`.
+        Of several trees, those that are RUNNING are ticked, or all if none is. Time passes only by other
+        means: a `SimClock` by `run.clock.advance(0.1)`.
 
         Raises:
             NodeExecutionError: A leaf raised an exception.
         """
         self._check_open()
         with self._leaf_error_kept():
-            self.status = self.tree.tick_once()
+            for tree in [tree for tree in self.trees if tree.status is Status.RUNNING] or self.trees:
+                tree.tick_once()
+            self.status = joint_status(self.trees)
         return self.status
 
     @property
@@ -532,11 +585,11 @@ class Run:
         return 0 if self._loop is None else self._loop.skipped_ticks
 
     def replace_tree(self, tree: Tree) -> None:
-        """Continue with *tree*, which the caller may tick itself. The previous tree is halted already."""
-        self.tree = tree
+        """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
+        self.trees[0] = tree
         self.error = None
         if self._loop is not None:
-            self._loop.tree = tree
+            self._loop.replace_tree(tree)
         again: dict[Provider, OpenedProvider] = {}
         for provider, opened in self._opened.items():  # each after those that it needs
             if provider.needs_tree:

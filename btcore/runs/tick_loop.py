@@ -1,18 +1,18 @@
-"""Ticking a tree at a fixed rate on its clock, until the run ends.
+"""Ticking trees at a fixed rate on their clock, until the run ends.
 
 Ticks are due at multiples of 1/rate from the start, also after a late tick: the sensors and controllers of a
 robot have such times, too. In a `TickSchedule`, a late tick delays all later ticks. If a node needs an
-earlier tick, because its delay has elapsed or a thread has woken the tree, an additional tick takes place.
+earlier tick, because its delay has elapsed or a thread has woken its tree, this tree gets an additional tick.
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final, Literal
 
-from btcore.clock import NS_PER_S
+from btcore.clock import NS_PER_S, Clock
 from btcore.errors import EndOfTimeError
 from btcore.runs.settings import RunSettings
-from btcore.status import Status
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
@@ -20,107 +20,137 @@ _CHECK_INTERVAL_S: Final = 0.05
 """The longest time (s) between two checks whether the file was saved, or a pause has ended."""
 
 LoopEnd = Literal["done", "duration", "end_of_time", "interrupted"]
-"""Why a loop ended: the tree is done, the duration is over, the time of the clock has ended (as that of a
+"""Why a loop ended: all trees are done, the duration is over, the time of the clock has ended (as that of a
 recording), or `TickLoop.stop` was called."""
 LoopPause = Literal["saved"]
 """Why a loop can continue with another tree: the file of the tree was saved."""
 
 _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
-    "done": (Status.SUCCESS, Status.FAILURE, Status.SKIPPED, Status.IDLE),
-    "success": (Status.SUCCESS,),
-    "failure": (Status.FAILURE,),
+    "done": (SUCCESS, FAILURE, SKIPPED, IDLE),
+    "success": (SUCCESS,),
+    "failure": (FAILURE,),
     "never": (),
 }
 
 
+def joint_status(trees: Sequence[Tree]) -> Status:
+    """Return RUNNING or FAILURE, if a tree has it, otherwise the status of the first tree."""
+    statuses = [tree.status for tree in trees]
+    return RUNNING if RUNNING in statuses else FAILURE if FAILURE in statuses else statuses[0]
+
+
 class TickLoop:
-    """The tick loop of a run. The attribute `tree` may be replaced between two calls of `run`.
+    """The tick loop of a run. It can be continued by another call of `run` after a save.
 
     Args:
-        tree: The tree.
+        trees: The trees, in the order in which they are ticked; they have the same clock.
         settings: The rate, the duration, and whether time passes as fast as possible.
-        until: The result of the tree that ends the run.
-        on_tick: Called with the tree's status after every tick.
+        until: The result that ends a tree; the loop ends when all trees have ended.
+        on_tick: Called with the status after every tick.
         was_saved: Called between ticks; the loop ends when it returns True.
 
     Attributes:
         is_paused: Whether no tick takes place.
-        status: The tree's status after the last tick.
+        status: The joint status of the trees after the last tick.
         skipped_ticks: The number of ticks that were skipped because an earlier tick was still in progress.
     """
 
     def __init__(
         self,
-        tree: Tree,
+        trees: Sequence[Tree],
         settings: RunSettings,
         until: Until,
         on_tick: Callable[[Status], None] | None = None,
         was_saved: Callable[[], bool] | None = None,
     ) -> None:
-        self.tree = tree
+        self.trees = list(trees)
         self.period_ns = round(NS_PER_S / settings.rate)
         self.end_statuses = _STATUSES_THAT_END[until]
         self.on_tick = on_tick
         self.was_saved = was_saved
         self.fast = settings.fast
-        self.start_ns = tree.clock.now()
+        self.start_ns = self.clock.now()
         duration = settings.duration
         self.end_ns = None if duration is None else self.start_ns + round(duration * NS_PER_S)
         self.is_paused = False
-        self.status = Status.IDLE
+        self.status: Status = IDLE
         self.skipped_ticks = 0
+        self._running = self.trees
+        self._wake_event = trees[0].context.wake_event
+        for tree in trees:
+            tree.context.wake_event = self._wake_event
         self._is_stopping = False
         self._is_waiting = False
 
     @property
+    def clock(self) -> Clock:
+        """The clock of the trees."""
+        return self.trees[0].clock
+
+    @property
     def elapsed_ns(self) -> int:
-        """The time since the start of the run, in ns of the tree's clock."""
-        return self.tree.clock.now() - self.start_ns
+        """The time since the start of the run, in ns of the trees' clock."""
+        return self.clock.now() - self.start_ns
 
     def run(self) -> LoopEnd | LoopPause:
-        """Tick until the end of the loop, or until the file was saved, and return the reason."""
+        """Tick until all trees have ended, or until the file was saved, and return the reason."""
         reason = self._wait_for_end_of_pause()
         if reason is not None:
             return reason
-        due = self.tree.clock.now()
+        due = self.clock.now()
+        ticked = self._running
         while True:
-            self.status = self.tree.tick_once()
-            if self.on_tick is not None:
-                self.on_tick(self.status)
+            self._tick(ticked)
             if self._is_stopping:
                 return "interrupted"
-            if self.status in self.end_statuses:
+            if not self._running:
                 return "done"
             if self.is_paused:
                 reason = self._wait_for_end_of_pause()
                 if reason is not None:
                     return reason
-                due = self.tree.clock.now()  # the ticks of the pause have not been skipped
-            now = self.tree.clock.now()
+                due = self.clock.now()  # the ticks of the pause have not been skipped
+            now = self.clock.now()
             # An additional tick before `due` leaves the due time unchanged.
             if now >= due:
                 missed = (now - due) // self.period_ns
                 self.skipped_ticks += missed
                 due += (missed + 1) * self.period_ns
             try:
-                saved = self._wait_until(due if self.end_ns is None else min(due, self.end_ns))
+                woken, is_saved = self._wait_until(due if self.end_ns is None else min(due, self.end_ns))
             except EndOfTimeError:
                 return "end_of_time"
             if self._is_stopping:
                 return "interrupted"
-            if self.end_ns is not None and self.tree.clock.now() >= self.end_ns:
+            if self.end_ns is not None and self.clock.now() >= self.end_ns:
                 return "duration"
-            if saved:
+            if is_saved:
                 return "saved"
+            ticked = woken if woken and self.clock.now() < due else self._running
+
+    def _tick(self, trees: Sequence[Tree]) -> None:
+        for tree in trees:
+            if not self._is_stopping and tree.tick_once() in self.end_statuses:
+                self._running = [other for other in self._running if other is not tree]
+        self.status = joint_status(self.trees)
+        if self.on_tick is not None:
+            self.on_tick(self.status)
+
+    def replace_tree(self, tree: Tree) -> None:
+        """Tick *tree* in place of the first."""
+        first, *others = self.trees
+        self.trees = [tree, *others]
+        self._running = [tree, *(other for other in self._running if other is not first)]
+        tree.context.wake_event = self._wake_event
 
     def _wait_for_end_of_pause(self) -> LoopEnd | None:
         """Wait until the end of a pause, and return None; or the reason why the loop ends before."""
         while self.is_paused:
             if self._is_stopping:
                 return "interrupted"
-            if self.end_ns is not None and self.tree.clock.now() >= self.end_ns:
+            if self.end_ns is not None and self.clock.now() >= self.end_ns:
                 return "duration"
-            self.tree.context.wait_real_time(_CHECK_INTERVAL_S)
+            self.trees[0].context.wait_real_time(_CHECK_INTERVAL_S)
         return None
 
     def wait_for_save(self) -> LoopEnd | LoopPause:
@@ -131,7 +161,7 @@ class TickLoop:
         duration.
         """
         while not self._is_stopping:
-            now = self.tree.clock.now()
+            now = self.clock.now()
             if self.end_ns is not None and now >= self.end_ns:
                 return "duration"
             if self.was_saved is not None and self.was_saved():
@@ -148,7 +178,7 @@ class TickLoop:
         return "interrupted"
 
     def _wait_poll_interval(self, now: int) -> None:
-        context = self.tree.context
+        context = self.trees[0].context
         if not self.fast:
             deadline = now + round(_CHECK_INTERVAL_S * NS_PER_S)
             context.wait_until(deadline if self.end_ns is None else min(deadline, self.end_ns))
@@ -157,28 +187,54 @@ class TickLoop:
         else:
             context.wait_real_time(_CHECK_INTERVAL_S)
 
-    def _wait_until(self, deadline: int) -> bool:
-        """Wait until *deadline*, a wake-up, a stop or a save; return whether the file was saved."""
-        saved = self.was_saved is not None and self.was_saved()
+    def _wait_until(self, deadline: int) -> tuple[list[Tree], bool]:
+        """Wait until *deadline*, a wake-up, a stop or a save.
+
+        Returns:
+            The trees that were woken, and whether the file was saved.
+        """
+        woken: list[Tree] = []
+        is_saved = self.was_saved is not None and self.was_saved()
         self._is_waiting = True
         try:
-            while not (self._is_stopping or saved):
+            while not (self._is_stopping or is_saved):
                 step = deadline
                 if self.was_saved is not None:
-                    step = min(deadline, self.tree.clock.now() + round(_CHECK_INTERVAL_S * NS_PER_S))
-                if self.tree.context.wait_until(step) or step == deadline:
+                    step = min(deadline, self.clock.now() + round(_CHECK_INTERVAL_S * NS_PER_S))
+                woken = self._wait_for_wake_up(step)
+                if woken or step == deadline:
                     break
-                saved = self.was_saved is not None and self.was_saved()
+                is_saved = self.was_saved is not None and self.was_saved()
         finally:
             self._is_waiting = False
-        return saved
+        return woken, is_saved
+
+    def _wait_for_wake_up(self, deadline: int) -> list[Tree]:
+        """Wait until *deadline*, a stop, or a wake-up of trees that have not ended; return these trees."""
+        while True:
+            woken = self._woken()
+            if woken or self._is_stopping:
+                return woken
+            first = min([tree.context.first_deadline(deadline) for tree in self._running])
+            if not self.clock.wait_until(first, self._wake_event):
+                return self._woken()
+            self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
+
+    def _woken(self) -> list[Tree]:
+        """Consume the wake-ups of the trees that have not ended, and return the trees that had one."""
+        return [tree for tree in self._running if tree.context.consume_wake_up()]
 
     def stop(self) -> None:
         """End the loop before the next tick. A signal handler may call this method."""
         self._is_stopping = True
-        self.tree.context.interrupt()
+        for tree in self.trees:
+            tree.context.interrupt()
         # In threads, since the handler may have interrupted code that holds the locks that these calls need.
-        # The lambda matters: the access to `hooks` takes a lock, too.
-        threading.Thread(target=lambda: self.tree.hooks.ignore_breakpoints(), daemon=True).start()
+        # The access to `hooks` takes a lock, too.
+        threading.Thread(target=self._ignore_breakpoints, daemon=True).start()
         if self._is_waiting:
-            threading.Thread(target=self.tree.context.wake_up, daemon=True).start()
+            threading.Thread(target=self.trees[0].context.wake_up, daemon=True).start()
+
+    def _ignore_breakpoints(self) -> None:
+        for tree in self.trees:
+            tree.hooks.ignore_breakpoints()
