@@ -235,8 +235,8 @@ def _require_object(value: object, what: str) -> dict[str, Any]:
 
 
 def _parse_config(name: str, given: object) -> TestNodeConfig:
-    settings = _require_object(given, f"the configuration '{name}'")
-    for key, value in settings.items():
+    config = _require_object(given, f"the configuration '{name}'")
+    for key, value in config.items():
         if key not in _KEYS:
             guess = nearest_name(key, _KEYS)
             hint = f"did you mean '{guess}'?" if guess else f"the settings are {join_names(_KEYS)}"
@@ -244,8 +244,8 @@ def _parse_config(name: str, given: object) -> TestNodeConfig:
         cls, kind = (int, "a number of milliseconds") if key == "async_delay" else (str, "a string")
         if not isinstance(value, cls) or isinstance(value, bool):
             raise SubstitutionError(f"'{key}' of the configuration '{name}' must be {kind}, not {value!r}")
-    status = settings.get("return_status")
-    if status is None and "return_status_script" not in settings:
+    status = config.get("return_status")
+    if status is None and "return_status_script" not in config:
         raise SubstitutionError(
             f"the configuration '{name}' needs 'return_status', 'return_status_script', or both"
         )
@@ -254,4 +254,4 @@ def _parse_config(name: str, given: object) -> TestNodeConfig:
         raise SubstitutionError(
             f"'return_status' of the configuration '{name}' must be {allowed}, not {status!r}"
         )
-    return TestNodeConfig(**(settings if status is None else {**settings, "return_status": Status[status]}))
+    return TestNodeConfig(**(config if status is None else {**config, "return_status": Status[status]}))

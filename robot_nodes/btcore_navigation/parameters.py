@@ -350,13 +350,13 @@ def load_parameters(path: Path) -> NavigationParameters:
         chosen[attribute] = overlay.apply(everywhere)
         errors += [error for error in overlay.errors if error not in errors]
         unused[EVERY_SERVER] = [each for each in unused[EVERY_SERVER] if each in overlay.unused]
-    for server, settings in {**servers, EVERY_SERVER: everywhere}.items():
-        footprint = settings.get("footprint")
+    for server, parameters in {**servers, EVERY_SERVER: everywhere}.items():
+        footprint = parameters.get("footprint")
         if footprint is None or not isinstance(footprint.value, str):
             continue
         try:
-            if footprint_radius(footprint.value) and "robot_radius" in settings:
-                unused[server].append(settings["robot_radius"])
+            if footprint_radius(footprint.value) and "robot_radius" in parameters:
+                unused[server].append(parameters["robot_radius"])
         except ValueError as error:
             errors.append(f"{path}:{footprint.line}: {footprint.name} {error}")
     if errors:

@@ -21,7 +21,7 @@ from btcore.extras import install_command
 from btcore.logs.files import LogError, read_bytes
 from btcore.process_group import NEW_PROCESS_GROUP
 from btcore_bags import reading_process
-from btcore_bags.reading_process import ANSWER, RECORD, BagError, BagSource, Message
+from btcore_bags.reading_process import ANSWER, RECORD, BagError, BagSource, Message, ReadingTask
 
 MAX_MEMORY: Final = 1 << 30
 """The greatest size (bytes) of the data of the process that reads a bag."""
@@ -139,14 +139,9 @@ class _BagProcess:
             # The threads of OpenBLAS would need memory.
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
         )
-        settings = {
-            "path": str(path.absolute()),
-            "definitions": dict(definitions),
-            "memory": MAX_MEMORY,
-            "cpu_seconds": MAX_CPU_S,
-        }
+        task = ReadingTask(str(path.absolute()), dict(definitions), MAX_MEMORY, MAX_CPU_S)
         try:
-            facts = json.loads(self._request(settings))
+            facts = json.loads(self._request(task._asdict()))
         except BaseException:
             self.close()
             raise

@@ -5,7 +5,7 @@ messages, and runs Python code that it makes of the definitions. The process sen
 reader.py decodes them by known definitions.
 
 The file runs as a script, and imports only the standard library and rosbags, so that the process starts fast.
-At its standard input it receives lines of JSON: first the settings, then the number and the topics of an
+At its standard input it receives lines of JSON: first a `ReadingTask`, then the number and the topics of an
 iteration for each batch of messages. It answers at its standard output: first the facts of the bag, then the
 batches. An answer is a letter (J: JSON, M: messages), the number of bytes (64 bits), and the bytes.
 """
@@ -16,7 +16,7 @@ import struct
 import sys
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 MAX_CHUNK = 1 << 28
 """The greatest size (bytes) of a chunk of a bag after decompression."""
@@ -44,6 +44,22 @@ _MAX_REASON = 200  # the greatest length of an error message of rosbags that is 
 
 Message = tuple[str, int, bytes]
 """A message: its topic, its stamp (ns), and its content."""
+
+
+class ReadingTask(NamedTuple):
+    """The first message to the process.
+
+    Attributes:
+        path: The file.
+        definitions: As in `BagSource`.
+        memory: The limit of memory (bytes).
+        cpu_seconds: The limit of processor time for each batch (s).
+    """
+
+    path: str
+    definitions: dict[str, str]
+    memory: int
+    cpu_seconds: int
 
 
 class BagError(Exception):
@@ -215,18 +231,18 @@ def _limit_time(cpu_seconds: int) -> None:
 
 def _main() -> None:
     requests = iter(sys.stdin.buffer.readline, b"")
-    settings = json.loads(next(requests))
+    task = ReadingTask(**json.loads(next(requests)))
     if sys.platform != "win32":
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_DATA, (settings["memory"], settings["memory"]))
-    _limit_time(settings["cpu_seconds"])
+        resource.setrlimit(resource.RLIMIT_DATA, (task.memory, task.memory))
+    _limit_time(task.cpu_seconds)
     try:
-        source = BagSource(Path(settings["path"]), settings["definitions"])
+        source = BagSource(Path(task.path), task.definitions)
         facts = {"topics": source.topics, "problems": source.problems, "absent": sorted(source.absent)}
         _answer(b"J", json.dumps(facts).encode())
-        _serve(requests, settings["cpu_seconds"], source)
+        _serve(requests, task.cpu_seconds, source)
     except ModuleNotFoundError as error:
         _answer(b"J", json.dumps({"missing": error.name}).encode())
     except Exception as error:

@@ -7,7 +7,6 @@ import sys
 from asyncio.subprocess import PIPE, Process
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +14,7 @@ from btcore.diagnostic_codes import ASSIGNMENT_TO_MISSING_ENTRY, UNWRITTEN_KEY
 from btcore_studio.language.diagnostics import Report, merge
 from btcore_studio.language.node_models import NodeModel
 from btcore_studio.language.project import PROJECT_SUFFIX, DocumentKey, Project, SourceDocument
+from btcore_studio.language.worker import WorkerSettings
 
 LOAD_LIMIT_S: Final = 30.0
 """Maximum time in which the worker must import the node libraries (s)."""
@@ -327,18 +327,23 @@ class Checker:
         if self._worker is not None:
             return self._worker
         project = self._project
-        settings = asdict(project.settings) | {"folders": list(map(str, project.folders))}
-        if self._distrusted:
-            settings["trusted"] = False
+        given = project.settings
+        settings = WorkerSettings(
+            folders=list(map(str, project.folders)),
+            plugins=given.plugins,
+            models=given.models,
+            given=given.given,
+            trusted=given.trusted and not self._distrusted,
+        )
         self._worker = worker = await WorkerProcess.start()
         self._sent = {}
         try:
-            answer = await worker.ask(settings, LOAD_LIMIT_S)
+            answer = await worker.ask(settings._asdict(), LOAD_LIMIT_S)
         except WorkerError as error:
             if self._worker is not worker:
                 return await self._loaded_worker()  # the settings changed meanwhile
             self._worker = None
-            if not settings["trusted"]:
+            if not settings.trusted:
                 raise
             self._show_once(f"The import of the node libraries {error}. Their source is read instead.")
             self._distrusted = True

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from traceback import extract_tb
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, NamedTuple
 
 from btcore.blackboard.ports import remapped_key
 from btcore.errors import BtcoreError
@@ -185,17 +185,23 @@ class Libraries:
         return nodes
 
 
+class WorkerSettings(NamedTuple):
+    """The first message to the process: the folders of the workspace, and the settings of the client."""
+
+    folders: Sequence[str]
+    plugins: Sequence[str]
+    models: Sequence[str]
+    given: Sequence[str]
+    trusted: bool
+
+
 class Worker:
-    """Answers the requests of the server.
+    """Answers the requests of the server."""
 
-    Args:
-        settings: The settings: folders, plugins, models, trusted and given.
-    """
-
-    def __init__(self, settings: Mapping[str, Any]) -> None:
-        folders = [Path(folder) for folder in settings["folders"]]
-        self._libraries = Libraries(folders, settings["plugins"], settings["models"], settings["trusted"])
-        self._given = [remapped_key(key, key) or key for key in settings["given"]]
+    def __init__(self, settings: WorkerSettings) -> None:
+        folders = [Path(folder) for folder in settings.folders]
+        self._libraries = Libraries(folders, settings.plugins, settings.models, settings.trusted)
+        self._given = [remapped_key(key, key) or key for key in settings.given]
         self._texts = _Texts()
 
     def describe(self) -> dict[str, Any]:
@@ -260,7 +266,7 @@ def main() -> None:
         answers.write(json.dumps(data).encode() + b"\n")
         answers.flush()
 
-    worker = Worker(json.loads(next(requests)))
+    worker = Worker(WorkerSettings(**json.loads(next(requests))))
     reply(worker.describe())
     for line in requests:
         reply(worker.answer(json.loads(line)))
