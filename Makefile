@@ -33,8 +33,7 @@ LANES := $(addprefix test-,core monitor robot sim tools docs)
 # The tests of what is compiled, or of code that sees compiled classes. Of the tests of XML, those that load trees:
 # the others execute hardly a compiled line that these do not.
 COMPILED_TESTS := $(addprefix tests/btcore/,blackboard engine loading nodes registry script test_builds.py \
-	test_status.py tree values xml/plan xml/read/test_element.py \
-	xml/test_node_creator.py) tests/conformance tests/fuzz tests/properties \
+	test_status.py tree values xml/plan xml/read/test_element.py) tests/conformance tests/fuzz tests/properties \
 	tests/regressions/btcore tests/tools/btcore_batch tests/docs/test_docstring_examples.py
 # Continuous integration also checks the types on Windows, and runs the blocks of all pages.
 WITHOUT_PAGES := --deselect tests/docs/test_docs.py::test_the_examples_of_a_page_run

@@ -32,7 +32,7 @@ DATA = {"benchmarks": "*.py", "docs": "*.md", "trees": "*.xml"}
 GROUPS = {"btcore": "btcore", "btcore_batch": "tools/btcore_batch"}
 # Modules that run once, or only produce output for people, are not compiled. Neither is any __init__.py, nor
 # btcore/builds.py, which selects the build.
-COLD_FOLDERS = {"cli", "loading", "logs", "registry", "runs", "testing", "xml"}
+COLD_FOLDERS = {"cli", "lint", "loading", "logs", "registry", "runs", "testing", "xml"}
 COLD_FILES = {
     "__init__.py",
     "btcore/__main__.py",
@@ -73,7 +73,7 @@ HOT_FILES = {
     "btcore/registry/substitution.py",
     "btcore/xml/read/element.py",
     "btcore/xml/plan/tree_plan.py",
-    "btcore/xml/node_creator.py",
+    "btcore/loading/instantiate.py",
 }
 
 

@@ -55,7 +55,7 @@ TIERS = (
     {"values", "blackboard", "script", "xml.read"},
     {"engine", "nodes", "registry"},
     {"xml"},
-    {"tree", "loading", "logs", ""},  # "" is btcore/__init__.py
+    {"tree", "loading", "lint", "logs", ""},  # "" is btcore/__init__.py
     {"testing", "bundled_trees", "runs", "cli", "field_options", "program_runner", "__main__"},
 )
 ROBOT_PACKAGES = ("btcore_navigation", "btcore_robot", "btcore_sim")

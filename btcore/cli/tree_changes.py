@@ -202,7 +202,7 @@ def _convert_value(text: str, kind: ValueType | None, format: int) -> object:
 
 def _warn_unused_keys(keys: Iterable[str], plans: Plans) -> None:
     """Print a warning for each of *keys* that neither a port nor a script of the tree uses."""
-    from btcore.xml.lint.dry_run import DryRun  # most runs do not need it
+    from btcore.lint.dry_run import DryRun  # most runs do not need it
 
     assert plans.main_tree is not None
     dry_run = DryRun(plans)

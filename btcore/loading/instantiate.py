@@ -1,18 +1,37 @@
-"""Create a tree from its plans: the last stage of loading."""
+"""Create a tree from its plans, and connect the ports of its nodes with the blackboards.
+
+This is the fourth and last stage of loading.
+"""
 
 from collections.abc import Sequence
 from typing import TypeGuard
 
-from btcore.blackboard.blackboard import Blackboard
+from mypy_extensions import mypyc_attr
+
+from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.blackboard.ports import Binding, Input, Output, Port
 from btcore.clock import Clock, SystemClock
+from btcore.diagnostic_codes import (
+    CONFLICTING_ENTRY_TYPES,
+    DUPLICATE_SUBTREE_PATH,
+    INCONVERTIBLE_TEXT,
+    LEAF_INIT_RAISED,
+    MISSING_PORT,
+    NODE_NOT_CREATED,
+    SCRIPT_SYNTAX,
+    DiagnosticCode,
+)
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.registry.manifest import Resources
-from btcore.registry.registry import Registry
+from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, ScriptError
+from btcore.registry.manifest import Manifest, Resources, takes_children
+from btcore.registry.registry import Registry, library_of
 from btcore.tree.tree import Subtree, Tree
-from btcore.xml.node_creator import NodeCreator
-from btcore.xml.plan.plan import Plans
+from btcore.values import parse_constant, type_of
+from btcore.xml.plan.plan import Plans, script_diagnostic
+from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
+from btcore.xml.read.diagnostics import DiagnosticCollector
 
 
 def instantiate(
@@ -83,3 +102,288 @@ def _find_clock(resources: Sequence[object]) -> Clock:
 def is_clock(thing: object) -> TypeGuard[Clock]:
     """Return whether *thing* has the methods of a clock."""
     return hasattr(thing, "now") and hasattr(thing, "wait_until")
+
+
+class TreeInstance:
+    """The nodes of one tree while they are created; `instantiate` makes a `btcore.Subtree` of it.
+
+    *prefix* begins the paths of its nodes. Most attributes are those of `Subtree`.
+    """
+
+    __slots__ = ("blackboard", "document", "nodes", "path", "plan", "prefix")
+
+    def __init__(self, plan: TreePlan, path: str, blackboard: Blackboard) -> None:
+        self.plan = plan
+        self.path = path
+        self.blackboard = blackboard
+        self.nodes: list[TreeNode] = []
+        self.document = plan.definition.document
+        self.prefix = f"{path}/" if path else ""
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class NodeCreator:
+    """Creates the nodes of a planned tree and of its subtrees, depth-first.
+
+    A subclass may override `bind_ports`, `create_scope` and `create_node`, as `btcore.lint.dry_run.DryRun`.
+
+    Attributes:
+        format: The format of the tree, 3 or 4.
+        context: The objects that the nodes share.
+        blackboard: The main tree's blackboard.
+        instances: The instances of trees, the main tree first.
+        nodes: All nodes in depth-first pre-order; the content of a SubTree node follows it.
+        collector: Collects the errors.
+    """
+
+    def __init__(
+        self,
+        plans: Plans,
+        resources: Sequence[object],
+        clock: Clock,
+        blackboard: Blackboard | None = None,
+    ) -> None:
+        self._plans = plans
+        self.format = plans.dialect.format
+        self._registry = registry = plans.registry
+        # Most registries have no substitution rules; then the manifests of the plan are used as they are.
+        self._rules = registry.substitutions
+        self._enums = registry.types.enums
+        self._resources = Resources(resources)
+        self.context = TreeContext(clock)
+        self._scope_class = Blackboard
+        if self.format == 3:
+            from btcore.blackboard.format3 import Format3Blackboard
+
+            self._scope_class = Format3Blackboard
+        self.blackboard = blackboard if blackboard is not None else self._scope_class(clock=clock)
+        self.instances: list[TreeInstance] = []
+        self.nodes: list[TreeNode] = []
+        # The main tree's path is the empty text, as in BehaviorTree.CPP.
+        self._paths: set[str] = {""}
+        self._declarations: dict[Entry, tuple[Binding, NodeConfig]] = {}
+        self._uid = 0
+        self.collector = DiagnosticCollector()
+
+    def create_nodes(self, tree_plan: TreePlan) -> None:
+        """Create the nodes of *tree_plan*, which is neither recursive nor too large."""
+        self._plans.sizes[tree_plan.id].ensure_recursion_limit()
+        self._create_instance(tree_plan, "", self.blackboard)
+
+    def _create_instance(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
+        """Create an instance of a tree. Return its root, or None if it could not be created."""
+        instance = TreeInstance(tree_plan, path, blackboard)
+        self.instances.append(instance)
+        assert tree_plan.root is not None
+        return self._create_with_children(tree_plan.root, instance)
+
+    def _create_with_children(self, node_plan: NodePlan, instance: TreeInstance) -> TreeNode | None:
+        """Create a node and the nodes below it. Return None if the node could not be created."""
+        document, call = instance.document, node_plan.subtree_call
+        self._uid = uid = self._uid + 1
+        id, line = node_plan.id, document.line(node_plan.element)
+        name = id if node_plan.name is None else node_plan.name
+        scripts, attributes = node_plan.conditions, node_plan.attributes
+        config = NodeConfig(id, name, uid, self.format, document.file, line, scripts, attributes, self._enums)
+        if call is not None:
+            self._configure_call(node_plan, call, config, instance)
+        else:
+            # BehaviorTree.CPP appends the uid to the path of a node without a name.
+            config.path = f"{instance.prefix}{name}::{uid}" if name == id else instance.prefix + name
+            self.bind_ports(node_plan, config, instance)
+        manifest = self._substitute(node_plan, config, instance) if self._rules else node_plan.manifest
+        if call is None and not node_plan.children:
+            leaf = self.create_node(node_plan, manifest, config, instance, ())
+            if leaf is not None:
+                self.nodes.append(leaf)
+                instance.nodes.append(leaf)
+            return leaf
+        # Nodes are listed in pre-order, but a parent is created after its children: keep its place.
+        index, own_index = len(self.nodes), len(instance.nodes)
+        self.nodes.append(_PLACEHOLDER)
+        instance.nodes.append(_PLACEHOLDER)
+        children: list[TreeNode | None]
+        if self._rules and not takes_children(manifest):
+            children = []  # a substitution rule has replaced the node by a leaf
+        elif call is not None:
+            inner = self.create_scope(node_plan, call, instance)
+            children = [self._create_instance(self._plans.trees[call.tree_id], config.path, inner)]
+        else:
+            children = [self._create_with_children(child, instance) for child in node_plan.children]
+        node = self.create_node(node_plan, manifest, config, instance, children)
+        if node is not None:
+            self.nodes[index] = instance.nodes[own_index] = node
+        return node
+
+    def bind_ports(self, node_plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> None:
+        """Bind the ports, and declare the entries that the ports point to."""
+        if not node_plan.bindings:
+            return
+        blackboard = instance.blackboard
+        inputs: dict[str, Input] = {}
+        outputs: dict[str, Output] = {}
+        for binding in node_plan.bindings:
+            port = binding.port
+            key = binding.key
+            if key is not None and binding.is_explicit:
+                try:
+                    entry = blackboard.create(key, port.type, only_read=not port.writes)
+                except (BlackboardError, ConversionError) as error:
+                    self._report_type_conflict(node_plan, port, instance, blackboard.find(key), error)
+                else:
+                    # The first port with a type declares the type; later ports are compared with it.
+                    if entry not in self._declarations and port.type.strong:
+                        self._declarations[entry] = (binding, config)
+            if isinstance(binding, Input):
+                is_bound = binding.blackboard is blackboard
+                inputs[port.name] = binding if is_bound else binding.bind_or_copy(blackboard)
+            # In format 3 the default of an output port is not connected.
+            if port.writes and (binding.is_explicit or (key is not None and binding.format == 4)):
+                outputs[port.name] = Output(binding, blackboard)
+        config.inputs = inputs
+        if outputs:
+            config.outputs = outputs
+
+    def declared_by(self, entry: Entry) -> str:
+        """Return the port that declared the type of *entry*, with its place, or ""."""
+        if entry not in self._declarations:
+            return ""
+        binding, config = self._declarations[entry]
+        return f"'{binding.port.name}' of <{config.id}> ({config.where})"
+
+    def _report_type_conflict(
+        self, node_plan: NodePlan, port: Port, instance: TreeInstance, entry: Entry | None, error: BtcoreError
+    ) -> None:
+        """Add the error for a port whose type differs from the declared type of its entry."""
+        if entry is None or entry.declared.same(port.type):
+            self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, instance, port.name)
+            return
+        own, declared = port.type.name, entry.declared.name
+        if own == declared:
+            own += f" of {library_of(port.type.python_type)}"
+            declared += f" of {library_of(entry.declared.python_type)}"
+        types = f"has the type {own}, but its entry has the type {declared}"
+        message = f"the port '{port.name}' of <{node_plan.id}> {types}"
+        first = self.declared_by(entry)
+        origin = f"declared by {first}" if first else "it was on the blackboard before the tree was built"
+        hint = f"{origin}; the type of an entry never changes"
+        if self.format == 4 and entry.declared.is_related(port.type):
+            hint = (
+                f"{origin}; an output needs exactly this type, so declare the port as {entry.declared.name}"
+            )
+        self._report(CONFLICTING_ENTRY_TYPES, message, node_plan, instance, port.name, hint)
+
+    def create_node(
+        self,
+        node_plan: NodePlan,
+        manifest: Manifest | None,
+        config: NodeConfig,
+        instance: TreeInstance,
+        children: Sequence[TreeNode | None],
+    ) -> TreeNode | None:
+        """Create a node. Return None if it or a child could not be created."""
+        created: list[TreeNode] = []
+        if children:
+            created += [child for child in children if child is not None]
+            if len(created) != len(children):
+                return None  # the error of the child is in the diagnostics
+        if manifest is None:
+            return None
+        try:
+            return manifest.make(config, self.context, instance.blackboard, self._resources, created)
+        except ScriptError as error:
+            self._report_script(node_plan, instance, error)
+        except (NodeError, BlackboardError, ConversionError) as error:
+            self._report(_code_of(error, node_plan), str(error), node_plan, instance)
+        except BtcoreError:
+            raise  # an error of the program, not of the document
+        except Exception as error:
+            message = f"<{node_plan.id}> raised while it was created: {type(error).__name__}: {error}"
+            hint = ""
+            if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
+                hint = "call super().__init__() without arguments: a node has its name and config already"
+            self._report(LEAF_INIT_RAISED, message, node_plan, instance, hint=hint)
+        return None
+
+    def _report(
+        self,
+        code: DiagnosticCode,
+        message: str,
+        node_plan: NodePlan,
+        instance: TreeInstance,
+        attribute: str = "",
+        hint: str = "",
+    ) -> None:
+        self.collector.add(
+            instance.document.diagnostic(code, message, node_plan.element, attribute, hint=hint)
+        )
+
+    def _substitute(self, node_plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> Manifest | None:
+        """Return the manifest after the registry's substitution rules, or None after an error."""
+        if node_plan.manifest is None:
+            return None
+        # A SubTree node has the root of the called tree as its only child.
+        children = len(node_plan.children) if node_plan.subtree_call is None else 1
+        try:
+            return self._registry.apply_substitutions(config, node_plan.manifest, children)
+        except NodeError as error:
+            self._report(NODE_NOT_CREATED, str(error), node_plan, instance)
+            return None
+
+    def _report_script(self, node_plan: NodePlan, instance: TreeInstance, error: ScriptError) -> None:
+        texts = {key: text for key, text in node_plan.element.attributes.items() if text == error.text}
+        if texts:
+            self.collector.add(script_diagnostic(instance.document, node_plan, next(iter(texts)), error))
+        else:
+            self._report(SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan, instance)
+
+    # --- SubTree elements
+
+    def _configure_call(
+        self, node_plan: NodePlan, call: SubtreeCall, config: NodeConfig, instance: TreeInstance
+    ) -> None:
+        """Set the name, path and attributes of a SubTree node, and report a path that occurs twice."""
+        config.name = node_plan.name if node_plan.name is not None else call.tree_id
+        # Format 3 ignores the name of a SubTree node in paths.
+        own_name = node_plan.name if self.format == 4 else None
+        config.path = instance.prefix + (
+            own_name if own_name is not None else f"{call.tree_id}::{config.uid}"
+        )
+        config.attributes = {**call.port_texts, **node_plan.attributes}
+        if config.path in self._paths:
+            message = f"two SubTree nodes have the path '{config.path}'"
+            hint = "give them different names, or remove the names"
+            self._report(DUPLICATE_SUBTREE_PATH, message, node_plan, instance, "name", hint)
+        self._paths.add(config.path)
+
+    def create_scope(self, node_plan: NodePlan, call: SubtreeCall, instance: TreeInstance) -> Blackboard:
+        """Return the blackboard of the called tree, connected with that of *instance*, which calls it."""
+        outer = instance.blackboard
+        if call.shares_blackboard:
+            return outer
+        inner = self._scope_class(outer)
+        for key, outer_key in call.remaps.items():
+            inner.remap(key, outer_key)
+        for key, text in call.constants.items():
+            # `set` follows autoremap: it writes the outer entry if autoremap comes before the constant.
+            inner.autoremap = key in call.outer_constants
+            value = parse_constant(text) if self.format == 4 else text
+            try:
+                inner.set(key, value, None if isinstance(value, str) else type_of(value))
+            except BlackboardError as error:
+                self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, instance, key)
+        inner.autoremap = call.autoremap
+        return inner
+
+
+def _code_of(error: Exception, node_plan: NodePlan) -> DiagnosticCode:
+    if not isinstance(error, NodeError):
+        return INCONVERTIBLE_TEXT
+    given = {port.name for port, _, _ in node_plan.ports}
+    ports = node_plan.manifest.ports.values() if node_plan.manifest is not None else ()
+    # If a node can't be created and lacks an input port, the message names the port.
+    missing = any(port.reads and port.name not in given for port in ports)
+    return MISSING_PORT if missing else NODE_NOT_CREATED
+
+
+_PLACEHOLDER = TreeNode()

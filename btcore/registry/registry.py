@@ -31,6 +31,7 @@ MOVED_MODULES: Final = {
     "btcore.preview": "btcore_studio.preview",
     "btcore.proof": "btcore_proof",
     "btcore.sweep": "btcore_sweep",
+    "btcore.xml.lint": "btcore.lint",
     "btcore.xml.render.tree_xml": "btcore.loading.tree_xml",
     "btcore.xml.schema": "btcore_studio.schema",
     "btcore_robot.navigation": "btcore_navigation",

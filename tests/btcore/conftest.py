@@ -1,6 +1,6 @@
-"""Fixtures of the engine's tests: simulated time, a call log of planned leaves, a factory of trees."""
+"""Fixtures of the engine's tests: simulated time, a call log of planned leaves, trees, documents."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import pytest
@@ -54,3 +54,20 @@ def journal() -> CallLog:
 @pytest.fixture
 def make_tree(clock: SimClock, journal: CallLog) -> TreeFactory:
     return TreeFactory(clock, journal)
+
+
+@pytest.fixture
+def document() -> Callable[..., str]:
+    """Return a function that writes a document; *root* holds the attributes of its root element."""
+
+    def write(
+        body: str,
+        others: Mapping[str, str] | str = "",
+        root: str = 'BTCPP_format="4" main_tree_to_execute="Main"',
+    ) -> str:
+        if not isinstance(others, str):
+            lines = [f'  <BehaviorTree ID="{ID}">{inside}</BehaviorTree>\n' for ID, inside in others.items()]
+            others = "".join(lines)
+        return f'<root {root}>\n  <BehaviorTree ID="Main">\n    {body}\n  </BehaviorTree>\n{others}</root>\n'
+
+    return write

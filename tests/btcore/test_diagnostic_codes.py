@@ -11,8 +11,8 @@ import pytest
 from btcore import Registry, diagnostic_codes
 from btcore.diagnostic_codes import ALL_CODES, DiagnosticCode
 from btcore.errors import TreeError
+from btcore.lint.validate import validate_document
 from btcore.xml.convert.convert import convert
-from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 
 ROOT = Path(__file__).parents[2]

@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 
 from btcore import Registry
 from btcore.cli.main import main
-from btcore.xml.lint.validate import validate_document
+from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_file
 
 FOLDER = Path(__file__).parent / "third_party_trees"

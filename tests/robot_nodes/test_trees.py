@@ -5,7 +5,7 @@ from pathlib import Path
 from lxml import etree
 
 from btcore import Diagnostic, Registry
-from btcore.xml.lint.validate import validate_document
+from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_file
 from btcore_studio.schema import write_schema
 

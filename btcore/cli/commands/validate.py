@@ -12,7 +12,7 @@ from btcore.cli.tree_source import TreeOptions, assumed_keys_option, complete_tr
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
-from btcore.xml.lint.validate import validate_document
+from btcore.lint.validate import validate_document
 from btcore.xml.read.read import read
 
 

@@ -3,6 +3,7 @@
 This is the third stage of loading.
 """
 
+import sys
 from collections.abc import Collection, Mapping
 from typing import Any, Final, NamedTuple
 
@@ -28,6 +29,11 @@ class TreeSize(NamedTuple):
 
     nodes: int
     depth: int
+
+    def ensure_recursion_limit(self) -> None:
+        """Raise Python's recursion limit, if the tree needs it."""
+        # Nodes are created, checked and ticked recursively, with at most six Python calls per level.
+        sys.setrecursionlimit(max(sys.getrecursionlimit(), 6 * self.depth + 1000))
 
 
 class Plans(NamedTuple):

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Port
 from btcore.status import NodeType
-from btcore.xml.node_creator import ensure_recursion_limit
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 from btcore.xml.read.element import Element
@@ -50,7 +49,7 @@ class DiagramNode:
 def diagram_of_document(plans: Plans) -> DiagramNode:
     """Return the main tree of a document without errors as a drawing, numbered as in a running tree."""
     assert plans.main_tree is not None, "a document without a main tree has errors"
-    ensure_recursion_limit(plans.sizes[plans.main_tree.id].depth)
+    plans.sizes[plans.main_tree.id].ensure_recursion_limit()
     # NodeCreator numbers the nodes in the same order: a parent before its children.
     uids = itertools.count(1)
 

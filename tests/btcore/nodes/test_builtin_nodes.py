@@ -6,12 +6,12 @@ import pytest
 
 from btcore import DecoratorNode, NodeSpec, Status, TreeNode
 from btcore.engine.control import results_in_order
+from btcore.lint.possible_results import behaviour_of
 from btcore.nodes.builtin_nodes import BUILTIN_NODES, node_classes
 from btcore.nodes.format3 import SequenceStar
 from btcore.nodes.result_decorators import ForceSuccess, Inverter
 from btcore.nodes.sequences_and_fallbacks import Fallback, OrderedNode, SequenceWithMemory
 from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
-from btcore.xml.lint.possible_results import behaviour_of
 
 
 @pytest.mark.parametrize("cls", [*node_classes()], ids=lambda cls: cls.__name__)

@@ -1,98 +1,15 @@
-"""Fixtures of the XML tests: registries of leaves, and functions that check documents."""
+"""Fixtures of the tests of XML: leaves for trees with errors, and functions for such trees."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable
 from typing import Protocol
 
 import pytest
 
-from btcore import Blackboard, In, Put, Registry, StatefulAction, Status, SyncAction, action, condition
-from btcore.errors import Diagnostic, TreeError
+from btcore import In, Registry, SyncAction, action
+from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
-from btcore.xml.lint.validate import validate_document
 from btcore.xml.plan.plan import define_and_plan
 from btcore.xml.read.read import parse_text, read
-
-
-@condition
-def battery_ok(minimum: In[float] = 0.2) -> bool:
-    return minimum > 0
-
-
-@action
-def say(text: In[str]) -> bool:
-    return bool(text)
-
-
-@action
-def count(start: In[int], result: Put[int]) -> bool:
-    result(start + 1)
-    return True
-
-
-@action
-def look(found: Put[str]) -> bool:
-    found("a door")
-    return True
-
-
-@action
-def tidy(board: Blackboard) -> bool:
-    return "x" in board
-
-
-class Lasting(StatefulAction):
-    def on_start(self) -> Status:
-        return Status.RUNNING
-
-    def on_running(self) -> Status:
-        return Status.RUNNING
-
-
-class Drive(Lasting):
-    goal: In[str] = "home"
-
-
-class Grasp(Lasting):
-    pass
-
-
-@pytest.fixture
-def palette() -> Registry:
-    made = Registry.standard()
-    made.add(battery_ok, say, count, look, tidy, Drive, Grasp)
-    return made
-
-
-class Checker:
-    """Validates a document with *body* in its main tree and *more* as further trees."""
-
-    def __init__(self, palette: Registry) -> None:
-        self.palette = palette
-
-    def found(
-        self, body: str, more: str = "", format: int = 4, given: Collection[str] = (), **root: str
-    ) -> list[Diagnostic]:
-        attributes = "".join(f' {key}="{value}"' for key, value in root.items())
-        text = (
-            f'<root BTCPP_format="{format}" main_tree_to_execute="Main"{attributes}>\n'
-            f'  <BehaviorTree ID="Main">\n    {body}\n  </BehaviorTree>\n{more}</root>\n'
-        )
-        return self.found_in(text, given)
-
-    def found_in(self, text: str, given: Collection[str] = ()) -> list[Diagnostic]:
-        return validate_document(parse_text(text, "t.xml"), nodes=self.palette, given=given)
-
-    def __call__(self, body: str, more: str = "", format: int = 4, given: Collection[str] = ()) -> str:
-        """Return all diagnostics as a user reads them."""
-        return "".join(f"{one}\n" for one in self.found(body, more, format, given))
-
-
-@pytest.fixture
-def check(palette: Registry) -> Checker:
-    return Checker(palette)
-
-
-# --- trees with errors
 
 
 class Robot:
@@ -137,23 +54,6 @@ def nodes() -> Registry:
     for ID, thing in {"Drive": drive, "Say": hello}.items():
         made.add(thing, ID=ID)
     return made
-
-
-@pytest.fixture
-def document() -> Callable[..., str]:
-    """Return a function that writes a document; *root* holds the attributes of its root element."""
-
-    def write(
-        body: str,
-        others: Mapping[str, str] | str = "",
-        root: str = 'BTCPP_format="4" main_tree_to_execute="Main"',
-    ) -> str:
-        if not isinstance(others, str):
-            lines = [f'  <BehaviorTree ID="{ID}">{inside}</BehaviorTree>\n' for ID, inside in others.items()]
-            others = "".join(lines)
-        return f'<root {root}>\n  <BehaviorTree ID="Main">\n    {body}\n  </BehaviorTree>\n{others}</root>\n'
-
-    return write
 
 
 @pytest.fixture

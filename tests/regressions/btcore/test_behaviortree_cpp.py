@@ -22,8 +22,8 @@ from btcore import (
     XmlSyntaxError,
     action,
 )
+from btcore.lint.validate import validate_document
 from btcore.testing import load_substitution_rules
-from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 
 MakeTree = Callable[..., Tree]

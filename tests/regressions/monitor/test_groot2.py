@@ -11,7 +11,7 @@ import zmq
 import btcore
 from btcore import Blackboard, Direction, Port, Registry, SimClock, Status, SyncAction, values
 from btcore.errors import RegistrationError
-from btcore.xml.lint.validate import validate_document
+from btcore.lint.validate import validate_document
 from btcore.xml.models.model_file import add_models
 from btcore.xml.read.read import parse_file, parse_text
 from btcore_monitor.events import ObservedNode, ObservedTree

@@ -6,10 +6,10 @@ from typing import Final
 from btcore.blackboard.ports import LOAD_TIME_ROLES, Direction, Port
 from btcore.documentation_site import node_url
 from btcore.escaping import escape_controls
+from btcore.lint.ports import is_required
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.values import BOOL, DOUBLE, EnumType, ValueType
-from btcore.xml.lint.ports import is_required
 from btcore.xml.models.stubs import is_stub
 
 ARROWS: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "↔"}

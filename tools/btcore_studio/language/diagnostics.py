@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 from lsprotocol import types
 
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
+from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
-from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import Document
 
 SOURCE: Final = "btcore"

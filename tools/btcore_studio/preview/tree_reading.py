@@ -8,8 +8,8 @@ from typing import Any, Final
 from btcore import diagnostic_codes
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.input_files import read_file
+from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
-from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_undeclared_nodes
 from btcore.xml.plan.plan import Plans, define_and_plan, plan
 from btcore.xml.read.read import Document, parse_file, parse_text, read

@@ -8,7 +8,7 @@ import btcore
 from btcore import Direction, NodeType, Registry, SimClock, Status, TreeError
 from btcore.entry_points import EntryPoint
 from btcore.errors import RegistrationError
-from btcore.xml.lint.validate import validate_document
+from btcore.lint.validate import validate_document
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.models.stubs import StubResults
 from btcore.xml.models.tree_nodes_model import write_models

@@ -9,8 +9,8 @@ import pytest
 from btcore import Registry, loads
 from btcore.entry_points import LIMIT_VARIABLE
 from btcore.errors import TreeError, UnknownNodeError, XmlSyntaxError
+from btcore.lint.validate import validate_document
 from btcore.loading.instantiate import instantiate
-from btcore.xml.lint.validate import validate_document
 from btcore.xml.plan import hints
 from btcore.xml.plan.plan import define_and_plan
 from btcore.xml.read.read import parse_file, parse_text, read

@@ -10,8 +10,8 @@ import btcore
 from btcore import In, Registry, condition
 from btcore.blackboard.blackboard import Blackboard
 from btcore.errors import PortError, TreeError
+from btcore.lint.validate import validate_document
 from btcore.loading.instantiate import instantiate
-from btcore.xml.lint.validate import validate_document
 from btcore.xml.plan.plan import define_and_plan
 from btcore.xml.read.read import parse_text, read
 

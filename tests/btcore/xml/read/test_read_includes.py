@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from btcore import Registry, Status, TreeError, load, loads
-from btcore.xml.lint.validate import validate_document
+from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_file
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 from lsprotocol import types
 
-from btcore.xml.lint.data_flow import trace_dataflow
+from btcore.lint.data_flow import trace_dataflow
 from btcore.xml.plan.plan import define_and_plan
 from btcore.xml.read.read import parse_file, read
 from btcore_studio.language.entries import entry_facts

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("pygls")
 
 from btcore import Registry
-from btcore.xml.lint.validate import validate_document
+from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 from btcore_studio.language.node_models import NodeModel, add_stubs, models_of
 from btcore_studio.language.python_source import module_file, read_nodes

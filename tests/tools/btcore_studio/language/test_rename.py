@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 import btcore
+from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
-from btcore.xml.lint.validate import validate_document
 from btcore.xml.models.model_file import add_models
 from btcore.xml.read.read import parse_file
 from btcore_studio.language.navigation import find_definition

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from btcore.xml.lint.dry_run import DryRun, EntryUse
-from btcore.xml.lint.scripts import WRITING, AccessKind
+from btcore.lint.dry_run import DryRun, EntryUse
+from btcore.lint.scripts import WRITING, AccessKind
 from btcore.xml.plan.plan import Plans
 
 

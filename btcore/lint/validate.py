@@ -13,24 +13,23 @@ from btcore.diagnostic_codes import (
 )
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import Diagnostic
-from btcore.registry.registry import Registry
-from btcore.xml.lint.children import check_child_count, check_reachable_children
-from btcore.xml.lint.dry_run import DryRun
-from btcore.xml.lint.endless_ticks import EndlessTickCheck
-from btcore.xml.lint.entry_types import check_value_types
-from btcore.xml.lint.loose_text import check_loose_text
-from btcore.xml.lint.ports import (
+from btcore.lint.children import check_child_count, check_reachable_children
+from btcore.lint.dry_run import DryRun
+from btcore.lint.endless_ticks import EndlessTickCheck
+from btcore.lint.entry_types import check_value_types
+from btcore.lint.loose_text import check_loose_text
+from btcore.lint.ports import (
     check_ignored_attributes,
     check_literals_of_class,
     check_missing_ports,
     check_port_literals,
 )
-from btcore.xml.lint.possible_results import ResultAnalysis
-from btcore.xml.lint.reporter import LintReporter
-from btcore.xml.lint.scripts import check_script_results
-from btcore.xml.lint.subtree_calls import TreeKeys, check_remappings, check_unused_trees
-from btcore.xml.lint.unwritten_keys import check_keys
-from btcore.xml.node_creator import ensure_recursion_limit
+from btcore.lint.possible_results import ResultAnalysis
+from btcore.lint.reporter import LintReporter
+from btcore.lint.scripts import check_script_results
+from btcore.lint.subtree_calls import TreeKeys, check_remappings, check_unused_trees
+from btcore.lint.unwritten_keys import check_keys
+from btcore.registry.registry import Registry
 from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
 from btcore.xml.read.read import Document, read
@@ -100,7 +99,7 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
         collector.errors = [error for error in collector.errors if error.code != UNDETERMINED_MAIN_TREE]
     roots = [root for root in plans.roots() if root.id in plans.sizes]
     for root in roots:
-        ensure_recursion_limit(plans.sizes[root.id].depth)
+        plans.sizes[root.id].ensure_recursion_limit()
     models = definitions.subtree_models
     reporter = LintReporter(collector)
     results = _check_nodes(plans, models, reporter)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from btcore import NodeExecutionError, Registry
-from tests.btcore.xml.lint.documents import dedented, load_main
+from tests.btcore.lint.documents import dedented, load_main
 
 Check = Callable[..., str]
 

@@ -13,11 +13,11 @@ from btcore.clock import SystemClock
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError, Diagnostic
+from btcore.lint.possible_results import is_built_in
+from btcore.lint.scripts import WRITING, AccessKind, find_name_uses
+from btcore.loading.instantiate import NodeCreator, TreeInstance
 from btcore.registry.manifest import Manifest
-from btcore.xml.lint.possible_results import is_built_in
-from btcore.xml.lint.scripts import WRITING, AccessKind, find_name_uses
 from btcore.xml.models.stubs import is_stub
-from btcore.xml.node_creator import NodeCreator, TreeInstance
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.read import Document

@@ -7,7 +7,7 @@ import pytest
 
 import btcore
 from btcore import NodeSpec, Registry, StatefulAction, Status, SyncAction
-from tests.btcore.xml.lint.documents import children, dedented, tree
+from tests.btcore.lint.documents import children, dedented, tree
 
 Check = Callable[..., str]
 

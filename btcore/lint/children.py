@@ -10,10 +10,10 @@ from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import FIRST_TICK_REFUSED, SECOND_ASYNC_CHILD, UNREACHABLE_CHILD
 from btcore.engine.control import ControlNode, DecoratorNode, results_in_order
 from btcore.engine.node import TreeNode
+from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
+from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.nodes.parallel import threshold
 from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
-from btcore.xml.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
-from btcore.xml.lint.reporter import LintReporter, line_of, node_label
 from btcore.xml.models.stubs import is_stub
 from btcore.xml.plan.tree_plan import NodePlan, count_text, element_children
 from btcore.xml.read.read import Document

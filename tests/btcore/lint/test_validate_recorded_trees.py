@@ -9,12 +9,12 @@ import pytest
 
 import btcore
 from btcore.errors import Diagnostic, TreeError
+from btcore.lint.validate import validate_document
 from btcore.testing.plan_leaves import CallLog
-from btcore.xml.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 from tests.conformance.recorded_cases import conformance_registry, read_cases
 
-DATA = Path(__file__).parents[3] / "conformance" / "data"
+DATA = Path(__file__).parents[2] / "conformance" / "data"
 NODES = conformance_registry()
 MUTATED = ["v4_mutated", "v3_mutated"]
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from tests.btcore.xml.lint.documents import dedented, sequence, tree
+from tests.btcore.lint.documents import dedented, sequence, tree
 
 Check = Callable[..., str]
 REPEAT = '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>'

@@ -9,7 +9,7 @@ import btcore
 from btcore import NodeExecutionError, NodeType, Port, Registry
 from btcore.values import INT
 from btcore.xml.models.stubs import make_stub_class
-from tests.btcore.xml.lint.documents import dedented, load_main
+from tests.btcore.lint.documents import dedented, load_main
 
 Check = Callable[..., str]
 

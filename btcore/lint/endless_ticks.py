@@ -5,10 +5,10 @@ from typing import Final
 
 from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import ENDLESS_TICK
+from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
+from btcore.lint.reporter import LintReporter, node_label
 from btcore.nodes.repeat import RepeatedNode
 from btcore.status import FAILURE, SUCCESS, NodeType
-from btcore.xml.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
-from btcore.xml.lint.reporter import LintReporter, node_label
 from btcore.xml.models.stubs import is_stub
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from btcore import Registry
-from btcore.xml.lint.validate import validate_document
+from btcore.lint.validate import validate_document
 from btcore.xml.models.model_file import add_models
 from btcore.xml.read.read import parse_file
 

@@ -28,13 +28,13 @@ from btcore.diagnostic_codes import (
 )
 from btcore.engine.signature import PortAttribute
 from btcore.errors import ConversionError
+from btcore.lint.possible_results import is_built_in
+from btcore.lint.reporter import LintReporter, node_label
 from btcore.names import is_port_name, port_name_error
 from btcore.registry.manifest import Manifest
 from btcore.suggestions import join_names, nearest_name
 from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorType
 from btcore.values.numbers import whole_float
-from btcore.xml.lint.possible_results import is_built_in
-from btcore.xml.lint.reporter import LintReporter, node_label
 from btcore.xml.models.stubs import is_stub
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES

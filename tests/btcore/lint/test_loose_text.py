@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from tests.btcore.xml.lint.documents import dedented
+from tests.btcore.lint.documents import dedented
 
 Check = Callable[..., str]
 

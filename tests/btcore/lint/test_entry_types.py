@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from btcore import NodeExecutionError, Registry
-from tests.btcore.xml.lint.documents import dedented, load_main, sequence, tree
+from tests.btcore.lint.documents import dedented, load_main, sequence, tree
 
 Check = Callable[..., str]
 REPEAT = '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>'

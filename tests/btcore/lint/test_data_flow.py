@@ -3,7 +3,7 @@
 from dataclasses import asdict
 
 from btcore import In, Put, Registry, action
-from btcore.xml.lint.data_flow import DataflowRow, trace_dataflow
+from btcore.lint.data_flow import DataflowRow, trace_dataflow
 from btcore.xml.plan.plan import define_and_plan
 from btcore.xml.read.read import parse_text, read
 

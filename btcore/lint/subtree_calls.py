@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
+from btcore.lint.dry_run import uses_whole_blackboard
+from btcore.lint.reporter import LintReporter, node_label
+from btcore.lint.scripts import find_name_uses
 from btcore.suggestions import join_names, nearest_name
-from btcore.xml.lint.dry_run import uses_whole_blackboard
-from btcore.xml.lint.reporter import LintReporter, node_label
-from btcore.xml.lint.scripts import find_name_uses
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.read import Document

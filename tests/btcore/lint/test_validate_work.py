@@ -7,7 +7,7 @@ from types import FrameType
 import pytest
 
 from btcore import Registry
-from btcore.xml.lint.validate import validate_document
+from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 
 SMALL, LARGE = 100, 800  # elements

@@ -3,7 +3,7 @@
 import pytest
 
 from btcore import In, InOut, NodeExecutionError, Out, Registry, Status, SyncAction, Tree, TreeError, loads
-from btcore.xml.lint.validate import validate_document
+from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 
 

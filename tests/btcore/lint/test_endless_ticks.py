@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.btcore.xml.lint.documents import tree
+from tests.btcore.lint.documents import tree
 
 Check = Callable[..., str]
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
 from btcore.errors import ScriptError
+from btcore.lint.reporter import LintReporter, node_label
 from btcore.script.expressions import (
     Assignment,
     Comparison,
@@ -17,7 +18,6 @@ from btcore.script.expressions import (
     UnaryOperation,
 )
 from btcore.script.program import Parser, condition_result
-from btcore.xml.lint.reporter import LintReporter, node_label
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.read import Document
 

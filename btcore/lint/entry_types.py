@@ -16,15 +16,15 @@ from btcore.diagnostic_codes import (
 )
 from btcore.engine.control import ControlNode
 from btcore.errors import BtcoreError, ConversionError, ScriptError
+from btcore.lint.dry_run import DryRun, EntryUse
+from btcore.lint.ports import conversion_error, is_listed, valid_literals
+from btcore.lint.reporter import LintReporter, line_of, node_label
+from btcore.lint.scripts import WRITING, AccessKind, is_constant, parse_statements
+from btcore.lint.unwritten_keys import is_declaration
 from btcore.registry.manifest import Manifest
 from btcore.script.expressions import Assignment, Literal, Name
 from btcore.status import SUCCESS
 from btcore.values import INT64, STRING
-from btcore.xml.lint.dry_run import DryRun, EntryUse
-from btcore.xml.lint.ports import conversion_error, is_listed, valid_literals
-from btcore.xml.lint.reporter import LintReporter, line_of, node_label
-from btcore.xml.lint.scripts import WRITING, AccessKind, is_constant, parse_statements
-from btcore.xml.lint.unwritten_keys import is_declaration
 from btcore.xml.models.stubs import is_stub
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 from btcore.xml.read.dialect import POSTCONDITION_ATTRIBUTES
