@@ -72,6 +72,7 @@ COLD_FILES = {
 HOT_FILES = {
     "btcore/registry/substitution.py",
     "btcore/xml/read/element.py",
+    "btcore/xml/plan/outline.py",
     "btcore/xml/plan/tree_plan.py",
     "btcore/loading/instantiate.py",
 }

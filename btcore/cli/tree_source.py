@@ -119,10 +119,7 @@ def parse_source(path: Path, confined: bool) -> Document:
         data = read_stream(sys.stdin.buffer, "stdin")
     except OSError as error:
         raise BtcoreError(f"stdin can't be read: {read_error(error)}") from None
-    document = parse_bytes(data, "<stdin>")
-    if confined:
-        document.confine()
-    return document
+    return parse_bytes(data, "<stdin>", confined=confined)
 
 
 @dataclass(frozen=True, slots=True)

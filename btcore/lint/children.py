@@ -15,7 +15,8 @@ from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.nodes.parallel import threshold
 from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
 from btcore.xml.models.stubs import is_stub
-from btcore.xml.plan.tree_plan import NodePlan, count_text, element_children
+from btcore.xml.plan.outline import count_text, element_children
+from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.read import Document
 
 _THRESHOLDS: Final = {PortRole.SUCCESSES: "successes", PortRole.FAILURES: "failures"}

@@ -6,8 +6,9 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import declared_fields
 from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
 from btcore.xml.models.stubs import is_stub
+from btcore.xml.plan.outline import element_children
 from btcore.xml.plan.plan import Plans
-from btcore.xml.plan.tree_plan import NodePlan, element_children
+from btcore.xml.plan.tree_plan import NodePlan
 
 _DECLARATIONS: Final = frozenset({"may_return", "continue_on", "branch_results"})
 # The result of each pre-condition that takes effect before the node itself is ticked.

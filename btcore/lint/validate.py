@@ -30,9 +30,9 @@ from btcore.lint.scripts import check_script_results
 from btcore.lint.subtree_calls import TreeKeys, check_remappings, check_unused_trees
 from btcore.lint.unwritten_keys import check_keys
 from btcore.registry.registry import Registry
-from btcore.xml.plan.plan import Plans, define_and_plan
+from btcore.xml.plan.plan import Plans, plan_document
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
-from btcore.xml.read.read import Document, read
+from btcore.xml.read.read import Document
 
 # After these errors each tree can still be dry-run: no main tree is selected, or only a tick raises.
 _HARMLESS: Final = frozenset({UNDETERMINED_MAIN_TREE, FIRST_TICK_REFUSED})
@@ -74,8 +74,7 @@ def validate_document(
     was_enabled = gc.isenabled()
     gc.disable()  # the collector would scan the plans again and again, although they are no garbage
     try:
-        sources = read(document, nodes.documents)
-        plans = define_and_plan(sources, nodes, tree, format, every_tree=True)
+        plans = plan_document(document, nodes, tree, format, every_tree=True)
         collector = _check_plans(plans, tree is not None, given)
     finally:
         if was_enabled:

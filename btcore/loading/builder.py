@@ -32,9 +32,9 @@ from btcore.suggestions import nearest_name
 from btcore.tree.tree import Tree
 from btcore.values import to_text
 from btcore.xml.models.tree_nodes_model import quoted
-from btcore.xml.plan.plan import define_and_plan
+from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.element import Element, ElementPart
-from btcore.xml.read.read import Document, parse_text, read
+from btcore.xml.read.read import Document, parse_text
 
 _STEP: Final = "    "
 MAX_BUILDER_DEPTH: Final = 2_000
@@ -170,7 +170,7 @@ class Builder:
         """
         document = _Writer(main, id, subtrees, "").document()
         with PausedGarbageCollection():
-            plans = define_and_plan(read(document, self._nodes.documents), self._nodes, id)
+            plans = plan_document(document, self._nodes, id)
             return instantiate(plans, resources, blackboard, clock)
 
     def _maker(self, id: str, where: tuple[str, int]) -> Callable[..., NodeDraft]:

@@ -2,10 +2,10 @@
 
 import gc
 import reprlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from os import PathLike
 from types import TracebackType
-from typing import Any, TypedDict, TypeVar, Unpack
+from typing import Any, Protocol, TypedDict, TypeVar, Unpack
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
@@ -21,7 +21,13 @@ from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_te
 
 __all__ = ["LoadArguments"]  # for the API reference, which has the functions on the page of `btcore`
 
-S = TypeVar("S")
+S = TypeVar("S", contravariant=True)
+
+
+class _Parser(Protocol[S]):
+    """`parse_file` or `parse_text`."""
+
+    def __call__(self, source: S, /, *, confined: bool) -> Document: ...
 
 
 class PausedGarbageCollection:
@@ -249,19 +255,17 @@ def _plan_documents(documents: Sequence[Document], options: LoadArguments) -> Pl
     return define_and_plan(sources, registry, options.get("tree"), options.get("format"))
 
 
-def _parse(parse: Callable[[S], Document], options: LoadArguments, *sources: S) -> list[Document]:
+def _parse(parse: _Parser[S], options: LoadArguments, *sources: S) -> list[Document]:
     """Return the documents of *sources*. Raise XmlSyntaxError, which holds the errors of all sources."""
     documents: list[Document] = []
     errors: list[Diagnostic] = []
     for source in sources:
         try:
-            documents.append(parse(source))
+            documents.append(parse(source, confined=options.get("confined", False)))
         except XmlSyntaxError as error:
             errors += error.diagnostics
     if errors:
         raise XmlSyntaxError(errors)
-    for document in documents if options.get("confined") else ():
-        document.confine()
     return documents
 
 

@@ -256,11 +256,11 @@ class Registry:
             XmlSyntaxError: A file can't be read, or a document is not valid XML. No tree is registered then.
         """
         documents = [
-            parse_text(source) if isinstance(source, str) and "<" in source else parse_file(source)
+            parse_text(source, confined=confined)
+            if isinstance(source, str) and "<" in source
+            else parse_file(source, confined=confined)
             for source in sources
         ]
-        for document in documents if confined else ():
-            document.confine()
         self.documents += documents
 
     # --- substitution

@@ -19,8 +19,8 @@ from btcore.testing import Harness
 from btcore.testing.trace import TraceStep
 from btcore.xml.convert.convert import convert
 from btcore.xml.models.stubs import StubAction, StubCondition, StubResults
-from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import parse_text, read
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.read import parse_text
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
 
@@ -91,7 +91,7 @@ class NodeExample:
 
     def diagram(self) -> DiagramNode:
         """Return the tree as a drawing. Raise TreeError if it has errors."""
-        plans = define_and_plan(read(parse_text(self.xml)), self.nodes)
+        plans = plan_document(parse_text(self.xml), self.nodes)
         plans.diagnostics.raise_errors()
         return diagram_of_document(plans)
 

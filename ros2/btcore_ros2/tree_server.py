@@ -13,8 +13,7 @@ from btcore.json_text import load_json
 from btcore.loading.json_export import import_blackboard
 from btcore.registry.manifest import Resources, find_resource
 from btcore.suggestions import did_you_mean
-from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import read
+from btcore.xml.plan.plan import plan_document
 from btcore_robot.robot import NS_PER_S
 from btcore_ros2.action_server import RosActionServer, ServerGoal
 from btcore_ros2.errors import RosError
@@ -416,7 +415,7 @@ class LoadedTrees:
         """
         types: dict[type, None] = {}
         for ID, document in self.documents.items():
-            plans = define_and_plan(read(document, self._nodes.documents), self._nodes, ID)
+            plans = plan_document(document, self._nodes, ID)
             plans.diagnostics.raise_errors()
             types.update(dict.fromkeys(plans.required_resources()))
         return list(types)

@@ -37,8 +37,8 @@ from btcore.registry.registry import Registry
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.tree.saved_state import save_state
 from btcore.tree.tree import Tree
-from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import parse_text, read
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.read import parse_text
 
 _STATUSES = {"S": SUCCESS, "F": FAILURE, "K": SKIPPED, "R": RUNNING}
 _TIMED = ("Delay", "Timeout", "Sleep", "UserTimer")
@@ -328,7 +328,7 @@ class Runner:
         self.tree = tree
         self.grid = UNIT_MS * NS_PER_MS // ticks
         self.runs = 0
-        self._plans = define_and_plan(read(parse_text(tree.xml)), SCRIPTED_NODES)
+        self._plans = plan_document(parse_text(tree.xml), SCRIPTED_NODES)
         self._plans.diagnostics.raise_errors()
         self._unknown = (0, 1) if tree.compares_unknown else (1,)
         tags = tree.tags.values()

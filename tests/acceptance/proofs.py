@@ -46,8 +46,8 @@ from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, SUCCESS
 from btcore.tree.tree import Tree
-from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import parse_text, read
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.read import parse_text
 from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore_proof.propositions import parse_question
 from btcore_proof.prover import POSSIBLE, PROVED, REFUTED, Answer, Prover
@@ -98,7 +98,7 @@ MODEL_NODES = _model_nodes()
 
 def prover_of(tree: RandomTree) -> Prover:
     """Return a prover for a random tree."""
-    plans = define_and_plan(read(parse_text(tree.xml)), MODEL_NODES)
+    plans = plan_document(parse_text(tree.xml), MODEL_NODES)
     plans.diagnostics.raise_errors()
 
     def make(choices: Choices, clock: Clock) -> Tree:

@@ -11,7 +11,7 @@ from btcore.registry.registry import Registry
 from btcore.tree.drawing import to_text
 from btcore.tree.tree import Tree
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
-from btcore.xml.plan.plan import Plans, define_and_plan
+from btcore.xml.plan.plan import Plans, plan_document
 from btcore.xml.read.read import parse_file, read
 from btcore_proof.answer_text import lines_of_answer
 from btcore_proof.counterexample import TreeMaker
@@ -318,6 +318,6 @@ def _plans(
     if models:
         add_explicit_nodes(available, read(document).documents)
     leaves = with_model_leaves(available, declared.leaves)
-    plans = define_and_plan(read(document, leaves.documents), leaves, tree, format)
+    plans = plan_document(document, leaves, tree, format)
     plans.diagnostics.raise_errors()
     return plans

@@ -17,11 +17,11 @@ from btcore.xml.convert.changes import ConversionChanges
 from btcore.xml.convert.nodes import convert_node
 from btcore.xml.convert.subtree import convert_subtree
 from btcore.xml.define import parse_format
-from btcore.xml.plan.plan import define_and_plan
+from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.diagnostics import sort_diagnostics
 from btcore.xml.read.dialect import DIALECTS
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import Document, parse_text, read
+from btcore.xml.read.read import Document, parse_text
 
 
 class Conversion(NamedTuple):
@@ -105,7 +105,7 @@ def _convert_trees(changes: ConversionChanges) -> None:
 
 def _errors(document: Document, registry: Registry) -> list[Diagnostic]:
     """Return the errors of *document*."""
-    plans = define_and_plan(read(document, registry.documents), registry, every_tree=True)
+    plans = plan_document(document, registry, every_tree=True)
     # Only this file is converted, so its main tree may be in another file.
     return sort_diagnostics(
         [

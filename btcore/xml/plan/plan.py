@@ -14,10 +14,11 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition, define
-from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner, outline_trees
+from btcore.xml.plan.outline import outline_trees
+from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import Dialect
-from btcore.xml.read.read import Document, Sources
+from btcore.xml.read.read import Document, Sources, read
 
 MAX_DEPTH: Final = 10_000
 """The maximum number of levels of a tree. Ticking needs a few hundred bytes of the C stack for each level."""
@@ -68,22 +69,11 @@ class Plans(NamedTuple):
             tree: The tree to start with.
             known: IDs of trees that are left out, with the trees that they call.
         """
-        plans: dict[str, TreePlan] = {}
-        pending = [tree.id]
-        while pending:
-            id = pending.pop()
-            if id not in plans and id not in known and id in self.trees:
-                plans[id] = self.trees[id]
-                pending += [call.tree_id for call in reversed(plans[id].calls)]
-        return list(plans.values())
+        return _reachable(self.trees, tree, known)
 
     def roots(self) -> list[TreePlan]:
         """Return the main tree and the planned trees that no other tree calls."""
-        used = set() if self.main_tree is None else {tree.id for tree in self.reachable(self.main_tree)}
-        others = [tree for tree in self.trees.values() if tree.id not in used]
-        called = {call.tree_id for tree in others for call in tree.calls}
-        roots = [tree for tree in others if tree.id not in called]
-        return roots if self.main_tree is None else [self.main_tree, *roots]
+        return _roots(self.trees, self.main_tree)
 
     def used_manifests(self) -> list[Manifest]:
         """Return the manifests of the nodes in the main tree and its subtrees, each once."""
@@ -124,19 +114,31 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
         if definition.id not in trees:
             trees[definition.id] = tree = TreePlanner(context, definition).complete(outlines[definition])
             pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
-    planned_main = None if main is None else trees[main.id]
-    sizes: dict[str, TreeSize] = {}
-    plans = Plans(definitions, registry, trees, planned_main, sizes, definitions.diagnostics)
-    checked: set[str] = set()
-    # Trees that call each other may have no root among them.
-    for tree in (*plans.roots(), *trees.values()):
-        if tree.id not in checked:
-            _measure(tree, trees, sizes, collector)
-            checked |= {called.id for called in plans.reachable(tree, checked)}
+    main_tree = None if main is None else trees[main.id]
+    sizes = _measure(trees, main_tree, collector)
     if every_tree or collector.errors:
         for tree in trees.values():
             _check_scripts(tree, registry.types.enums, collector)
-    return plans._replace(diagnostics=collector.diagnostics)
+    return Plans(definitions, registry, trees, main_tree, sizes, collector.diagnostics)
+
+
+def plan_document(
+    document: Document,
+    registry: Registry,
+    tree_id: str | None = None,
+    format: int | None = None,
+    every_tree: bool = False,
+) -> Plans:
+    """Return the plans of the trees of a document: `read`, `define` and `plan` in one call.
+
+    Args:
+        document: The main document, which may call the trees of *registry*.
+        registry: As in `define_and_plan`, like all following arguments.
+        tree_id: The ID of the main tree.
+        format: 3 or 4.
+        every_tree: As in `plan`.
+    """
+    return define_and_plan(read(document, registry.documents), registry, tree_id, format, every_tree)
 
 
 def define_and_plan(
@@ -174,7 +176,42 @@ def define_and_plan(
     return plans
 
 
+def _reachable(trees: Mapping[str, TreePlan], tree: TreePlan, known: Collection[str] = ()) -> list[TreePlan]:
+    """Return *tree* and all trees that it calls, directly or indirectly, except those in *known*."""
+    found: dict[str, TreePlan] = {}
+    pending = [tree.id]
+    while pending:
+        id = pending.pop()
+        if id not in found and id not in known and id in trees:
+            found[id] = trees[id]
+            pending += [call.tree_id for call in reversed(trees[id].calls)]
+    return list(found.values())
+
+
+def _roots(trees: Mapping[str, TreePlan], main_tree: TreePlan | None) -> list[TreePlan]:
+    """Return the main tree and the trees that no other tree calls."""
+    used = set() if main_tree is None else {tree.id for tree in _reachable(trees, main_tree)}
+    others = [tree for tree in trees.values() if tree.id not in used]
+    called = {call.tree_id for tree in others for call in tree.calls}
+    roots = [tree for tree in others if tree.id not in called]
+    return roots if main_tree is None else [main_tree, *roots]
+
+
 def _measure(
+    trees: Mapping[str, TreePlan], main_tree: TreePlan | None, collector: DiagnosticCollector
+) -> dict[str, TreeSize]:
+    """Return the sizes of *trees*, without those that are recursive or too large: errors."""
+    sizes: dict[str, TreeSize] = {}
+    checked: set[str] = set()
+    # Trees that call each other may have no root among them.
+    for tree in (*_roots(trees, main_tree), *trees.values()):
+        if tree.id not in checked:
+            _measure_from(tree, trees, sizes, collector)
+            checked |= {called.id for called in _reachable(trees, tree, checked)}
+    return sizes
+
+
+def _measure_from(
     root: TreePlan, trees: Mapping[str, TreePlan], sizes: dict[str, TreeSize], collector: DiagnosticCollector
 ) -> None:
     """Add the sizes of *root* and of the trees that it calls, or an error if they are recursive or too large.

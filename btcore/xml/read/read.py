@@ -61,7 +61,6 @@ class Document:
     """
 
     max_depth: int | None = None
-    confined_to: Path | None = None
     unsaved: Mapping[Path, str] = MappingProxyType({})
 
     def __init__(
@@ -71,6 +70,7 @@ class Document:
         file: str,
         findings: "Sequence[Finding]" = (),
         knows_lines: bool = False,
+        confined: bool = False,
     ) -> None:
         self.root = root
         self.text = text
@@ -78,6 +78,7 @@ class Document:
         self._findings = findings
         self._source_map: SourceMap | None = None
         self.knows_lines = knows_lines
+        self.confined_to = real_path(self.folder) if confined else None
 
     @property
     def folder(self) -> Path:
@@ -86,10 +87,6 @@ class Document:
         It is the folder of the file, or the current folder if the document is not from a file.
         """
         return Path(self.file).parent if self.file else Path()
-
-    def confine(self) -> None:
-        """Make includes of files outside of the document's folder errors."""
-        self.confined_to = real_path(self.folder)
 
     @property
     def source_map(self) -> "SourceMap":
@@ -145,11 +142,12 @@ class Document:
         ]
 
 
-def parse_text(text: str, file: str = "") -> Document:
+def parse_text(text: str, file: str = "", *, confined: bool = False) -> Document:
     """Parse a text.
 
     Args:
         file: Name of the file in messages, or "".
+        confined: Whether includes from outside of the file's folder, or of the working directory, are errors.
 
     Raises:
         XmlSyntaxError: *text* is not valid XML.
@@ -176,11 +174,11 @@ def parse_text(text: str, file: str = "") -> Document:
             escaped = escape_line_breaks(text)
     plain = parse_with_expat(encoded(escaped))
     if plain is not None:
-        return Document(plain, text, file, knows_lines=escaped is text)
+        return Document(plain, text, file, knows_lines=escaped is text, confined=confined)
     from btcore.xml.read.tinyxml2_parser import parse_as_tinyxml2
 
     root, findings = parse_as_tinyxml2(text, file)
-    return Document(root, text, file, findings)
+    return Document(root, text, file, findings, confined=confined)
 
 
 def _has_one_line_tags(text: str) -> bool:
@@ -204,7 +202,7 @@ def parse_file(
     """Read and parse the file *path*.
 
     Args:
-        confined: Whether includes from outside of the file's folder are errors.
+        confined: As in `parse_text`.
         included: Whether the name of the file comes from another document. Then the error for a file that
             does not contain a `<root>` doesn't quote the file.
         unsaved: Texts that replace the content of the file and of included files, by their `real_path`.
@@ -221,24 +219,23 @@ def parse_file(
     if included and _ROOT_TAG.search(data) is None:
         # Messages quote the text. A file that a stranger includes may contain anything, such as passwords.
         raise XmlSyntaxError([Diagnostic(UNREADABLE_FILE, "not an XML document of trees", name)])
-    document = parse_bytes(data, name)
-    if confined:
-        document.confine()
+    document = parse_bytes(data, name, confined=confined)
     if unsaved:
         document.unsaved = unsaved
     return document
 
 
-def parse_bytes(data: bytes, file: str) -> Document:
+def parse_bytes(data: bytes, file: str, *, confined: bool = False) -> Document:
     """Parse the content of a file.
 
     Args:
         file: Name of the file in messages.
+        confined: As in `parse_text`.
 
     Raises:
         XmlSyntaxError: *data* is not UTF-8 or is not valid XML.
     """
-    return parse_text(_decoded(data, file), file)
+    return parse_text(_decoded(data, file), file, confined=confined)
 
 
 def _unreadable(path: Path, error: OSError) -> Diagnostic:

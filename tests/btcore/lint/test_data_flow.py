@@ -4,8 +4,8 @@ from dataclasses import asdict
 
 from btcore import In, Put, Registry, action
 from btcore.lint.data_flow import DataflowRow, trace_dataflow
-from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import parse_text, read
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.read import parse_text
 
 TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main">
@@ -38,7 +38,7 @@ def drive(goal: In[str], reach: In[float], shout: Put[str]) -> bool:
 def table() -> dict[str, DataflowRow]:
     nodes = Registry.standard()
     nodes.add(find, drive)
-    plans = define_and_plan(read(parse_text(TEXT, "t.xml")), nodes)
+    plans = plan_document(parse_text(TEXT, "t.xml"), nodes)
     plans.diagnostics.raise_errors()
     return {f"{row.scope}/{row.key}": row for row in trace_dataflow(plans)}
 

@@ -8,8 +8,8 @@ import pytest
 import btcore
 from btcore import Status, Tree, TreeError
 from btcore.loading.hot_reload import FileWatcher, rebuild_tree
-from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import parse_file, read
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.read import parse_file
 
 FIRST = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
     <Script code="x := 1"/><Sleep msec="3600000"/></Sequence></BehaviorTree></root>"""
@@ -59,7 +59,7 @@ def test_saved_include_is_reported_too(file: Path) -> None:
 
 
 def rebuilt(tree: Tree, file: Path) -> Tree:
-    return rebuild_tree(tree, define_and_plan(read(parse_file(file)), tree.registry), ())
+    return rebuild_tree(tree, plan_document(parse_file(file), tree.registry), ())
 
 
 def test_the_new_tree_has_the_blackboard_of_the_old_tree(file: Path) -> None:

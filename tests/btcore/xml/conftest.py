@@ -8,8 +8,8 @@ import pytest
 from btcore import In, Registry, SyncAction, action
 from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
-from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import parse_text, read
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.read import parse_text
 
 
 class Robot:
@@ -65,7 +65,7 @@ def tree_error(
     def make(source: str | tuple[object, ...]) -> TreeError:
         text = source if isinstance(source, str) else document(*source)
         with pytest.raises(TreeError) as caught:
-            instantiate(define_and_plan(read(parse_text(text, "t.xml")), nodes), resources=[nodes])
+            instantiate(plan_document(parse_text(text, "t.xml"), nodes), resources=[nodes])
         return caught.value
 
     return make

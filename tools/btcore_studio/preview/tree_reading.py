@@ -67,9 +67,7 @@ class TreeFile:
             if text is None:
                 document = parse_file(self.path, confined=self.confined)
             else:
-                document = parse_text(text, str(self.path))
-                if self.confined:
-                    document.confine()
+                document = parse_text(text, str(self.path), confined=self.confined)
             nodes = self.nodes_for(document)
             found = validate_document(document, nodes=nodes, tree=self.tree, format=self.format)
         except TreeError as error:

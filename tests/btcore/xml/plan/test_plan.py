@@ -12,8 +12,8 @@ from btcore.errors import TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.lint.validate import validate_document
 from btcore.loading.instantiate import instantiate
 from btcore.xml.plan import hints
-from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import parse_file, parse_text, read
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.read import parse_file, parse_text
 
 Write = Callable[..., str]
 Refused = Callable[[object], TreeError]
@@ -353,7 +353,7 @@ def test_all_errors_are_reported_together_in_document_order(nodes: Registry, doc
         {"Unused": "<Nonsense/>"},
     )
     with pytest.raises(TreeError) as caught:
-        instantiate(define_and_plan(read(parse_text(text, "t.xml")), nodes))
+        instantiate(plan_document(parse_text(text, "t.xml"), nodes))
     assert [(one.code, one.line) for one in caught.value.diagnostics] == [
         ("E101", 4), ("E201", 5), ("E202", 5), ("E104", 6), ("E206", 6), ("E101", 9),
     ]  # fmt: skip
@@ -367,7 +367,7 @@ def test_exponentially_growing_trees_are_refused(nodes: Registry, document: Writ
     with pytest.raises(
         TreeError, match=r"t\.xml:2:21: E117 with all its subtrees the tree has more than 65,535 nodes"
     ):
-        instantiate(define_and_plan(read(parse_text(text, "t.xml")), nodes))
+        instantiate(plan_document(parse_text(text, "t.xml"), nodes))
 
 
 # --- warnings
@@ -375,8 +375,8 @@ def test_exponentially_growing_trees_are_refused(nodes: Registry, document: Writ
 
 def test_in_format_4_the_later_of_two_trees_with_one_id_is_used(nodes: Registry, document: Write) -> None:
     text = document("<AlwaysFailure/>", {"Main": "<AlwaysSuccess/>"})
-    assert instantiate(define_and_plan(read(parse_text(text)), nodes)).root.id == "AlwaysSuccess"
-    plans = define_and_plan(read(parse_text(text, "t.xml")), nodes)
+    assert instantiate(plan_document(parse_text(text), nodes)).root.id == "AlwaysSuccess"
+    plans = plan_document(parse_text(text, "t.xml"), nodes)
     assert [str(one) for one in plans.diagnostics.warnings] == [
         dedent(
             """\
@@ -390,8 +390,8 @@ def test_in_format_4_the_later_of_two_trees_with_one_id_is_used(nodes: Registry,
 
 def test_in_format_3_the_first_of_two_trees_with_one_id_is_used(nodes: Registry, document: Write) -> None:
     text = document("<AlwaysFailure/>", {"Main": "<AlwaysSuccess/>"}, 'main_tree_to_execute="Main"')
-    assert instantiate(define_and_plan(read(parse_text(text)), nodes)).root.id == "AlwaysFailure"
-    (warning,) = define_and_plan(read(parse_text(text, "t.xml")), nodes).diagnostics.warnings
+    assert instantiate(plan_document(parse_text(text), nodes)).root.id == "AlwaysFailure"
+    (warning,) = plan_document(parse_text(text, "t.xml"), nodes).diagnostics.warnings
     assert str(warning).startswith(
         "t.xml:5:21: W102 duplicate tree 'Main': it is ignored, the tree at t.xml:2 is used"
     )
@@ -399,8 +399,8 @@ def test_in_format_3_the_first_of_two_trees_with_one_id_is_used(nodes: Registry,
 
 def test_the_obsolete_root_element_of_groot_1_is_skipped(nodes: Registry, document: Write) -> None:
     text = document("<Root/><Say/>", {}, 'main_tree_to_execute="Main"')
-    assert instantiate(define_and_plan(read(parse_text(text)), nodes)).root.id == "Say"
-    (warning,) = define_and_plan(read(parse_text(text, "t.xml")), nodes).diagnostics.warnings
+    assert instantiate(plan_document(parse_text(text), nodes)).root.id == "Say"
+    (warning,) = plan_document(parse_text(text, "t.xml"), nodes).diagnostics.warnings
     assert str(warning).startswith("t.xml:3:5: W103 the obsolete <Root> is ignored")
 
 
@@ -411,7 +411,7 @@ def test_files_that_include_each_other_are_refused(tmp_path: Path, nodes: Regist
     (tmp_path / "a.xml").write_text('<root BTCPP_format="4"><include path="b.xml"/></root>')
     (tmp_path / "b.xml").write_text('<root BTCPP_format="4">\n  <include path="a.xml"/>\n</root>')
     with pytest.raises(XmlSyntaxError) as caught:
-        instantiate(define_and_plan(read(parse_file(tmp_path / "a.xml")), nodes))
+        instantiate(plan_document(parse_file(tmp_path / "a.xml"), nodes))
     assert str(caught.value.diagnostics[0]) == (
         f"{tmp_path}/b.xml:2:18: E007 the files include each other: a.xml → b.xml → a.xml\n"
         '   2 |    <include path="a.xml"/>\n'

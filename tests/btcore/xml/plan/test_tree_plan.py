@@ -12,8 +12,8 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.errors import PortError, TreeError
 from btcore.lint.validate import validate_document
 from btcore.loading.instantiate import instantiate
-from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import parse_text, read
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.read import parse_text
 
 Write = Callable[..., str]
 Refused = Callable[[object], TreeError]
@@ -200,7 +200,7 @@ def test_error_message(case: str, tree_error: Refused) -> None:
 
 def test_port_error_in_an_unused_tree_does_not_refuse_the_main_tree(nodes: Registry, document: Write) -> None:
     text = document("<Say/>", {"Unused": '<Say txt="1"/>'})
-    assert instantiate(define_and_plan(read(parse_text(text)), nodes)).id == "Main"
+    assert instantiate(plan_document(parse_text(text), nodes)).id == "Main"
 
 
 def test_type_of_an_entry_on_a_given_blackboard_is_checked(nodes: Registry, document: Write) -> None:
@@ -208,7 +208,7 @@ def test_type_of_an_entry_on_a_given_blackboard_is_checked(nodes: Registry, docu
     blackboard["n"] = True
     text = document('<Repeat num_cycles="{n}"><Say/></Repeat>')
     with pytest.raises(PortError) as caught:
-        instantiate(define_and_plan(read(parse_text(text, "t.xml")), nodes), blackboard=blackboard)
+        instantiate(plan_document(parse_text(text, "t.xml"), nodes), blackboard=blackboard)
     assert caught.value.diagnostics[0].hint.startswith("it was on the blackboard before the tree")
 
 

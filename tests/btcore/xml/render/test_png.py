@@ -7,8 +7,8 @@ from io import BytesIO
 import pytest
 
 from btcore import Registry
-from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import parse_text, read
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.read import parse_text
 from btcore.xml.render import png
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import diagram_of_document
@@ -21,7 +21,7 @@ BLUE, GREEN = (0x2F, 0x66, 0xC8), (0x3D, 0x8B, 0x3D)
 
 def svg_of(body: str) -> str:
     document = parse_text(f'<root BTCPP_format="4"><BehaviorTree ID="Tür">{body}</BehaviorTree></root>')
-    plans = define_and_plan(read(document), Registry.standard())
+    plans = plan_document(document, Registry.standard())
     return diagram_to_svg(diagram_of_document(plans), "Tür")
 
 

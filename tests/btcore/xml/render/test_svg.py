@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from btcore import Registry
-from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import parse_text, read
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.read import parse_text
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tidy_layout import LayoutBox, Spacing, layout_tree
 from btcore.xml.render.tree_drawing import diagram_of_document
@@ -29,7 +29,7 @@ TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">
 
 
 def svg(text: str) -> str:
-    plans = define_and_plan(read(parse_text(text)), Registry.standard())
+    plans = plan_document(parse_text(text), Registry.standard())
     plans.diagnostics.raise_errors()
     return diagram_to_svg(diagram_of_document(plans), "Main")
 

@@ -5,8 +5,8 @@ import pytest
 from lsprotocol import types
 
 from btcore.lint.data_flow import trace_dataflow
-from btcore.xml.plan.plan import define_and_plan
-from btcore.xml.read.read import parse_file, read
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.read import parse_file
 from btcore_studio.language.entries import entry_facts
 from btcore_studio.language.hover import hover
 from btcore_studio.language.key_links import TreeKey, links_of
@@ -112,7 +112,7 @@ def test_every_tag_and_port_of_a_real_file_is_described(project: Project) -> Non
 def test_writers_and_readers_are_those_of_the_analysis(project: Project, path: Path) -> None:
     """The entries of the scanned text are the entries that the dry run of the tree finds."""
     document = project.open(path.as_uri(), path.read_text(encoding="utf-8"), 1)
-    plans = define_and_plan(read(parse_file(path)), project.registry)
+    plans = plan_document(parse_file(path), project.registry)
     assert not plans.diagnostics.errors
     assert plans.main_tree is not None
     links = links_of(project)
