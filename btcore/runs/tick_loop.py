@@ -218,6 +218,8 @@ class TickLoop:
             first = min([tree.context.first_deadline(deadline) for tree in self._running])
             if not self.clock.wait_until(first, self._wake_event):
                 return self._woken()
+            if not self._wake_event.is_set():
+                return self._running  # the clock has ended the wait, as that of a simulation in lockstep may
             self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
 
     def _woken(self) -> list[Tree]:

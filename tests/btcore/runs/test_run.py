@@ -219,6 +219,16 @@ def test_a_pause_stops_ticks_and_simulated_time() -> None:
     assert run.skipped_ticks == 0
 
 
+def test_a_clock_may_end_a_wait() -> None:
+    class Impatient(btcore.SimClock):
+        def wait_until(self, deadline: int, wake: threading.Event) -> bool:
+            return True
+
+    with Run(program(ticks=3), clock=Impatient(), settings=[FAST]) as run:
+        assert run.until_done() is btcore.SUCCESS
+    assert (run.tree.ticks, run.elapsed_s) == (3, 0.0)
+
+
 def test_a_tree_that_is_only_stepped_is_halted_at_the_end(tmp_path: Path) -> None:
     with Run(write_tree(tmp_path, '<Sleep msec="200"/>'), settings=[FAST]) as run:
         assert run.step() is btcore.RUNNING
