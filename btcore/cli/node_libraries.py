@@ -43,10 +43,6 @@ class LibraryOptions(Options):
         ),
     ] = ()
 
-    def load_libraries(self) -> "NodeLibraries":
-        """Call `load_libraries` with the options."""
-        return load_libraries(self.plugins, self.models)
-
 
 class PaletteOptions(LibraryOptions):
     """The options of commands about all nodes of an XML format."""
@@ -180,7 +176,7 @@ def load_libraries(
         confined: Whether a model that includes a file from outside of its folder is invalid.
         partial: Whether to leave out the libraries of btcore's own packages until `NodeLibraries.load_for`
             needs them. They are loaded nevertheless if a plugin has imported one of these packages, because
-            the plugin may use their types.
+            the plugin may use their types, and with *models*, which declare only what is unknown.
         imported: Plugins that are imported already, by their names in *plugins*.
 
     Raises:
@@ -198,9 +194,8 @@ def load_libraries(
         loaded.append((imported or {}).get(plugin) or import_plugin(plugin))
     libraries = NodeLibraries(Registry(), plugins=loaded)
     # Providers import these packages, too, but not their nodes.
-    libraries.load(
-        own=not partial or (bool(loaded) and not own_packages(NODES_GROUP).isdisjoint(sys.modules))
-    )
+    has_imported = bool(loaded) and not own_packages(NODES_GROUP).isdisjoint(sys.modules)
+    libraries.load(own=not partial or bool(models) or has_imported)
     libraries.add_models(models, confined)
     return libraries
 

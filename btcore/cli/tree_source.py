@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
@@ -75,15 +74,6 @@ class TreeOptions(LibraryOptions):
         option("Reject included files outside of the folder of the tree's file; for trees from strangers."),
     ] = False
 
-    def load_libraries(self, partial: bool = False) -> NodeLibraries:
-        """Call `btcore.cli.node_libraries.load_libraries` with the options.
-
-        Args:
-            partial: As in `btcore.cli.node_libraries.load_libraries`, unless there are models, which
-                `NodeLibraries.load_for` would lose.
-        """
-        return load_libraries(self.plugins, self.models, self.confined, partial and not self.models)
-
 
 assumed_keys_option = click.option(
     "--given",
@@ -122,9 +112,13 @@ def parse_source(path: Path, confined: bool) -> Document:
     return parse_bytes(data, "<stdin>", confined=confined)
 
 
-@dataclass(frozen=True, slots=True)
 class TreeSource:
     """The file of a tree, and how to make its plans.
+
+    Args:
+        path: The XML file, or `STDIN`.
+        options: The options that select the tree.
+        libraries: The available nodes; by default those that *options* name, as far as the tree needs them.
 
     Attributes:
         path: The XML file, or `STDIN`.
@@ -132,9 +126,12 @@ class TreeSource:
         libraries: The available nodes.
     """
 
-    path: Path
-    options: TreeOptions
-    libraries: NodeLibraries
+    def __init__(self, path: Path, options: TreeOptions, libraries: NodeLibraries | None = None) -> None:
+        self.path = path
+        self.options = options
+        self.libraries = libraries or load_libraries(
+            options.plugins, options.models, options.confined, partial=True
+        )
 
     @property
     def name(self) -> str:

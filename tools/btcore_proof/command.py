@@ -12,6 +12,7 @@ from rich.live import Live
 from rich.text import Text
 
 from btcore.cli import files, terminal
+from btcore.cli.node_libraries import load_libraries
 from btcore.cli.tree_source import (
     STDIN,
     TreeOptions,
@@ -156,7 +157,7 @@ def prove(
     path = find_source(source)
     if save is not None and path == STDIN:
         raise click.UsageError("--save needs a tree in a file, because tests name the file.")
-    libraries = options.load_libraries()
+    libraries = load_libraries(options.plugins, options.models, options.confined)
     declared = (
         Declarations() if path == STDIN and declarations is None else declarations_of(path, declarations)
     )

@@ -13,7 +13,7 @@ from lxml import etree
 
 from btcore.blackboard.ports import Port
 from btcore.cli import terminal
-from btcore.cli.node_libraries import PaletteOptions
+from btcore.cli.node_libraries import PaletteOptions, load_libraries
 from btcore.field_options import pass_options
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
@@ -288,4 +288,4 @@ def schema(options: PaletteOptions) -> None:
     The schema covers nodes that are built-in, installed, or loaded by --plugin or --model. XML editors use it
     to complete tags and attributes, and to show their documentation.
     """
-    terminal.print_xml(write_schema(options.load_libraries().nodes, options.format))
+    terminal.print_xml(write_schema(load_libraries(options.plugins, options.models).nodes, options.format))

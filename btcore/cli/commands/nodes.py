@@ -9,7 +9,7 @@ from rich.text import Text
 
 from btcore.blackboard.ports import Direction, Port
 from btcore.cli import terminal
-from btcore.cli.node_libraries import PaletteOptions, complete_node_id
+from btcore.cli.node_libraries import PaletteOptions, complete_node_id, load_libraries
 from btcore.documentation_site import node_url
 from btcore.field_options import pass_options
 from btcore.registry.manifest import Manifest
@@ -43,7 +43,7 @@ def nodes(
 
     With IDs, list only these nodes.
     """
-    palette = options.load_libraries().nodes.manifests_of(options.format)
+    palette = load_libraries(options.plugins, options.models).nodes.manifests_of(options.format)
     if unknown := [node_id for node_id in ids if node_id not in palette]:
         nearest = nearest_name(unknown[0], palette)
         hint = f"Did you mean '{nearest}'?" if nearest else "Without an ID, all nodes are listed."

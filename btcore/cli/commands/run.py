@@ -302,14 +302,12 @@ def create_session(
 
         file_watcher = FileWatcher(path, options.confined)
     if installed is None or options.plugins:
-        # Models and rules may name nodes of the installed libraries. Also, they would be lost when
-        # `NodeLibraries.load_for` loads what is missing, because it begins anew.
-        partial = not options.models and not options.substitute
-        plugins = command_providers(ctx).plugins
-        libraries = load_libraries(options.plugins, partial=partial, imported=plugins)
+        partial = not options.substitute  # a rule may name a node of any library
+        imported = command_providers(ctx).plugins
+        libraries = load_libraries(options.plugins, options.models, options.confined, partial, imported)
     else:
         libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)
-    libraries.add_models(options.models, options.confined)
+        libraries.add_models(options.models, options.confined)
     tree_source = TreeSource(path, options, libraries)
     if changes is not None:
         changes.add_rules(libraries.nodes)

@@ -50,7 +50,7 @@ def show(
         other = "--data" if as_data else "--json"
         raise click.UsageError(f"{picture} and {other} cannot be used together.")
     path = find_source(source)
-    plans = TreeSource(path, options, options.load_libraries(partial=True)).read_plans()
+    plans = TreeSource(path, options).read_plans()
     main, format = plans.main_tree, plans.dialect.format
     assert main is not None, "a document without a main tree has errors"
     if as_data:

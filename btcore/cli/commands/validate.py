@@ -8,6 +8,7 @@ from rich.text import Text
 
 from btcore.blackboard.ports import remapped_key
 from btcore.cli import terminal
+from btcore.cli.node_libraries import load_libraries
 from btcore.cli.tree_source import TreeOptions, assumed_keys_option, complete_tree, find_source, parse_source
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.exit_codes import ExitCode
@@ -40,7 +41,7 @@ def validate(
       2  errors, or with --strict warnings
     """
     files = [file for source in sources for file in _find_files(source)]
-    libraries = options.load_libraries(partial=True)
+    libraries = load_libraries(options.plugins, options.models, options.confined, partial=True)
     keys = [remapped_key(key, key) or key for key in given]
     diagnostics: list[Diagnostic] = []
     for file in files:

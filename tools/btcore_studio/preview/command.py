@@ -11,6 +11,7 @@ import click
 
 from btcore import entry_points
 from btcore.cli import terminal
+from btcore.cli.node_libraries import load_libraries
 from btcore.cli.tree_source import STDIN, TreeOptions, complete_tree, find_source
 from btcore.exit_codes import code_of_signal
 from btcore.field_options import create_options, pass_options
@@ -80,7 +81,7 @@ def preview(
     extension: Any = None if kind is None else from_values(kind, extension_values)
     live: PreviewExtension | None = extension
     file_watcher = FileWatcher(path, options.confined)
-    nodes_for = options.load_libraries().nodes_for
+    nodes_for = load_libraries(options.plugins, options.models, options.confined).nodes_for
     file = TreeFile(path, nodes_for, options.tree, options.format, options.confined)
     session = PreviewSession(file, None if live is None else live.connect)
     try:
