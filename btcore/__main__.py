@@ -30,19 +30,15 @@ def main() -> None:
     gc.disable()
     from btcore.cli.main import main as command
 
-    gc.freeze()
+    gc.freeze()  # what is frozen is not scanned at the exit either
+    gc.enable()
     if handles_ctrl_c:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        command(prog_name="btcore", obj=_start_garbage_collection)
+        command(prog_name="btcore")
     finally:
         if handles_ctrl_c:
             signal.signal(signal.SIGINT, _exit_at_once)
-
-
-def _start_garbage_collection() -> None:
-    gc.freeze()  # also the modules of the command; what is frozen is not scanned at the exit either
-    gc.enable()
 
 
 def _exit_at_once(number: int, frame: FrameType | None) -> NoReturn:

@@ -276,8 +276,5 @@ def main(ctx: click.Context) -> None:
     TREE arguments are XML files, or names of trees that are bundled with btcore, such as bumpgo.
     'btcore COMMAND --help' shows the options of a command.
     """
-    # `run` starts the garbage collection later, when it has read the tree.
-    if ctx.obj is not None and ctx.invoked_subcommand != "run":
-        ctx.obj()
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())

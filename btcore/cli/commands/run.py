@@ -117,8 +117,6 @@ def run(
     """
     # The settings of providers stay in the context, for `CommandRun`.
     session = create_session(ctx, source, options)
-    if ctx.obj is not None:  # the start of the garbage collection, see btcore.__main__
-        ctx.obj()
     session.run_to_end()
     return session.print_results(as_json)
 
