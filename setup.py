@@ -30,51 +30,37 @@ DATA = {"benchmarks": "*.py", "docs": "*.md", "trees": "*.xml"}
 
 # The packages with compiled modules. Each is a group: calls between its modules are C calls.
 GROUPS = {"btcore": "btcore", "btcore_batch": "tools/btcore_batch"}
-# Modules that run once, or only produce output for people, are not compiled. Neither is any __init__.py, nor
-# btcore/builds.py, which selects the build.
-COLD_FOLDERS = {"cli", "lint", "loading", "logs", "registry", "runs", "testing", "xml"}
-COLD_FILES = {
-    "__init__.py",
-    "btcore/__main__.py",
-    "btcore/builds.py",
-    "btcore/bundled_trees.py",
-    "btcore/confinement.py",
-    "btcore/data_folders.py",
-    "btcore/diagnostic_codes.py",
-    "btcore/documentation_site.py",
-    "btcore/entry_points.py",
-    "btcore/enum_members.py",
-    "btcore/errors.py",
-    "btcore/escaping.py",
-    "btcore/exit_codes.py",
-    "btcore/extras.py",
-    "btcore/field_options.py",
-    "btcore/flatbuffer.py",
-    "btcore/input_files.py",
-    "btcore/json_text.py",
-    "btcore/names.py",
-    "btcore/program_runner.py",
-    "btcore/signals.py",
-    "btcore/suggestions.py",
-    "btcore/tree/drawing.py",
-    "btcore/tree/hooks.py",
-    "btcore/tree/tick_thread.py",
+# Compiled is what a tick, or the loading of every node, passes through: files, and folders without their
+# __init__.py.
+HOT = {
+    "btcore/blackboard",
+    "btcore/clock.py",
+    "btcore/engine",
+    "btcore/loading/instantiate.py",
+    "btcore/nodes",
+    "btcore/registry/substitution.py",
+    "btcore/script",
+    "btcore/status.py",
+    "btcore/tree",
+    "btcore/values",
+    "btcore/xml/plan/outline.py",
+    "btcore/xml/plan/tree_plan.py",
+    "btcore/xml/read/element.py",
+    "tools/btcore_batch",
+}
+# Files of these folders that run once, or only for people, and some that cannot be compiled.
+COLD = {
     "btcore/engine/node_spec.py",  # a dataclass that is a descriptor
     "btcore/engine/signature.py",
     "btcore/nodes/manual_selector.py",  # compiled code hides the parameters of its __init__
+    "btcore/tree/drawing.py",
+    "btcore/tree/hooks.py",
+    "btcore/tree/tick_thread.py",
     # The classes of a batch that users call and subclass.
     "tools/btcore_batch/blackboard.py",
-    "tools/btcore_batch/leaf_declaration.py",
     "tools/btcore_batch/compile.py",
+    "tools/btcore_batch/leaf_declaration.py",
     "tools/btcore_batch/tree.py",
-}
-# Compiled although their folders are not: every node of a document passes through them while loading.
-HOT_FILES = {
-    "btcore/registry/substitution.py",
-    "btcore/xml/read/element.py",
-    "btcore/xml/plan/outline.py",
-    "btcore/xml/plan/tree_plan.py",
-    "btcore/loading/instantiate.py",
 }
 
 
@@ -104,8 +90,9 @@ def hot_modules(group: str) -> list[str]:
     return [
         str(file)
         for file in files
-        if file.as_posix() in HOT_FILES
-        or not (COLD_FILES & {file.name, file.as_posix()} or COLD_FOLDERS & set(file.parts))
+        if file.name != "__init__.py"
+        and file.as_posix() not in COLD
+        and any(file.is_relative_to(hot) for hot in HOT)
     ]
 
 
