@@ -50,6 +50,7 @@ PACKAGES = {
     "tools/btcore_batch": "tests/tools/btcore_batch",
     "tools/btcore_bench": "tests/tools/btcore_bench",
     "tools/btcore_proof": "tests/tools/btcore_proof",
+    "tools/btcore_recorder": "tests/tools/btcore_recorder",
     "tools/btcore_studio": "tests/tools/btcore_studio",
     "tools/btcore_sweep": "tests/tools/btcore_sweep",
 }

@@ -20,6 +20,7 @@ PARENTS = {
     "btcore_monitor": "monitor",
     "btcore_navigation": "robot_nodes",
     "btcore_proof": "tools",
+    "btcore_recorder": "tools",
     "btcore_robot": "robot_nodes",
     "btcore_ros2": "ros2",
     "btcore_scene": "monitor",

@@ -73,7 +73,7 @@ def test_every_tree_and_world_has_tests(check: ModuleType) -> None:
         ("btcore/lint/data_flow.py", "tests/btcore/lint/test_data_flow.py"),
         ("btcore/script/lexer.py", "tests/btcore/script/test_script.py"),
         ("btcore/nodes/try_catch.py", "tests/conformance/test_recorded_trees.py"),
-        ("btcore/xml/convert/nodes.py", "tests/btcore/xml/convert/test_convert.py"),
+        ("tools/btcore_studio/convert/nodes.py", "tests/tools/btcore_studio/convert/test_convert.py"),
         ("btcore/xml/plan/hints.py", "tests/btcore/xml/plan/test_plan.py"),
         ("monitor/btcore_monitor/wire/groot2.py", "tests/monitor/wire/test_groot2.py"),
         ("robot_nodes/btcore_robot/leaves/drive.py", "tests/robot_nodes/leaves/test_drive.py"),

@@ -20,8 +20,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PARENTS = PROJECT["tool"]["setuptools"]["packages"]["find"]["where"]
 PACKAGES = {
     "btcore", "btcore_bags", "btcore_batch", "btcore_bench", "btcore_monitor", "btcore_navigation",
-    "btcore_proof", "btcore_robot", "btcore_ros2", "btcore_scene", "btcore_sim", "btcore_studio",
-    "btcore_sweep",
+    "btcore_proof", "btcore_recorder", "btcore_robot", "btcore_ros2", "btcore_scene", "btcore_sim",
+    "btcore_studio", "btcore_sweep",
 }  # fmt: skip
 
 DATA_SUFFIXES = {".action", ".json", ".msg", ".srv", ".typed", ".urdf", ".xml", ".yaml"}

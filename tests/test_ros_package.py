@@ -33,6 +33,7 @@ SOURCES = {
         "tools/btcore_batch",
         "tools/btcore_bench",
         "tools/btcore_proof",
+        "tools/btcore_recorder",
         "tools/btcore_studio",
         "tools/btcore_sweep",
     ),

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from click.shell_completion import CompletionItem
 
-OWN_COMMANDS = ("run", "validate", "show", "convert", "nodes", "stats", "diff")
+OWN_COMMANDS = ("run", "validate", "show", "nodes")
 
 _LOADED_COMMAND = "btcore.cli.main.loaded_command"
 

@@ -16,7 +16,6 @@ from rich.text import Span, Text
 
 from btcore.errors import BtcoreError, Diagnostic, TreeError, excerpt, shown_diagnostics
 from btcore.escaping import escape_controls, escape_xml, to_json
-from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.status import NodeType, Status
 from btcore.tree.drawing import node_sign, status_label
 
@@ -123,16 +122,6 @@ def node_symbol(symbol: str, kind: NodeType) -> Text:
     """
     sign, style = node_sign(symbol, kind)
     return Text(f"{sign} ", style=style)
-
-
-def recorded_symbol(node_id: str, kind: NodeType) -> Text:
-    """Return the `node_symbol` for a node in a log, which contains no classes.
-
-    Args:
-        node_id: The registration ID; the class is known if it is the ID of a built-in node.
-    """
-    cls = BUILTIN_NODES[4].get(node_id) or BUILTIN_NODES[3].get(node_id)
-    return node_symbol("" if cls is None else cls.spec.symbol, kind)
 
 
 def counted(count: int, noun: str, zero: str = "0") -> str:

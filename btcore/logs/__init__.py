@@ -5,40 +5,33 @@
 
 from btcore.logs.btlog import BtLog, read_btlog
 from btcore.logs.console import ConsoleLog
-from btcore.logs.divergence import Divergence, Step, find_divergence, steps
 from btcore.logs.fbl import read_fbl
 from btcore.logs.files import LogError
 from btcore.logs.formats import open_log, read_log
 from btcore.logs.log import Log
 from btcore.logs.recording import Gap, LoggedTransition, RecordedNode, Recording
 from btcore.logs.sqlite import Session, SqliteLog, read_sqlite, sessions
-from btcore.logs.statistics import NodeStatistics, RecordedStatistics, TreeObserver, recorded_statistics
+from btcore.logs.statistics import NodeStatistics, TreeObserver
 from btcore.logs.trace import TraceLog
 
 __all__ = [
     "BtLog",
     "ConsoleLog",
-    "Divergence",
     "Gap",
     "Log",
     "LogError",
     "LoggedTransition",
     "NodeStatistics",
     "RecordedNode",
-    "RecordedStatistics",
     "Recording",
     "Session",
     "SqliteLog",
-    "Step",
     "TraceLog",
     "TreeObserver",
-    "find_divergence",
     "open_log",
     "read_btlog",
     "read_fbl",
     "read_log",
     "read_sqlite",
-    "recorded_statistics",
     "sessions",
-    "steps",
 ]

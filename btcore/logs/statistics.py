@@ -1,12 +1,11 @@
-"""Counting the results of each node, in a running tree and in a recording."""
+"""Counting the results of each node in a running tree."""
 
 from dataclasses import dataclass, replace
 
 from btcore.errors import BtcoreError
 from btcore.logs.log import AttachedObserver
-from btcore.logs.recording import RecordedNode, Recording
-from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
-from btcore.suggestions import join_names, nearest_name
+from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status, Transition
+from btcore.suggestions import did_you_mean, join_names
 from btcore.tree.tree import Tree
 
 
@@ -111,99 +110,4 @@ class TreeObserver(AttachedObserver):
         equal = [path for path in self.path_to_uid if path.rpartition("#")[0] == node]
         if equal:
             return f"'{node}' is the path of {len(equal)} nodes; use {join_names(equal, 'or')}"
-        guess = nearest_name(node, self.path_to_uid)
-        return f"the tree has no node '{node}'" + (f"; did you mean '{guess}'?" if guess else "")
-
-
-@dataclass(slots=True)
-class RecordedStatistics:
-    """The statistics of a node in a recording.
-
-    A run is a period in which the node was RUNNING. A run that is not finished at the end of the recording
-    counts up to the last transition.
-
-    Attributes:
-        node: The node.
-        path: Its full path, with `#<uid>` if several nodes have the same path.
-        success: The number of transitions to SUCCESS.
-        failure: The number of transitions to FAILURE.
-        skipped: The number of transitions to SKIPPED.
-        halted: The number of transitions from RUNNING to IDLE.
-        runs: The number of runs.
-        total: The total duration of all runs (ns).
-        longest: The duration of the longest run (ns).
-        running: Whether the last run is not finished.
-    """
-
-    node: RecordedNode
-    path: str
-    success: int = 0
-    failure: int = 0
-    skipped: int = 0
-    halted: int = 0
-    runs: int = 0
-    total: int = 0
-    longest: int = 0
-    running: bool = False
-
-    @property
-    def results(self) -> int:
-        """The number of results: SUCCESS, FAILURE and SKIPPED."""
-        return self.success + self.failure + self.skipped
-
-    @property
-    def rate(self) -> float | None:
-        """The fraction (0 to 1) of SUCCESS among SUCCESS and FAILURE; None without either."""
-        ended = self.success + self.failure
-        return self.success / ended if ended else None
-
-    @property
-    def mean(self) -> float:
-        """The mean duration of the runs (ns); 0 without runs."""
-        return self.total / self.runs if self.runs else 0.0
-
-    def _add_run(self, ns: int) -> None:
-        self.runs += 1
-        self.total += ns
-        self.longest = max(self.longest, ns)
-
-
-def recorded_statistics(recording: Recording) -> list[RecordedStatistics]:
-    """Return the statistics of all nodes in pre-order.
-
-    A node that returns its result in the tick in which it starts is never RUNNING: it has no runs.
-
-    Examples:
-        >>> import btcore
-        >>> from btcore.logs import open_log, read_log, recorded_statistics
-        >>> b = btcore.Builder()
-        >>> tree = b.build(b.AlwaysSuccess(name="door"))
-        >>> with open_log(tree, "run.btlog"):
-        ...     tree.tick_while_running()
-        <Status.SUCCESS: 2>
-        >>> [(node.path, node.success) for node in recorded_statistics(read_log("run.btlog"))]
-        [('door', 1)]
-    """
-    statistics = {
-        uid: RecordedStatistics(recording.nodes[uid], path) for uid, path in recording.keys().items()
-    }
-    running_since: dict[int, int] = {}
-    for stamp, uid, previous, status in recording.transitions:
-        node = statistics[uid]
-        if status is RUNNING:
-            running_since.setdefault(uid, stamp)
-            continue
-        if uid in running_since:
-            node._add_run(stamp - running_since.pop(uid))
-        if status is SUCCESS:
-            node.success += 1
-        elif status is FAILURE:
-            node.failure += 1
-        elif status is SKIPPED:
-            node.skipped += 1
-        elif status is IDLE and previous is RUNNING:
-            node.halted += 1
-    for uid, start in running_since.items():
-        statistics[uid]._add_run(recording.end - start)
-        statistics[uid].running = True
-    return list(statistics.values())
+        return f"the tree has no node '{node}'{did_you_mean(node, self.path_to_uid)}"

@@ -17,12 +17,12 @@ from btcore.nodes.manual_selector import Prompt
 from btcore.status import NodeType
 from btcore.testing import Harness
 from btcore.testing.trace import TraceStep
-from btcore.xml.convert.convert import convert
 from btcore.xml.models.stubs import StubAction, StubCondition, StubResults
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.read import parse_text
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
+from btcore_studio.convert.convert import convert
 
 ROOT: Final = Path(__file__).parents[2]
 EXAMPLES: Final[dict[str, dict[str, Any]]] = tomllib.loads(

@@ -12,8 +12,8 @@ from btcore import Registry, diagnostic_codes
 from btcore.diagnostic_codes import ALL_CODES, DiagnosticCode
 from btcore.errors import TreeError
 from btcore.lint.validate import validate_document
-from btcore.xml.convert.convert import convert
 from btcore.xml.read.read import parse_text
+from btcore_studio.convert.convert import convert
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/reference/errors.md").read_text(encoding="utf-8")

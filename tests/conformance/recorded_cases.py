@@ -36,7 +36,7 @@ from btcore.testing.plan_leaves import CallLog, PlanAction, PlanCondition, PlanS
 from btcore.tree.tree import Tree
 from btcore.values import ANY_VALUE, INT
 from btcore.xml.read.dialect import EXPLICIT_TAGS
-from btcore.xml.read.tinyxml2_compat import find_attribute, iter_attributes, iter_start_tags
+from btcore.xml.read.tinyxml2_compat import iter_attributes, iter_start_tags
 
 MAX_DIFFERENCES = 10  # that are printed
 KINDS = {"xml", "script", "convert"}
@@ -282,7 +282,8 @@ def rearranged_ports(xml: str, nodes: Registry) -> str:
     pieces: list[str] = []
     done = 0
     for tag in iter_start_tags(xml):
-        id = find_attribute(tag, "ID") if tag[1] in EXPLICIT_TAGS else None
+        attributes = iter_attributes(tag) if tag[1] in EXPLICIT_TAGS else ()
+        id = next((attribute for attribute in attributes if attribute[1] == "ID"), None)
         manifest = nodes.get(tag[1] if id is None else id[2] or "")
         if manifest is None or len(manifest.ports) < 2:
             continue

@@ -11,7 +11,7 @@ import sys
 
 # What commands import, and what `btcore run` imports only with a robot.
 MODULES = (
-    "btcore.cli.commands.convert",
+    "btcore_studio.convert.command",
     "btcore.cli.main",
     "btcore_proof.command",
     "btcore.cli.commands.run",

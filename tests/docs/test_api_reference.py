@@ -227,8 +227,9 @@ def test_the_index_lists_the_names_of_the_engine() -> None:
 # --- examples
 
 # The modules of which every class and function has an example, apart from exception classes …
-WITH_EXAMPLES = ("btcore.", "btcore_batch", "btcore_proof", "btcore_monitor.breakpoints",
-                 "btcore_monitor.events", "btcore_monitor.serve", "btcore_monitor.watch")  # fmt: skip
+WITH_EXAMPLES = ("btcore.", "btcore_batch", "btcore_proof", "btcore_recorder",
+                 "btcore_monitor.breakpoints", "btcore_monitor.events", "btcore_monitor.serve",
+                 "btcore_monitor.watch")  # fmt: skip
 # … and these, which another example shows.
 SHOWN_BY = {
     "btcore.Direction": "btcore.Port",
@@ -246,23 +247,23 @@ SHOWN_BY = {
     "btcore.bundled_trees.folder": "btcore.bundled_trees.find",
     "btcore.loading.json_export.import_blackboard": "btcore.loading.json_export.export_blackboard",
     "btcore.loading.json_export.import_tree": "btcore.loading.json_export.export_tree",
-    "btcore.logs.Divergence": "btcore.logs.find_divergence",
     "btcore.logs.Log": "btcore.logs.BtLog",
     "btcore.logs.LoggedTransition": "btcore.logs.read_log",
     "btcore.logs.NodeStatistics": "btcore.logs.TreeObserver",
     "btcore.logs.RecordedNode": "btcore.logs.read_log",
-    "btcore.logs.RecordedStatistics": "btcore.logs.recorded_statistics",
     "btcore.logs.Recording": "btcore.logs.read_log",
     "btcore.logs.Session": "btcore.logs.SqliteLog",
-    "btcore.logs.Step": "btcore.logs.find_divergence",
     "btcore.logs.read_btlog": "btcore.logs.read_log",
     "btcore.logs.sessions": "btcore.logs.SqliteLog",
-    "btcore.logs.steps": "btcore.logs.find_divergence",
     "btcore_proof.Answer": "btcore_proof.prove",
     "btcore_proof.Counterexample": "btcore_proof.prove",
     "btcore_proof.LeafTick": "btcore_proof.prove",
     "btcore_proof.Report": "btcore_proof.prove",
     "btcore_proof.RunTick": "btcore_proof.prove",
+    "btcore_recorder.Divergence": "btcore_recorder.find_divergence",
+    "btcore_recorder.RecordedStatistics": "btcore_recorder.recorded_statistics",
+    "btcore_recorder.Step": "btcore_recorder.find_divergence",
+    "btcore_recorder.steps": "btcore_recorder.find_divergence",
     "btcore.testing.CallLog": "btcore.testing.PlanAction",
     "btcore.testing.MockAction": "btcore.testing.Outcomes",
     "btcore.testing.MockCondition": "btcore.testing.Outcomes",

@@ -1,1 +1,1 @@
-"""What people and programs use to write trees: the language server, the preview, and the tools for agents."""
+"""What people and programs use to write trees: in editors and browsers, as commands, and as AI agents."""

@@ -72,11 +72,6 @@ def iter_attributes(tag: re.Match[str]) -> Iterator[re.Match[str]]:
     return ATTRIBUTE.finditer(tag.string, *tag.span(2))
 
 
-def find_attribute(tag: re.Match[str], name: str) -> re.Match[str] | None:
-    """Return the match of `ATTRIBUTE` for the attribute *name* of a start tag, or None."""
-    return next((attribute for attribute in iter_attributes(tag) if attribute[1] == name), None)
-
-
 def value_span(attribute: re.Match[str]) -> tuple[int, int]:
     """Return the start and the end of an attribute's value, without the quotes."""
     return attribute.span(2 if attribute[2] is not None else 3)

@@ -51,6 +51,9 @@ ADDED_COMMANDS = (
     "book",
     "sweep",
     "bench",
+    "convert",
+    "diff",
+    "stats",
 )
 
 

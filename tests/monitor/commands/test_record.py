@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from btcore.loading.tree_xml import tree_to_xml
-from btcore.logs import BtLog, find_divergence, read_btlog, read_log, read_sqlite, steps
+from btcore.logs import BtLog, read_btlog, read_log, read_sqlite
 from btcore.logs.recording import parse_nodes
 from btcore_monitor.events import (
     ConnectionEvent,
@@ -27,6 +27,7 @@ from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.wire.fulltree import read_fulltree, write_fulltree
 from btcore_monitor.wire.groot2 import Request, decode_transitions
+from btcore_recorder import find_divergence, steps
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 ROOT = Path(__file__).parents[3]

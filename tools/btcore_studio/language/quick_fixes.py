@@ -27,11 +27,11 @@ from btcore.diagnostic_codes import (
 from btcore.errors import TreeError
 from btcore.names import is_port_name
 from btcore.suggestions import nearest_name
-from btcore.xml.convert.convert import convert
 from btcore.xml.define import parse_format
 from btcore.xml.models.stubs import is_stub
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES
+from btcore_studio.convert.convert import convert
 from btcore_studio.language.descriptions import literals_of
 from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.node_attributes import file_symbols, node_element, tree_of

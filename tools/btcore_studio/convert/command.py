@@ -14,9 +14,9 @@ from btcore.errors import Diagnostic
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.input_files import read_file
-from btcore.xml.convert.convert import Conversion
-from btcore.xml.convert.convert import convert as converted
 from btcore.xml.read.read import parse_file
+from btcore_studio.convert.convert import Conversion
+from btcore_studio.convert.convert import convert as converted
 
 _BYTE_ORDER_MARK = "\ufeff".encode()
 

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from btcore import Diagnostic, Registry, TreeError
-from btcore.xml.convert.convert import Conversion, convert
 from btcore.xml.read.read import parse_text
 from btcore.xml.read.tinyxml2_compat import START_TAG, iter_start_tags
+from btcore_studio.convert.convert import Conversion, convert
 from tests.conformance.recorded_cases import conformance_registry, run_case
 
 RECORDED = Path(__file__).parents[3] / "conformance" / "data" / "v3_full.jsonl.gz"

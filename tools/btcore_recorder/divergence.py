@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import NamedTuple
 
-from btcore.logs.recording import Recording
+from btcore.logs import Recording
 from btcore.status import IDLE, Status
 
 
@@ -70,7 +70,8 @@ def find_divergence(first: list[Step], second: list[Step], tolerance: int | None
 
     Examples:
         >>> import btcore
-        >>> from btcore.logs import find_divergence, open_log, read_log, steps
+        >>> from btcore.logs import open_log, read_log
+        >>> from btcore_recorder import find_divergence, steps
         >>> b = btcore.Builder()
         >>> for name, leaf in ("a", b.AlwaysSuccess()), ("b", b.AlwaysFailure()):
         ...     tree = b.build(b.Inverter(leaf))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
-CAPTURES = Path(__file__).parents[2] / "logs" / "captures"
+CAPTURES = Path(__file__).parents[2] / "btcore" / "logs" / "captures"
 BTLOG, DB3, FBL = (CAPTURES / name for name in ("v4_sample.btlog", "v4_sample.db3", "v3_sample.fbl"))
 
 Cli = Callable[..., Result]

@@ -13,15 +13,15 @@ from btcore.diagnostic_codes import (
 )
 from btcore.errors import Diagnostic, TreeError
 from btcore.registry.registry import Registry
-from btcore.xml.convert.changes import ConversionChanges
-from btcore.xml.convert.nodes import convert_node
-from btcore.xml.convert.subtree import convert_subtree
 from btcore.xml.define import parse_format
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.diagnostics import sort_diagnostics
 from btcore.xml.read.dialect import DIALECTS
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import Document, parse_text
+from btcore_studio.convert.changes import ConversionChanges
+from btcore_studio.convert.nodes import convert_node
+from btcore_studio.convert.subtree import convert_subtree
 
 
 class Conversion(NamedTuple):

@@ -20,8 +20,8 @@ from btcore.diagnostic_codes import (
 from btcore.errors import ConversionError
 from btcore.names import is_port_name
 from btcore.values import BOOL, parse_constant
-from btcore.xml.convert.changes import ConversionChanges
 from btcore.xml.read.element import Element
+from btcore_studio.convert.changes import ConversionChanges
 
 _BRACED: Final = re.compile(r" *\$?\{(.+)\} *\Z")
 

@@ -8,9 +8,10 @@ from rich.text import Text
 from btcore.cli import terminal
 from btcore.clock import NS_PER_S
 from btcore.exit_codes import ExitCode
-from btcore.logs import Divergence, Recording, Step, find_divergence, read_log, steps
+from btcore.logs import Recording, read_log
 from btcore.logs.console import format_transition
 from btcore.suggestions import join_names
+from btcore_recorder.divergence import Divergence, Step, find_divergence, steps
 
 
 @click.command(short_help="Find the first difference between two logs.")

@@ -8,7 +8,7 @@ from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry
 from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.read import Document
-from btcore.xml.read.tinyxml2_compat import find_attribute, iter_markup, value_span
+from btcore.xml.read.tinyxml2_compat import iter_attributes, iter_markup, value_span
 
 # XML parsers other than tinyxml2 read line breaks and tabs in values as spaces.
 _IN_VALUE: Final = {"&": "&amp;", "<": "&lt;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
@@ -125,10 +125,10 @@ class ConversionChanges:
         self._edits.append((start, match.end(), ""))
 
     def _attribute(self, element: Element, name: str) -> re.Match[str]:
-        match = find_attribute(self._tag(element), name)
-        if match is None:
-            raise KeyError(name)
-        return match
+        for match in iter_attributes(self._tag(element)):
+            if match[1] == name:
+                return match
+        raise KeyError(name)
 
     def text(self) -> str:
         """Return the text of the document with all edits applied."""

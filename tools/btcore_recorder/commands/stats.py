@@ -11,9 +11,10 @@ from rich.text import Text
 
 from btcore.cli import terminal
 from btcore.clock import NS_PER_S
-from btcore.logs import RecordedStatistics, Recording, read_log, recorded_statistics
-from btcore.logs.recording import RecordedNode
+from btcore.logs import RecordedNode, Recording, read_log
+from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.status import IDLE, RUNNING, Status
+from btcore_recorder.statistics import RecordedStatistics, recorded_statistics
 
 SLOWEST: Final = 3
 """The number of leaves that are listed under the table."""
@@ -75,7 +76,7 @@ def _make_table(rows: Sequence[RecordedStatistics]) -> Table:
     for name in ("success", "failure", "skipped", "halted", "rate", "total s", "mean s", "max s"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
-        label = terminal.recorded_symbol(row.node.id, row.node.type)
+        label = _node_symbol(row.node)
         label.append(row.path, style="" if row.results or row.runs else "dim")
         if row.running:
             label.append(" ▶", style="bold yellow")
@@ -91,6 +92,12 @@ def _make_table(rows: Sequence[RecordedStatistics]) -> Table:
             *times,
         )
     return table
+
+
+def _node_symbol(node: RecordedNode) -> Text:
+    """Return the symbol of *node*. A log contains no classes; those of built-in nodes are known."""
+    cls = BUILTIN_NODES[4].get(node.id) or BUILTIN_NODES[3].get(node.id)
+    return terminal.node_symbol("" if cls is None else cls.spec.symbol, node.type)
 
 
 def _format_slowest(rows: Sequence[RecordedStatistics]) -> str:

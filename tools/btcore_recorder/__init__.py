@@ -1,0 +1,16 @@
+"""Reading logs to understand runs: statistics of the nodes, and the first difference between two runs.
+
+See docs/guides/recording.md.
+"""
+
+from btcore_recorder.divergence import Divergence, Step, find_divergence, steps
+from btcore_recorder.statistics import RecordedStatistics, recorded_statistics
+
+__all__ = [
+    "Divergence",
+    "RecordedStatistics",
+    "Step",
+    "find_divergence",
+    "recorded_statistics",
+    "steps",
+]

@@ -1,0 +1,1 @@
+"""The commands `btcore stats` and `btcore diff`."""
