@@ -183,8 +183,10 @@ class NodeCreator:
         self._uid = uid = self._uid + 1
         id, line = node_plan.id, document.line(node_plan.element)
         name = id if node_plan.name is None else node_plan.name
-        scripts, attributes = node_plan.conditions, node_plan.attributes
-        config = NodeConfig(id, name, uid, self.format, document.file, line, scripts, attributes, self._enums)
+        conditions, attributes = node_plan.conditions, node_plan.attributes
+        config = NodeConfig(
+            id, name, uid, self.format, document.file, line, conditions, attributes, self._enums
+        )
         if call is not None:
             self._configure_call(node_plan, call, config, instance)
         else:

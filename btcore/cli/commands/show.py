@@ -87,7 +87,7 @@ def _format_label(node: DiagramNode, ports: bool, ascii: bool) -> list[Fragment]
         for key, text, _ in node.ports:
             pointer = text.strip().startswith("{")
             line += [(f"  {key}=", "dim"), (text, "yellow" if pointer else "italic")]
-        for key, text in node.scripts.items():
+        for key, text in node.conditions.items():
             line += [(f"  {key}=", "dim"), (text, "magenta")]
     return line
 
@@ -100,7 +100,7 @@ def _as_data(node: DiagramNode) -> dict[str, object]:
         "name": node.name,
         "type": node.type.name,
         "ports": {name: text for name, text, _ in node.ports},
-        "scripts": dict(node.scripts),
+        "scripts": dict(node.conditions),
         "children": [_as_data(child) for child in node.children],
     }
 

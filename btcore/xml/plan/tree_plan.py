@@ -281,14 +281,14 @@ class TreePlanner:
     ) -> dict[str, str]:
         """Return those of *attributes* that are kept. They hold neither ports nor the name.
 
-        Scripts are stored in `node.conditions`. Attributes that are neither kept nor scripts are errors.
+        Conditions are stored in *node*. Attributes that are neither kept nor conditions are errors.
         """
         dialect = self._dialect
-        scripts: dict[str, str] = {}
+        conditions: dict[str, str] = {}
         kept: dict[str, str] = {}
         for key, text in attributes.items():
             if key in SCRIPT_ATTRIBUTES and dialect.has_conditions:
-                scripts[key] = text
+                conditions[key] = text
             elif key == "ID":
                 if dialect.requires_explicit_tag_for_id and node.element.tag not in EXPLICIT_TAGS:
                     message = (
@@ -306,11 +306,11 @@ class TreePlanner:
                 may_search = self._collector.take_comparisons(manifest.ports)
                 hint = port_hint(manifest, key) if may_search else ""
                 self._report(UNKNOWN_PORT, message, node.element, key, hint, at_name=True)
-        if scripts:
+        if conditions:
             node.conditions = {
-                key: scripts[key]
+                key: conditions[key]
                 for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
-                if key in scripts
+                if key in conditions
             }
         self._context.kept_attributes.update(kept)
         return kept
@@ -382,7 +382,7 @@ class TreePlanner:
 
     def _connect_call_of_4(self, node: NodePlan, call: SubtreeCall) -> None:
         given: dict[str, str] = {}
-        scripts: dict[str, str] = {}
+        conditions: dict[str, str] = {}
         attributes: dict[str, str] = {}
         for key, text in node.element.attributes.items():
             if key == "_autoremap":
@@ -391,14 +391,14 @@ class TreePlanner:
                 node.name = text
                 self._check_name(node, text)
             elif key in SCRIPT_ATTRIBUTES:
-                scripts[key] = text
+                conditions[key] = text
             elif key == "ID":
                 continue
             elif is_port_name(key):
                 given[key] = text
             else:
                 attributes[key] = text
-        node.conditions, node.attributes = scripts, attributes
+        node.conditions, node.attributes = conditions, attributes
         if not call.autoremap:
             for port, default in self._context.definitions.subtree_models.get(call.tree_id, {}).items():
                 if port in given:

@@ -92,7 +92,7 @@ def card_of(node: DiagramNode) -> Card:
         _script_line(name, text) if direction == "script" else _port_line(name, text, direction)
         for name, text, direction in node.ports
     ]
-    lines += [_script_line(name, text) for name, text in node.scripts.items()]
+    lines += [_script_line(name, text) for name, text in node.conditions.items()]
     name = _shortened(node.name)
     width = _TEXT_AT + text_width(name, _NAME_SIZE, bold=True) + number_room
     if second:
@@ -132,7 +132,7 @@ def _hover(node: DiagramNode) -> str:
     """Return the tooltip: name, ID, ports and scripts without abbreviation, and the description."""
     lines = [f"{node.name} <{node.id}>"]
     lines += (f'{name}="{text}"' for name, text, _ in node.ports)
-    lines += (f'{name}="{text}"' for name, text in node.scripts.items())
+    lines += (f'{name}="{text}"' for name, text in node.conditions.items())
     return "\n".join([*lines, *([node.about] if node.about else [])])
 
 

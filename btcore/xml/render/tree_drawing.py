@@ -23,7 +23,7 @@ class DiagramNode:
         type: Kind of the node.
         ports: The ports that the document sets, as (name, text, direction), such as `("goal", "{g}",
             "input")`; the direction of a script is "script", of a port of a SubTree "".
-        scripts: Pre- and post-conditions, by attribute.
+        conditions: Pre- and post-conditions, by attribute.
         about: Description of the node.
         tree: For a SubTree node, the ID of the called tree, whose root is the only child.
         symbol: The symbol that the node's class declares.
@@ -37,7 +37,7 @@ class DiagramNode:
     name: str
     type: NodeType
     ports: list[tuple[str, str, str]]
-    scripts: Mapping[str, str]
+    conditions: Mapping[str, str]
     about: str = ""
     tree: str = ""
     symbol: str = ""
@@ -65,7 +65,7 @@ def diagram_of_document(plans: Plans) -> DiagramNode:
             name=plan.name or (plan.id if call is None else call.tree_id),
             type=manifest.type if manifest is not None else NodeType.UNDEFINED,
             ports=[(port.name, text, _direction(port)) for port, text, written in plan.ports if written],
-            scripts=plan.conditions,
+            conditions=plan.conditions,
             about=manifest.description if manifest is not None else "",
             symbol=manifest.spec.symbol if manifest is not None else "",
             origin=(document, plan.element),

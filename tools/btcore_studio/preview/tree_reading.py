@@ -158,7 +158,7 @@ def draw(plans: Plans, tree: str | None, folded: Collection[str], styled: bool =
                 "kind": FAMILY_COLOURS[node.type][0],
                 "calls": node.tree,
                 "ports": [[name, text] for name, text, _ in node.ports]
-                + [[*item] for item in node.scripts.items()],
+                + [[*item] for item in node.conditions.items()],
                 "file": number,
                 "line": 0 if place is None else place.line,
                 "column": 0 if place is None else place.column,
