@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from btcore.errors import PortError as PortError
     from btcore.errors import RegistrationError as RegistrationError
     from btcore.errors import ScriptError as ScriptError
+    from btcore.errors import SettingsError as SettingsError
     from btcore.errors import TreeError as TreeError
     from btcore.errors import UnknownNodeError as UnknownNodeError
     from btcore.errors import XmlSyntaxError as XmlSyntaxError
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from btcore.loading.load import make as make
     from btcore.loading.load import required_resources as required_resources
     from btcore.nodes.loop import LoopNode as LoopNode
+    from btcore.options import option as option
     from btcore.registry.manifest import Resources as Resources
     from btcore.registry.registry import Registry as Registry
     from btcore.runs.providers import OutputError as OutputError
@@ -69,8 +71,6 @@ if TYPE_CHECKING:
     from btcore.runs.run import Run as Run
     from btcore.runs.settings import RunSettings as RunSettings
     from btcore.runs.settings import Settings as Settings
-    from btcore.runs.settings import SettingsError as SettingsError
-    from btcore.runs.settings import option as option
     from btcore.script.program import compile_script as compile_script
     from btcore.status import FAILURE as FAILURE
     from btcore.status import IDLE as IDLE
@@ -109,6 +109,7 @@ _HOMES = {
         "PortError",
         "RegistrationError",
         "ScriptError",
+        "SettingsError",
         "TreeError",
         "UnknownNodeError",
         "XmlSyntaxError",
@@ -116,11 +117,12 @@ _HOMES = {
     "btcore.loading.builder": ("Builder", "blackboard_key"),
     "btcore.loading.load": ("load", "loads", "make", "required_resources"),
     "btcore.nodes.loop": ("LoopNode",),
+    "btcore.options": ("option",),
     "btcore.registry.manifest": ("Resources",),
     "btcore.registry.registry": ("Registry",),
     "btcore.runs.providers": ("OutputError", "ProviderError", "Report", "provider"),
     "btcore.runs.run": ("Run",),
-    "btcore.runs.settings": ("RunSettings", "Settings", "SettingsError", "option"),
+    "btcore.runs.settings": ("RunSettings", "Settings"),
     "btcore.script.program": ("compile_script",),
     "btcore.status": (
         "FAILURE",

@@ -341,3 +341,7 @@ class UndecidedOperandError(KeyboardInterrupt):
     def decide(self, operator: str, left: object, right: object) -> bool:
         """Return whether the search continues as if `left operator right` were true."""
         raise self
+
+
+class SettingsError(BtcoreError, ValueError):
+    """Options contradict each other, or the value of one cannot be used; the message names them."""

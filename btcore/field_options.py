@@ -1,4 +1,4 @@
-"""Options of commands that are made from the fields of `btcore.runs.settings.Options`."""
+"""Options of commands that are made from the fields of `btcore.options.Options`."""
 
 import functools
 import math
@@ -11,7 +11,7 @@ import msgspec
 from msgspec.structs import FieldInfo
 
 from btcore.errors import BtcoreError
-from btcore.runs.settings import Options, describe_field, from_values, option_name
+from btcore.options import Options, describe_field, from_values, option_name
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -24,7 +24,7 @@ class Status(_NamedNumber):
         RUNNING: The node is not finished and needs further ticks.
         SUCCESS: The node finished with success.
         FAILURE: The node finished with failure.
-        SKIPPED: A precondition of the node was not met, so the node was not ticked.
+        SKIPPED: The node has no result, because a pre-condition skipped it, or all its children were skipped.
 
     Examples:
         >>> from btcore import SUCCESS, Status

@@ -44,6 +44,7 @@ TIERS = (
         "exit_codes",
         "extras",
         "names",
+        "options",
         "suggestions",
         "builds",
         "flatbuffer",

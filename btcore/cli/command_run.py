@@ -28,7 +28,7 @@ class CommandRun(Run):
         provided: As in `Run`.
         used: Classes of settings that the command uses itself.
         option_defaults: Values of options that were not given, by the names of their parameters.
-        options: As in `Run`.
+        arguments: As in `Run`.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class CommandRun(Run):
         provided: Sequence[object] = (),
         used: Iterable[type[Settings]] = (),
         option_defaults: Mapping[str, Any] | None = None,
-        **options: Unpack[LoadArguments],
+        **arguments: Unpack[LoadArguments],
     ) -> None:
         super().__init__(
             source,
@@ -49,7 +49,7 @@ class CommandRun(Run):
             provided=provided,
             providers=command_providers(ctx).available,
             prepare=prepare,
-            **options,
+            **arguments,
         )
         self._ctx = ctx
         self._used_settings |= set(used)

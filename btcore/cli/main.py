@@ -3,8 +3,8 @@
 Each command of btcore is a file in `btcore/cli/commands`. Other packages add commands by entry points.
 """
 
-# Modules that only errors or single commands need (rich, traceback, importlib.metadata, dataclasses by way
-# of btcore.errors) are imported where they are used, so that commands start fast.
+# Modules that only errors or single commands need (rich, traceback, btcore.errors) are imported where they
+# are used, so that commands start fast.
 import errno
 import os
 import sys

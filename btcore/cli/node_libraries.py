@@ -13,8 +13,8 @@ from btcore.cli import terminal
 from btcore.diagnostic_codes import UNKNOWN_NODE
 from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, own_packages, unsearched_libraries
 from btcore.errors import Diagnostic
+from btcore.options import Options, option
 from btcore.registry.registry import Plugin, Registry, import_plugin, library_of
-from btcore.runs.settings import Options, option
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.read import Document, read
 
@@ -96,7 +96,7 @@ class NodeLibraries:
                 f"{own_type.name} of {library_of(library_type.python_type)}"
             )
 
-    def load_for(self, documents: Iterable[Document]) -> bool:
+    def load_missing(self, documents: Iterable[Document]) -> bool:
         """Load the libraries of btcore's own packages, too, if *documents* use a node that is unknown so far.
 
         Returns:
@@ -174,9 +174,10 @@ def load_libraries(
     Args:
         plugins: Modules and Python files with nodes.
         confined: Whether a model that includes a file from outside of its folder is invalid.
-        partial: Whether to leave out the libraries of btcore's own packages until `NodeLibraries.load_for`
-            needs them. They are loaded nevertheless if a plugin has imported one of these packages, because
-            the plugin may use their types, and with *models*, which declare only what is unknown.
+        partial: Whether to leave out the libraries of btcore's own packages, until
+            `NodeLibraries.load_missing` needs them. They are loaded nevertheless if a plugin has imported one
+            of these packages, because the plugin may use their types, and with *models*, which declare only
+            what is unknown.
         imported: Plugins that are imported already, by their names in *plugins*.
 
     Raises:

@@ -9,18 +9,13 @@ from click.core import ParameterSource
 
 from btcore import entry_points
 from btcore.cli import terminal
+from btcore.errors import SettingsError
 from btcore.field_options import FieldOption, create_options
+from btcore.options import Options, from_values, required_option_names
 from btcore.registry.registry import Plugin, import_plugin
 from btcore.runs.available_providers import AvailableProviders, providers_in
 from btcore.runs.providers import Provider, ProviderError
-from btcore.runs.settings import (
-    Options,
-    RunSettings,
-    Settings,
-    SettingsError,
-    from_values,
-    required_option_names,
-)
+from btcore.runs.settings import RunSettings, Settings
 from btcore.suggestions import join_names
 
 _META_KEY: Final = "btcore.cli.provider_options"

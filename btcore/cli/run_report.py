@@ -102,7 +102,7 @@ class RunSummary:
         rows: dict[str, dict[str, object]] = {}
         for key, node in self._run.tree.nodes_by_path().items():
             counts = tick_counts_of(node)
-            assert counts is not None, "RunSession counts the ticks of each of its trees"
+            assert counts is not None, "`btcore run` counts the ticks of each of its trees"
             rows[key] = {"id": node.config.id, **{name: getattr(counts, name) for name in _COUNTS}}
         return rows
 

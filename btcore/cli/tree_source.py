@@ -11,8 +11,8 @@ from btcore import bundled_trees
 from btcore.cli.node_libraries import LibraryOptions, NodeLibraries, load_libraries
 from btcore.errors import BtcoreError, TreeError
 from btcore.input_files import read_error, read_stream
+from btcore.options import option
 from btcore.registry.registry import Registry
-from btcore.runs.settings import option
 from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.read import Document, parse_bytes, parse_file, read
 
@@ -154,7 +154,7 @@ class TreeSource:
         try:
             document = parse_source(self.path, self.options.confined)
             sources = read(document, self.libraries.nodes.documents)
-            if self.libraries.load_for(sources.documents):
+            if self.libraries.load_missing(sources.documents):
                 # A library may have registered trees, which are among the sources.
                 sources = read(document, self.libraries.nodes.documents)
             nodes = self.libraries.nodes_for(document)

@@ -1,4 +1,4 @@
-"""Pre- and post-condition scripts of a node: `_skipIf`, `_while`, `_onSuccess` and the others.
+"""The pre- and post-conditions of a node: `_skipIf`, `_while`, `_onSuccess` and the others.
 
 The scripts run on the blackboard of the node's scope. For a SubTree node, this is the scope of
 the outer tree.
@@ -15,7 +15,7 @@ UNDECIDED: Final = IDLE
 """Stands for a result that the pre-conditions leave to the node; a node returns IDLE only in format 3."""
 
 
-class ConditionScripts:
+class NodeConditions:
     """The compiled pre- and post-conditions of one node."""
 
     def __init__(self, scripts: Mapping[str, str], enums: Mapping[str, int], blackboard: Blackboard) -> None:
@@ -73,10 +73,10 @@ class ConditionScripts:
             self.on_halted.run(self.blackboard)
 
 
-class WatchedConditions(ConditionScripts):
-    """The condition scripts of a node, which may be none, with a report of the start of each tick.
+class WatchedConditions(NodeConditions):
+    """The conditions of a node, which may be none, with a report of the start of each tick.
 
-    btcore_proof uses it. It is here because only a compiled class can extend `ConditionScripts`.
+    btcore_proof uses it. It is here because only a compiled class can extend `NodeConditions`.
 
     Args:
         scripts: The scripts, by the name of the attribute.

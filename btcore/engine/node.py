@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Final, NoReturn, SupportsIndex
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.engine.conditions import UNDECIDED, ConditionScripts
+from btcore.engine.conditions import UNDECIDED, NodeConditions
 from btcore.engine.context import TreeContext
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
@@ -95,7 +95,7 @@ class TreeNode:
     _status_before_reset: Status = IDLE
     """The last result, for drawings of a tree whose parents have reset it."""
     _tick_extras: TickExtras | None = None
-    """None = the node has no condition scripts, callbacks or counters."""
+    """None = the node has no conditions, callbacks or counters."""
     _tick_flags: int = 0
     _decorated_child: "TreeNode | None" = None
     """The child of a decorator, which `execute_tick` resets when it has completed; None for other nodes."""
@@ -324,12 +324,12 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
 
     Args:
         node: The node.
-        config: The configuration of the node: its name, path, ports and condition scripts.
+        config: The configuration of the node: its name, path, ports and conditions.
         context: The state that all nodes of the tree share, for example the clock and the observers.
         blackboard: The scope that the node reads and writes.
 
     Raises:
-        ScriptError: A condition script has a syntax error.
+        ScriptError: A pre- or post-condition has a syntax error.
     """
     node.config = config
     node._status = IDLE
@@ -343,7 +343,7 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     node._blackboard = blackboard
     if config.conditions:
         node._tick_extras = TickExtras()
-        node._tick_extras.conditions = ConditionScripts(config.conditions, config.enums, blackboard)
+        node._tick_extras.conditions = NodeConditions(config.conditions, config.enums, blackboard)
 
 
 def tick_counts_of(node: TreeNode) -> TickCounts | None:

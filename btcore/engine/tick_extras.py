@@ -1,9 +1,9 @@
-"""What happens in the ticks of a node besides its `tick`: condition scripts, callbacks and counters."""
+"""What happens in the ticks of a node besides its `tick`: conditions, callbacks and counters."""
 
 from collections.abc import Callable
 from typing import Any
 
-from btcore.engine.conditions import ConditionScripts
+from btcore.engine.conditions import NodeConditions
 from btcore.status import FAILURE, SKIPPED, SUCCESS, Status
 
 
@@ -28,20 +28,20 @@ class TickCounts:
 
 
 class TickExtras:
-    """The condition scripts, callbacks and counters of one node; most nodes have none.
+    """The conditions, callbacks and counters of one node; most nodes have none.
 
     Under `btcore run` all nodes have counters.
     """
 
     def __init__(self) -> None:
-        self.conditions: ConditionScripts | None = None
+        self.conditions: NodeConditions | None = None
         self.tick_counts: TickCounts | None = None
         self.pre_tick: Callable[[Any], Status] | None = None
         self.post_tick: Callable[[Any, Status], Status] | None = None
 
     @property
     def is_empty(self) -> bool:
-        """Whether the node has no condition scripts, callbacks or counters."""
+        """Whether the node has no conditions, callbacks or counters."""
         return (
             self.conditions is None
             and self.tick_counts is None

@@ -15,7 +15,7 @@ from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError, Diagnostic
 from btcore.lint.possible_results import is_built_in
 from btcore.lint.scripts import WRITING, AccessKind, find_name_uses
-from btcore.loading.instantiate import NodeCreator, TreeInstance
+from btcore.loading.instantiate import NodeCreator, SubtreeDraft
 from btcore.registry.manifest import Manifest
 from btcore.xml.models.stubs import is_stub
 from btcore.xml.plan.plan import Plans
@@ -80,10 +80,10 @@ class DryRun(NodeCreator):
         # In format 3, trees may share a blackboard.
         return next(tree.plan for tree in reversed(self.instances) if tree.blackboard is board)
 
-    def entry_homes(self) -> dict[Entry, tuple[TreeInstance, str]]:
+    def entry_homes(self) -> dict[Entry, tuple[SubtreeDraft, str]]:
         """Return for each entry the outermost tree that holds it, and its key there."""
-        homes: dict[Entry, tuple[TreeInstance, str]] = {}
-        outermost: dict[Blackboard, TreeInstance] = {}
+        homes: dict[Entry, tuple[SubtreeDraft, str]] = {}
+        outermost: dict[Blackboard, SubtreeDraft] = {}
         for tree in self.instances:
             outermost.setdefault(tree.blackboard, tree)
         for board, tree in outermost.items():
@@ -107,7 +107,7 @@ class DryRun(NodeCreator):
         node_plan: NodePlan,
         manifest: Manifest | None,
         config: NodeConfig,
-        instance: TreeInstance,
+        instance: SubtreeDraft,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
         """Create a built-in node; other nodes are replaced by a node without effect."""
@@ -119,7 +119,7 @@ class DryRun(NodeCreator):
                 return TreeNode()  # the node would compile a script from the blackboard, which is empty here
         return super().create_node(node_plan, manifest, config, instance, children)
 
-    def bind_ports(self, node_plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> None:
+    def bind_ports(self, node_plan: NodePlan, config: NodeConfig, instance: SubtreeDraft) -> None:
         """Bind the ports, and record the entries that ports and scripts use."""
         super().bind_ports(node_plan, config, instance)
         document, blackboard = instance.document, instance.blackboard
@@ -132,7 +132,7 @@ class DryRun(NodeCreator):
             self.has_stubs = self.has_stubs or is_stub(node_plan.manifest.cls)
 
     def _uses_of_port(
-        self, node_plan: NodePlan, port: Port, text: str, is_explicit: bool, instance: TreeInstance
+        self, node_plan: NodePlan, port: Port, text: str, is_explicit: bool, instance: SubtreeDraft
     ) -> Iterator[EntryUse]:
         document, board = instance.document, instance.blackboard
         key = remapped_key(text, port.name, self.format)
@@ -171,7 +171,7 @@ class DryRun(NodeCreator):
             for use in find_name_uses(text, self._enums)
         )
 
-    def create_scope(self, node_plan: NodePlan, call: SubtreeCall, instance: TreeInstance) -> Blackboard:
+    def create_scope(self, node_plan: NodePlan, call: SubtreeCall, instance: SubtreeDraft) -> Blackboard:
         """Return the blackboard of the called tree, and record the entries that the call uses."""
         document, outer = instance.document, instance.blackboard
         inner = super().create_scope(node_plan, call, instance)

@@ -1,6 +1,5 @@
 """Find all errors and warnings in a document, without building its tree."""
 
-import gc
 from collections.abc import Collection, Mapping
 from typing import Final
 
@@ -29,6 +28,7 @@ from btcore.lint.reporter import LintReporter
 from btcore.lint.scripts import check_script_results
 from btcore.lint.subtree_calls import TreeKeys, check_remappings, check_unused_trees
 from btcore.lint.unwritten_keys import check_keys
+from btcore.loading.load import PausedGarbageCollection
 from btcore.registry.registry import Registry
 from btcore.xml.plan.plan import Plans, plan_document
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
@@ -71,14 +71,9 @@ def validate_document(
         format: 3 or 4, overriding the document's `BTCPP_format`.
         given: Keys that the main tree's blackboard holds before the first tick.
     """
-    was_enabled = gc.isenabled()
-    gc.disable()  # the collector would scan the plans again and again, although they are no garbage
-    try:
+    with PausedGarbageCollection():
         plans = plan_document(document, nodes, tree, format, every_tree=True)
         collector = _check_plans(plans, tree is not None, given)
-    finally:
-        if was_enabled:
-            gc.enable()
     return [*sort_diagnostics(collector.errors), *sort_diagnostics(collector.warnings)]
 
 

@@ -104,7 +104,7 @@ def is_clock(thing: object) -> TypeGuard[Clock]:
     return hasattr(thing, "now") and hasattr(thing, "wait_until")
 
 
-class TreeInstance:
+class SubtreeDraft:
     """The nodes of one tree while they are created; `instantiate` makes a `btcore.Subtree` of it.
 
     *prefix* begins the paths of its nodes. Most attributes are those of `Subtree`.
@@ -157,7 +157,7 @@ class NodeCreator:
 
             self._scope_class = Format3Blackboard
         self.blackboard = blackboard if blackboard is not None else self._scope_class(clock=clock)
-        self.instances: list[TreeInstance] = []
+        self.instances: list[SubtreeDraft] = []
         self.nodes: list[TreeNode] = []
         # The main tree's path is the empty text, as in BehaviorTree.CPP.
         self._paths: set[str] = {""}
@@ -172,12 +172,12 @@ class NodeCreator:
 
     def _create_instance(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
         """Create an instance of a tree. Return its root, or None if it could not be created."""
-        instance = TreeInstance(tree_plan, path, blackboard)
+        instance = SubtreeDraft(tree_plan, path, blackboard)
         self.instances.append(instance)
         assert tree_plan.root is not None
         return self._create_with_children(tree_plan.root, instance)
 
-    def _create_with_children(self, node_plan: NodePlan, instance: TreeInstance) -> TreeNode | None:
+    def _create_with_children(self, node_plan: NodePlan, instance: SubtreeDraft) -> TreeNode | None:
         """Create a node and the nodes below it. Return None if the node could not be created."""
         document, call = instance.document, node_plan.subtree_call
         self._uid = uid = self._uid + 1
@@ -217,7 +217,7 @@ class NodeCreator:
             self.nodes[index] = instance.nodes[own_index] = node
         return node
 
-    def bind_ports(self, node_plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> None:
+    def bind_ports(self, node_plan: NodePlan, config: NodeConfig, instance: SubtreeDraft) -> None:
         """Bind the ports, and declare the entries that the ports point to."""
         if not node_plan.bindings:
             return
@@ -254,7 +254,7 @@ class NodeCreator:
         return f"'{binding.port.name}' of <{config.id}> ({config.where})"
 
     def _report_type_conflict(
-        self, node_plan: NodePlan, port: Port, instance: TreeInstance, entry: Entry | None, error: BtcoreError
+        self, node_plan: NodePlan, port: Port, instance: SubtreeDraft, entry: Entry | None, error: BtcoreError
     ) -> None:
         """Add the error for a port whose type differs from the declared type of its entry."""
         if entry is None or entry.declared.same(port.type):
@@ -280,7 +280,7 @@ class NodeCreator:
         node_plan: NodePlan,
         manifest: Manifest | None,
         config: NodeConfig,
-        instance: TreeInstance,
+        instance: SubtreeDraft,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
         """Create a node. Return None if it or a child could not be created."""
@@ -312,7 +312,7 @@ class NodeCreator:
         code: DiagnosticCode,
         message: str,
         node_plan: NodePlan,
-        instance: TreeInstance,
+        instance: SubtreeDraft,
         attribute: str = "",
         hint: str = "",
     ) -> None:
@@ -320,7 +320,7 @@ class NodeCreator:
             instance.document.diagnostic(code, message, node_plan.element, attribute, hint=hint)
         )
 
-    def _substitute(self, node_plan: NodePlan, config: NodeConfig, instance: TreeInstance) -> Manifest | None:
+    def _substitute(self, node_plan: NodePlan, config: NodeConfig, instance: SubtreeDraft) -> Manifest | None:
         """Return the manifest after the registry's substitution rules, or None after an error."""
         if node_plan.manifest is None:
             return None
@@ -332,7 +332,7 @@ class NodeCreator:
             self._report(NODE_NOT_CREATED, str(error), node_plan, instance)
             return None
 
-    def _report_script(self, node_plan: NodePlan, instance: TreeInstance, error: ScriptError) -> None:
+    def _report_script(self, node_plan: NodePlan, instance: SubtreeDraft, error: ScriptError) -> None:
         texts = {key: text for key, text in node_plan.element.attributes.items() if text == error.text}
         if texts:
             self.collector.add(script_diagnostic(instance.document, node_plan, next(iter(texts)), error))
@@ -342,7 +342,7 @@ class NodeCreator:
     # --- SubTree elements
 
     def _configure_call(
-        self, node_plan: NodePlan, call: SubtreeCall, config: NodeConfig, instance: TreeInstance
+        self, node_plan: NodePlan, call: SubtreeCall, config: NodeConfig, instance: SubtreeDraft
     ) -> None:
         """Set the name, path and attributes of a SubTree node, and report a path that occurs twice."""
         config.name = node_plan.name if node_plan.name is not None else call.tree_id
@@ -358,7 +358,7 @@ class NodeCreator:
             self._report(DUPLICATE_SUBTREE_PATH, message, node_plan, instance, "name", hint)
         self._paths.add(config.path)
 
-    def create_scope(self, node_plan: NodePlan, call: SubtreeCall, instance: TreeInstance) -> Blackboard:
+    def create_scope(self, node_plan: NodePlan, call: SubtreeCall, instance: SubtreeDraft) -> Blackboard:
         """Return the blackboard of the called tree, connected with that of *instance*, which calls it."""
         outer = instance.blackboard
         if call.shares_blackboard:

@@ -77,9 +77,9 @@ class LoadArguments(TypedDict, total=False):
     Examples:
         >>> import btcore
         >>> from btcore.loading.load import LoadArguments
-        >>> options: LoadArguments = {"nodes": btcore.Registry.standard(), "clock": btcore.SimClock()}
+        >>> arguments: LoadArguments = {"nodes": btcore.Registry.standard(), "clock": btcore.SimClock()}
         >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sleep msec="5"/></BehaviorTree></root>'
-        >>> btcore.loads(xml, **options).tick_while_running()
+        >>> btcore.loads(xml, **arguments).tick_while_running()
         <Status.SUCCESS: 2>
     """
 
@@ -94,17 +94,17 @@ class LoadArguments(TypedDict, total=False):
     tick_limit: float | None
 
 
-def load(path: str | PathLike[str], *more: str | PathLike[str], **options: Unpack[LoadArguments]) -> Tree:
+def load(path: str | PathLike[str], *more: str | PathLike[str], **arguments: Unpack[LoadArguments]) -> Tree:
     """Return the tree in an XML file, ready to be ticked.
 
     Args:
         path: The XML file.
         more: Further XML files, whose trees the first file may call without an include.
-        options: See `LoadArguments`.
+        arguments: See `LoadArguments`.
 
     Raises:
         TreeError: The files have errors, see `TreeError`. It holds file, line and column of each.
-        TypeError: *nodes* is not a Registry, or *resources* is not a list, or an option is unknown.
+        TypeError: *nodes* is not a Registry, or *resources* is not a list, or an argument is unknown.
         ValueError: *tick_limit* is not a positive number.
 
     Examples:
@@ -116,20 +116,20 @@ def load(path: str | PathLike[str], *more: str | PathLike[str], **options: Unpac
         <Status.SUCCESS: 2>
     """
     with PausedGarbageCollection():
-        return _load(_parse(parse_file, options, path, *more), options)
+        return _load(_parse(parse_file, arguments, path, *more), arguments)
 
 
-def loads(text: str, *more: str, **options: Unpack[LoadArguments]) -> Tree:
+def loads(text: str, *more: str, **arguments: Unpack[LoadArguments]) -> Tree:
     """Return the tree in an XML text, ready to be ticked.
 
     Args:
         text: The XML. Paths of includes are relative to the working directory.
         more: Further XML texts, whose trees the first text may call.
-        options: See `LoadArguments`.
+        arguments: See `LoadArguments`.
 
     Raises:
         TreeError: The texts have errors, see `TreeError`. It holds line and column of each.
-        TypeError: *nodes* is not a Registry, or *resources* is not a list, or an option is unknown.
+        TypeError: *nodes* is not a Registry, or *resources* is not a list, or an argument is unknown.
         ValueError: *tick_limit* is not a positive number.
 
     Examples:
@@ -139,20 +139,20 @@ def loads(text: str, *more: str, **options: Unpack[LoadArguments]) -> Tree:
         <Status.SUCCESS: 2>
     """
     with PausedGarbageCollection():
-        return _load(_parse(parse_text, options, text, *more), options)
+        return _load(_parse(parse_text, arguments, text, *more), arguments)
 
 
-def make(ID: str, /, **options: Unpack[LoadArguments]) -> Tree:
+def make(ID: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
     """Return a new instance of a tree that was registered with `Registry.add_trees`.
 
     Args:
         ID: The ID of the tree.
-        options: See `LoadArguments`. *nodes* is the registry of the tree. Whether includes are *confined* is
+        arguments: See `LoadArguments`. *nodes* is the registry of the tree. Whether includes are *confined* is
             an argument of `Registry.add_trees` instead.
 
     Raises:
         TreeError: There is no such tree, or the registered documents have errors. It holds all of them.
-        TypeError: *nodes* is not a Registry, or *resources* is not a list, or an option is unknown.
+        TypeError: *nodes* is not a Registry, or *resources* is not a list, or an argument is unknown.
         ValueError: *tick_limit* is not a positive number.
 
     Examples:
@@ -164,29 +164,30 @@ def make(ID: str, /, **options: Unpack[LoadArguments]) -> Tree:
         >>> first is second
         False
     """
-    documents = _registry(options.get("nodes")).documents
+    check_names(arguments)
+    documents = _registry(arguments.get("nodes")).documents
     if not documents:
         hint = "register it: nodes.add_trees(…)"
         raise TreeError([Diagnostic(UNDETERMINED_MAIN_TREE, f"unknown tree '{ID}'", hint=hint)])
     # The document of the tree; the last document if the tree is in an included file.
     main = next((document for document in reversed(documents) if _defines(document, ID)), documents[-1])
     with PausedGarbageCollection():
-        return _load([main], {**options, "tree": ID})
+        return _load([main], {**arguments, "tree": ID})
 
 
 def required_resources(
-    path: str | PathLike[str], *more: str | PathLike[str], **options: Unpack[LoadArguments]
+    path: str | PathLike[str], *more: str | PathLike[str], **arguments: Unpack[LoadArguments]
 ) -> list[Any]:
     """Return the types of the resources that the leaves of a tree need, each once.
 
     Args:
         path: The XML file.
         more: As in `load`.
-        options: As in `load`.
+        arguments: As in `load`.
 
     Raises:
         TreeError: The files have errors.
-        TypeError: *nodes* is not a Registry, or an option is unknown.
+        TypeError: *nodes* is not a Registry, or an argument is unknown.
 
     Examples:
         >>> from pathlib import Path
@@ -203,65 +204,72 @@ def required_resources(
         >>> btcore.required_resources("grasp.xml", nodes=nodes) == [Gripper]
         True
     """
-    plans = _plan_documents(_parse(parse_file, options, path, *more), options)
+    plans = _plan_documents(_parse(parse_file, arguments, path, *more), arguments)
     plans.diagnostics.raise_errors()
     return plans.required_resources()
 
 
-def plan_source(source: str | PathLike[str], options: LoadArguments, is_text: bool = False) -> Plans:
+def plan_source(source: str | PathLike[str], arguments: LoadArguments, is_text: bool = False) -> Plans:
     """Return the plans of a tree, for callers that need them before the tree is created.
 
     Args:
         source: The path of the XML file, or with *is_text* the XML.
-        options: As in `load`.
+        arguments: As in `load`.
         is_text: Whether *source* is the XML.
 
     Raises:
         TreeError: The source cannot be read or parsed; other errors are in the diagnostics of the plans.
-        TypeError: *nodes* is not a Registry, or an option is unknown.
+        TypeError: *nodes* is not a Registry, or an argument is unknown.
     """
-    documents = _parse(parse_text, options, str(source)) if is_text else _parse(parse_file, options, source)
-    return _plan_documents(documents, options)
+    documents = (
+        _parse(parse_text, arguments, str(source)) if is_text else _parse(parse_file, arguments, source)
+    )
+    return _plan_documents(documents, arguments)
 
 
-def _load(documents: Sequence[Document], options: LoadArguments) -> Tree:
+def _load(documents: Sequence[Document], arguments: LoadArguments) -> Tree:
     """Return the tree of the first of *documents*."""
-    resources = options.get("resources", ())
+    resources = arguments.get("resources", ())
     # A text can be iterated, but is a single object here.
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
         raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
     return instantiate(
-        _plan_documents(documents, options),
+        _plan_documents(documents, arguments),
         Resources(resources),
-        options.get("blackboard"),
-        options.get("clock"),
-        options.get("tick_limit"),
+        arguments.get("blackboard"),
+        arguments.get("clock"),
+        arguments.get("tick_limit"),
     )
 
 
-def check_names(options: LoadArguments) -> None:
-    """Raise TypeError if an option is unknown."""
-    for name in options.keys() - LoadArguments.__annotations__.keys():
+def check_names(arguments: LoadArguments) -> None:
+    """Raise TypeError if an argument is unknown."""
+    for name in arguments.keys() - LoadArguments.__annotations__.keys():
         hint = did_you_mean(name, LoadArguments.__annotations__)
         raise TypeError(f"unexpected keyword argument '{name}'{hint}")
 
 
-def _plan_documents(documents: Sequence[Document], options: LoadArguments) -> Plans:
+def _plan_documents(documents: Sequence[Document], arguments: LoadArguments) -> Plans:
     """Return the plans of the tree of the first of *documents*."""
-    check_names(options)
-    registry = _registry(options.get("nodes"))
+    registry = _registry(arguments.get("nodes"))
     main, *others = documents
-    sources = read(main, [*registry.documents, *others], options.get("packages"))
-    return define_and_plan(sources, registry, options.get("tree"), options.get("format"))
+    sources = read(main, [*registry.documents, *others], arguments.get("packages"))
+    return define_and_plan(sources, registry, arguments.get("tree"), arguments.get("format"))
 
 
-def _parse(parse: _Parser[S], options: LoadArguments, *sources: S) -> list[Document]:
-    """Return the documents of *sources*. Raise XmlSyntaxError, which holds the errors of all sources."""
+def _parse(parse: _Parser[S], arguments: LoadArguments, *sources: S) -> list[Document]:
+    """Check the names of *arguments*, and return the documents of *sources*.
+
+    Raises:
+        XmlSyntaxError: A source cannot be read or parsed. It holds the errors of all sources.
+        TypeError: An argument is unknown.
+    """
+    check_names(arguments)
     documents: list[Document] = []
     errors: list[Diagnostic] = []
     for source in sources:
         try:
-            documents.append(parse(source, confined=options.get("confined", False)))
+            documents.append(parse(source, confined=arguments.get("confined", False)))
         except XmlSyntaxError as error:
             errors += error.diagnostics
     if errors:

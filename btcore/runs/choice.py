@@ -25,6 +25,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 from btcore.clock import Clock
+from btcore.options import required_option_names
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.providers import (
     ATTRIBUTES_OF_RUN,
@@ -35,7 +36,7 @@ from btcore.runs.providers import (
     full_name,
     is_settings,
 )
-from btcore.runs.settings import RunSettings, Settings, required_option_names
+from btcore.runs.settings import RunSettings, Settings
 from btcore.suggestions import join_names, with_article
 
 S = TypeVar("S", bound=Settings)

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 from btcore.clock import NS_PER_S, Clock, SimClock, SystemClock
 from btcore.engine.leaf import StatefulAction
 from btcore.entry_points import names_by_remedy
-from btcore.errors import BtcoreError, NodeExecutionError, TreeError
+from btcore.errors import BtcoreError, NodeExecutionError, SettingsError, TreeError
 from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
 from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_names, plan_source
+from btcore.options import check_settings
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
@@ -32,7 +33,7 @@ from btcore.runs.providers import (
     full_name,
     is_settings,
 )
-from btcore.runs.settings import RunSettings, Settings, SettingsError, check_settings
+from btcore.runs.settings import RunSettings, Settings
 from btcore.runs.tick_loop import LoopEnd, TickLoop, Until, joint_status
 from btcore.signals import EndingSignals
 from btcore.status import Status
@@ -79,7 +80,7 @@ Source = str | PathLike[str] | Plans | TreelessProgram
 """What a run ticks: the path of an XML file, the plans of a tree, or a program."""
 
 
-def _planned(source: object, options: LoadArguments) -> Plans | TreelessProgram:
+def _planned(source: object, arguments: LoadArguments) -> Plans | TreelessProgram:
     """Return the plans of a tree, or a program.
 
     Raises:
@@ -88,7 +89,7 @@ def _planned(source: object, options: LoadArguments) -> Plans | TreelessProgram:
     """
     if isinstance(source, (str, PathLike)):
         with PausedGarbageCollection():
-            source = plan_source(source, options)
+            source = plan_source(source, arguments)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):
@@ -120,7 +121,7 @@ class Run:
         settings: Settings of providers, and `RunSettings`.
         prepare: Called on entry when the trees were created, before the providers that need the tree are
             opened.
-        options: As in `btcore.load`, except `resources`, for all trees: a *blackboard* is shared by them.
+        arguments: As in `btcore.load`, except `resources`, for all trees: a *blackboard* is shared by them.
             Those about reading a file have no effect on plans and programs. The default of `clock` is that of
             a provider, or of *provided*; without one, the system's clock, or a simulated clock with
             `RunSettings.fast`.
@@ -165,18 +166,18 @@ class Run:
         providers: Sequence[Provider] | AvailableProviders = (),
         settings: Sequence[Settings] | GivenSettings = (),
         prepare: Callable[["Run"], None] | None = None,
-        **options: Unpack[LoadArguments],
+        **arguments: Unpack[LoadArguments],
     ) -> None:
-        check_names(options)
-        if options.get("resources"):
+        check_names(arguments)
+        if arguments.get("resources"):
             raise TypeError("a run has no argument 'resources': write provided=[…]")
         sources: Sequence[object] = [source]
         if isinstance(source, Sequence) and not isinstance(source, (str, Plans)):  # plans are a tuple
             sources = source
         if not sources:
             raise ValueError("there is no run of an empty list: pass a tree or a program")
-        self._sources = [_planned(one, options) for one in sources]
-        self._options = options
+        self._sources = [_planned(one, arguments) for one in sources]
+        self._load_arguments = arguments
         self._provided = list(provided)
         self._leaf_types: list[Any] = []
         for plans in self._sources:
@@ -309,7 +310,7 @@ class Run:
     def clock(self) -> Clock:
         """The clock of the run."""
         if self._clock is None:
-            self._clock = self._options.get("clock") or self._find_clock()
+            self._clock = self._load_arguments.get("clock") or self._find_clock()
         return self._clock
 
     def _find_clock(self) -> Clock:
@@ -326,13 +327,17 @@ class Run:
         return given or (SimClock() if self.run_settings.fast else SystemClock())
 
     def _create_tree(self, source: Plans | TreelessProgram) -> Tree:
-        options = self._options
+        arguments = self._load_arguments
         if isinstance(source, TreelessProgram):
             return source.make_tree(self.clock)
         try:
             with PausedGarbageCollection():
                 return instantiate(
-                    source, self.resources, options.get("blackboard"), self.clock, options.get("tick_limit")
+                    source,
+                    self.resources,
+                    arguments.get("blackboard"),
+                    self.clock,
+                    arguments.get("tick_limit"),
                 )
         except TreeError as error:
             for note in self._missing_notes():

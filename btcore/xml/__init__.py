@@ -1,1 +1,1 @@
-"""Trees in XML: read, check, plan, convert and draw them, and create their nodes."""
+"""Trees in XML: read, define, plan and draw them."""

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from btcore.runs.settings import Options, SettingsError, option
+from btcore.errors import SettingsError
+from btcore.options import Options, option
 
 if TYPE_CHECKING:
     from btcore_monitor.keys import ClientKeys

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from btcore.options import arguments
 from btcore.process_group import NEW_PROCESS_GROUP
-from btcore.runs.settings import arguments
 from btcore.signals import delayed_signals
 from btcore_monitor.console import print_message
 from btcore_monitor.errors import MonitorError
@@ -82,7 +82,8 @@ class MonitorProcess:
                 for.
 
         Returns:
-            The reason why the file that the process writes is incomplete, or "".
+            The reason why the file that the process writes is incomplete, or "". The failure of a process
+            that writes no file is printed instead.
         """
         if self.serves_web:
             if stays_open:
@@ -96,11 +97,13 @@ class MonitorProcess:
         except subprocess.TimeoutExpired:
             lost = "so the picture is missing" if self.takes_screenshot else "so its end may be missing"
             failure = f"{self.label}: not finished {timeout:g} s after the run, {lost}"
-            if not self.writes_file:
-                print_message(failure)
         else:
             failure = f"{self.label}: the monitor's process failed with exit code {code}" if code else ""
-        return failure if self.writes_file else ""
+        if self.writes_file:
+            return failure
+        if failure:
+            print_message(failure)
+        return ""
 
     def _wait(self, timeout: float) -> int:
         with contextlib.suppress(subprocess.TimeoutExpired):

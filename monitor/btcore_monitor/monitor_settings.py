@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal
 from msgspec.structs import replace
 
 from btcore import Settings, SettingsError
-from btcore.runs.settings import given_option_names
+from btcore.options import given_option_names
 from btcore_monitor.display import has_display
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.installed_packages import check_installed
@@ -141,7 +141,7 @@ class MonitorSettings(OutputOptions, Settings):
         """Whether the run is published, for clients or for its own monitors."""
         return bool(self.publish or self.outputs)
 
-    def list_monitors(self) -> list[ViewerOptions]:
+    def list_viewer_options(self) -> list[ViewerOptions]:
         """Return the options of each `btcore monitor` that the run starts: for files, a window, browsers."""
         shown = ViewerOptions(
             palette=self.palette, find=self.find, log_level=self.log_level, verbose=self.verbose

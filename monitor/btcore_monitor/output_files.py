@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from btcore.runs.settings import SettingsError
+from btcore.errors import SettingsError
 
 
 def check_is_recording(save: Path) -> None:

@@ -8,7 +8,8 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
-from btcore.runs.settings import Settings, option
+from btcore.options import option
+from btcore.runs.settings import Settings
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import KeyOptions
 

@@ -52,7 +52,7 @@ def publisher(
     with (
         _read_keys(settings) as (robot_keys, client_keys),
         _publish(tree, resources, settings, robot_keys) as published,
-        start_monitors(published.address, settings.list_monitors(), client_keys) as monitors,
+        start_monitors(published.address, settings.list_viewer_options(), client_keys) as monitors,
     ):
         _print_addresses(published, settings, robot_keys)
         wait_until_connected(published, monitors)

@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_args
 
+from btcore.errors import SettingsError
 from btcore.field_options import create_options, pass_options
-from btcore.runs.settings import Options, SettingsError, option
+from btcore.options import Options, option
 from btcore_monitor.console import print_message
 from btcore_monitor.output_files import check_folder, check_is_recording
 

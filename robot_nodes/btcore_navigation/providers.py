@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 import click
 
 from btcore import Report, RunSettings, Settings, option, provider
+from btcore.errors import SettingsError
 from btcore.escaping import escape_controls
-from btcore.runs.settings import SettingsError
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,7 +9,7 @@ import click
 
 from btcore import Report, Resources, RunSettings, Settings, option, provider
 from btcore.clock import Clock
-from btcore.runs.settings import SettingsError
+from btcore.errors import SettingsError
 from btcore.tree.tree import Tree
 from btcore_ros2.errors import RosError
 

@@ -9,7 +9,7 @@ import click
 
 from btcore import Report, Resources, RunSettings, Settings, SettingsError, option, provider
 from btcore.clock import Clock
-from btcore.runs.settings import Plural
+from btcore.options import Plural
 from btcore_sim.completion import complete_world
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from rerun.chunk import RrdReader
 from btcore import Run, RunSettings
 from btcore.cli.main import main
 from btcore.field_options import create_options
-from btcore.runs.settings import arguments, from_values, given_option_names
+from btcore.options import arguments, from_values, given_option_names
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.events import (
     ConnectionEvent,

@@ -8,8 +8,9 @@ import click
 
 from btcore.cli.commands.run import run
 from btcore.cli.provider_options import ProviderCommand, explain_missing_options, find_providers
+from btcore.errors import SettingsError
 from btcore.field_options import FieldOption
-from btcore.runs.settings import Plural, SettingsError
+from btcore.options import Plural
 from btcore_sweep.parameters import ParameterOptions
 
 _GIVEN: Final = "btcore_sweep.options.given"

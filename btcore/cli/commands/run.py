@@ -16,8 +16,9 @@ from btcore.cli.run_report import RunSummary, print_leaf_error
 from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, complete_tree, find_source
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.field_options import add_options, pass_options
+from btcore.options import from_values, option
 from btcore.runs.run import Run
-from btcore.runs.settings import RunSettings, from_values, option
+from btcore.runs.settings import RunSettings
 from btcore.runs.tick_loop import Until
 from btcore.status import Status
 from btcore.tree.tree import Tree

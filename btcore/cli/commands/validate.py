@@ -51,7 +51,7 @@ def validate(
             diagnostics += error.diagnostics
         else:
             if libraries.is_partial:
-                libraries.load_for(read(document, libraries.nodes.documents).documents)
+                libraries.load_missing(read(document, libraries.nodes.documents).documents)
             nodes = libraries.nodes_for(document)
             diagnostics += validate_document(
                 document, nodes=nodes, tree=options.tree, format=options.format, given=keys

@@ -3,7 +3,7 @@
 The cache of tags only saves time: without it the plans are the same.
 """
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from btcore.diagnostic_codes import (
     CAPITALISED_ROOT,
@@ -23,11 +23,13 @@ from btcore.engine.node_config import MAX_NODES
 from btcore.names import FORBIDDEN, RESERVED_IDS, forbidden_in
 from btcore.status import NodeType
 from btcore.xml.define import TreeDefinition
-from btcore.xml.plan.hints import UnknownNodeHints
 from btcore.xml.plan.tree_plan import NodePlan, PlanContext
 from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import Document
+
+if TYPE_CHECKING:
+    from btcore.xml.plan.hints import UnknownNodeHints
 
 _LEAVES: Final = {NodeType.ACTION: "an action", NodeType.CONDITION: "a condition"}
 
@@ -69,7 +71,7 @@ class _TagCache:
         self._context = context
         self.node_types: dict[str, NodeType | None] = {}
         self.leaf_tags: set[str] = set()
-        self._hints: UnknownNodeHints | None = None
+        self._hints: UnknownNodeHints | None = None  # only unknown nodes need them
         # The files that declare nodes in their TreeNodesModel, by ID; None before the first unknown node.
         self._declaring_files: dict[str | None, str] | None = None
 
@@ -94,6 +96,8 @@ class _TagCache:
         """Return a hint for the unknown node *id*."""
         context = self._context
         if self._hints is None:
+            from btcore.xml.plan.hints import UnknownNodeHints
+
             self._hints = UnknownNodeHints(context.registry, context.dialect.format)
         if not context.collector.take_comparisons(self._hints.names):
             return ""

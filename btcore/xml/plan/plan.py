@@ -21,7 +21,10 @@ from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.read import Document, Sources, read
 
 MAX_DEPTH: Final = 10_000
-"""The maximum number of levels of a tree. Ticking needs a few hundred bytes of the C stack for each level."""
+"""The maximum number of levels of a tree with all its subtrees, each of which may have fewer levels.
+
+Ticking needs a few hundred bytes of the C stack for each level.
+"""
 _MAX_SHOWN_CYCLE: Final = 20
 
 

@@ -24,7 +24,6 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.values import BOOL
 from btcore.xml.define import Definitions, TreeDefinition, tree_hint
-from btcore.xml.plan.hints import port_hint
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import (
     EXPLICIT_TAGS,
@@ -302,6 +301,8 @@ class TreePlanner:
             ):
                 kept[key] = text
             else:
+                from btcore.xml.plan.hints import port_hint  # only errors need it
+
                 message = f"<{node.id}> has no port '{key}'"
                 may_search = self._collector.take_comparisons(manifest.ports)
                 hint = port_hint(manifest, key) if may_search else ""

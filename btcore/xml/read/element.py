@@ -15,7 +15,7 @@ EXAMPLE: Final = 'a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Ma
 """A hint for documents without a tree."""
 
 MAX_LEVELS: Final = 2_048
-"""Maximum number of levels of elements in a document. The limit of a tree's depth is lower."""
+"""Maximum number of levels of elements in a document. That of a `<BehaviorTree>` is lower."""
 
 
 class Element:

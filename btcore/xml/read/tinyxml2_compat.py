@@ -1,8 +1,8 @@
 """Find tags and attributes in a text, and make expat read values as tinyxml2 of BehaviorTree.CPP does.
 
 tinyxml2 keeps line breaks and tabs in an attribute value. A standard XML parser replaces them by spaces.
-Therefore these characters are written as references before expat parses a text. Texts that are not
-well-formed are parsed by tinyxml2_parser.py.
+Therefore these characters are written as references before expat parses a text. Texts that expat
+rejects or may parse differently are parsed by tinyxml2_parser.py.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Parse documents that expat rejects, by the rules of tinyxml2, the parser of BehaviorTree.CPP.
+"""Parse documents by the rules of tinyxml2, the parser of BehaviorTree.CPP, if expat cannot: see element.py.
 
 tinyxml2 accepts more than XML allows. Whatever other XML tools reject causes a warning.
 """
@@ -48,7 +48,7 @@ class _SyntaxError(Exception):
 
 
 def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Finding]]:
-    """Parse a text that expat rejects.
+    """Parse a text.
 
     Args:
         file: Name of the file in messages, or "".

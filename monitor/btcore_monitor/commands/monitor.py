@@ -11,7 +11,7 @@ import click
 
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
-from btcore.runs.settings import given_option_names
+from btcore.options import given_option_names
 from btcore.signals import EndingSignals
 from btcore_monitor.console import print_message
 from btcore_monitor.errors import RecordingError

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore import Run, RunSettings, Settings, option
+from btcore.errors import SettingsError
 from btcore.escaping import escape_controls
+from btcore.options import from_values
 from btcore.program_runner import (
     CommandRun,
     ProviderCommand,
@@ -19,7 +21,6 @@ from btcore.program_runner import (
     print_json,
     print_result,
 )
-from btcore.runs.settings import SettingsError, from_values
 from btcore_robot.book.top_view import is_image_format_supported, save_picture
 from btcore_robot.process.process import Executor, LogMessage, Process, ProcessContext
 from btcore_robot.robot import Phase, Robot

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from btcore import Registry, Run, RunSettings, Tree
-from btcore.errors import BtcoreError
+from btcore.errors import BtcoreError, SettingsError
 from btcore.escaping import escape_controls
 from btcore.extras import install_command
 from btcore.program_runner import (
@@ -20,7 +20,6 @@ from btcore.program_runner import (
     load_nodes,
     pass_options,
 )
-from btcore.runs.settings import SettingsError
 from btcore.suggestions import did_you_mean
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError

@@ -16,7 +16,8 @@ from btcore.cli.tree_source import STDIN, TreeOptions, complete_tree, find_sourc
 from btcore.exit_codes import code_of_signal
 from btcore.field_options import create_options, pass_options
 from btcore.loading.hot_reload import POLL_INTERVAL_S, FileWatcher
-from btcore.runs.settings import Settings, from_values
+from btcore.options import from_values
+from btcore.runs.settings import Settings
 from btcore.signals import EndingSignals
 from btcore_studio.preview.live import PreviewExtension
 from btcore_studio.preview.server import PreviewServer
