@@ -147,8 +147,8 @@ def make(ID: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
 
     Args:
         ID: The ID of the tree.
-        arguments: See `LoadArguments`. *nodes* is the registry of the tree. Whether includes are *confined* is
-            an argument of `Registry.add_trees` instead.
+        arguments: See `LoadArguments`. *nodes* is the registry of the tree. Whether includes are *confined*
+            is an argument of `Registry.add_trees` instead.
 
     Raises:
         TreeError: There is no such tree, or the registered documents have errors. It holds all of them.

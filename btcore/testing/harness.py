@@ -87,7 +87,7 @@ class Harness:
 
         Raises:
             TreeError: The file has errors.
-            TypeError: An option is unknown, `nodes` is not a Registry, or `resources` is not a list.
+            TypeError: An argument is unknown, `nodes` is not a Registry, or `resources` is not a list.
             ValueError: The tree would use the system's clock.
         """
         return cls._make(path, False, providers, settings, options)
@@ -112,7 +112,7 @@ class Harness:
 
         Raises:
             TreeError: The document has errors.
-            TypeError: An option is unknown, `nodes` is not a Registry, or `resources` is not a list.
+            TypeError: An argument is unknown, `nodes` is not a Registry, or `resources` is not a list.
             ValueError: The tree would use the system's clock.
         """
         return cls._make(text, True, providers, settings, options)

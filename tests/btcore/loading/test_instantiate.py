@@ -312,7 +312,9 @@ def test_loading_leaves_the_garbage_collector_as_it_was(enabled: bool, frozen: b
         count = gc.get_freeze_count()
         load_tree("<AlwaysSuccess/>")
         assert gc.isenabled() is enabled
-        assert gc.get_freeze_count() == count
+        left = gc.get_freeze_count()
+        assert (left > 0) is frozen
+        assert left <= count  # another thread may have freed frozen objects
     finally:
         gc.unfreeze()
         (gc.enable if was_enabled else gc.disable)()
