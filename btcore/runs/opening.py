@@ -5,12 +5,21 @@ An exception whose message is not meant for the user becomes a `ProviderError` t
 
 import contextlib
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from traceback import walk_tb
 from types import TracebackType
 
 from btcore.errors import BtcoreError
-from btcore.runs.providers import Provider, ProviderError, fits
+from btcore.runs.choice import Choice, GivenSettings
+from btcore.runs.providers import (
+    ATTRIBUTES_OF_RUN,
+    Need,
+    Provider,
+    ProviderError,
+    fits,
+    full_name,
+    is_settings,
+)
 from btcore.tree.tree import Tree
 
 
@@ -88,6 +97,80 @@ class OpenedProvider:
             return self.value
         named = (one for one in self.objects if fits(one, name))
         return next(named, next(iter(self.objects), None))
+
+
+class OpenedProviders:
+    """The open providers of a run.
+
+    Args:
+        choice: The used providers.
+        settings: The settings of the run.
+        attribute: Returns an attribute of the run by its name; a provider may need the clock, for example.
+    """
+
+    def __init__(self, choice: Choice, settings: GivenSettings, attribute: Callable[[str], object]) -> None:
+        self._choice = choice
+        self._settings = settings
+        self._attribute = attribute
+        self._opened: dict[Provider, OpenedProvider] = {}
+
+    def open(self, provider: Provider, stack: contextlib.ExitStack) -> list[object]:
+        """Open *provider*, which *stack* closes, and return the provided objects.
+
+        Raises:
+            ProviderError: The provider raised an exception, or another has provided None.
+        """
+        opened = self._opened[provider] = OpenedProvider(provider)
+        stack.push(opened.close)
+        opened.open(self._arguments(provider))
+        return opened.objects
+
+    def find(self, name: str) -> object:
+        """Return the object for the type with the full *name*, of a provider or the program, or None."""
+        chosen = self._choice.by_type.get(name)
+        if not isinstance(chosen, Provider):
+            return chosen
+        opened = self._opened.get(chosen)
+        return None if opened is None else opened.object_for(name)
+
+    def objects_of(self, provider: Provider) -> list[object] | None:
+        """Return what *provider* has provided; None if it is not open."""
+        return self._opened[provider].objects if provider in self._opened else None
+
+    def replace_tree(self, tree: Tree) -> None:
+        """Let the providers that follow the tree follow *tree*; those that cannot are opened again."""
+        again: dict[Provider, OpenedProvider] = {}
+        for provider, opened in self._opened.items():  # each after those that it needs
+            if provider.needs_tree:
+                is_new = not opened.follow(tree)
+            else:
+                is_new = any(other in again for other in self._choice.providers_for(provider))
+            if is_new:
+                again[provider] = opened
+        for opened in reversed(again.values()):
+            opened.close()
+        for provider, opened in again.items():
+            opened.open(self._arguments(provider))
+
+    @property
+    def errors(self) -> list[BtcoreError]:
+        """What the providers raised when they were closed."""
+        return [opened.error for opened in self._opened.values() if opened.error is not None]
+
+    def _arguments(self, provider: Provider) -> dict[str, object]:
+        return {need.parameter: self._argument(provider, need) for need in provider.needs}
+
+    def _argument(self, provider: Provider, need: Need) -> object:
+        if need.type in ATTRIBUTES_OF_RUN:
+            return self._attribute(ATTRIBUTES_OF_RUN[need.type])
+        if is_settings(need.type):
+            return self._settings.find(need.type)
+        name = full_name(need.type)
+        found = self.find(name)
+        if found is None and not need.is_optional:
+            giver = self._choice.by_type[name]
+            raise ProviderError(f"{provider} needs its '{need.parameter}', but {giver} has provided None")
+        return found
 
 
 @contextlib.contextmanager

@@ -20,18 +20,15 @@ from btcore.options import check_settings
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
-from btcore.runs.opening import OpenedProvider
+from btcore.runs.opening import OpenedProviders
 from btcore.runs.providers import (
-    ATTRIBUTES_OF_RUN,
     EndReason,
-    Need,
     OutputError,
     Provider,
     ProviderError,
     Report,
     fits,
     full_name,
-    is_settings,
 )
 from btcore.runs.settings import RunSettings, Settings
 from btcore.runs.tick_loop import LoopEnd, TickLoop, Until, joint_status
@@ -199,14 +196,14 @@ class Run:
         )
         self._prepare = prepare
         self._stack = ExitStack()
-        self._opened: dict[Provider, OpenedProvider] = {}
         self._clock: Clock | None = None
         self._loop: TickLoop | None = None
         self._signals = EndingSignals()
         self._is_paused = False
         self._has_exited = False
         self.trees: list[Tree] = []
-        self.choice: Choice
+        self.choice = Choice([], {}, {}, {})
+        self._opened = OpenedProviders(self.choice, settings, self._attribute)
         self.resources = Resources()
         self.resources.remedy = "the run does not provide it"
         self.report = Report()
@@ -233,7 +230,7 @@ class Run:
 
     def find(self, kind: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
         """Return the object of a type among the resources, or None."""
-        found = self._object_for(full_name(kind))
+        found = self._opened.find(full_name(kind))
         if found is None:
             found = next((thing for thing in self.resources if fits(thing, kind)), None)
         return found  # type: ignore[return-value]
@@ -254,11 +251,12 @@ class Run:
             stack.enter_context(self._signals)
             needed = [*self._leaf_types, *self._wanted]
             self.choice = choose(needed, self.providers, self.settings, self._provided, self._optional)
+            self._opened = OpenedProviders(self.choice, self.settings, self._attribute)
             self._check_wanted()
             self.resources += self._provided
             self._open_all(follows_tree=False)
             for kind in [*needed, *self._optional]:
-                found = self._object_for(full_name(kind))
+                found = self._opened.find(full_name(kind))
                 if found is not None:
                     self.resources.choose(kind, found)
             self.trees = [self._create_tree(source) for source in self._sources]
@@ -315,8 +313,9 @@ class Run:
 
     def _find_clock(self) -> Clock:
         provider = self.choice.clock
-        if provider is not None and provider in self._opened:
-            for thing in self._opened[provider].objects:
+        objects = None if provider is None else self._opened.objects_of(provider)
+        if objects is not None:
+            for thing in objects:
                 for clock in (thing, getattr(thing, "clock", None)):
                     if is_clock(clock):
                         return clock
@@ -350,7 +349,7 @@ class Run:
             provider = self.choice.by_type.get(full_name(kind))
             if isinstance(provider, Provider) and self.choice.follows_tree(provider):
                 yield _unavailable_to_leaves(provider)
-            elif isinstance(provider, Provider) and self._object_for(full_name(kind)) is None:
+            elif isinstance(provider, Provider) and self._opened.find(full_name(kind)) is None:
                 yield f"the provider {provider} has provided None"
         unknown = []
         for kind in self._leaf_types:
@@ -370,35 +369,14 @@ class Run:
     def _open_all(self, follows_tree: bool) -> None:
         for provider in self.choice.order:
             if self.choice.follows_tree(provider) is follows_tree:
-                opened = self._opened[provider] = OpenedProvider(provider)
-                self._stack.push(opened.close)
-                opened.open(self._arguments(provider))
+                objects = self._opened.open(provider, self._stack)
                 if not follows_tree:  # the leaves of the tree exist already
                     # A provider may return an object of another one, under another type.
                     known = set(map(id, self.resources))
-                    self.resources += [thing for thing in opened.objects if id(thing) not in known]
+                    self.resources += [thing for thing in objects if id(thing) not in known]
 
-    def _arguments(self, provider: Provider) -> dict[str, object]:
-        return {need.parameter: self._argument(provider, need) for need in provider.needs}
-
-    def _argument(self, provider: Provider, need: Need) -> object:
-        if need.type in ATTRIBUTES_OF_RUN:
-            return getattr(self, ATTRIBUTES_OF_RUN[need.type])
-        if is_settings(need.type):
-            return self.settings.find(need.type)
-        name = full_name(need.type)
-        found = self._object_for(name)
-        if found is None and not need.is_optional:
-            giver = self.choice.by_type[name]
-            raise ProviderError(f"{provider} needs its '{need.parameter}', but {giver} has provided None")
-        return found
-
-    def _object_for(self, name: str) -> object:
-        chosen = self.choice.by_type.get(name)
-        if not isinstance(chosen, Provider):
-            return chosen
-        opened = self._opened.get(chosen)
-        return None if opened is None else opened.object_for(name)
+    def _attribute(self, name: str) -> object:
+        return getattr(self, name)
 
     # --- ticking
 
@@ -595,18 +573,7 @@ class Run:
         self.error = None
         if self._loop is not None:
             self._loop.replace_tree(tree)
-        again: dict[Provider, OpenedProvider] = {}
-        for provider, opened in self._opened.items():  # each after those that it needs
-            if provider.needs_tree:
-                is_new = not opened.follow(tree)
-            else:
-                is_new = any(other in again for other in self.choice.providers_for(provider))
-            if is_new:
-                again[provider] = opened
-        for opened in reversed(again.values()):
-            opened.close()
-        for provider, opened in again.items():
-            opened.open(self._arguments(provider))
+        self._opened.replace_tree(tree)
 
     # --- closing
 
@@ -644,7 +611,7 @@ class Run:
             raise OutputError(text) if self._is_only_incomplete() else ProviderError(text)
 
     def _collect_closing_errors(self) -> None:
-        self.closing_errors = [opened.error for opened in self._opened.values() if opened.error is not None]
+        self.closing_errors = self._opened.errors
 
     def _is_only_incomplete(self) -> bool:
         """Return whether all `closing_errors` are about outputs."""
