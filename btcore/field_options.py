@@ -71,7 +71,7 @@ def create_options(options: type[Options], *names: str) -> list[FieldOption]:
     """Return the options of the fields *names* of *options*, or of all fields, in the order of the fields.
 
     Raises:
-        BtcoreError: A field is no option.
+        BtcoreError: A field is not an option.
     """
     created = []
     for field in msgspec.structs.fields(options):

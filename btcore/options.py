@@ -114,11 +114,11 @@ def check_settings(settings: AnyOptions) -> AnyOptions:
     """Check the types and the limits of the values that a program gave to *settings*, and return *settings*.
 
     Raises:
-        TypeError: *settings* are no settings, such as their class.
+        TypeError: *settings* is not an object with settings, but their class, for example.
         SettingsError: A value has another type, or is out of range.
     """
     if not isinstance(settings, Options):
-        raise TypeError(f"{settings!r} are no settings: write GripperSettings(…)")
+        raise TypeError(f"{settings!r} is not a settings object: write GripperSettings(…)")
     try:
         msgspec.convert(msgspec.structs.asdict(settings), type(settings))
     except msgspec.ValidationError as error:
@@ -171,7 +171,7 @@ def describe_field(field: FieldInfo) -> tuple[Any, msgspec.Meta, OptionDetails]:
     The type is `str` for `Annotated[str, option(…)] | None`.
 
     Raises:
-        TypeError: The field is no option.
+        TypeError: The field is not an option.
     """
     annotation = field.type
     if get_origin(annotation) in (Union, UnionType):
@@ -181,4 +181,4 @@ def describe_field(field: FieldInfo) -> tuple[Any, msgspec.Meta, OptionDetails]:
         for meta in metadata:
             if isinstance(meta, msgspec.Meta) and _DETAILS in (meta.extra or {}):
                 return kind, meta, (meta.extra or {})[_DETAILS]
-    raise TypeError(f"the type {annotation} is no option: write Annotated[…, option(…)]")
+    raise TypeError(f"the type {annotation} is not an option: write Annotated[…, option(…)]")

@@ -137,7 +137,7 @@ def _exit_after_interrupt() -> NoReturn:
 def _exit_for_error(error: Exception) -> NoReturn:
     """Print *error* as one message, and exit with the code for errors of its kind."""
     from btcore.cli import terminal
-    from btcore.errors import BtcoreError
+    from btcore.errors import BtcoreError, NodeExecutionError
 
     if isinstance(error, BrokenPipeError):
         # The reader of stdout has exited (`btcore nodes | head`). Python flushes stdout once more at exit:
@@ -160,7 +160,7 @@ def _exit_for_error(error: Exception) -> NoReturn:
         sys.exit(ExitCode.INCOMPLETE_OUTPUT)
     if isinstance(error, BtcoreError):
         terminal.print_btcore_error(error)
-        sys.exit(ExitCode.USER_ERROR)
+        sys.exit(ExitCode.LEAF_ERROR if isinstance(error, NodeExecutionError) else ExitCode.USER_ERROR)
     terminal.print_error(f"internal error (please report it): {type(error).__name__}: {error}")
     terminal.stderr_console().print(
         "Set BTCORE_DEBUG=1 to print the traceback.", style="dim", highlight=False

@@ -42,6 +42,8 @@ class TreeContext:
     """The shared state of one tree.
 
     Attributes:
+        clock: The clock of the tree.
+        wake_event: Set by each wake-up; the trees of a run share one, for which the run waits.
         observers: None while nothing is subscribed, so that a transition costs one comparison.
         deadlines: For each node that requested a tick, by uid: the time (ns) at which the tick is due.
         on_wake_up: Called by each wake-up, on any thread; set by an event loop that runs the tree.

@@ -32,7 +32,7 @@ _new_tuple: Final[Any] = tuple.__new__
 
 
 class Transitions:
-    """The transitions of one tick in chronological order, a lazy sequence of `Transition`.
+    """Transitions of one tick, or of a halt, in chronological order: a lazy sequence of `Transition`.
 
     Args:
         first: The number of the first transition, counted from the start of the tree.

@@ -164,7 +164,7 @@ def make(ID: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
         >>> first is second
         False
     """
-    check_names(arguments)
+    check_argument_names(arguments)
     documents = _registry(arguments.get("nodes")).documents
     if not documents:
         hint = "register it: nodes.add_trees(…)"
@@ -242,7 +242,7 @@ def _load(documents: Sequence[Document], arguments: LoadArguments) -> Tree:
     )
 
 
-def check_names(arguments: LoadArguments) -> None:
+def check_argument_names(arguments: LoadArguments) -> None:
     """Raise TypeError if an argument is unknown."""
     for name in arguments.keys() - LoadArguments.__annotations__.keys():
         hint = did_you_mean(name, LoadArguments.__annotations__)
@@ -264,7 +264,7 @@ def _parse(parse: _Parser[S], arguments: LoadArguments, *sources: S) -> list[Doc
         XmlSyntaxError: A source cannot be read or parsed. It holds the errors of all sources.
         TypeError: An argument is unknown.
     """
-    check_names(arguments)
+    check_argument_names(arguments)
     documents: list[Document] = []
     errors: list[Diagnostic] = []
     for source in sources:

@@ -34,7 +34,7 @@ class AvailableProviders:
         for one in self.of_user:
             if not isinstance(one, Provider):
                 name = getattr(one, "__name__", repr(one))
-                raise TypeError(f"{name} is no provider: mark the function by @btcore.provider")
+                raise TypeError(f"{name} is not a provider: mark the function by @btcore.provider")
         self.core = [random_numbers, tree_logs]
         for provider in self.core:
             provider.is_installed = True
@@ -91,6 +91,6 @@ class AvailableProviders:
                 self._loaded[point.value] = found.value
             else:
                 raise ProviderError(
-                    f"the entry point '{point.name}' of the distribution '{found.distribution}' is no "
+                    f"the entry point '{point.name}' of the distribution '{found.distribution}' is not a "
                     f"provider: {point.value} is a {type(found.value).__name__}; mark it by @btcore.provider"
                 )

@@ -367,7 +367,7 @@ def _title(kind: Any) -> str:
 
 
 def _path(request: _Request) -> str:
-    """Return who needs the type of a request."""
+    """Return the providers that lead to a request, or that a leaf needs its type."""
     if not request.chain:
         return f"a leaf needs {_with_article(request.type)}"
     return f"{_join(request.chain)} needs {_with_article(request.type)}"

@@ -65,7 +65,7 @@ class Report(dict[str, object]):
         """Set the results under *heading*.
 
         Raises:
-            TypeError: The results are no JSON data.
+            TypeError: The results are not JSON data.
         """
         json.dumps(values)
         super().__setitem__(heading, values)
@@ -78,7 +78,7 @@ class Report(dict[str, object]):
             values: The results, as JSON data.
 
         Raises:
-            TypeError: The results are no JSON data.
+            TypeError: The results are not JSON data.
         """
         before = self.get(heading)
         self[heading] = {**before, **values} if isinstance(before, dict) else values

@@ -15,7 +15,7 @@ from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, NodeExecutionError, SettingsError, TreeError
 from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
-from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_names, plan_source
+from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_argument_names, plan_source
 from btcore.options import check_settings
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
@@ -73,7 +73,7 @@ class TreelessProgram:
         return make_leaf_tree(Work, self.name, clock)
 
 
-Source = str | PathLike[str] | Plans | TreelessProgram
+Runnable = str | PathLike[str] | Plans | TreelessProgram
 """What a run ticks: the path of an XML file, the plans of a tree, or a program."""
 
 
@@ -157,7 +157,7 @@ class Run:
 
     def __init__(
         self,
-        source: Source | Sequence[Source],
+        source: Runnable | Sequence[Runnable],
         *,
         provided: Sequence[object] = (),
         providers: Sequence[Provider] | AvailableProviders = (),
@@ -165,7 +165,7 @@ class Run:
         prepare: Callable[["Run"], None] | None = None,
         **arguments: Unpack[LoadArguments],
     ) -> None:
-        check_names(arguments)
+        check_argument_names(arguments)
         if arguments.get("resources"):
             raise TypeError("a run has no argument 'resources': write provided=[…]")
         sources: Sequence[object] = [source]
@@ -472,7 +472,7 @@ class Run:
             self._signals.stop = None
 
     def _check_open(self) -> None:
-        assert self.tree
+        _ = self.tree  # raises before the entry
         if self._has_exited:
             raise RuntimeError("the run has ended, and its providers are closed: tick in the 'with' block")
 
@@ -586,8 +586,11 @@ class Run:
             self.report.end_reason = "done"
         was_interrupted = self.end_reason == "interrupted"
         self._has_exited = True
+        halt_error: NodeExecutionError | None = None
         try:
             self._stack.__exit__(kind, error, trace)
+        except NodeExecutionError as raised:
+            halt_error = raised  # a leaf raised when it was halted
         except (KeyboardInterrupt, SystemExit):  # as `EndingSignals` raises them
             if was_interrupted or not self._signals.number:
                 raise
@@ -595,7 +598,9 @@ class Run:
             self.report.end_reason = "interrupted"
         self._collect_closing_errors()
         if self.closing_errors:
-            self.report_closing_errors(error)
+            self.report_closing_errors(error or halt_error)
+        if halt_error is not None:
+            raise halt_error
 
     def report_closing_errors(self, error: BaseException | None) -> None:
         """Raise the `closing_errors` as one, unless *error* ends the run.

@@ -1,4 +1,4 @@
-"""The base class of all exceptions of this package."""
+"""The exceptions of this package."""
 
 from btcore.errors import BtcoreError
 

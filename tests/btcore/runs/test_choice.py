@@ -527,7 +527,7 @@ def test_mistakes_of_programs_are_explained() -> None:
     async def late() -> None:
         pass
 
-    with pytest.raises(TypeError, match=r"plain is no provider: mark the function by @btcore\.provider"):
+    with pytest.raises(TypeError, match=r"plain is not a provider: mark the function by @btcore\.provider"):
         run_with(plain)  # type: ignore[arg-type]
     with pytest.raises(ProviderError, match="the provider late is asynchronous"):
         provider(late)

@@ -111,7 +111,7 @@ class LampSettings(Settings):
     [
         (LampSettings(watts=-1.0), "LampSettings: Expected `float` > 0.0 - at `$.watts`"),
         (LampSettings(watts="bright"), "LampSettings: Expected `float`, got `str` - at `$.watts`"),  # type: ignore[arg-type]
-        (LampSettings, "are no settings: write"),
+        (LampSettings, "is not a settings object: write"),
     ],
 )
 def test_the_values_of_a_program_are_checked_like_options(settings: Any, said: str) -> None:
@@ -366,6 +366,33 @@ def test_an_error_after_the_yield_closes_the_others_and_is_raised_at_the_end() -
         run.until_done()
     assert closed == ["torch"]
     assert (run.end_reason, run.exit_code) == ("done", 2)
+
+
+def test_a_leaf_that_raises_at_the_end_does_not_hide_an_incomplete_output(tmp_path: Path) -> None:
+    class Watch(btcore.StatefulAction):
+        def on_start(self) -> btcore.Status:
+            return btcore.RUNNING
+
+        def on_running(self) -> btcore.Status:
+            return btcore.RUNNING
+
+        def on_halted(self) -> None:
+            raise ValueError("stuck")
+
+    @provider
+    def recorder() -> Iterator[Torch]:
+        try:
+            yield Torch()
+        finally:
+            raise OutputError("the recording is incomplete")
+
+    nodes = Registry.standard()
+    nodes.add(Watch)
+    run = Run(write_tree(tmp_path, "<Watch/>"), nodes=nodes, providers=[recorder]).want(Torch)
+    with pytest.raises(btcore.NodeExecutionError, match="stuck"), run:
+        run.step()
+    assert list(map(str, run.closing_errors)) == ["the recording is incomplete"]
+    assert (run.end_reason, run.exit_code) == ("raised", 3)
 
 
 @pytest.mark.parametrize("count", [0, 2])
