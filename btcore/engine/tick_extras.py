@@ -28,9 +28,9 @@ class TickCounts:
 
 
 class TickExtras:
-    """The conditions, callbacks and counters of one node; most nodes have none.
+    """The conditions, callbacks and counters of one node.
 
-    Under `btcore run` all nodes have counters.
+    Most nodes of a tree in a program have none; under `btcore run` all nodes have counters.
     """
 
     def __init__(self) -> None:

@@ -209,22 +209,23 @@ def required_resources(
     return plans.required_resources()
 
 
-def plan_source(source: str | PathLike[str], arguments: LoadArguments, is_text: bool = False) -> Plans:
-    """Return the plans of a tree, for callers that need them before the tree is created.
+def plan_file(path: str | PathLike[str], arguments: LoadArguments) -> Plans:
+    """Return the plans of the tree in an XML file, for callers that need them before the tree is created.
 
     Args:
-        source: The path of the XML file, or with *is_text* the XML.
+        path: The XML file.
         arguments: As in `load`.
-        is_text: Whether *source* is the XML.
 
     Raises:
-        TreeError: The source cannot be read or parsed; other errors are in the diagnostics of the plans.
+        TreeError: The file cannot be read or parsed; other errors are in the diagnostics of the plans.
         TypeError: *nodes* is not a Registry, or an argument is unknown.
     """
-    documents = (
-        _parse(parse_text, arguments, str(source)) if is_text else _parse(parse_file, arguments, source)
-    )
-    return _plan_documents(documents, arguments)
+    return _plan_documents(_parse(parse_file, arguments, path), arguments)
+
+
+def plan_text(text: str, arguments: LoadArguments) -> Plans:
+    """Return the plans of the tree in an XML text; see `plan_file`."""
+    return _plan_documents(_parse(parse_text, arguments, text), arguments)
 
 
 def _load(documents: Sequence[Document], arguments: LoadArguments) -> Tree:

@@ -15,7 +15,7 @@ from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, NodeExecutionError, SettingsError, TreeError
 from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
-from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_argument_names, plan_source
+from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_argument_names, plan_file
 from btcore.options import check_settings
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
@@ -86,7 +86,7 @@ def _planned(source: object, arguments: LoadArguments) -> Plans | TreelessProgra
     """
     if isinstance(source, (str, PathLike)):
         with PausedGarbageCollection():
-            source = plan_source(source, arguments)
+            source = plan_file(source, arguments)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):

@@ -1,32 +1,25 @@
 """`btcore run`: run a tree, with what providers of other packages provide."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
 from btcore.cli import terminal
-from btcore.cli.command_run import CommandRun
+from btcore.cli.command_run import CommandRun, RunSession
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
-from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.provider_options import ProviderCommand, command_providers
-from btcore.cli.run_report import RunSummary, print_leaf_error
 from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, complete_tree, find_source
-from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.field_options import add_options, pass_options
 from btcore.options import from_values, option
 from btcore.runs.run import Run
 from btcore.runs.settings import RunSettings
 from btcore.runs.tick_loop import Until
-from btcore.status import Status
-from btcore.tree.tree import Tree
-from btcore.xml.plan.plan import Plans
 
 if TYPE_CHECKING:
     from btcore.cli.tree_changes import TreeChanges
-    from btcore.loading.hot_reload import FileWatcher
 
 
 class RunOptions(TreeOptions):
@@ -122,138 +115,6 @@ def run(
     return session.print_results(as_json)
 
 
-class RunSession:
-    """The run of a tree from the command line.
-
-    Args:
-        run: The run, not yet entered.
-        source: The file of the tree.
-        plans: The plans of the tree.
-        until: The result that ends the run.
-        reloads: Reloads the tree when its file is saved; None without `--watch`.
-
-    Attributes:
-        run: The run.
-        plans: The plans of the first tree.
-        summary: The results of the run, for the terminal and `--json`.
-    """
-
-    def __init__(
-        self, run: CommandRun, source: TreeSource, plans: Plans, until: Until, reloads: "Reloads | None"
-    ) -> None:
-        self.run = run
-        self.plans = plans
-        self.summary = RunSummary(source.name, run)
-        self._until: Until = until
-        self._reloads = reloads
-
-    def run_to_end(self, on_tree: Callable[[Tree], object] = lambda tree: None) -> None:
-        """Run to the end.
-
-        Args:
-            on_tree: Called with the tree before its first tick.
-
-        Raises:
-            LogError: A log cannot be written.
-            BtcoreError: A provider raises while it is opened.
-            TreeError: The tree lacks a resource.
-        """
-        run, console, reloads = self.run, terminal.stderr_console(), self._reloads
-        with log_to_console(console), run:
-            on_tree(run.tree)
-            limit = run.run_settings.duration
-            with closing(Progress(console, run.tree, self.summary.name, limit)) as progress:
-                if reloads is not None:
-                    reloads.progress = progress
-                with suppress(NodeExecutionError):  # it is printed after the summary
-                    run.until_done(self._until, on_tick=progress.on_tick, watcher=reloads)
-            self._warn_about_skipped_ticks()
-
-    def print_results(self, as_json: bool) -> int:
-        """Print the summary and, with *as_json*, the JSON object; return the exit code."""
-        run = self.run
-        self.summary.print_summary()
-        if run.error is not None and (self._reloads is None or run.error is not self._reloads.printed_error):
-            _print_error(run.tree, run.error)
-        if as_json:
-            terminal.print_json(self.summary.as_data())
-        return run.exit_code
-
-    def _warn_about_skipped_ticks(self) -> None:
-        count = self.run.skipped_ticks
-        if count:
-            skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
-            terminal.print_warning(
-                f"{skipped}, because the previous tick took longer than "
-                f"{1000 / self.run.run_settings.rate:g} ms; use a lower --rate"
-            )
-
-
-class Reloads:
-    """Reloads the tree of a run when its file is saved, as a `TreeWatcher`, and prints what happens.
-
-    Args:
-        run: The run, not yet entered.
-        source: The file of the tree.
-        files: Detects that the file, or one that it includes, was saved.
-
-    Attributes:
-        progress: The status line of the run.
-        printed_error: The last exception of a leaf, which was printed; None without one.
-    """
-
-    def __init__(self, run: CommandRun, source: TreeSource, files: "FileWatcher") -> None:
-        self.progress: Progress
-        self.printed_error: NodeExecutionError | None = None
-        self._run = run
-        self._source = source
-        self._files = files
-        self._count = run.report["reloads"] = 0  # the first entry of the report
-
-    def was_saved(self) -> bool:
-        """Return whether the tree's file was saved."""
-        return self._files.was_saved()
-
-    def read_plans(self) -> Plans:
-        """Return the plans of the saved file."""
-        return self._source.read_plans()
-
-    def on_end(self) -> None:
-        """Show that the run waits for the next save."""
-        status = None if self._run.error is not None else self._run.status
-        self.progress.show_waiting(status, self._source.path.name)
-
-    def on_error(self, error: NodeExecutionError) -> None:
-        """Print the exception of a leaf."""
-        self.printed_error = error
-        with self.progress.suspend():
-            _print_error(self._run.tree, error)
-
-    def on_rejected(self, error: BtcoreError) -> None:
-        """Print the errors of the saved file."""
-        with self.progress.suspend():
-            terminal.print_btcore_error(error)
-            action = "continues" if self._run.tree.status is Status.RUNNING else "is kept"
-            terminal.print_warning(f"{self._source.path.name} has errors: the previous tree {action}")
-
-    def on_reload(self, tree: Tree, plans: Plans) -> None:
-        """Count the reload, and show *tree*."""
-        tree.count_ticks()
-        self._count += 1
-        self._run.report["reloads"] = self._count
-        with self.progress.suspend():
-            terminal.print_diagnostics(plans.diagnostics.warnings)
-            terminal.print_labelled("reloaded", str(self._source.path))
-        self.progress.set_tree(tree)
-
-
-def _print_error(tree: Tree, error: NodeExecutionError) -> None:
-    """Print the exception of a leaf, and how to set the entry that it lacked."""
-    print_leaf_error(error)
-    hint = _unwritten_entry_hint(tree, error)
-    terminal.print_notes([hint] if hint else [])
-
-
 @contextmanager
 def parse_run(arguments: Sequence[str], installed: NodeLibraries | None = None) -> Iterator[RunSession]:
     """Return a context with the run of `btcore run` with *arguments*, before its providers are opened.
@@ -322,8 +183,7 @@ def create_session(
 
     provided = () if changes is None else changes.provided
     command_run = CommandRun(ctx, plans, prepare, provided=provided, tick_limit=options.tick_limit)
-    reloads = None if file_watcher is None else Reloads(command_run, tree_source, file_watcher)
-    return RunSession(command_run, tree_source, plans, options.until, reloads)
+    return RunSession(command_run, tree_source, plans, options.until, file_watcher)
 
 
 def _create_changes(options: RunOptions) -> "TreeChanges | None":
@@ -333,17 +193,3 @@ def _create_changes(options: RunOptions) -> "TreeChanges | None":
     from btcore.cli.tree_changes import TreeChanges
 
     return TreeChanges(options.stub_results, options.substitute, options.set)
-
-
-def _unwritten_entry_hint(tree: Tree, error: NodeExecutionError) -> str:
-    """Return how to set the entry that a node of *tree* needed, but that was never written; "" otherwise."""
-    key = getattr(error.cause, "unwritten_key", "")
-    board = next((node._blackboard for node in tree.nodes if node.config.path == error.path), None)
-    if not key or board is None:
-        return ""
-    if board is not tree.blackboard:
-        # The key in the main tree may be another key.
-        entry = board.find(key)
-        entries = tree.blackboard.local_entries().items()
-        key = next((outer for outer, other in entries if other is entry), "")
-    return f"to set the entry before the first tick, use --set {key}=VALUE" if key else ""
