@@ -4,7 +4,6 @@ import importlib.util
 import json
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,30 +22,20 @@ NEEDS = {
 FILES = sorted(BENCHMARKS.glob("*.py"))
 
 
-@cache
-def run_benchmark(file: Path) -> dict[str, Any]:
-    """Return the results of a benchmark in its tiny size."""
-    command = [sys.executable, str(file), "--quick", "--pairs", "1", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    told: dict[str, Any] = json.loads(done.stdout)
-    return told
-
-
 @pytest.mark.parametrize("file", FILES, ids=[file.stem for file in FILES])
 def test_a_benchmark_runs(file: Path) -> None:
     for module in NEEDS.get(file.stem, ()):
         if importlib.util.find_spec(module) is None:
             pytest.skip(f"{module} isn't installed")
-    told = run_benchmark(file)
+    command = [sys.executable, str(file), "--quick", "--pairs", "1", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    told: dict[str, Any] = json.loads(done.stdout)
     assert told["benchmark"] == file.stem
     assert told["rows"]
     assert all(0 < row["low"] <= row["median"] <= row["high"] for row in told["rows"])
-
-
-@pytest.mark.skipif(importlib.util.find_spec("py_trees") is None, reason="py_trees isn't installed")
-def test_ticking_benchmark_compares_py_trees_and_a_loop_and_has_targets() -> None:
-    rows = {row["what"]: row for row in run_benchmark(BENCHMARKS / "ticking.py")["rows"]}
-    for tree in ("bump-and-go", "deep", "wide"):
-        assert "target" in rows[f"{tree}, class leaves: py_trees / btcore"]
-    assert "wide, class leaves: btcore / the loop" in rows
+    if file.stem == "ticking" and importlib.util.find_spec("py_trees") is not None:
+        rows = {row["what"]: row for row in told["rows"]}
+        for tree in ("bump-and-go", "deep", "wide"):
+            assert "target" in rows[f"{tree}, class leaves: py_trees / btcore"]
+        assert "wide, class leaves: btcore / the loop" in rows

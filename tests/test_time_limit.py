@@ -8,6 +8,11 @@ from pathlib import Path
 
 import pytest
 
+ENVIRONMENT = {
+    "BTCORE_TEST_TIME_LIMIT": "1",
+    "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",  # the other plugins take longer to import than these tests
+    "PYTEST_PLUGINS": "xdist.plugin",
+}
 HANGING = """
 import multiprocessing
 import time
@@ -43,7 +48,7 @@ def test_test_that_hangs_fails_and_the_run_goes_on(tmp_path: Path) -> None:
             *("-W", "ignore:This process:DeprecationWarning"),  # a fork with threads, from Python 3.12 on
         ],
         cwd=tmp_path,
-        env=os.environ | {"BTCORE_TEST_TIME_LIMIT": "1"},
+        env=os.environ | ENVIRONMENT,
         capture_output=True,
         text=True,
         timeout=200,

@@ -87,9 +87,9 @@ def test_a_run_is_the_same_with_and_without_publisher_and_recording(tmp_path):
     assert recording.stat().st_size > 10_000
 
 
-def test_a_viewer_that_waited_gets_every_transition_of_a_thousand_ticks(free_port):
+def test_a_viewer_that_waited_gets_every_transition(free_port):
     pytest.importorskip("pybullet")
-    options = [*BUMPGO, "--duration", "100", "--publish", "groot2", "--port", str(free_port)]
+    options = [*BUMPGO, "--duration", "30", "--publish", "groot2", "--port", str(free_port)]
     with Feed(f":{free_port}") as feed:
         process = subprocess.Popen(
             [sys.executable, "-m", "btcore", "run", *options],
@@ -99,13 +99,13 @@ def test_a_viewer_that_waited_gets_every_transition_of_a_thousand_ticks(free_por
         events = list(feed.events(until_end=True))
         assert process.wait(60) == 0
     numbers = [event.number for event in events if isinstance(event, TransitionEvent)]
-    assert len(numbers) > 1000
+    assert len(numbers) > 300
     assert numbers == list(range(1, len(numbers) + 1))
-    assert [event.tick for event in events if isinstance(event, TickEvent)] == list(range(1, 1001))
+    assert [event.tick for event in events if isinstance(event, TickEvent)] == list(range(1, 301))
     assert not [event for event in events if isinstance(event, LostTransitionsEvent)]
     assert next(event.data for event in events if isinstance(event, StaticSceneEvent)).frame == "map"
     moving = [event.data for event in events if isinstance(event, MovingSceneEvent)]
-    assert len(moving) > 900
+    assert len(moving) > 270
     assert moving[-1].frames
     assert moving[-1].scan is not None
     assert moving[-1].velocity is not None

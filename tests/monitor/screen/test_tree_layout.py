@@ -4,7 +4,8 @@ import itertools
 import random
 import time
 
-from hypothesis import example, given
+import pytest
+from hypothesis import given
 from hypothesis import strategies as st
 
 from btcore_monitor.screen.tree_layout import Box, TreeLayout, lay_out
@@ -165,8 +166,7 @@ def test_big_trees_are_no_larger_than_the_prototypes_layouts():
         assert needed[2] <= 1.0
 
 
-@given(st.integers(2, 150))
-@example(400)
+@pytest.mark.parametrize("count", [2, 3, 30, 150, 400])
 def test_a_chain_and_a_broom_of_any_length_are_laid_out(count):
     chain = tree_of(list(range(count - 1)), [100.0] * count)
     assert len(lay_out(chain, HEIGHT).places) == count
@@ -185,7 +185,7 @@ def test_the_time_of_a_layout_grows_about_linearly_with_the_nodes():
             best = min(best, time.process_time() - start)
         return best
 
-    assert seconds(2000) < 10 * seconds(500)
+    assert seconds(1200) < 10 * seconds(300)
 
 
 def test_an_only_child_is_below_its_parent_in_a_big_tree():

@@ -175,13 +175,11 @@ def test_a_truncated_bag_is_an_error(tmp_path: Path) -> None:
 
 
 def test_random_damage_is_an_error_of_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        reader, "is_limited", lambda: True, raising=False
-    )  # 150 processes would take a minute
+    monkeypatch.setattr(reader, "is_limited", lambda: True, raising=False)  # 50 processes would take long
     path = write_nav2_bag(tmp_path / "nav.mcap", EVENTS)
     content, random_numbers = path.read_bytes(), random.Random(5)
     errors: list[str] = []
-    for _ in range(150):
+    for _ in range(50):
         damaged = bytearray(content)
         for _ in range(random_numbers.choice((1, 2, 4))):
             damaged[random_numbers.randrange(len(damaged))] = random_numbers.choice((0, 1, 128, 255))
@@ -190,7 +188,7 @@ def test_random_damage_is_an_error_of_one_line(tmp_path: Path, monkeypatch: pyte
             read_log(path)
         except LogError as error:
             errors.append(str(error))
-    assert len(errors) > 50
+    assert len(errors) > 15
     assert not any("\n" in error for error in errors)
 
 
