@@ -47,7 +47,9 @@ if TYPE_CHECKING:
     from btcore.errors import LiteralProblem as LiteralProblem
     from btcore.errors import NodeError as NodeError
     from btcore.errors import NodeExecutionError as NodeExecutionError
+    from btcore.errors import OutputError as OutputError
     from btcore.errors import PortError as PortError
+    from btcore.errors import ProviderError as ProviderError
     from btcore.errors import RegistrationError as RegistrationError
     from btcore.errors import ScriptError as ScriptError
     from btcore.errors import SettingsError as SettingsError
@@ -64,8 +66,6 @@ if TYPE_CHECKING:
     from btcore.options import option as option
     from btcore.registry.manifest import Resources as Resources
     from btcore.registry.registry import Registry as Registry
-    from btcore.runs.providers import OutputError as OutputError
-    from btcore.runs.providers import ProviderError as ProviderError
     from btcore.runs.providers import Report as Report
     from btcore.runs.providers import provider as provider
     from btcore.runs.run import Run as Run
@@ -106,7 +106,9 @@ _HOMES = {
         "LiteralProblem",
         "NodeError",
         "NodeExecutionError",
+        "OutputError",
         "PortError",
+        "ProviderError",
         "RegistrationError",
         "ScriptError",
         "SettingsError",
@@ -120,7 +122,7 @@ _HOMES = {
     "btcore.options": ("option",),
     "btcore.registry.manifest": ("Resources",),
     "btcore.registry.registry": ("Registry",),
-    "btcore.runs.providers": ("OutputError", "ProviderError", "Report", "provider"),
+    "btcore.runs.providers": ("Report", "provider"),
     "btcore.runs.run": ("Run",),
     "btcore.runs.settings": ("RunSettings", "Settings"),
     "btcore.script.program": ("compile_script",),

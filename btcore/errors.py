@@ -345,3 +345,11 @@ class UndecidedOperandError(KeyboardInterrupt):
 
 class SettingsError(BtcoreError, ValueError):
     """Options contradict each other, or the value of one cannot be used; the message names them."""
+
+
+class ProviderError(BtcoreError):
+    """Raised when providers cannot be used together, are declared wrongly, or raise an exception."""
+
+
+class OutputError(BtcoreError):
+    """Raised when an output of a run, such as a recording, is incomplete, for example on a full disk."""

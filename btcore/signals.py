@@ -7,6 +7,8 @@ from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
 from typing import Self
 
+from btcore.exit_codes import code_of_signal
+
 
 class EndingSignals:
     """Handles SIGINT (Ctrl-C), SIGTERM and SIGHUP in a `with` block.
@@ -37,7 +39,7 @@ class EndingSignals:
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._handlers.__exit__(None, None, None)
         if isinstance(error, KeyboardInterrupt) and self._raised not in (0, signal.SIGINT):
-            raise SystemExit(128 + self._raised) from None
+            raise SystemExit(code_of_signal(self._raised)) from None
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         is_first = self.number == 0

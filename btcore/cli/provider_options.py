@@ -9,12 +9,12 @@ from click.core import ParameterSource
 
 from btcore import entry_points
 from btcore.cli import terminal
-from btcore.errors import SettingsError
+from btcore.errors import ProviderError, SettingsError
 from btcore.field_options import FieldOption, create_options
 from btcore.options import Options, from_values, required_option_names
 from btcore.registry.registry import Plugin, import_plugin
 from btcore.runs.available_providers import AvailableProviders, providers_in
-from btcore.runs.providers import Provider, ProviderError
+from btcore.runs.providers import Provider
 from btcore.runs.settings import RunSettings, Settings
 from btcore.suggestions import join_names
 

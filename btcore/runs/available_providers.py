@@ -5,8 +5,9 @@ from functools import cached_property
 from types import ModuleType
 
 from btcore import entry_points
+from btcore.errors import ProviderError
 from btcore.runs.core_providers import random_numbers, tree_logs
-from btcore.runs.providers import Provider, ProviderError
+from btcore.runs.providers import Provider
 from btcore.runs.settings import Settings
 
 

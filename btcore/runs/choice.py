@@ -25,13 +25,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 from btcore.clock import Clock
+from btcore.errors import ProviderError
 from btcore.options import required_option_names
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.providers import (
     ATTRIBUTES_OF_RUN,
     Need,
     Provider,
-    ProviderError,
     fits,
     full_name,
     is_settings,
@@ -97,7 +97,7 @@ def choose(
     needed: Sequence[Any],
     available: AvailableProviders,
     settings: GivenSettings,
-    objects: Sequence[object] = (),
+    provided: Sequence[object] = (),
     optional: Sequence[Any] = (),
 ) -> Choice:
     """Return the providers of a run.
@@ -106,7 +106,7 @@ def choose(
         needed: The types that the leaves of the tree need, and those that the program wants.
         available: The available providers.
         settings: The settings of the run.
-        objects: Objects of the program, which are preferred to providers.
+        provided: Objects of the program, which are preferred to providers.
         optional: Types that the program can do without. A provider that is used for one of them alone is not
             preferred for the types that are needed.
 
@@ -116,7 +116,7 @@ def choose(
     """
     candidates = available.of_nothing(settings.keys() - {RunSettings})
     starters = [provider for provider in candidates if _has_settings(provider, settings)]
-    chooser = _Chooser(available, settings, objects)
+    chooser = _Chooser(available, settings, provided)
     requests = [
         *(_Request(kind, False, ()) for kind in needed),
         *(_Request(kind, True, ()) for kind in optional),
@@ -144,15 +144,15 @@ class _Chooser:
     Args:
         available: The available providers.
         settings: The settings of the run.
-        objects: The objects of the program.
+        provided: The objects of the program.
     """
 
     def __init__(
-        self, available: AvailableProviders, settings: GivenSettings, objects: Sequence[object]
+        self, available: AvailableProviders, settings: GivenSettings, provided: Sequence[object]
     ) -> None:
         self._available = available
         self._settings = settings
-        self._objects = objects
+        self._provided = provided
         self._losers: dict[Provider, tuple[Any, Provider | None]] = {}
 
     def assign(self, requests: Sequence[_Request], starters: Sequence[Provider]) -> bool:
@@ -173,9 +173,9 @@ class _Chooser:
             name = full_name(request.type)
             if name in self._by_type:
                 continue
-            owned = self._owned(request.type)
-            if owned is not None:
-                self._by_type[name] = owned
+            provided = self._given(request.type)
+            if provided is not None:
+                self._by_type[name] = provided
                 if self._lose(self._available.of_type(name), request, None):
                     return True
                 continue
@@ -193,9 +193,9 @@ class _Chooser:
                 self._use(chosen, request.chain, pending)
         return False
 
-    def _owned(self, kind: Any) -> object:
+    def _given(self, kind: Any) -> object:
         """Return the first object of the program that fits a type, or None."""
-        fitting = [thing for thing in self._objects if fits(thing, kind)]
+        fitting = [thing for thing in self._provided if fits(thing, kind)]
         if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
             raise ProviderError(
                 f"the program provides {len(fitting)} objects of the class {type(fitting[0]).__name__}: the "
@@ -235,7 +235,7 @@ class _Chooser:
         if not _has_settings(provider, self._settings):
             return False
         return all(
-            need.is_optional or self._owned(need.type) is not None or bool(self._candidates(need.type, chain))
+            need.is_optional or self._given(need.type) is not None or bool(self._candidates(need.type, chain))
             for need in _needs(provider)
         )
 
@@ -282,12 +282,12 @@ class _Chooser:
             raise ProviderError(
                 f"a run has one clock, but {len(clocks)} of its providers are clocks: {names}"
             )
-        if clocks or not (self._used.keys() - set(self._available.core) or self._objects):
+        if clocks or not (self._used.keys() - set(self._available.core) or self._provided):
             return
         for provider in self._available.of_type(_CLOCK):
             is_alone = {full_name(kind) for kind in provider.types} == {_CLOCK}
             kinds = {full_name(need.type): need.type for need in _needs(provider)}
-            found = {name: self._by_type.get(name, self._owned(kind)) for name, kind in kinds.items()}
+            found = {name: self._by_type.get(name, self._given(kind)) for name, kind in kinds.items()}
             if is_alone and None not in found.values():
                 self._used[provider] = None
                 self._by_type |= found

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from btcore.errors import SettingsError
+from btcore.errors import OutputError, SettingsError
 from btcore.options import option
-from btcore.runs.providers import OutputError, provider
+from btcore.runs.providers import provider
 from btcore.runs.settings import RunSettings, Settings
 from btcore.suggestions import join_names
 from btcore.tree.tree import Tree

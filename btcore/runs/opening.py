@@ -9,13 +9,12 @@ from collections.abc import Callable, Iterator, Mapping
 from traceback import walk_tb
 from types import TracebackType
 
-from btcore.errors import BtcoreError
+from btcore.errors import BtcoreError, ProviderError
 from btcore.runs.choice import Choice, GivenSettings
 from btcore.runs.providers import (
     ATTRIBUTES_OF_RUN,
     Need,
     Provider,
-    ProviderError,
     fits,
     full_name,
     is_settings,

@@ -29,7 +29,7 @@ from types import ModuleType, NoneType, UnionType
 from typing import Any, Final, Literal, NamedTuple, Union, get_args, get_origin, overload
 
 from btcore.clock import Clock
-from btcore.errors import BtcoreError
+from btcore.errors import ProviderError
 from btcore.registry.manifest import Resources
 from btcore.runs.settings import Settings
 from btcore.runs.tick_loop import LoopEnd
@@ -37,14 +37,6 @@ from btcore.tree.tree import Tree
 
 _UNNAMED: Final = ("builtins", "typing", "abc", "typing_extensions")
 """Modules whose classes are no types of resources, although they are base classes of them."""
-
-
-class ProviderError(BtcoreError):
-    """Raised when providers cannot be used together, are declared wrongly, or raise an exception."""
-
-
-class OutputError(BtcoreError):
-    """Raised when an output of a run, such as a recording, is incomplete, for example on a full disk."""
 
 
 EndReason = Literal[LoopEnd, "raised"]

@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 from btcore.clock import NS_PER_S, Clock, SimClock, SystemClock
 from btcore.engine.leaf import StatefulAction
 from btcore.entry_points import names_by_remedy
-from btcore.errors import BtcoreError, NodeExecutionError, SettingsError, TreeError
+from btcore.errors import (
+    BtcoreError,
+    NodeExecutionError,
+    OutputError,
+    ProviderError,
+    SettingsError,
+    TreeError,
+)
 from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
 from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_argument_names, plan_file
@@ -23,9 +30,7 @@ from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
 from btcore.runs.opening import OpenedProviders
 from btcore.runs.providers import (
     EndReason,
-    OutputError,
     Provider,
-    ProviderError,
     Report,
     fits,
     full_name,

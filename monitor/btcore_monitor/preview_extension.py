@@ -12,6 +12,7 @@ from btcore.options import option
 from btcore.runs.settings import Settings
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import KeyOptions
+from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient
@@ -66,9 +67,9 @@ class RobotPreview(KeyOptions, Settings):
         Annotated[
             str,
             option(
-                "Watch the running tree at this address.  [address: tcp://127.0.0.1:1667]",
+                f"Watch the running tree at this address.  [address: {DEFAULT_ADDRESS}]",
                 metavar="[ADDRESS]",
-                bare_value="tcp://127.0.0.1:1667",
+                bare_value=DEFAULT_ADDRESS,
             ),
         ]
         | None

@@ -16,6 +16,7 @@ from btcore_monitor.console import print_line
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.watch_options import duration_option
+from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient, HookReached
@@ -47,7 +48,7 @@ class HookGroup(click.Group):
             if near:
                 raise click.UsageError(f"there is no command '{args[at]}'. Did you mean '{near[0]}'?", ctx)
         if args[at : at + 1] and args[at] in self.commands:
-            args = [*args[:at], "tcp://127.0.0.1:1667", *args[at:]]
+            args = [*args[:at], DEFAULT_ADDRESS, *args[at:]]
         return super().parse_args(ctx, args)
 
 

@@ -26,6 +26,7 @@ from btcore_monitor.viewer_options import (
     pass_viewer_options,
 )
 from btcore_monitor.watch_options import duration_option, robot_options
+from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
     from btcore_monitor.screen.robot_layouts import RobotLayout
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from btcore_monitor.screen.sinks import RecordingSinks
     from btcore_monitor.watch.feed import Feed
 
-DEFAULT_ADDRESS: Final = "tcp://127.0.0.1:1667"
 _RRF_MAGIC: Final = b"RRF"
 """The first bytes of rerun's files."""
 _CHECK_INTERVAL_S: Final = 0.2

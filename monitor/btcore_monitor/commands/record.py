@@ -13,7 +13,6 @@ from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.signals import EndingSignals
 from btcore.suggestions import join_names
-from btcore_monitor.commands.monitor import DEFAULT_ADDRESS
 from btcore_monitor.console import print_line
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.installed_packages import check_installed
@@ -22,6 +21,7 @@ from btcore_monitor.output_files import check_writable
 from btcore_monitor.process_end import abandon, time_limit
 from btcore_monitor.viewer_options import DrawingOptions
 from btcore_monitor.watch_options import duration_option, robot_options
+from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
     from btcore_monitor.events import Event, TreeEvent

@@ -16,6 +16,8 @@ from typing import Any, Final, NamedTuple
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError, describe_bytes
 
 DEFAULT_PORT: Final = 1667
+DEFAULT_ADDRESS: Final = f"tcp://127.0.0.1:{DEFAULT_PORT}"
+"""The address of a robot on this machine."""
 PROTOCOL: Final = 2
 """The number that both sides write into byte 0 (`kProtocolID`). Servers do not check it."""
 
