@@ -37,7 +37,7 @@ def main() -> None:
     try:
         command(prog_name="btcore")
     finally:
-        if handles_ctrl_c:
+        if handles_ctrl_c:  # also while Python exits
             signal.signal(signal.SIGINT, _exit_at_once)
 
 

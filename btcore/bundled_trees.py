@@ -3,8 +3,8 @@
 import os
 from pathlib import Path
 
-from btcore.data_folders import data_folder
 from btcore.errors import BtcoreError
+from btcore.input_files import data_folder
 from btcore.suggestions import join_names, nearest_name
 
 

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from math import inf
-from typing import Final, Protocol
+from typing import Final, Protocol, TypeGuard
 
 from mypy_extensions import mypyc_attr
 
@@ -56,6 +56,11 @@ class Clock(Protocol):
             EndOfTimeError: The time ends before *deadline*, as the time of a recording does.
         """
         ...
+
+
+def is_clock(thing: object) -> TypeGuard[Clock]:
+    """Return whether *thing* has the methods of a clock."""
+    return hasattr(thing, "now") and hasattr(thing, "wait_until")
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -162,7 +162,7 @@ class BtcoreError(Exception):
 class TreeError(BtcoreError):
     """No tree can be loaded from the document.
 
-    *diagnostics* holds all errors of reading and planning or, without such errors, all of creating the nodes.
+    *diagnostics* holds the errors of reading and planning or, without such errors, all of creating the nodes.
     The message shows the first 100 of each file.
 
     Examples:
@@ -190,7 +190,7 @@ class UnknownNodeError(TreeError):
 
 
 class PortError(TreeError):
-    """The document uses a port that the node does not have, or a value that does not fit the port's type."""
+    """A port is unknown, a value does not fit its type, or a script is invalid."""
 
 
 class RegistrationError(BtcoreError):

@@ -118,3 +118,10 @@ def format_size(size: int) -> str:
         if size >= unit:
             return f"{size / unit:g} {name}"
     return f"{size} bytes"
+
+
+def data_folder(name: str) -> Path:
+    """Return the folder *name*, such as `docs`: in the package if installed, next to it in a checkout."""
+    package = Path(__file__).resolve().parent  # a colcon workspace may contain a link to the package
+    installed = package / name
+    return installed if installed.is_dir() else package.parent / name

@@ -131,9 +131,9 @@ def required_option_names(options: type[Options]) -> list[str]:
     return [option_name(field) for field in msgspec.structs.fields(options) if field.required]
 
 
-def given_option_names(options: Options) -> list[str]:
+def changed_option_names(options: Options) -> list[str]:
     """Return the options that are required or whose values differ from their defaults, with dashes."""
-    return [option_name(field) for field in _given_fields(options)]
+    return [option_name(field) for field in _changed_fields(options)]
 
 
 def arguments(options: Options) -> list[str]:
@@ -142,7 +142,7 @@ def arguments(options: Options) -> list[str]:
     Values that are the defaults are omitted.
     """
     words: list[str] = []
-    for field in _given_fields(options):
+    for field in _changed_fields(options):
         value = getattr(options, field.name)
         if value is None or value is False:
             continue
@@ -151,7 +151,7 @@ def arguments(options: Options) -> list[str]:
     return words
 
 
-def _given_fields(options: Options) -> list[FieldInfo]:
+def _changed_fields(options: Options) -> list[FieldInfo]:
     return [
         field
         for field in msgspec.structs.fields(options)

@@ -39,10 +39,10 @@ TIERS = (
         "enum_members",
         "clock",
         "confinement",
-        "data_folders",
         "escaping",
         "exit_codes",
         "extras",
+        "moved_modules",
         "names",
         "options",
         "suggestions",
@@ -132,7 +132,7 @@ def tier(module: str) -> int:
 
 OTHERS = sorted(PARENTS.keys() - {"btcore"})
 # Names of modules that were moved, for hints.
-MOVED = {"btcore.registry.registry": "MOVED_MODULES"}
+MOVED = {"btcore.moved_modules": "MOVED_MODULES"}
 
 
 @pytest.mark.parametrize("stranger", OTHERS)

@@ -18,7 +18,7 @@ from btcore.tree.tree import Tree
 from btcore.values import ValueType
 from btcore.values.numbers import read_json
 from btcore.xml.models.stubs import StubAction, StubCondition, StubResults
-from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.plan import Plans, reachable_trees
 
 _LETTERS: Final = re.compile(r"[RSFK]+(\|[RSFK]+)*")
 
@@ -132,7 +132,7 @@ def _find_stub_leaves(plans: Plans) -> dict[str, NodeType]:
     """Return the types of the leaves that have no code, by name and by ID."""
     leaves: dict[str, NodeType] = {}
     assert plans.main_tree is not None
-    for tree in plans.reachable(plans.main_tree):
+    for tree in reachable_trees(plans.trees, plans.main_tree):
         for node in tree.nodes():
             manifest = node.manifest
             if manifest is not None and issubclass(manifest.cls, (StubAction, StubCondition)):

@@ -105,8 +105,8 @@ class TreeNode:
     def prepare(self) -> None:
         """Prepare the node for ticks, for example by compiling the script in a port.
 
-        Called once, after `__init__` ran and the children were set. An override of a control node or a
-        decorator calls `super().prepare()`.
+        Called once, after `__init__` ran and the children were set. A subclass of a built-in node
+        that overrides it calls `super().prepare()`.
 
         Raises:
             NodeError: The node cannot be used as declared, for example without a mandatory port.

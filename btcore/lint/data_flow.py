@@ -57,7 +57,7 @@ def trace_dataflow(plans: Plans) -> list[DataflowRow]:
     assert plans.main_tree is not None, "a document without a main tree has errors"
     dry_run = DryRun(plans)
     dry_run.run(plans.main_tree)
-    paths = {tree.blackboard: tree.path for tree in reversed(dry_run.instances)}
+    paths = {tree.blackboard: tree.path for tree in reversed(dry_run.drafts)}
     homes = dry_run.entry_homes()
     rows: list[DataflowRow] = []
     for entry, uses in dry_run.uses.items():

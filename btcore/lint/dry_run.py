@@ -78,13 +78,13 @@ class DryRun(NodeCreator):
     def plan_of(self, board: Blackboard) -> TreePlan:
         """Return the plan of the innermost tree whose nodes use *board*."""
         # In format 3, trees may share a blackboard.
-        return next(tree.plan for tree in reversed(self.instances) if tree.blackboard is board)
+        return next(tree.plan for tree in reversed(self.drafts) if tree.blackboard is board)
 
     def entry_homes(self) -> dict[Entry, tuple[SubtreeDraft, str]]:
         """Return for each entry the outermost tree that holds it, and its key there."""
         homes: dict[Entry, tuple[SubtreeDraft, str]] = {}
         outermost: dict[Blackboard, SubtreeDraft] = {}
-        for tree in self.instances:
+        for tree in self.drafts:
             outermost.setdefault(tree.blackboard, tree)
         for board, tree in outermost.items():
             for key, entry in board.local_entries().items():
@@ -107,7 +107,7 @@ class DryRun(NodeCreator):
         node_plan: NodePlan,
         manifest: Manifest | None,
         config: NodeConfig,
-        instance: SubtreeDraft,
+        draft: SubtreeDraft,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
         """Create a built-in node; other nodes are replaced by a node without effect."""
@@ -117,14 +117,14 @@ class DryRun(NodeCreator):
         for binding in config.inputs.values():
             if binding.port.role in SCRIPT_ROLES and binding.key is not None:
                 return TreeNode()  # the node would compile a script from the blackboard, which is empty here
-        return super().create_node(node_plan, manifest, config, instance, children)
+        return super().create_node(node_plan, manifest, config, draft, children)
 
-    def bind_ports(self, node_plan: NodePlan, config: NodeConfig, instance: SubtreeDraft) -> None:
+    def bind_ports(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> None:
         """Bind the ports, and record the entries that ports and scripts use."""
-        super().bind_ports(node_plan, config, instance)
-        document, blackboard = instance.document, instance.blackboard
+        super().bind_ports(node_plan, config, draft)
+        document, blackboard = draft.document, draft.blackboard
         for port, text, is_explicit in node_plan.ports:
-            self._recorded += self._uses_of_port(node_plan, port, text, is_explicit, instance)
+            self._recorded += self._uses_of_port(node_plan, port, text, is_explicit, draft)
         for attribute, text in node_plan.conditions.items():
             self._script(node_plan, attribute, text, document, blackboard)
         if node_plan.manifest is not None:
@@ -132,9 +132,9 @@ class DryRun(NodeCreator):
             self.has_stubs = self.has_stubs or is_stub(node_plan.manifest.cls)
 
     def _uses_of_port(
-        self, node_plan: NodePlan, port: Port, text: str, is_explicit: bool, instance: SubtreeDraft
+        self, node_plan: NodePlan, port: Port, text: str, is_explicit: bool, draft: SubtreeDraft
     ) -> Iterator[EntryUse]:
-        document, board = instance.document, instance.blackboard
+        document, board = draft.document, draft.blackboard
         key = remapped_key(text, port.name, self.format)
         is_script = port.role in SCRIPT_ROLES
         # A loop takes items out of its queue, but never fills it.
@@ -171,10 +171,10 @@ class DryRun(NodeCreator):
             for use in find_name_uses(text, self._enums)
         )
 
-    def create_scope(self, node_plan: NodePlan, call: SubtreeCall, instance: SubtreeDraft) -> Blackboard:
+    def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
         """Return the blackboard of the called tree, and record the entries that the call uses."""
-        document, outer = instance.document, instance.blackboard
-        inner = super().create_scope(node_plan, call, instance)
+        document, outer = draft.document, draft.blackboard
+        inner = super().create_scope(node_plan, call, draft)
         for attribute, text in node_plan.conditions.items():
             self._script(node_plan, attribute, text, document, outer)
         if inner is not outer:

@@ -8,7 +8,7 @@ from btcore.lint.dry_run import uses_whole_blackboard
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.lint.scripts import find_name_uses
 from btcore.suggestions import join_names, nearest_name
-from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.plan import Plans, reachable_trees
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.read import Document
 
@@ -18,7 +18,7 @@ _OF_THE_ELEMENT = ("name", "_description")
 def check_unused_trees(plans: Plans, main: TreePlan, reporter: LintReporter) -> None:
     """Warn about trees of the main document that neither *main* nor another unused tree calls."""
     document = plans.definitions.sources.main_document
-    used = plans.reachable(main)
+    used = reachable_trees(plans.trees, main)
     unused = [
         tree for tree in plans.trees.values() if tree not in used and tree.definition.document is document
     ]

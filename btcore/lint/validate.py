@@ -1,4 +1,4 @@
-"""Find all errors and warnings in a document, without building its tree."""
+"""Find all errors and warnings in a document: by planning it, and in a dry run of its trees."""
 
 from collections.abc import Collection, Mapping
 from typing import Final
@@ -30,7 +30,7 @@ from btcore.lint.subtree_calls import TreeKeys, check_remappings, check_unused_t
 from btcore.lint.unwritten_keys import check_keys
 from btcore.loading.load import PausedGarbageCollection
 from btcore.registry.registry import Registry
-from btcore.xml.plan.plan import Plans, plan_document
+from btcore.xml.plan.plan import Plans, plan_document, root_trees
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
 from btcore.xml.read.read import Document
 
@@ -91,7 +91,7 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
     if not is_selected and definitions.all and not names_main:
         # The document is a library: no main tree is needed.
         collector.errors = [error for error in collector.errors if error.code != UNDETERMINED_MAIN_TREE]
-    roots = [root for root in plans.roots() if root.id in plans.sizes]
+    roots = [root for root in root_trees(plans.trees, main) if root.id in plans.sizes]
     for root in roots:
         plans.sizes[root.id].ensure_recursion_limit()
     models = definitions.subtree_models

@@ -116,7 +116,7 @@ class Builder:
 
         Args:
             thing: The registered function or class.
-            *children: Specs of the children.
+            *children: Drafts of the children.
             **ports: Ports and other attributes.
 
         Raises:

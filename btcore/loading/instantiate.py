@@ -4,13 +4,12 @@ This is the fourth and last stage of loading.
 """
 
 from collections.abc import Sequence
-from typing import TypeGuard
 
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import Binding, Input, Output, Port
-from btcore.clock import Clock, SystemClock
+from btcore.clock import Clock, SystemClock, is_clock
 from btcore.diagnostic_codes import (
     CONFLICTING_ENTRY_TYPES,
     DUPLICATE_SUBTREE_PATH,
@@ -62,7 +61,7 @@ def instantiate(
     return Tree(
         main.id,
         creator.format,
-        [Subtree(part.plan.id, part.path, part.blackboard, part.nodes) for part in creator.instances],
+        [Subtree(part.plan.id, part.path, part.blackboard, part.nodes) for part in creator.drafts],
         creator.nodes,
         creator.context,
         plans.registry,
@@ -99,11 +98,6 @@ def _find_clock(resources: Sequence[object]) -> Clock:
     return next((resource for resource in resources if is_clock(resource)), None) or SystemClock()
 
 
-def is_clock(thing: object) -> TypeGuard[Clock]:
-    """Return whether *thing* has the methods of a clock."""
-    return hasattr(thing, "now") and hasattr(thing, "wait_until")
-
-
 class SubtreeDraft:
     """The nodes of one tree while they are created; `instantiate` makes a `btcore.Subtree` of it.
 
@@ -131,7 +125,7 @@ class NodeCreator:
         format: The format of the tree, 3 or 4.
         context: The objects that the nodes share.
         blackboard: The main tree's blackboard.
-        instances: The instances of trees, the main tree first.
+        drafts: The drafts of trees, the main tree first.
         nodes: All nodes in depth-first pre-order; the content of a SubTree node follows it.
         collector: Collects the errors.
     """
@@ -157,7 +151,7 @@ class NodeCreator:
 
             self._scope_class = Format3Blackboard
         self.blackboard = blackboard if blackboard is not None else self._scope_class(clock=clock)
-        self.instances: list[SubtreeDraft] = []
+        self.drafts: list[SubtreeDraft] = []
         self.nodes: list[TreeNode] = []
         # The main tree's path is the empty text, as in BehaviorTree.CPP.
         self._paths: set[str] = {""}
@@ -168,18 +162,18 @@ class NodeCreator:
     def create_nodes(self, tree_plan: TreePlan) -> None:
         """Create the nodes of *tree_plan*, which is neither recursive nor too large."""
         self._plans.sizes[tree_plan.id].ensure_recursion_limit()
-        self._create_instance(tree_plan, "", self.blackboard)
+        self._create_subtree(tree_plan, "", self.blackboard)
 
-    def _create_instance(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
-        """Create an instance of a tree. Return its root, or None if it could not be created."""
-        instance = SubtreeDraft(tree_plan, path, blackboard)
-        self.instances.append(instance)
+    def _create_subtree(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
+        """Create a draft of a tree. Return its root, or None if it could not be created."""
+        draft = SubtreeDraft(tree_plan, path, blackboard)
+        self.drafts.append(draft)
         assert tree_plan.root is not None
-        return self._create_with_children(tree_plan.root, instance)
+        return self._create_with_children(tree_plan.root, draft)
 
-    def _create_with_children(self, node_plan: NodePlan, instance: SubtreeDraft) -> TreeNode | None:
+    def _create_with_children(self, node_plan: NodePlan, draft: SubtreeDraft) -> TreeNode | None:
         """Create a node and the nodes below it. Return None if the node could not be created."""
-        document, call = instance.document, node_plan.subtree_call
+        document, call = draft.document, node_plan.subtree_call
         self._uid = uid = self._uid + 1
         id, line = node_plan.id, document.line(node_plan.element)
         name = id if node_plan.name is None else node_plan.name
@@ -188,40 +182,40 @@ class NodeCreator:
             id, name, uid, self.format, document.file, line, conditions, attributes, self._enums
         )
         if call is not None:
-            self._configure_call(node_plan, call, config, instance)
+            self._configure_call(node_plan, call, config, draft)
         else:
             # BehaviorTree.CPP appends the uid to the path of a node without a name.
-            config.path = f"{instance.prefix}{name}::{uid}" if name == id else instance.prefix + name
-            self.bind_ports(node_plan, config, instance)
-        manifest = self._substitute(node_plan, config, instance) if self._rules else node_plan.manifest
+            config.path = f"{draft.prefix}{name}::{uid}" if name == id else draft.prefix + name
+            self.bind_ports(node_plan, config, draft)
+        manifest = self._substitute(node_plan, config, draft) if self._rules else node_plan.manifest
         if call is None and not node_plan.children:
-            leaf = self.create_node(node_plan, manifest, config, instance, ())
+            leaf = self.create_node(node_plan, manifest, config, draft, ())
             if leaf is not None:
                 self.nodes.append(leaf)
-                instance.nodes.append(leaf)
+                draft.nodes.append(leaf)
             return leaf
         # Nodes are listed in pre-order, but a parent is created after its children: keep its place.
-        index, own_index = len(self.nodes), len(instance.nodes)
+        index, own_index = len(self.nodes), len(draft.nodes)
         self.nodes.append(_PLACEHOLDER)
-        instance.nodes.append(_PLACEHOLDER)
+        draft.nodes.append(_PLACEHOLDER)
         children: list[TreeNode | None]
         if self._rules and not takes_children(manifest):
             children = []  # a substitution rule has replaced the node by a leaf
         elif call is not None:
-            inner = self.create_scope(node_plan, call, instance)
-            children = [self._create_instance(self._plans.trees[call.tree_id], config.path, inner)]
+            inner = self.create_scope(node_plan, call, draft)
+            children = [self._create_subtree(self._plans.trees[call.tree_id], config.path, inner)]
         else:
-            children = [self._create_with_children(child, instance) for child in node_plan.children]
-        node = self.create_node(node_plan, manifest, config, instance, children)
+            children = [self._create_with_children(child, draft) for child in node_plan.children]
+        node = self.create_node(node_plan, manifest, config, draft, children)
         if node is not None:
-            self.nodes[index] = instance.nodes[own_index] = node
+            self.nodes[index] = draft.nodes[own_index] = node
         return node
 
-    def bind_ports(self, node_plan: NodePlan, config: NodeConfig, instance: SubtreeDraft) -> None:
+    def bind_ports(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> None:
         """Bind the ports, and declare the entries that the ports point to."""
         if not node_plan.bindings:
             return
-        blackboard = instance.blackboard
+        blackboard = draft.blackboard
         inputs: dict[str, Input] = {}
         outputs: dict[str, Output] = {}
         for binding in node_plan.bindings:
@@ -231,7 +225,7 @@ class NodeCreator:
                 try:
                     entry = blackboard.create(key, port.type, only_read=not port.writes)
                 except (BlackboardError, ConversionError) as error:
-                    self._report_type_conflict(node_plan, port, instance, blackboard.find(key), error)
+                    self._report_type_conflict(node_plan, port, draft, blackboard.find(key), error)
                 else:
                     # The first port with a type declares the type; later ports are compared with it.
                     if entry not in self._declarations and port.type.strong:
@@ -254,11 +248,11 @@ class NodeCreator:
         return f"'{binding.port.name}' of <{config.id}> ({config.where})"
 
     def _report_type_conflict(
-        self, node_plan: NodePlan, port: Port, instance: SubtreeDraft, entry: Entry | None, error: BtcoreError
+        self, node_plan: NodePlan, port: Port, draft: SubtreeDraft, entry: Entry | None, error: BtcoreError
     ) -> None:
         """Add the error for a port whose type differs from the declared type of its entry."""
         if entry is None or entry.declared.same(port.type):
-            self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, instance, port.name)
+            self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, draft, port.name)
             return
         own, declared = port.type.name, entry.declared.name
         if own == declared:
@@ -273,14 +267,14 @@ class NodeCreator:
             hint = (
                 f"{origin}; an output needs exactly this type, so declare the port as {entry.declared.name}"
             )
-        self._report(CONFLICTING_ENTRY_TYPES, message, node_plan, instance, port.name, hint)
+        self._report(CONFLICTING_ENTRY_TYPES, message, node_plan, draft, port.name, hint)
 
     def create_node(
         self,
         node_plan: NodePlan,
         manifest: Manifest | None,
         config: NodeConfig,
-        instance: SubtreeDraft,
+        draft: SubtreeDraft,
         children: Sequence[TreeNode | None],
     ) -> TreeNode | None:
         """Create a node. Return None if it or a child could not be created."""
@@ -292,11 +286,11 @@ class NodeCreator:
         if manifest is None:
             return None
         try:
-            return manifest.make(config, self.context, instance.blackboard, self._resources, created)
+            return manifest.make(config, self.context, draft.blackboard, self._resources, created)
         except ScriptError as error:
-            self._report_script(node_plan, instance, error)
+            self._report_script(node_plan, draft, error)
         except (NodeError, BlackboardError, ConversionError) as error:
-            self._report(_code_of(error, node_plan), str(error), node_plan, instance)
+            self._report(_code_of(error, node_plan), str(error), node_plan, draft)
         except BtcoreError:
             raise  # an error of the program, not of the document
         except Exception as error:
@@ -304,7 +298,7 @@ class NodeCreator:
             hint = ""
             if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
                 hint = "call super().__init__() without arguments: a node has its name and config already"
-            self._report(LEAF_INIT_RAISED, message, node_plan, instance, hint=hint)
+            self._report(LEAF_INIT_RAISED, message, node_plan, draft, hint=hint)
         return None
 
     def _report(
@@ -312,15 +306,13 @@ class NodeCreator:
         code: DiagnosticCode,
         message: str,
         node_plan: NodePlan,
-        instance: SubtreeDraft,
+        draft: SubtreeDraft,
         attribute: str = "",
         hint: str = "",
     ) -> None:
-        self.collector.add(
-            instance.document.diagnostic(code, message, node_plan.element, attribute, hint=hint)
-        )
+        self.collector.add(draft.document.diagnostic(code, message, node_plan.element, attribute, hint=hint))
 
-    def _substitute(self, node_plan: NodePlan, config: NodeConfig, instance: SubtreeDraft) -> Manifest | None:
+    def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest | None:
         """Return the manifest after the registry's substitution rules, or None after an error."""
         if node_plan.manifest is None:
             return None
@@ -329,38 +321,36 @@ class NodeCreator:
         try:
             return self._registry.apply_substitutions(config, node_plan.manifest, children)
         except NodeError as error:
-            self._report(NODE_NOT_CREATED, str(error), node_plan, instance)
+            self._report(NODE_NOT_CREATED, str(error), node_plan, draft)
             return None
 
-    def _report_script(self, node_plan: NodePlan, instance: SubtreeDraft, error: ScriptError) -> None:
+    def _report_script(self, node_plan: NodePlan, draft: SubtreeDraft, error: ScriptError) -> None:
         texts = {key: text for key, text in node_plan.element.attributes.items() if text == error.text}
         if texts:
-            self.collector.add(script_diagnostic(instance.document, node_plan, next(iter(texts)), error))
+            self.collector.add(script_diagnostic(draft.document, node_plan, next(iter(texts)), error))
         else:
-            self._report(SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan, instance)
+            self._report(SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan, draft)
 
     # --- SubTree elements
 
     def _configure_call(
-        self, node_plan: NodePlan, call: SubtreeCall, config: NodeConfig, instance: SubtreeDraft
+        self, node_plan: NodePlan, call: SubtreeCall, config: NodeConfig, draft: SubtreeDraft
     ) -> None:
         """Set the name, path and attributes of a SubTree node, and report a path that occurs twice."""
         config.name = node_plan.name if node_plan.name is not None else call.tree_id
         # Format 3 ignores the name of a SubTree node in paths.
         own_name = node_plan.name if self.format == 4 else None
-        config.path = instance.prefix + (
-            own_name if own_name is not None else f"{call.tree_id}::{config.uid}"
-        )
+        config.path = draft.prefix + (own_name if own_name is not None else f"{call.tree_id}::{config.uid}")
         config.attributes = {**call.port_texts, **node_plan.attributes}
         if config.path in self._paths:
             message = f"two SubTree nodes have the path '{config.path}'"
             hint = "give them different names, or remove the names"
-            self._report(DUPLICATE_SUBTREE_PATH, message, node_plan, instance, "name", hint)
+            self._report(DUPLICATE_SUBTREE_PATH, message, node_plan, draft, "name", hint)
         self._paths.add(config.path)
 
-    def create_scope(self, node_plan: NodePlan, call: SubtreeCall, instance: SubtreeDraft) -> Blackboard:
-        """Return the blackboard of the called tree, connected with that of *instance*, which calls it."""
-        outer = instance.blackboard
+    def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
+        """Return the blackboard of the called tree, connected with that of *draft*, which calls it."""
+        outer = draft.blackboard
         if call.shares_blackboard:
             return outer
         inner = self._scope_class(outer)
@@ -373,7 +363,7 @@ class NodeCreator:
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
             except BlackboardError as error:
-                self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, instance, key)
+                self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, draft, key)
         inner.autoremap = call.autoremap
         return inner
 

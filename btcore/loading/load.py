@@ -64,7 +64,7 @@ class LoadArguments(TypedDict, total=False):
         tree: The ID of the tree to load; default the main tree of the first document.
         format: The XML format, 3 or 4; default the `BTCPP_format` of the first document, or 3 if it has none.
         packages: A function that returns the share directory of a ROS package that an `<include>` names.
-        confined: Whether includes from outside of the folder of the including XML file are errors, for trees
+        confined: Whether includes from outside of the folder of the main XML file are errors, for trees
             from strangers. The folder of a text is the working directory.
         resources: Objects that leaves get by the types of their parameters, for example a robot.
         blackboard: The blackboard of the main tree; it may have entries, and other trees may share it.
@@ -204,7 +204,7 @@ def required_resources(
         >>> btcore.required_resources("grasp.xml", nodes=nodes) == [Gripper]
         True
     """
-    plans = _plan_documents(_parse(parse_file, arguments, path, *more), arguments)
+    plans = _plans_of(_parse(parse_file, arguments, path, *more), arguments)
     plans.diagnostics.raise_errors()
     return plans.required_resources()
 
@@ -220,12 +220,12 @@ def plan_file(path: str | PathLike[str], arguments: LoadArguments) -> Plans:
         TreeError: The file cannot be read or parsed; other errors are in the diagnostics of the plans.
         TypeError: *nodes* is not a Registry, or an argument is unknown.
     """
-    return _plan_documents(_parse(parse_file, arguments, path), arguments)
+    return _plans_of(_parse(parse_file, arguments, path), arguments)
 
 
 def plan_text(text: str, arguments: LoadArguments) -> Plans:
     """Return the plans of the tree in an XML text; see `plan_file`."""
-    return _plan_documents(_parse(parse_text, arguments, text), arguments)
+    return _plans_of(_parse(parse_text, arguments, text), arguments)
 
 
 def _load(documents: Sequence[Document], arguments: LoadArguments) -> Tree:
@@ -235,7 +235,7 @@ def _load(documents: Sequence[Document], arguments: LoadArguments) -> Tree:
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
         raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
     return instantiate(
-        _plan_documents(documents, arguments),
+        _plans_of(documents, arguments),
         Resources(resources),
         arguments.get("blackboard"),
         arguments.get("clock"),
@@ -250,7 +250,7 @@ def check_argument_names(arguments: LoadArguments) -> None:
         raise TypeError(f"unexpected keyword argument '{name}'{hint}")
 
 
-def _plan_documents(documents: Sequence[Document], arguments: LoadArguments) -> Plans:
+def _plans_of(documents: Sequence[Document], arguments: LoadArguments) -> Plans:
     """Return the plans of the tree of the first of *documents*."""
     registry = _registry(arguments.get("nodes"))
     main, *others = documents

@@ -9,7 +9,7 @@ from functools import cache
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, NamedTuple, overload
+from typing import Any, NamedTuple, overload
 
 from btcore import entry_points
 from btcore.engine.functions import MARK, camel_case
@@ -23,28 +23,6 @@ from btcore.registry.substitution import SubstitutionRule, first_matching_rule
 from btcore.suggestions import did_you_mean, similar_file
 from btcore.values import TypeRegistry
 from btcore.xml.read.read import Document, parse_file, parse_text
-
-MOVED_MODULES: Final = {
-    "btcore.agents": "btcore_studio.agents",
-    "btcore.batch": "btcore_batch",
-    "btcore.language": "btcore_studio.language",
-    "btcore.logs.divergence": "btcore_recorder.divergence",
-    "btcore.preview": "btcore_studio.preview",
-    "btcore.proof": "btcore_proof",
-    "btcore.sweep": "btcore_sweep",
-    "btcore.xml.convert": "btcore_studio.convert",
-    "btcore.xml.lint": "btcore.lint",
-    "btcore.xml.render.tree_xml": "btcore.loading.tree_xml",
-    "btcore.xml.schema": "btcore_studio.schema",
-    "btcore_robot.navigation": "btcore_navigation",
-    "btcore_robot.navigation.occupancy_map": "btcore_robot.occupancy_map",
-    "btcore_robot.navigation.parameter_files": "btcore_robot.parameter_files",
-    "btcore_robot.navigation.waypoint_file": "btcore_robot.waypoint_file",
-    "btcore_robot.leaves.explore": "btcore_navigation.leaves.explore",
-    "btcore_robot.leaves.navigate": "btcore_navigation.leaves.navigate",
-    "btcore_sim.scene": "btcore_sim.world_description",
-}
-"""The new names of modules that have moved, by their old names. CHANGELOG.md lists them under "To do"."""
 
 
 @cache
@@ -251,7 +229,7 @@ class Registry:
 
         Args:
             sources: XML texts, and paths of XML files. A string that contains `<` is a text.
-            confined: Whether includes from outside of the folder of the including XML file are errors, for
+            confined: Whether includes from outside of the folder of the given XML file are errors, for
                 trees from strangers. The folder of a text is the working directory.
 
         Raises:
@@ -543,6 +521,8 @@ def _plugin_error(library: str, error: BaseException, doing: str = "it was impor
         where = f"{last.filename}:{last.lineno}"
     message = f"plugin '{library}' raised while {doing}: {where}: {type(error).__name__}: {error}"
     if isinstance(error, ModuleNotFoundError):
+        from btcore.moved_modules import MOVED_MODULES
+
         # Python names the missing package, not the module in it that a plugin imports.
         moved = [new for old, new in MOVED_MODULES.items() if f"{old}.".startswith(f"{error.name}.")]
         message += f": it has moved to {' or '.join(moved)}" if moved else ""

@@ -173,7 +173,7 @@ class _Chooser:
             name = full_name(request.type)
             if name in self._by_type:
                 continue
-            provided = self._given(request.type)
+            provided = self._of_program(request.type)
             if provided is not None:
                 self._by_type[name] = provided
                 if self._lose(self._available.of_type(name), request, None):
@@ -193,7 +193,7 @@ class _Chooser:
                 self._use(chosen, request.chain, pending)
         return False
 
-    def _given(self, kind: Any) -> object:
+    def _of_program(self, kind: Any) -> object:
         """Return the first object of the program that fits a type, or None."""
         fitting = [thing for thing in self._provided if fits(thing, kind)]
         if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
@@ -235,7 +235,9 @@ class _Chooser:
         if not _has_settings(provider, self._settings):
             return False
         return all(
-            need.is_optional or self._given(need.type) is not None or bool(self._candidates(need.type, chain))
+            need.is_optional
+            or self._of_program(need.type) is not None
+            or bool(self._candidates(need.type, chain))
             for need in _needs(provider)
         )
 
@@ -287,7 +289,7 @@ class _Chooser:
         for provider in self._available.of_type(_CLOCK):
             is_alone = {full_name(kind) for kind in provider.types} == {_CLOCK}
             kinds = {full_name(need.type): need.type for need in _needs(provider)}
-            found = {name: self._by_type.get(name, self._given(kind)) for name, kind in kinds.items()}
+            found = {name: self._by_type.get(name, self._of_program(kind)) for name, kind in kinds.items()}
             if is_alone and None not in found.values():
                 self._used[provider] = None
                 self._by_type |= found

@@ -174,9 +174,9 @@ class OpenedProviders:
 
 @contextlib.contextmanager
 def _named(provider: Provider, error_of_run: BaseException | None = None) -> Iterator[None]:
-    """Return a context in which an exception of a provider becomes a `ProviderError`, but no BtcoreError.
+    """Return a context in which an exception of a provider becomes a `ProviderError`.
 
-    *error_of_run* is passed on unchanged.
+    A BtcoreError, and *error_of_run*, are passed on unchanged.
     """
     try:
         yield

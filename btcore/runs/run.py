@@ -9,7 +9,7 @@ from os import PathLike
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
-from btcore.clock import NS_PER_S, Clock, SimClock, SystemClock
+from btcore.clock import NS_PER_S, Clock, SimClock, SystemClock, is_clock
 from btcore.engine.leaf import StatefulAction
 from btcore.entry_points import names_by_remedy
 from btcore.errors import (
@@ -21,7 +21,7 @@ from btcore.errors import (
     TreeError,
 )
 from btcore.exit_codes import ExitCode, code_of_signal
-from btcore.loading.instantiate import instantiate, is_clock, make_leaf_tree
+from btcore.loading.instantiate import instantiate, make_leaf_tree
 from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_argument_names, plan_file
 from btcore.options import check_settings
 from btcore.registry.manifest import Resources
@@ -603,11 +603,11 @@ class Run:
             self.report.end_reason = "interrupted"
         self._collect_closing_errors()
         if self.closing_errors:
-            self.report_closing_errors(error or halt_error)
+            self.handle_closing_errors(error or halt_error)
         if halt_error is not None:
             raise halt_error
 
-    def report_closing_errors(self, error: BaseException | None) -> None:
+    def handle_closing_errors(self, error: BaseException | None) -> None:
         """Raise the `closing_errors` as one, unless *error* ends the run.
 
         Raises:

@@ -93,7 +93,7 @@ class TickLoop:
         return self.clock.now() - self.start_ns
 
     def run(self) -> LoopEnd | LoopPause:
-        """Tick until all trees have ended, or until the file was saved, and return the reason."""
+        """Tick until the loop ends, or until the file was saved, and return the reason."""
         reason = self._wait_for_end_of_pause()
         if reason is not None:
             return reason
@@ -227,7 +227,10 @@ class TickLoop:
         return [tree for tree in self._running if tree.context.consume_wake_up()]
 
     def stop(self) -> None:
-        """End the loop before the next tick. A signal handler may call this method."""
+        """End the loop before the next tick, and let the present one repeat no more nodes.
+
+        A signal handler may call this method.
+        """
         self._is_stopping = True
         for tree in self.trees:
             tree.context.interrupt()

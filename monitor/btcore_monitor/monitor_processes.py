@@ -83,7 +83,7 @@ class MonitorProcess:
 
         Returns:
             The reason why the file that the process writes is incomplete, or "". The failure of a process
-            that writes no file is printed instead.
+            that writes no file is printed instead, except that of one that serves a page for browsers.
         """
         if self.serves_web:
             if stays_open:

@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal
 from msgspec.structs import replace
 
 from btcore import Settings, SettingsError
-from btcore.options import given_option_names
+from btcore.options import changed_option_names
 from btcore_monitor.display import has_display
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.installed_packages import check_installed
@@ -125,7 +125,7 @@ class MonitorSettings(OutputOptions, Settings):
             (["--key-file"], self.allow_key, "--allow-key with the public keys of the clients"),
             (["--allow-key", "--watch-port"], self.key_file, "--key-file with the robot's secret key"),
         ]
-        given = given_option_names(self)
+        given = changed_option_names(self)
         for names, needed, description in needs:
             for name in names:
                 if name in given and not needed:

@@ -25,4 +25,4 @@ GRACE_S: Final = 30.0
 machine it may need many seconds."""
 
 INTERRUPTED_GRACE_S: Final = 2.0
-"""The same after Ctrl-C or an exception of the program; not after that of a leaf."""
+"""The same after Ctrl-C or an exception of the program; under `btcore run` not after that of a leaf."""

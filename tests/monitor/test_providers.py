@@ -18,7 +18,7 @@ from rerun.chunk import RrdReader
 from btcore import Run, RunSettings
 from btcore.cli.main import main
 from btcore.field_options import create_options
-from btcore.options import arguments, from_values, given_option_names
+from btcore.options import arguments, changed_option_names, from_values
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.events import (
     ConnectionEvent,
@@ -429,7 +429,7 @@ def test_palette_of_the_environment_is_a_default_and_no_option(tree_file, monkey
     monkeypatch.setenv("BTCORE_PALETTE", "colour-blind")
     assert choose_palette(None) == "colour-blind"
     assert choose_palette("groot") == "groot"
-    assert given_option_names(DrawingOptions()) == []
+    assert changed_option_names(DrawingOptions()) == []
     arguments = ["run", tree_file, "--fast", "--duration", "1", "--publish", "groot2", "--port", "0"]
     assert CliRunner().invoke(main, arguments).exit_code == 0
     monkeypatch.setenv("BTCORE_PALETTE", "rainbow")

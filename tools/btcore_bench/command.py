@@ -20,9 +20,8 @@ from rich.text import Text
 
 import btcore
 from btcore.cli import files, terminal
-from btcore.data_folders import data_folder
 from btcore.extras import describe_missing
-from btcore.input_files import read_file
+from btcore.input_files import data_folder, read_file
 from btcore.json_text import load_json
 from btcore.suggestions import join_names, nearest_name
 

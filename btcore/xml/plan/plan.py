@@ -65,23 +65,10 @@ class Plans(NamedTuple):
         """The rules of the XML format."""
         return self.definitions.dialect
 
-    def reachable(self, tree: TreePlan, known: Collection[str] = ()) -> list[TreePlan]:
-        """Return the plans of *tree* and of all trees that it calls, directly or indirectly, each once.
-
-        Args:
-            tree: The tree to start with.
-            known: IDs of trees that are left out, with the trees that they call.
-        """
-        return _reachable(self.trees, tree, known)
-
-    def roots(self) -> list[TreePlan]:
-        """Return the main tree and the planned trees that no other tree calls."""
-        return _roots(self.trees, self.main_tree)
-
     def used_manifests(self) -> list[Manifest]:
         """Return the manifests of the nodes in the main tree and its subtrees, each once."""
         manifests: dict[str, Manifest] = {}
-        for tree in self.reachable(self.main_tree) if self.main_tree is not None else ():
+        for tree in reachable_trees(self.trees, self.main_tree) if self.main_tree is not None else ():
             for node in tree.nodes():
                 if node.manifest is not None:
                     manifests.setdefault(node.id, node.manifest)
@@ -179,8 +166,16 @@ def define_and_plan(
     return plans
 
 
-def _reachable(trees: Mapping[str, TreePlan], tree: TreePlan, known: Collection[str] = ()) -> list[TreePlan]:
-    """Return *tree* and all trees that it calls, directly or indirectly, except those in *known*."""
+def reachable_trees(
+    trees: Mapping[str, TreePlan], tree: TreePlan, known: Collection[str] = ()
+) -> list[TreePlan]:
+    """Return *tree* and all trees that it calls, directly or indirectly, each once.
+
+    Args:
+        trees: The plans by the IDs of the trees.
+        tree: The tree to start with.
+        known: IDs of trees that are left out, with the trees that they call.
+    """
     found: dict[str, TreePlan] = {}
     pending = [tree.id]
     while pending:
@@ -191,9 +186,14 @@ def _reachable(trees: Mapping[str, TreePlan], tree: TreePlan, known: Collection[
     return list(found.values())
 
 
-def _roots(trees: Mapping[str, TreePlan], main_tree: TreePlan | None) -> list[TreePlan]:
-    """Return the main tree and the trees that no other tree calls."""
-    used = set() if main_tree is None else {tree.id for tree in _reachable(trees, main_tree)}
+def root_trees(trees: Mapping[str, TreePlan], main_tree: TreePlan | None) -> list[TreePlan]:
+    """Return the main tree and the trees that no other tree calls.
+
+    Args:
+        trees: The plans by the IDs of the trees.
+        main_tree: The main tree, or None.
+    """
+    used = set() if main_tree is None else {tree.id for tree in reachable_trees(trees, main_tree)}
     others = [tree for tree in trees.values() if tree.id not in used]
     called = {call.tree_id for tree in others for call in tree.calls}
     roots = [tree for tree in others if tree.id not in called]
@@ -207,10 +207,10 @@ def _measure(
     sizes: dict[str, TreeSize] = {}
     checked: set[str] = set()
     # Trees that call each other may have no root among them.
-    for tree in (*_roots(trees, main_tree), *trees.values()):
+    for tree in (*root_trees(trees, main_tree), *trees.values()):
         if tree.id not in checked:
             _measure_from(tree, trees, sizes, collector)
-            checked |= {called.id for called in _reachable(trees, tree, checked)}
+            checked |= {called.id for called in reachable_trees(trees, tree, checked)}
     return sizes
 
 

@@ -322,7 +322,7 @@ class Sources(NamedTuple):
 
     @property
     def main_document(self) -> Document:
-        """The document that includes the others."""
+        """The document whose main tree is loaded."""
         return self.documents[-1]
 
 

@@ -11,7 +11,7 @@ import click
 
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
-from btcore.options import given_option_names
+from btcore.options import changed_option_names
 from btcore.signals import EndingSignals
 from btcore_monitor.console import print_message
 from btcore_monitor.errors import RecordingError
@@ -117,7 +117,7 @@ def monitor(
 
 def _check_is_live(options: ViewerOptions) -> None:
     """Raise click.UsageError if there are drawing options, because a recording keeps its own options."""
-    for name in given_option_names(options):
+    for name in changed_option_names(options):
         if name in DRAWING_OPTION_NAMES:
             raise click.UsageError(
                 f"{name} has no effect on a recording: use it with a robot, or with btcore replay and a log"

@@ -33,7 +33,7 @@ from btcore import (
 )
 from btcore.cli.node_libraries import load_libraries
 from btcore.entry_points import EntryPoint
-from btcore.registry.registry import MOVED_MODULES
+from btcore.moved_modules import MOVED_MODULES
 from btcore.values import DOUBLE
 
 

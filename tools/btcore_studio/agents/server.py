@@ -19,9 +19,9 @@ from mcp.server.stdio import stdio_server
 from pydantic import ValidationError
 
 import btcore
-from btcore.data_folders import data_folder
 from btcore.documentation_site import documentation_url
 from btcore.escaping import escape_controls
+from btcore.input_files import data_folder
 from btcore.suggestions import nearest_name
 from btcore_studio.agents.arguments import Arguments
 from btcore_studio.agents.call_log import CallLog

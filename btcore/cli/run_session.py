@@ -1,0 +1,294 @@
+"""The session of `btcore run`: a run on the terminal, with its options, progress, reloads and results."""
+
+from collections.abc import Callable
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import click
+
+from btcore.cli import terminal
+from btcore.cli.command_run import CommandRun
+from btcore.cli.node_libraries import NodeLibraries, load_libraries
+from btcore.cli.progress import Progress, log_to_console
+from btcore.cli.provider_options import command_providers
+from btcore.cli.run_report import RunSummary, print_leaf_error
+from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, find_source
+from btcore.errors import BtcoreError, NodeExecutionError
+from btcore.options import option
+from btcore.runs.run import Run
+from btcore.runs.tick_loop import Until
+from btcore.status import Status
+from btcore.tree.tree import Tree
+from btcore.xml.plan.plan import Plans
+
+if TYPE_CHECKING:
+    from btcore.cli.tree_changes import TreeChanges
+    from btcore.loading.hot_reload import FileWatcher
+
+
+class RunOptions(TreeOptions):
+    """The options of `btcore run` about the tree and its end."""
+
+    stub_results: Annotated[
+        tuple[str, ...],
+        option(
+            "Results of a leaf from --model, given by its name or ID: one letter for each tick, R (RUNNING), "
+            "S (SUCCESS), F (FAILURE) or K (SKIPPED), and | between two starts, for example Move=RRS|F. "
+            "Leaves without a plan return SUCCESS. Repeatable.",
+            metavar="NAME=LETTERS",
+            name="plan",
+        ),
+    ] = ()
+    substitute: Annotated[
+        tuple[Path, ...],
+        option(
+            "Replace nodes by other nodes or by a TestNode, as described by BehaviorTree.CPP's substitution "
+            "rules in a JSON file. Repeatable.",
+            metavar="FILE.json",
+        ),
+    ] = ()
+    set: Annotated[
+        tuple[str, ...],
+        option(
+            "Set an entry of the main tree's blackboard before the first tick. VALUE has the type of the "
+            "ports that use KEY; without a typed port it is read as JSON if possible, else as a string. "
+            "Repeatable.",
+            metavar="KEY=VALUE",
+        ),
+    ] = ()
+    tick_limit: (
+        Annotated[
+            float,
+            option(
+                "Raise an error if a tick repeats nodes without a pause for more than S seconds of real "
+                "time.",
+                metavar="S",
+                gt=0,
+            ),
+        ]
+        | None
+    ) = None
+    until: Annotated[
+        Until,
+        option("The result of the tree that ends the run; after any other result the tree is ticked again."),
+    ] = "done"
+    watch: Annotated[
+        bool,
+        option(
+            "Reload the tree whenever its file is saved, and keep the blackboard. A file with errors is "
+            "reported, and the previous tree continues. After the tree has ended, wait for the next save, "
+            "until --duration or Ctrl-C ends the run.",
+        ),
+    ] = False
+
+
+class RunSession:
+    """The run of a tree from the command line.
+
+    Args:
+        run: The run, not yet entered.
+        source: The file of the tree.
+        plans: The plans of the tree.
+        until: The result that ends the run.
+        files: Detects that the tree's file, or one that it includes, was saved; None without `--watch`.
+
+    Attributes:
+        run: The run.
+        plans: The plans of the first tree.
+        summary: The results of the run, for the terminal and `--json`.
+    """
+
+    def __init__(
+        self, run: CommandRun, source: TreeSource, plans: Plans, until: Until, files: "FileWatcher | None"
+    ) -> None:
+        self.run = run
+        self.plans = plans
+        self.summary = RunSummary(source.name, run)
+        self._source = source
+        self._until: Until = until
+        self._files = files
+        self._printed_error: NodeExecutionError | None = None
+        if files is not None:
+            run.report["reloads"] = 0  # the first entry of the report
+
+    def run_to_end(self, on_tree: Callable[[Tree], object] = lambda tree: None) -> None:
+        """Run to the end.
+
+        Args:
+            on_tree: Called with the tree before its first tick.
+
+        Raises:
+            LogError: A log cannot be written.
+            BtcoreError: A provider raises while it is opened.
+            TreeError: The tree lacks a resource.
+        """
+        run, console, files = self.run, terminal.stderr_console(), self._files
+        with log_to_console(console), run:
+            on_tree(run.tree)
+            limit = run.run_settings.duration
+            with closing(Progress(console, run.tree, self.summary.name, limit)) as progress:
+                reloads = None if files is None else Reloads(run, self._source, files, progress)
+                with suppress(NodeExecutionError):  # it is printed after the summary
+                    run.until_done(self._until, on_tick=progress.on_tick, watcher=reloads)
+                self._printed_error = None if reloads is None else reloads.printed_error
+            self._warn_about_skipped_ticks()
+
+    def print_results(self, as_json: bool) -> int:
+        """Print the summary and, with *as_json*, the JSON object; return the exit code."""
+        run = self.run
+        self.summary.print_summary()
+        if run.error is not None and run.error is not self._printed_error:
+            _print_error(run.tree, run.error)
+        if as_json:
+            terminal.print_json(self.summary.as_data())
+        return run.exit_code
+
+    def _warn_about_skipped_ticks(self) -> None:
+        count = self.run.skipped_ticks
+        if count:
+            skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
+            terminal.print_warning(
+                f"{skipped}, because the previous tick took longer than "
+                f"{1000 / self.run.run_settings.rate:g} ms; use a lower --rate"
+            )
+
+
+class Reloads:
+    """Reloads the tree of a run when its file is saved, as a `TreeWatcher`, and prints what happens.
+
+    Args:
+        run: The run.
+        source: The file of the tree.
+        files: Detects that the file, or one that it includes, was saved.
+        progress: The status line of the run.
+
+    Attributes:
+        printed_error: The last exception of a leaf, which was printed; None without one.
+    """
+
+    def __init__(self, run: CommandRun, source: TreeSource, files: "FileWatcher", progress: Progress) -> None:
+        self.printed_error: NodeExecutionError | None = None
+        self._run = run
+        self._source = source
+        self._files = files
+        self._progress = progress
+        self._count = 0
+
+    def was_saved(self) -> bool:
+        """Return whether the tree's file was saved."""
+        return self._files.was_saved()
+
+    def read_plans(self) -> Plans:
+        """Return the plans of the saved file."""
+        return self._source.read_plans()
+
+    def on_end(self) -> None:
+        """Show that the run waits for the next save."""
+        status = None if self._run.error is not None else self._run.status
+        self._progress.show_waiting(status, self._source.path.name)
+
+    def on_error(self, error: NodeExecutionError) -> None:
+        """Print the exception of a leaf."""
+        self.printed_error = error
+        with self._progress.suspend():
+            _print_error(self._run.tree, error)
+
+    def on_rejected(self, error: BtcoreError) -> None:
+        """Print the errors of the saved file."""
+        with self._progress.suspend():
+            terminal.print_btcore_error(error)
+            action = "continues" if self._run.tree.status is Status.RUNNING else "is kept"
+            terminal.print_warning(f"{self._source.path.name} has errors: the previous tree {action}")
+
+    def on_reload(self, tree: Tree, plans: Plans) -> None:
+        """Count the reload, and show *tree*."""
+        tree.count_ticks()
+        self._count += 1
+        self._run.report["reloads"] = self._count
+        with self._progress.suspend():
+            terminal.print_diagnostics(plans.diagnostics.warnings)
+            terminal.print_labelled("reloaded", str(self._source.path))
+        self._progress.set_tree(tree)
+
+
+def create_session(
+    ctx: click.Context, source: str, options: RunOptions, installed: NodeLibraries | None = None
+) -> RunSession:
+    """Return the session of the tree *source*, before its providers are opened.
+
+    Args:
+        ctx: The context of the command, with the settings of providers.
+        source: The tree, as the user named it.
+        options: The options of the run.
+        installed: The installed nodes, for a process that loads them once for many runs. They are not
+            changed.
+
+    Raises:
+        click.ClickException: An option has an invalid value.
+        TreeError: The tree has an error.
+        RegistrationError: A node library cannot be loaded.
+    """
+    changes = _create_changes(options)
+    path = find_source(source)
+    if options.watch and path == STDIN:
+        raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
+    # The watcher looks at the files before they are read: a save in between is not missed.
+    file_watcher = None
+    if options.watch:
+        from btcore.loading.hot_reload import FileWatcher
+
+        file_watcher = FileWatcher(path, options.confined)
+    if installed is None or options.plugins:
+        partial = not options.substitute  # a rule may name a node of any library
+        imported = command_providers(ctx).plugins
+        libraries = load_libraries(options.plugins, options.models, options.confined, partial, imported)
+    else:
+        libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)
+        libraries.add_models(options.models, options.confined)
+    tree_source = TreeSource(path, options, libraries)
+    if changes is not None:
+        changes.add_rules(libraries.nodes)
+    plans = tree_source.read_plans()
+    if changes is not None:
+        changes.check(plans)
+
+    def prepare(run: Run) -> None:
+        run.tree.count_ticks()  # before the first tick: the report contains the counts
+        terminal.print_diagnostics(plans.diagnostics.warnings)
+        if changes is not None:
+            changes.prepare(run.tree, plans)
+
+    provided = () if changes is None else changes.provided
+    command_run = CommandRun(ctx, plans, prepare, provided=provided, tick_limit=options.tick_limit)
+    return RunSession(command_run, tree_source, plans, options.until, file_watcher)
+
+
+def _create_changes(options: RunOptions) -> "TreeChanges | None":
+    """Return what the options change in the tree, or None; most runs do not need the module."""
+    if not (options.stub_results or options.substitute or options.set):
+        return None
+    from btcore.cli.tree_changes import TreeChanges
+
+    return TreeChanges(options.stub_results, options.substitute, options.set)
+
+
+def _print_error(tree: Tree, error: NodeExecutionError) -> None:
+    """Print the exception of a leaf, and how to set the entry that it lacked."""
+    print_leaf_error(error)
+    hint = _unwritten_entry_hint(tree, error)
+    terminal.print_notes([hint] if hint else [])
+
+
+def _unwritten_entry_hint(tree: Tree, error: NodeExecutionError) -> str:
+    """Return how to set the entry that a node of *tree* needed, but that was never written; "" otherwise."""
+    key = getattr(error.cause, "unwritten_key", "")
+    board = next((node._blackboard for node in tree.nodes if node.config.path == error.path), None)
+    if not key or board is None:
+        return ""
+    if board is not tree.blackboard:
+        # The key in the main tree may be another key.
+        entry = board.find(key)
+        entries = tree.blackboard.local_entries().items()
+        key = next((outer for outer, other in entries if other is entry), "")
+    return f"to set the entry before the first tick, use --set {key}=VALUE" if key else ""

@@ -1,0 +1,25 @@
+"""Modules that were moved, for hints in the errors of plugins that import them by their old names."""
+
+from typing import Final
+
+MOVED_MODULES: Final = {
+    "btcore.agents": "btcore_studio.agents",
+    "btcore.batch": "btcore_batch",
+    "btcore.language": "btcore_studio.language",
+    "btcore.logs.divergence": "btcore_recorder.divergence",
+    "btcore.preview": "btcore_studio.preview",
+    "btcore.proof": "btcore_proof",
+    "btcore.sweep": "btcore_sweep",
+    "btcore.xml.convert": "btcore_studio.convert",
+    "btcore.xml.lint": "btcore.lint",
+    "btcore.xml.render.tree_xml": "btcore.loading.tree_xml",
+    "btcore.xml.schema": "btcore_studio.schema",
+    "btcore_robot.navigation": "btcore_navigation",
+    "btcore_robot.navigation.occupancy_map": "btcore_robot.occupancy_map",
+    "btcore_robot.navigation.parameter_files": "btcore_robot.parameter_files",
+    "btcore_robot.navigation.waypoint_file": "btcore_robot.waypoint_file",
+    "btcore_robot.leaves.explore": "btcore_navigation.leaves.explore",
+    "btcore_robot.leaves.navigate": "btcore_navigation.leaves.navigate",
+    "btcore_sim.scene": "btcore_sim.world_description",
+}
+"""The new names of modules that have moved, by their old names. CHANGELOG.md lists them under "To do"."""
