@@ -30,8 +30,8 @@ DATA = {"benchmarks": "*.py", "docs": "*.md", "trees": "*.xml"}
 
 # The packages with compiled modules. Each is a group: calls between its modules are C calls.
 GROUPS = {"btcore": "btcore", "btcore_batch": "tools/btcore_batch"}
-# Compiled is what a tick, or the loading of every node, passes through: files, and folders without their
-# __init__.py.
+# What is compiled, because a tick or the loading of every node passes through it: these files, and the files
+# of these folders except __init__.py.
 HOT = {
     "btcore/blackboard",
     "btcore/clock.py",

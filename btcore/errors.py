@@ -162,7 +162,7 @@ class BtcoreError(Exception):
 class TreeError(BtcoreError):
     """No tree can be loaded from the document.
 
-    *diagnostics* holds the errors of reading and planning or, without such errors, all of creating the nodes.
+    *diagnostics* holds the errors of reading and planning or, if there are none, those of creating the nodes.
     The message shows the first 100 of each file.
 
     Examples:

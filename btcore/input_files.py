@@ -1,4 +1,7 @@
-"""Read files that may come from strangers: only regular files, and only up to a maximum size."""
+"""Read files that may come from strangers: only regular files, and only up to a maximum size.
+
+`data_folder` finds the files that are installed with btcore.
+"""
 
 import errno
 import os

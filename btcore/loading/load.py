@@ -2,10 +2,10 @@
 
 import gc
 import reprlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
 from types import TracebackType
-from typing import Any, Protocol, TypedDict, TypeVar, Unpack
+from typing import Any, TypedDict, Unpack
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
@@ -20,14 +20,6 @@ from btcore.xml.plan.plan import Plans, define_and_plan
 from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_text, read
 
 __all__ = ["LoadArguments"]  # for the API reference, which has the functions on the page of `btcore`
-
-S = TypeVar("S", contravariant=True)
-
-
-class _Parser(Protocol[S]):
-    """`parse_file` or `parse_text`."""
-
-    def __call__(self, source: S, /, *, confined: bool) -> Document: ...
 
 
 class PausedGarbageCollection:
@@ -258,7 +250,9 @@ def _plans_of(documents: Sequence[Document], arguments: LoadArguments) -> Plans:
     return define_and_plan(sources, registry, arguments.get("tree"), arguments.get("format"))
 
 
-def _parse(parse: _Parser[S], arguments: LoadArguments, *sources: S) -> list[Document]:
+def _parse(
+    parse: Callable[..., Document], arguments: LoadArguments, *sources: str | PathLike[str]
+) -> list[Document]:
     """Check the names of *arguments*, and return the documents of *sources*.
 
     Raises:

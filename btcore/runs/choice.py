@@ -28,14 +28,7 @@ from btcore.clock import Clock
 from btcore.errors import ProviderError
 from btcore.options import required_option_names
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.providers import (
-    ATTRIBUTES_OF_RUN,
-    Need,
-    Provider,
-    fits,
-    full_name,
-    is_settings,
-)
+from btcore.runs.providers import ATTRIBUTES_OF_RUN, Need, Provider, fits, full_name, is_settings
 from btcore.runs.settings import RunSettings, Settings
 from btcore.suggestions import join_names, with_article
 
@@ -369,7 +362,7 @@ def _title(kind: Any) -> str:
 
 
 def _path(request: _Request) -> str:
-    """Return the providers that lead to a request, or that a leaf needs its type."""
+    """Return the sentence that says what needs the type of a request."""
     if not request.chain:
         return f"a leaf needs {_with_article(request.type)}"
     return f"{_join(request.chain)} needs {_with_article(request.type)}"

@@ -11,14 +11,7 @@ from types import TracebackType
 
 from btcore.errors import BtcoreError, ProviderError
 from btcore.runs.choice import Choice, GivenSettings
-from btcore.runs.providers import (
-    ATTRIBUTES_OF_RUN,
-    Need,
-    Provider,
-    fits,
-    full_name,
-    is_settings,
-)
+from btcore.runs.providers import ATTRIBUTES_OF_RUN, Need, Provider, fits, full_name, is_settings
 from btcore.tree.tree import Tree
 
 

@@ -5,6 +5,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from os import PathLike
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
@@ -28,13 +29,7 @@ from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
 from btcore.runs.opening import OpenedProviders
-from btcore.runs.providers import (
-    EndReason,
-    Provider,
-    Report,
-    fits,
-    full_name,
-)
+from btcore.runs.providers import EndReason, Provider, Report, fits, full_name
 from btcore.runs.settings import RunSettings, Settings
 from btcore.runs.tick_loop import LoopEnd, TickLoop, Until, joint_status
 from btcore.signals import EndingSignals
@@ -208,7 +203,7 @@ class Run:
         self._has_exited = False
         self.trees: list[Tree] = []
         self.choice = Choice([], {}, {}, {})
-        self._opened = OpenedProviders(self.choice, settings, self._attribute)
+        self._opened = OpenedProviders(self.choice, settings, partial(getattr, self))
         self.resources = Resources()
         self.resources.remedy = "the run does not provide it"
         self.report = Report()
@@ -256,7 +251,7 @@ class Run:
             stack.enter_context(self._signals)
             needed = [*self._leaf_types, *self._wanted]
             self.choice = choose(needed, self.providers, self.settings, self._provided, self._optional)
-            self._opened = OpenedProviders(self.choice, self.settings, self._attribute)
+            self._opened = OpenedProviders(self.choice, self.settings, partial(getattr, self))
             self._check_wanted()
             self.resources += self._provided
             self._open_all(follows_tree=False)
@@ -379,9 +374,6 @@ class Run:
                     # A provider may return an object of another one, under another type.
                     known = set(map(id, self.resources))
                     self.resources += [thing for thing in objects if id(thing) not in known]
-
-    def _attribute(self, name: str) -> object:
-        return getattr(self, name)
 
     # --- ticking
 
