@@ -37,12 +37,13 @@ class Listen(btcore.StatefulAction):
         session.node.create_subscription(String, "words", self.receive, 10)
 
     def receive(self, message: String) -> None:
-        """Keep the message; "raise" and "shut down" are errors."""
+        """Keep the message, unless it is "raise" or "shut down", after which the session cannot be used."""
         if message.data == "raise":
             raise ZeroDivisionError("in a callback")
         if message.data == "shut down":
             self.session.context.shutdown()
-        self.received.append(message.data)
+        else:
+            self.received.append(message.data)
 
     def on_start(self) -> Status:
         """See `on_running`."""
