@@ -2,10 +2,68 @@
 
 from collections import Counter
 from collections.abc import Iterable
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.escaping import escape_controls
+
+FixOperation = Literal[
+    "add_children",
+    "call_tree",
+    "close_tag",
+    "connect",
+    "create_entry",
+    "create_tree",
+    "declare_node",
+    "end_tag",
+    "escape",
+    "insert",
+    "name_tree",
+    "remove",
+    "remove_children",
+    "rename",
+    "rename_attribute",
+    "rename_element",
+    "replace",
+    "set_format",
+    "wrap_children",
+    "write",
+    "write_value",
+]
+"""The operations of `Fix`; btcore/xml/edit/fixes.py describes each of them."""
+
+
+class Fix(NamedTuple):
+    """A change that removes the cause of a diagnostic; `btcore.xml.edit.fixes` makes edits of the text.
+
+    Attributes:
+        operation: The operation, applied at the place of the diagnostic.
+        arguments: The arguments of the operation, such as the new name.
+        is_safe: Whether the change needs no decision of a person: the document means the same as before, or
+            it was invalid and can mean nothing else. `btcore validate --fix` applies these changes.
+    """
+
+    operation: FixOperation
+    arguments: tuple[str, ...] = ()
+    is_safe: bool = False
+
+
+class Hint(NamedTuple):
+    """How to correct the problem of a diagnostic: its attributes `hint`, `fixes` and `outer_key`."""
+
+    text: str = ""
+    fixes: tuple[Fix, ...] = ()
+    outer_key: str = ""
+
+    @classmethod
+    def of(cls, hint: "str | Hint") -> "Hint":
+        """Return *hint*; a text becomes a hint without fixes."""
+        return hint if isinstance(hint, Hint) else cls(hint)
+
+    @classmethod
+    def similar_name(cls, name: str) -> "Hint":
+        """Return the hint that the marked name may be a misspelt *name*."""
+        return cls(f"did you mean '{name}'?", (Fix("rename", (name,)),))
 
 
 class Diagnostic(NamedTuple):
@@ -20,6 +78,8 @@ class Diagnostic(NamedTuple):
         hint: How to correct the problem, or "".
         source: The text of the line.
         width: The number of characters to mark.
+        fixes: Changes of the document that remove the problem, the best first.
+        outer_key: The key of an entry that a calling tree or the program may write instead; "" = none.
 
     Examples:
         >>> import btcore
@@ -40,6 +100,8 @@ class Diagnostic(NamedTuple):
     hint: str = ""
     source: str = ""
     width: int = 1
+    fixes: tuple[Fix, ...] = ()
+    outer_key: str = ""
 
     @property
     def is_error(self) -> bool:

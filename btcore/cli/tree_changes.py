@@ -151,8 +151,7 @@ def _warn_unused_rules(tree: Tree) -> None:
     names = [name for config in configs for name in (config.id, config.name, config.path)]
     rules_match = "the rule {} matches" if len(unused) == 1 else "the rules {} match"
     message = f"--substitute: {rules_match.format(join_names(map(repr, unused)))} no node"
-    nearest = nearest_name(unused[0], names)
-    terminal.print_warning(f"{message}; did you mean '{nearest}'?" if nearest is not None else message)
+    terminal.print_warning(message + did_you_mean(unused[0], names))
 
 
 def _parse_entries(texts: Iterable[str]) -> dict[str, str]:

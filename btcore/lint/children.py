@@ -10,12 +10,13 @@ from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import FIRST_TICK_REFUSED, SECOND_ASYNC_CHILD, UNREACHABLE_CHILD
 from btcore.engine.control import ControlNode, DecoratorNode, results_in_order
 from btcore.engine.node import TreeNode
+from btcore.errors import Fix, Hint
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.nodes.parallel import threshold
 from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
 from btcore.xml.models.stubs import is_stub
-from btcore.xml.plan.outline import count_text, element_children
+from btcore.xml.plan.outline import count_text, element_children, wrapping_fixes
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.read import Document
 
@@ -37,7 +38,8 @@ def check_child_count(node: NodePlan, document: Document, format: int, reporter:
         # Format 3 counts the children by the tag.
         requirement = "a decorator has exactly 1"
     if requirement:
-        reporter.report(FIRST_TICK_REFUSED, f"{has}; {requirement}", document, node, hint=_TICK_RAISES)
+        hint = Hint(_TICK_RAISES, _fixes(node.manifest.cls, count))
+        reporter.report(FIRST_TICK_REFUSED, f"{has}; {requirement}", document, node, hint=hint)
     for port, number, results in _thresholds(node, count):
         message = f"{has}, too few for {number} {results}"
         reporter.report(FIRST_TICK_REFUSED, message, document, node, port, _TICK_RAISES)
@@ -55,6 +57,14 @@ def _child_requirement(cls: type[TreeNode], count: int) -> str:
     else:
         needed = str(least) if most == least else f"{least} {'or' if most == least + 1 else 'to'} {most}"
     return f"it needs {needed}" + (f": {cls.spec.child_roles}" if cls.spec.child_roles else "")
+
+
+def _fixes(cls: type[TreeNode], count: int) -> tuple[Fix, ...]:
+    """Return the fixes for a node of *cls* with *count* children."""
+    least, most = cls.spec.child_count
+    if count < least:
+        return (Fix("add_children", (str(least - count),)),)
+    return wrapping_fixes(most) if most is not None and 0 < most < count else ()
 
 
 def _thresholds(node: NodePlan, count: int) -> Iterator[tuple[str, int, str]]:

@@ -15,9 +15,9 @@ from btcore.diagnostic_codes import (
     TEXT_FOR_UNTYPED_ENTRY,
 )
 from btcore.engine.control import ControlNode
-from btcore.errors import BtcoreError, ConversionError, ScriptError
+from btcore.errors import BtcoreError, ConversionError, Hint, ScriptError
 from btcore.lint.dry_run import DryRun, EntryUse
-from btcore.lint.ports import conversion_error, is_listed, valid_literals
+from btcore.lint.ports import conversion_error, entry_hint, is_listed, valid_literals
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.lint.scripts import WRITING, AccessKind, is_constant, parse_statements
 from btcore.lint.unwritten_keys import is_declaration
@@ -330,11 +330,12 @@ def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry, reporte
         is_certain = not (dry_run.has_untracked_access or is_listed(manifest, reader.port))
         code = INCONVERTIBLE_TEXT if is_certain else REFUSED_ENTRY_VALUE
         message = f"'{use.key}' of {node_label(use.node)} is the text '{text}': {reason}"
-        hint = (
+        hint = Hint(
             f"the port '{reader.attribute}' of {node_label(reader.node)} reads it as {reader.port.type.name}"
         )
         if text.isidentifier():
-            hint += f"; to pass the entry, write {{{text}}}"
+            passed = entry_hint("pass the entry", text)
+            hint = Hint(f"{hint.text}; {passed.text}", passed.fixes)
         reporter.report(code, message, use.document, use.node, use.attribute, hint)
         return
 

@@ -27,7 +27,7 @@ from btcore.diagnostic_codes import (
     UNCONNECTED_OUTPUT,
 )
 from btcore.engine.signature import PortAttribute
-from btcore.errors import ConversionError
+from btcore.errors import ConversionError, Fix, Hint
 from btcore.lint.possible_results import is_built_in
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.names import is_port_name, port_name_error
@@ -36,6 +36,7 @@ from btcore.suggestions import join_names, nearest_name
 from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorType
 from btcore.values.numbers import whole_float
 from btcore.xml.models.stubs import is_stub
+from btcore.xml.plan.hints import value_hint
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES
 from btcore.xml.read.read import Document
@@ -57,12 +58,12 @@ def check_ignored_attributes(node: NodePlan, document: Document, reporter: LintR
             near = _similar_attribute(key, node.subtree_call is not None)
             if near is not None:
                 message = f"the attribute '{key}' of {node_label(node)} is ignored: unknown name"
-                hint = f"did you mean '{near}'?"
+                hint = Hint.similar_name(near)
                 reporter.report(IGNORED_ATTRIBUTE, message, document, node, key, hint, part="name")
         elif key not in ("ID", "name"):
             reason = port_name_error(key)
             message = f"the attribute '{key}' of {node_label(node)} is ignored: invalid port name ({reason})"
-            hint = "rename the port, here and in the code that registers it"
+            hint = Hint("rename the port, here and in the code that registers it")
             reporter.report(IGNORED_ATTRIBUTE, message, document, node, key, hint, part="name")
 
 
@@ -91,7 +92,9 @@ def check_missing_ports(node: NodePlan, document: Document, reporter: LintReport
     else:
         message = f"the ports {names} of <{node.id}> are missing and have no default"
     examples = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
-    reporter.report(EMPTY_PORT, message, document, node, hint="write " + " ".join(examples))
+    written = [text for port in missing for text in (port.name, f"{{{port.name}}}")]
+    hint = Hint("write " + " ".join(examples), (Fix("write", tuple(written)),))
+    reporter.report(EMPTY_PORT, message, document, node, hint=hint)
 
 
 def is_required(manifest: Manifest, port: Port) -> bool:
@@ -125,26 +128,29 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
             if not reported and port.reads and node.manifest and not is_stub(node.manifest.cls):
                 message = f"the {label} has the type {port.type.name}: {error}"
                 key = intended or (text if is_port_name(text) else "")
-                hint = f"to use the blackboard entry, write {{{key}}}" if key else ""
+                entry = entry_hint("use the blackboard entry", key) if key else Hint()
+                hint = Hint(entry.text, (*value_hint(port.type).fixes, *entry.fixes))
                 reporter.report(INCONVERTIBLE_TEXT, message, document, node, port.name, hint)
         elif intended:
             message = f"the {label} is the text '{text}', not an entry"
-            hint = f"to use the entry, write {{{intended}}}"
+            hint = entry_hint("use the entry", intended)
             reporter.report(INCOMPLETE_POINTER, message, document, node, port.name, hint)
         elif port.direction is Direction.OUT and format == 4:
             message = f"the output {label} has no entry: '{text}' is only a text"
-            hint = f'write {port.name}="{{{text if text.isidentifier() else "…"}}}"'
+            key = f"{{{text}}}" if text.isidentifier() else f"{{{port.name}}}"
+            shown = key if text.isidentifier() else "{…}"
+            hint = Hint(f'write {port.name}="{shown}"', (Fix("write_value", (key,)),))
             reporter.report(UNCONNECTED_OUTPUT, message, document, node, port.name, hint)
         else:
             for item, part, kind in partly_read(text, _literal_type(node, port), format):
                 message = f"the {label} has the type {kind}: only '{part}' of '{item}' is read"
-                hint = f"write {_replacement(item, part, kind)}"
+                hint = _number_hint(text, item, part, kind)
                 reporter.report(PARTIAL_NUMBER, message, document, node, port.name, hint)
     for key, text in node.subtree_call.constants.items() if node.subtree_call is not None else ():
         intended = intended_key(text)
         if intended:
             message = f"'{key}' of {node_label(node)} is the text '{text}', not an entry"
-            hint = f"to use the entry, write {{{intended}}}"
+            hint = entry_hint("use the entry", intended)
             reporter.report(INCOMPLETE_POINTER, message, document, node, key, hint)
 
 
@@ -236,8 +242,20 @@ def _read_part(text: str, integer: bool) -> str | None:
     return next((text[:end] for end in ends if whole_float(text[:end]) is not None), None)
 
 
-def _replacement(item: str, part: str, kind: str) -> str:
+def _number_hint(text: str, item: str, part: str, kind: str) -> Hint:
+    """Return the hint for *item*, a number in *text* of which only *part* is read."""
     with_point = item.replace(",", ".", 1)
     if kind in ("double", "float") and whole_float(with_point) is not None:
-        return with_point
-    return f"{part} if that is the intended value"
+        return Hint(f"write {with_point}", (Fix("write_value", (text.replace(item, with_point, 1),)),))
+    fix = Fix("write_value", (text.replace(item, part, 1),))
+    return Hint(f"write {part} if that is the intended value", (fix,))
+
+
+def entry_hint(purpose: str, key: str) -> Hint:
+    """Return the hint that a value with braces is needed.
+
+    Args:
+        purpose: What the value with braces does, such as "use the entry".
+        key: The key.
+    """
+    return Hint(f"to {purpose}, write {{{key}}}", (Fix("write_value", (f"{{{key}}}",)),))

@@ -1,6 +1,7 @@
 """Report diagnostics about nodes, and name nodes in messages."""
 
 from btcore.diagnostic_codes import DiagnosticCode
+from btcore.errors import Hint
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.element import ElementPart
@@ -23,7 +24,7 @@ class LintReporter:
         document: Document,
         node: NodePlan,
         attribute: str = "",
-        hint: str = "",
+        hint: str | Hint = "",
         part: ElementPart = "value",
         within: int = 0,
         width: int = 0,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
-from btcore.errors import ScriptError
+from btcore.errors import Fix, Hint, ScriptError
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.script.expressions import (
     Assignment,
@@ -161,7 +161,7 @@ def _check_condition(
     """Check *last*, the last statement of a condition. Its value is the result of the condition."""
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
         message = f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}' instead of comparing"
-        hint = f"to compare, write {last.target.name} == …"
+        hint = Hint(f"to compare, write {last.target.name} == …", (Fix("replace", ("==",)),))
         reporter.report(
             CONDITION_ASSIGNS, message, document, node, attribute, hint, within=last.column, width=last.width
         )
@@ -176,10 +176,12 @@ def _check_condition(
         failure = f"'{attribute}' of {node_label(node)} always raises"
         if isinstance(result, str):
             message = f"{failure}: its result is the text '{result}'"
-            hint = f"write {result} without quotes" if result in ("true", "false") else "compare the text"
+            hint = Hint("compare the text")
+            if result in ("true", "false"):
+                hint = Hint(f"write {result} without quotes", (Fix("replace", (result,)),))
         else:
             message = f"{failure}: its result is {result}, neither true nor false"
-            hint = "valid results are 0, 1 and reals from 0 up; or write a comparison"
+            hint = Hint("valid results are 0, 1 and reals from 0 up; or write a comparison")
         reporter.report(
             SCRIPT_RAISES, message, document, node, attribute, hint, within=value.column, width=value.width
         )

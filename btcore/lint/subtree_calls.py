@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
+from btcore.errors import Fix, Hint
 from btcore.lint.dry_run import uses_whole_blackboard
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.lint.scripts import find_name_uses
@@ -121,28 +122,31 @@ def check_remappings(
             continue
         if node.id == "SubTree" and call.remaps.get(key) == text and remapped_key(text, key, 3) is not None:
             message = f"in format 3 {node_label(node)} takes keys without braces: '{key}' has no effect"
-            hint = f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree_id}" {key}="{text}"/>'
+            hint = Hint(
+                f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree_id}" {key}="{text}"/>',
+                (Fix("write_value", (text[1:-1],)), Fix("rename_element", ("SubTreePlus",))),
+            )
             reporter.report(BRACES_IN_FORMAT_3, message, document, node, key, hint)
         if call.remaps.get(key) == "=" and node.element.get(key) is None:
             message = (
                 f"the model of '{call.tree_id}' has the default '{text}' for '{key}', which means the entry "
                 "'=' of the calling tree"
             )
-            hint = f'write default="{{{key}}}" in the model'
+            hint = Hint(f'write default="{{{key}}}" in the model')
             reporter.report(INCOMPLETE_POINTER, message, document, node, hint=hint)
         if used is None or key in used or key in declared or node.element.get(key) is None:
             continue
         message = f"no port or script in the tree of {node_label(node)} uses '{key}'"
         may_search = reporter.collector.take_comparisons(used)
-        hint = _unused_key_hint(key, used, call.port_texts) if may_search else ""
-        reporter.report(USELESS_REMAPPING, message, document, node, key, hint, part="name")
+        unused = _unused_key_hint(key, used, call.port_texts) if may_search else ""
+        reporter.report(USELESS_REMAPPING, message, document, node, key, unused, part="name")
 
 
-def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> str:
+def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> str | Hint:
     # A key with "@" is on the main tree's blackboard, whatever the remapping.
     free = sorted(name for name in used if name not in written and not name.startswith("@"))
     near = nearest_name(key, free)
     if near is not None:
-        return f"did you mean '{near}'?"
+        return Hint.similar_name(near)
     names = join_names([f"'{name}'" for name in sorted(used)])
     return f"its keys are {names}" if names else "it uses no keys"

@@ -5,6 +5,7 @@ from collections.abc import Collection, Sequence
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.diagnostic_codes import ASSIGNMENT_TO_MISSING_ENTRY, UNWRITTEN_KEY
+from btcore.errors import Fix, Hint
 from btcore.lint.dry_run import DryRun, EntryUse, has_writer
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.lint.scripts import AccessKind
@@ -100,13 +101,14 @@ def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_k
     hint = f"to create it, write {use.key} := …"
     if root_key:
         hint += f"; or fill the blackboard before the first tick: {fill_example(root_key)}"
+    creation = (Fix("create_entry"),) if use.access is AccessKind.ASSIGNS else ()
     reporter.report(
         ASSIGNMENT_TO_MISSING_ENTRY,
         f"{script} assigns to the entry '{use.key}', which is never created",
         use.document,
         use.node,
         use.attribute,
-        hint,
+        Hint(hint, creation, root_key),
         within=use.within,
         width=len(use.key),
     )
@@ -163,18 +165,21 @@ def is_pointer(use: EntryUse) -> bool:
     return text is None or str(text) != use.key
 
 
-def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key: str) -> str:
+def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key: str) -> str | Hint:
     if use.access is AccessKind.READS_AS_KEY:
-        return (
+        return Hint(
             f"{{{use.key}}} must hold the name of the entry to write; "
-            f'to write the entry {use.key} itself, use {use.attribute}="{use.key}"'
+            f'to write the entry {use.key} itself, use {use.attribute}="{use.key}"',
+            (Fix("write_value", (use.key,)),),
         )
     known = keys.written_in(board)
     if key.strip() in known:
-        return f"spaces inside the braces are part of the key: write {{{key.strip()}}}"
+        correct = f"{{{key.strip()}}}"
+        fix = Fix("write_value", (correct,))
+        return Hint(f"spaces inside the braces are part of the key: write {correct}", (fix,))
     near = keys.guess(key, known)
     if near is not None:
-        return f"did you mean '{near}'?"
+        return Hint.similar_name(near)
     entrance = keys.dry_run.entrances.get(board)
     if entrance is None:
         enum = (
@@ -182,10 +187,15 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
             if not (use.within and use.key.isupper())
             else "if it is the name of an enum member, register the enum with nodes.add_enum(…); else "
         )
-        return f"{enum}write it first, or fill the blackboard before the first tick: {fill_example(key)}"
+        hint = f"{enum}write it first, or fill the blackboard before the first tick: {fill_example(key)}"
+        return Hint(hint, outer_key=key)
     called = f"{entrance.node.id} of '{entrance.key}' in {line_of(entrance.document, entrance.node)}"
     outer = keys.written_in(entrance.scope)
     passed = key if key in outer else keys.guess(key, outer) or "…"
     # The <SubTree> of format 3 takes keys without braces.
     value = passed if keys.dry_run.format == 3 and entrance.node.id == "SubTree" else f"{{{passed}}}"
-    return f'a subtree has a blackboard of its own: in the {called} write {key}="{value}"'
+    hint = f'a subtree has a blackboard of its own: in the {called} write {key}="{value}"'
+    if entrance.document is not use.document:
+        return hint
+    index = entrance.document.source_map.index(entrance.node.element)
+    return Hint(hint, (Fix("connect", (str(index), entrance.key, key, value.replace("…", key))),))

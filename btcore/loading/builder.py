@@ -23,7 +23,15 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
-from btcore.errors import ConversionError, Diagnostic, PortError, TreeError, UnknownNodeError, XmlSyntaxError
+from btcore.errors import (
+    ConversionError,
+    Diagnostic,
+    Hint,
+    PortError,
+    TreeError,
+    UnknownNodeError,
+    XmlSyntaxError,
+)
 from btcore.loading.instantiate import instantiate
 from btcore.loading.load import PausedGarbageCollection
 from btcore.registry.manifest import Manifest
@@ -318,10 +326,11 @@ class _BuiltDocument(Document):
         element: Element,
         attribute: str = "",
         part: ElementPart = "value",
-        hint: str = "",
+        hint: str | Hint = "",
         within: int = 0,
     ) -> Diagnostic:
         """Return a diagnostic at the place in the code, with the generated XML in the hint."""
+        hint = Hint.of(hint).text
         draft = self._drafts[self.source_map.index(element)]
         if draft is None:
             return Diagnostic(code, message, self.file, hint=hint)

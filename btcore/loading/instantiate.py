@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard, Entry
-from btcore.blackboard.ports import Binding, Input, Output, Port
+from btcore.blackboard.ports import LOAD_TIME_ROLES, Binding, Input, Output, Port, PortRole
 from btcore.clock import Clock, SystemClock, is_clock
 from btcore.diagnostic_codes import (
     CONFLICTING_ENTRY_TYPES,
@@ -23,7 +23,7 @@ from btcore.diagnostic_codes import (
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, ScriptError
+from btcore.errors import BlackboardError, BtcoreError, ConversionError, Fix, Hint, NodeError, ScriptError
 from btcore.registry.manifest import Manifest, Resources, takes_children
 from btcore.registry.registry import Registry, library_of
 from btcore.tree.tree import Subtree, Tree
@@ -290,7 +290,7 @@ class NodeCreator:
         except ScriptError as error:
             self._report_script(node_plan, draft, error)
         except (NodeError, BlackboardError, ConversionError) as error:
-            self._report(_code_of(error, node_plan), str(error), node_plan, draft)
+            self._report_rejection(node_plan, draft, error)
         except BtcoreError:
             raise  # an error of the program, not of the document
         except Exception as error:
@@ -301,6 +301,23 @@ class NodeCreator:
             self._report(LEAF_INIT_RAISED, message, node_plan, draft, hint=hint)
         return None
 
+    def _report_rejection(self, node_plan: NodePlan, draft: SubtreeDraft, error: BtcoreError) -> None:
+        """Add the error for a node that rejects its ports."""
+        if not isinstance(error, NodeError):
+            self._report(INCONVERTIBLE_TEXT, str(error), node_plan, draft)
+            return
+        given = {port.name for port, _, _ in node_plan.ports}
+        ports = node_plan.manifest.ports.values() if node_plan.manifest is not None else ()
+        # If a node can't be created and lacks an input port, the message names the port.
+        missing = [port for port in ports if port.reads and port.name not in given]
+        code = MISSING_PORT if missing else NODE_NOT_CREATED
+        written: list[str] = []
+        for port in missing:
+            if port.role in LOAD_TIME_ROLES:
+                written += (port.name, _EXAMPLES.get(port.role, f"{{{port.name}}}"))
+        hint = Hint("", (Fix("write", tuple(written)),) if written else ())
+        self._report(code, str(error), node_plan, draft, hint=hint)
+
     def _report(
         self,
         code: DiagnosticCode,
@@ -308,7 +325,7 @@ class NodeCreator:
         node_plan: NodePlan,
         draft: SubtreeDraft,
         attribute: str = "",
-        hint: str = "",
+        hint: str | Hint = "",
     ) -> None:
         self.collector.add(draft.document.diagnostic(code, message, node_plan.element, attribute, hint=hint))
 
@@ -368,14 +385,6 @@ class NodeCreator:
         return inner
 
 
-def _code_of(error: Exception, node_plan: NodePlan) -> DiagnosticCode:
-    if not isinstance(error, NodeError):
-        return INCONVERTIBLE_TEXT
-    given = {port.name for port, _, _ in node_plan.ports}
-    ports = node_plan.manifest.ports.values() if node_plan.manifest is not None else ()
-    # If a node can't be created and lacks an input port, the message names the port.
-    missing = any(port.reads and port.name not in given for port in ports)
-    return MISSING_PORT if missing else NODE_NOT_CREATED
-
-
+# Texts of missing ports with scripts, for fixes.
+_EXAMPLES = {PortRole.SCRIPT: "", PortRole.CONDITION: "true"}
 _PLACEHOLDER = TreeNode()

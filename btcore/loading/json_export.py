@@ -14,7 +14,7 @@ from typing import Any
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.errors import BlackboardError, ConversionError
-from btcore.suggestions import join_names, nearest_name
+from btcore.suggestions import did_you_mean, join_names
 from btcore.tree.tree import Subtree, Tree
 from btcore.values import BOOL, EnumType, TypeRegistry, ValueType
 
@@ -57,9 +57,7 @@ def import_tree(tree: Tree, data: Mapping[str, Mapping[str, Any] | None]) -> Non
     boards = {_name(tree, subtree): subtree.blackboard for subtree in tree.subtrees}
     for name in data:
         if name not in boards:
-            guess = nearest_name(name, boards)
-            hint = f"; did you mean '{guess}'?" if guess else ""
-            raise BlackboardError(f"the tree has no subtree '{name}'{hint}")
+            raise BlackboardError(f"the tree has no subtree '{name}'{did_you_mean(name, boards)}")
     if len(data) != len(boards):
         missing = [name for name in boards if name not in data]
         raise BlackboardError(f"nothing is given for the subtrees {join_names(missing)}")

@@ -16,6 +16,7 @@ from btcore.diagnostic_codes import (
     UNDETERMINED_MAIN_TREE,
     UNKNOWN_FORMAT,
 )
+from btcore.errors import Fix, Hint
 from btcore.names import model_port_name_error
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
@@ -86,7 +87,8 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         format = parse_format(written)
         if format is None:
             message = f"unknown BTCPP_format '{written}'"
-            hint = 'write BTCPP_format="4", or "3" for a tree of Groot 1'
+            fixes = (Fix("set_format", ("4",)), Fix("set_format", ("3",)))
+            hint = Hint('write BTCPP_format="4", or "3" for a tree of Groot 1', fixes)
             collector.add(
                 main_document.diagnostic(
                     UNKNOWN_FORMAT, message, main_document.root, "BTCPP_format", hint=hint
@@ -101,9 +103,10 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         root = document.root
         if root.tag != "root":
             message = f"the outermost element is <{root.tag}>, not <root>"
-            hint = EXAMPLE
+            hint = Hint(EXAMPLE)
             if str(root.tag).lower() == "root":
-                hint = "did you mean <root>? XML is case-sensitive"
+                fix = Fix("rename", ("root",), is_safe=True)
+                hint = Hint("did you mean <root>? XML is case-sensitive", (fix,))
             collector.add(document.diagnostic(NOT_A_ROOT, message, root, hint=hint))
             continue
         only_child = len(root.children) == 1
@@ -111,7 +114,7 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
             id = element.get("ID")
             if not id and not only_child and dialect.checks_names:
                 message = "missing ID of the <BehaviorTree>"
-                hint = 'write <BehaviorTree ID="…">'
+                hint = Hint('write <BehaviorTree ID="…">', (Fix("name_tree"),))
                 collector.add(document.diagnostic(TREE_WITHOUT_ID, message, element, hint=hint))
             if id is None:
                 # The ID that BehaviorTree.CPP gives to a tree without an ID. An empty ID remains empty.
@@ -159,8 +162,8 @@ def _find_main(
     root = document.root
     if requested is not None:
         if requested not in by_id and are_complete:
-            hint = tree_hint(requested, by_id)
-            if not hint.startswith("did you mean"):
+            hint, fixes, _ = tree_hint(requested, by_id)
+            if not fixes:
                 hint = f"--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; {hint}"
             message = f"unknown main tree '{requested}'"
             collector.add(document.diagnostic(UNDETERMINED_MAIN_TREE, message, root, hint=hint))
@@ -169,9 +172,14 @@ def _find_main(
     if written is not None:
         if written not in by_id and are_complete:
             message = f"unknown main tree '{written}' in main_tree_to_execute"
-            hint = tree_hint(written, by_id)
             collector.add(
-                document.diagnostic(UNDETERMINED_MAIN_TREE, message, root, "main_tree_to_execute", hint=hint)
+                document.diagnostic(
+                    UNDETERMINED_MAIN_TREE,
+                    message,
+                    root,
+                    "main_tree_to_execute",
+                    hint=tree_hint(written, by_id),
+                )
             )
         return by_id.get(written)
     # Trees of the document itself take precedence over included trees.
@@ -192,7 +200,7 @@ def _find_main(
     return None
 
 
-def tree_hint(name: str, known: Iterable[str]) -> str:
+def tree_hint(name: str, known: Iterable[str]) -> Hint:
     """Return a hint for an unknown tree.
 
     Args:
@@ -202,8 +210,8 @@ def tree_hint(name: str, known: Iterable[str]) -> str:
     names = sorted(known)
     near = nearest_name(name, names)
     if near is not None:
-        return f"did you mean '{near}'?"
-    return f"the trees are: {join_names(names)}" if names else "no tree has an ID"
+        return Hint.similar_name(near)
+    return Hint(f"the trees are: {join_names(names)}" if names else "no tree has an ID")
 
 
 def _read_subtree_models(

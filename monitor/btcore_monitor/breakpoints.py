@@ -15,12 +15,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Final, NamedTuple
 
 import zmq
 
+from btcore.suggestions import did_you_mean
 from btcore_monitor.closeable import Closeable
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.events import STATUS_NAMES, ObservedNode, ObservedTree
@@ -118,11 +118,8 @@ def find_nodes(tree: ObservedTree, pattern: str) -> list[ObservedNode]:
     ]
     if nodes:
         return nodes
-    known = list(dict.fromkeys(text for node in tree.nodes for text in (node.path, node.name)))
-    # Reversed, so that the first of several texts that differ only in case wins.
-    folded = {text.casefold(): text for text in reversed(known)}
-    near = get_close_matches(pattern.casefold(), folded, n=1)
-    hint = f"; did you mean '{folded[near[0]]}'?" if near else f" (it is called '{tree.name}')"
+    known = dict.fromkeys(text for node in tree.nodes for text in (node.path, node.name))
+    hint = did_you_mean(pattern, known) or f" (it is called '{tree.name}')"
     raise BreakpointError(f"the tree has no node '{pattern}'{hint}")
 
 

@@ -14,7 +14,7 @@ from btcore.errors import BtcoreError, ConversionError, NodeExecutionError
 from btcore.loading.load import load, loads
 from btcore.registry.registry import Registry
 from btcore.status import RUNNING
-from btcore.suggestions import nearest_name
+from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore_batch.agent_sets import AgentSets, Indices, Mask
 from btcore_batch.blackboard import BatchBlackboard
@@ -330,8 +330,7 @@ class BatchTree:
             raise BtcoreError(
                 f"'{path}' is the name of {len(found)} nodes: {', '.join(node.path for node in found)}"
             )
-        nearest = nearest_name(path, [name for node in self.nodes for name in (node.path, node.name)])
-        hint = f"; did you mean '{nearest}'?" if nearest else ""
+        hint = did_you_mean(path, [name for node in self.nodes for name in (node.path, node.name)])
         raise BtcoreError(f"the tree has no node '{path}'{hint}")
 
     def __iter__(self) -> Iterator[BatchNode]:

@@ -1,20 +1,45 @@
-"""`btcore validate`: report all errors and warnings in tree files."""
+"""`btcore validate`: report all errors and warnings in tree files, and fix them."""
 
-from collections.abc import Sequence
+import difflib
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Final, NamedTuple
 
 import click
 from rich.text import Text
 
 from btcore.blackboard.ports import remapped_key
-from btcore.cli import terminal
+from btcore.cli import files, terminal
 from btcore.cli.node_libraries import load_libraries
-from btcore.cli.tree_source import TreeOptions, assumed_keys_option, complete_tree, find_source, parse_source
+from btcore.cli.tree_source import (
+    STDIN,
+    TreeOptions,
+    assumed_keys_option,
+    complete_tree,
+    find_source,
+    parse_source,
+)
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
+from btcore.input_files import read_file, real_path
 from btcore.lint.validate import validate_document
-from btcore.xml.read.read import read
+from btcore.xml.edit.fixes import FixMaker, fix_text
+from btcore.xml.read.positions import LineIndex
+from btcore.xml.read.read import parse_file, read
+
+MAX_ROUNDS: Final = 10
+"""Maximum number of times that a file is fixed and checked again: a fix can reveal another problem."""
+_BYTE_ORDER_MARK: Final = "\ufeff"
+
+
+class _FixedFile(NamedTuple):
+    """A file with its text before and after *fixes* fixes."""
+
+    path: Path
+    before: str
+    after: str
+    fixes: int
 
 
 @click.command(short_help="Check trees, and report all errors and warnings.")
@@ -23,12 +48,18 @@ from btcore.xml.read.read import read
 @assumed_keys_option
 @click.option("--strict", is_flag=True, help="Treat warnings as errors.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
+@click.option(
+    "--fix", "fix", is_flag=True, help="Correct the files, as far as no decision of a person is needed."
+)
+@click.option("--diff", "diff", is_flag=True, help="Print what --fix would change, and change nothing.")
 def validate(
     sources: Sequence[str],
     options: TreeOptions,
     given: Sequence[str],
     strict: bool,
     as_json: bool,
+    fix: bool,
+    diff: bool,
 ) -> int:
     """Report all errors and warnings in trees, each with file, line and column.
 
@@ -40,36 +71,51 @@ def validate(
       0  no errors
       2  errors, or with --strict warnings
     """
-    files = [file for source in sources for file in _find_files(source)]
+    if as_json and diff:
+        raise click.UsageError("--json and --diff cannot be used together.")
+    paths = [path for source in sources for path in _find_files(source)]
+    if fix and STDIN in paths:
+        raise click.UsageError("--fix cannot change stdin; --diff prints what it would change in a file.")
     libraries = load_libraries(options.plugins, options.models, options.confined, partial=True)
     keys = [remapped_key(key, key) or key for key in given]
-    diagnostics: list[Diagnostic] = []
-    for file in files:
+
+    def check(file: Path, text: str | None = None) -> list[Diagnostic]:
+        """Return the problems of a file, or of the *text* that replaces its content."""
         try:
-            document = parse_source(file, options.confined)
+            if text is None:
+                document = parse_source(file, options.confined)
+            else:
+                document = parse_file(file, confined=options.confined, unsaved={real_path(file): text})
         except TreeError as error:
-            diagnostics += error.diagnostics
-        else:
-            if libraries.is_partial:
-                libraries.load_missing(read(document, libraries.nodes.documents).documents)
-            nodes = libraries.nodes_for(document)
-            diagnostics += validate_document(
-                document, nodes=nodes, tree=options.tree, format=options.format, given=keys
-            )
+            return list(error.diagnostics)
+        if libraries.is_partial:
+            libraries.load_missing(read(document, libraries.nodes.documents).documents)
+        nodes = libraries.nodes_for(document)
+        return validate_document(document, nodes=nodes, tree=options.tree, format=options.format, given=keys)
+
+    fixed = [_fix_file(path, check) for path in paths if path != STDIN] if fix or diff else []
+    if diff:
+        _print_difference(fixed)
+    for path, before, after, _ in () if diff else fixed:
+        if before != after:
+            files.write(path, after.encode())
+    diagnostics = [item for path in paths for item in check(path)]
     errors = [item for item in diagnostics if item.is_error]
     warnings = [item for item in diagnostics if not item.is_error]
     valid = not errors and not (strict and warnings)
+    fix_count = sum(file.fixes for file in fixed)
     if as_json:
         shown, _ = shown_diagnostics([*errors, *warnings])
         data = {
             "ok": valid,
-            "files": len(files),
-            "diagnostics": list(map(_as_data, shown)),
+            "files": len(paths),
+            "fixed": fix_count,
+            "diagnostics": _as_data(shown),
             "omitted": len(diagnostics) - len(shown),
         }
         terminal.print_json(data)
-    else:
-        _print(errors, warnings, len(files), valid)
+    elif not diff:
+        _print(errors, warnings, len(paths), fix_count, valid)
         terminal.print_notes(libraries.missing_library_notes(diagnostics))
     return ExitCode.SUCCESS if valid else ExitCode.USER_ERROR
 
@@ -84,10 +130,40 @@ def _find_files(source: str) -> list[Path]:
     return files
 
 
-def _print(errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, valid: bool) -> None:
+def _fix_file(path: Path, check: Callable[[Path, str], list[Diagnostic]]) -> _FixedFile:
+    """Apply the safe fixes of the problems of a file until none is left."""
+    try:
+        before = read_file(path).decode()
+    except (OSError, ValueError):
+        return _FixedFile(path, "", "", 0)  # the check reports it
+    mark = before[: before.startswith(_BYTE_ORDER_MARK)]
+    text, count = before[len(mark) :], 0
+    for _ in range(MAX_ROUNDS):
+        own = [item for item in check(path, text) if item.file and real_path(item.file) == real_path(path)]
+        text, codes = fix_text(text, own)
+        if not codes:
+            break
+        count += len(codes)
+    return _FixedFile(path, before, mark + text, count)
+
+
+def _print_difference(fixed: Iterable[_FixedFile]) -> None:
+    """Print what the fixes change, as a unified diff."""
+    console = terminal.stdout_console()
+    styles = {"+": "green", "-": "red", "@": "cyan"}
+    for path, before, after, _ in fixed:
+        lines = (before.splitlines(keepends=True), after.splitlines(keepends=True))
+        for line in difflib.unified_diff(*lines, str(path), str(path)):
+            console.print(Text(line.rstrip("\r\n"), style=styles.get(line[0], "")), soft_wrap=True)
+
+
+def _print(
+    errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, fixed: int, valid: bool
+) -> None:
     """Print the errors, the warnings, and their numbers."""
     console = terminal.stdout_console()
-    shown, more = shown_diagnostics([*errors, *warnings])
+    diagnostics = [*errors, *warnings]
+    shown, more = shown_diagnostics(diagnostics)
     for diagnostic in shown:
         console.print(terminal.format_diagnostic(diagnostic), soft_wrap=True)
         console.print()
@@ -96,19 +172,48 @@ def _print(errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: 
     mark = Text("✔ ", style="bold green") if valid else Text("✘ ", style="bold red")
     counts = {"file": files, "error": len(errors), "warning": len(warnings)}
     parts = [terminal.counted(count, noun, zero="no") for noun, count in counts.items()]
+    if fixed:
+        parts.append(f"{terminal.counted(fixed, 'problem')} fixed")
     console.print(mark.append(", ".join(parts), style="bold"))
+    fixable = sum(any(fix.is_safe for fix in item.fixes) for item in diagnostics)
+    if fixable:
+        console.print(f"  --fix corrects {fixable} of them, --diff shows how")
 
 
-def _as_data(diagnostic: Diagnostic) -> dict[str, object]:
-    """Return *diagnostic* as JSON data."""
-    return {
-        "code": diagnostic.code,
-        "severity": diagnostic.code.severity,
-        "url": diagnostic.code.url,
-        "message": diagnostic.message,
-        "file": diagnostic.file,
-        "line": diagnostic.line,
-        "column": diagnostic.column,
-        "width": diagnostic.width,
-        "hint": diagnostic.hint,
-    }
+def _as_data(diagnostics: Iterable[Diagnostic]) -> list[dict[str, object]]:
+    """Return *diagnostics* as JSON data."""
+    makers: dict[str, tuple[FixMaker, LineIndex]] = {}
+    data: list[dict[str, object]] = []
+    for diagnostic in diagnostics:
+        fixes: list[dict[str, object]] = []
+        if diagnostic.fixes and diagnostic.file and Path(diagnostic.file).is_file():
+            if diagnostic.file not in makers:
+                text = read_file(diagnostic.file).decode("utf-8-sig", "replace")
+                makers[diagnostic.file] = FixMaker(text), LineIndex(text)
+            maker, lines = makers[diagnostic.file]
+            fixes = [
+                {
+                    "title": title,
+                    "safe": is_safe,
+                    "edits": [
+                        {"start": lines.place(start), "end": lines.place(end), "text": text}
+                        for start, end, text in edits
+                    ],
+                }
+                for title, edits, is_safe in maker.fixes_of(diagnostic)
+            ]
+        data.append(
+            {
+                "code": diagnostic.code,
+                "severity": diagnostic.code.severity,
+                "url": diagnostic.code.url,
+                "message": diagnostic.message,
+                "file": diagnostic.file,
+                "line": diagnostic.line,
+                "column": diagnostic.column,
+                "width": diagnostic.width,
+                "hint": diagnostic.hint,
+                "fixes": fixes,
+            }
+        )
+    return data

@@ -4,9 +4,12 @@ from collections.abc import Mapping
 from functools import cache, cached_property
 
 from btcore.entry_points import UnavailableEntryPoint, unsearched_libraries
+from btcore.errors import Fix, Hint
+from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import join_names, nearest_name
+from btcore.values import BOOL, EnumType, ValueType
 from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 
 
@@ -23,7 +26,7 @@ class UnknownNodeHints:
         """The nodes of the format, by ID."""
         return self._registry.manifests_of(self._format)
 
-    def hint(self, name: str, trees: Mapping[str, object], declared_in: str | None = None) -> str:
+    def hint(self, name: str, trees: Mapping[str, object], declared_in: str | None = None) -> Hint:
         """Return a hint for an unknown node; the first of the hints suggests to load a plugin.
 
         Args:
@@ -32,30 +35,35 @@ class UnknownNodeHints:
             declared_in: The file whose TreeNodesModel declares the node, or None.
         """
         if name in trees:
-            return f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>"
+            fix = Fix("call_tree", is_safe=True)
+            return Hint(f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>", (fix,))
         successor = NODE_REPLACEMENTS.get(name)
         if successor is not None and self._registry.get(successor, self._format) is not None:
-            return f"use <{successor}>, which replaces it"
+            return Hint(f"use <{successor}>, which replaces it", (Fix("rename", (successor,), is_safe=True),))
         other = 7 - self._format
         if self._registry.get(name, other) is not None:
-            return f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
+            hint = f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
+            return Hint(hint, (Fix("set_format", (str(other),)),))
         if declared_in is not None:
             model = f"--model {declared_in or 'FILE'}"
-            return (
+            return Hint(
                 "a <TreeNodesModel> declares it, but its code is not registered: use --plugin or nodes.add, "
                 f"or {model} to work without the code"
             )
+        declare = (Fix("declare_node", (name,)),) if is_port_name(name) else ()
         if not self.names:
-            return "the registry is empty: start with Registry.standard(), which has the built-in nodes"
+            hint = "the registry is empty: start with Registry.standard(), which has the built-in nodes"
+            return Hint(hint, declare)
         # A registry without installed libraries is that of a program: the commands load them all.
         is_program = not any(manifest.is_overridable for manifest in self.names.values())
         installed, unavailable = _installed_nodes() if is_program else (self._registry, [])
         provided = installed.get(name, self._format)
         if provided is not None:
-            return (
+            hint = (
                 f"the installed library {provided.distribution} provides it: call nodes.add_plugins() of the "
                 "registry, and pass nodes=nodes"
             )
+            return Hint(hint, declare)
         searched = "searched: " + ", ".join(self._distributions())
         near = nearest_name(name, [*self.names, *EXPLICIT_TAGS])
         hint = searched if near is None else f"did you mean <{near}>?   {searched}"
@@ -63,7 +71,8 @@ class UnknownNodeHints:
             self._plugin_suggested = True
             hint += "; load a plugin that provides it (--plugin, or nodes.add_plugin)"
             hint += "".join(f"; {note}" for note in unsearched_libraries(unavailable))
-        return hint
+        rename = () if near is None else (Fix("rename", (near,)),)
+        return Hint(hint, (*rename, *declare))
 
     def _distributions(self) -> list[str]:
         """Return the names of the Python distributions that provide the nodes, btcore first."""
@@ -80,16 +89,29 @@ def _installed_nodes() -> tuple[Registry, list[UnavailableEntryPoint]]:
     return nodes, nodes.add_installed()
 
 
-def port_hint(manifest: Manifest, name: str) -> str:
+def literals_of(kind: ValueType) -> list[str]:
+    """Return the texts of all values of an enum or a Boolean; no texts for other types."""
+    if isinstance(kind, EnumType):
+        return [kind.to_text(member) for member in kind.members]
+    return ["true", "false"] if kind is BOOL else []
+
+
+def value_hint(kind: ValueType) -> Hint:
+    """Return the hint, without a text, for a literal that is not of the type *kind*."""
+    literals = literals_of(kind)
+    return Hint("", (Fix("write_value", tuple(literals)),) if literals else ())
+
+
+def port_hint(manifest: Manifest, name: str) -> Hint:
     """Return a hint for a port *name* that the node of *manifest* doesn't have."""
     similar = next((item for item in manifest.parameters if item.name == name and item.looks_like_port), None)
     if similar is not None:
         kind = similar.type_name
-        return f"its parameter '{name}: {kind}' is a resource; did you mean {name}: In[{kind}]?"
+        return Hint(f"its parameter '{name}: {kind}' is a resource; did you mean {name}: In[{kind}]?")
     if not manifest.ports:
-        return "it has no ports"
+        return Hint("it has no ports")
     near = nearest_name(name, manifest.ports)
     if near is not None:
-        return f"did you mean '{near}'?"
+        return Hint.similar_name(near)
     ports = join_names([f"'{port}'" for port in manifest.ports])
-    return f"its ports are {ports}" if len(manifest.ports) > 1 else f"its only port is {ports}"
+    return Hint(f"its ports are {ports}" if len(manifest.ports) > 1 else f"its only port is {ports}")

@@ -3,6 +3,7 @@
 The cache of tags only saves time: without it the plans are the same.
 """
 
+from itertools import islice
 from typing import TYPE_CHECKING, Final
 
 from btcore.diagnostic_codes import (
@@ -20,6 +21,7 @@ from btcore.diagnostic_codes import (
     DiagnosticCode,
 )
 from btcore.engine.node_config import MAX_NODES
+from btcore.errors import Fix, Hint
 from btcore.names import FORBIDDEN, RESERVED_IDS, forbidden_in
 from btcore.status import NodeType
 from btcore.xml.define import TreeDefinition
@@ -31,6 +33,8 @@ from btcore.xml.read.read import Document
 if TYPE_CHECKING:
     from btcore.xml.plan.hints import UnknownNodeHints
 
+MAX_SUGGESTED_TREES: Final = 20
+"""Maximum number of trees that are suggested for a SubTree element without an ID."""
 _LEAVES: Final = {NodeType.ACTION: "an action", NodeType.CONDITION: "a condition"}
 
 
@@ -42,6 +46,22 @@ def element_children(element: Element) -> list[Element]:
 def count_text(count: int) -> str:
     """Return a number of children as text, such as `2 children`."""
     return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
+
+
+def _one_child_hint(count: int) -> Hint:
+    """Return the hint for a decorator or a tree that has *count* children instead of one."""
+    if not count:
+        return Hint("", (Fix("add_children", ("1",)),))
+    return Hint("put them into a <Sequence>", wrapping_fixes(1))
+
+
+def wrapping_fixes(most: int) -> tuple[Fix, ...]:
+    """Return the fixes that put the last children into a control node, so that *most* are left.
+
+    Args:
+        most: The maximum number of children.
+    """
+    return tuple(Fix("wrap_children", (tag, str(most - 1))) for tag in ("Sequence", "Fallback"))
 
 
 def outline_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
@@ -74,6 +94,8 @@ class _TagCache:
         self._hints: UnknownNodeHints | None = None  # only unknown nodes need them
         # The files that declare nodes in their TreeNodesModel, by ID; None before the first unknown node.
         self._declaring_files: dict[str | None, str] | None = None
+        # The trees that a SubTree element without an ID probably calls.
+        self.first_trees = tuple(islice(context.definitions.by_id, MAX_SUGGESTED_TREES))
 
     def classify(self, tag: str) -> NodeType | None:
         """Find the node type that limits the children of *tag*; None if the tag alone does not tell it."""
@@ -92,7 +114,7 @@ class _TagCache:
             self.leaf_tags.add(tag)
         return node_type
 
-    def unknown_node_hint(self, id: str) -> str:
+    def unknown_node_hint(self, id: str) -> Hint:
         """Return a hint for the unknown node *id*."""
         context = self._context
         if self._hints is None:
@@ -100,7 +122,7 @@ class _TagCache:
 
             self._hints = UnknownNodeHints(context.registry, context.dialect.format)
         if not context.collector.take_comparisons(self._hints.names):
-            return ""
+            return Hint()
         if self._declaring_files is None:
             self._declaring_files = {
                 model.get("ID"): document.file
@@ -121,14 +143,16 @@ class _TreeOutliner:
         self._collector = context.collector
         self._tag_cache = tag_cache
         self._document = document
+        self._own_id: str | None = None
 
     def _report(
-        self, code: DiagnosticCode, message: str, element: Element, attribute: str = "", hint: str = ""
+        self, code: DiagnosticCode, message: str, element: Element, attribute: str = "", hint: str | Hint = ""
     ) -> None:
         self._collector.add(self._document.diagnostic(code, message, element, attribute, hint=hint))
 
     def outline(self, top: Element) -> list[NodePlan]:
         """Return the node plans below the `<BehaviorTree>` *top*, in pre-order."""
+        self._own_id = top.get("ID")
         dialect = self._dialect
         limit = self._document.max_depth or dialect.max_depth
         ignored: set[NodePlan] = set()
@@ -177,7 +201,8 @@ class _TreeOutliner:
     def _warn_obsolete_root(self, element: Element) -> None:
         for child in element.iterchildren("Root"):
             message = "the obsolete <Root> is ignored"
-            self._report(CAPITALISED_ROOT, message, child, hint="remove it")
+            hint = Hint("remove it", (Fix("remove", is_safe=True),))
+            self._report(CAPITALISED_ROOT, message, child, hint=hint)
 
     def _check_other_tag(self, tag: str, element: Element, children: list[Element]) -> None:
         """Check an element whose tag is not the ID of a node."""
@@ -216,9 +241,11 @@ class _TreeOutliner:
         has = count_text(count)
         if node_type is NodeType.DECORATOR:
             if count != 1:
-                hint = "put them into a <Sequence>" if count else ""
                 self._report(
-                    WRONG_CHILD_COUNT, f"<{id}> has {has}; a decorator has exactly 1", element, hint=hint
+                    WRONG_CHILD_COUNT,
+                    f"<{id}> has {has}; a decorator has exactly 1",
+                    element,
+                    hint=_one_child_hint(count),
                 )
         elif node_type is NodeType.CONTROL:
             manifest = self._context.manifest(id)
@@ -227,12 +254,20 @@ class _TreeOutliner:
                 message = (
                     f"<{id}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
                 )
-                hint = manifest.spec.child_roles if manifest is not None and least > 1 else ""
+                roles, needed = "", least
+                if manifest is not None:
+                    from btcore.xml.models.stubs import is_stub  # only errors need it
+
+                    roles = manifest.spec.child_roles if least > 1 else ""
+                    # More children may be needed at the first tick than to load the tree.
+                    needed = least if is_stub(manifest.cls) else max(least, manifest.spec.child_count[0])
+                hint = Hint(roles, (Fix("add_children", (str(needed - count),)),))
                 self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
             elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
                 self._check_asynchronous(children)
         elif count and node_type in _LEAVES:
-            self._report(WRONG_CHILD_COUNT, f"<{id}> has {has}; {_LEAVES[node_type]} has none", element)
+            message = f"<{id}> has {has}; {_LEAVES[node_type]} has none"
+            self._report(WRONG_CHILD_COUNT, message, element, hint=Hint("", (Fix("remove_children"),)))
 
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
@@ -254,14 +289,15 @@ class _TreeOutliner:
                 self._report(INVALID_NAME, f"invalid tree ID '{id}': the name is reserved", element, "ID")
         if len(children) != 1:
             message = f"{label} has {count_text(len(children))}; a tree has exactly 1"
-            hint = "put them into a <Sequence>" if children else ""
-            self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
+            self._report(WRONG_CHILD_COUNT, message, element, hint=_one_child_hint(len(children)))
 
     def _check_call(self, tag: str, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
         if element.get("ID") is None or (not id and self._dialect.format == 4):
             message = f"the ID of the tree is missing in <{tag}>"
-            self._report(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>')
+            trees = [known for known in self._tag_cache.first_trees if known != self._own_id]
+            fixes = [Fix("write", ("ID", known)) for known in trees]
+            self._report(MISSING_ID, message, element, hint=Hint(f'write <{tag} ID="…"/>', tuple(fixes)))
         elif self._dialect.checks_names:
             self._check_not_a_node(id, element)
         if children and tag in self._dialect.tags_with_ignored_children:
@@ -270,7 +306,7 @@ class _TreeOutliner:
             self._report(UNREACHABLE_CHILD, message, children[0], hint=hint)
         elif children:
             message = f'<{tag} ID="{id}"> has children; they belong into the <BehaviorTree> that it calls'
-            self._report(WRONG_CHILD_COUNT, message, children[0])
+            self._report(WRONG_CHILD_COUNT, message, element, hint=Hint("", (Fix("remove_children"),)))
 
     def _check_not_a_node(self, id: str, element: Element) -> None:
         known = self._context.manifest(id)

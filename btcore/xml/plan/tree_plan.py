@@ -18,7 +18,7 @@ from btcore.diagnostic_codes import (
     DiagnosticCode,
 )
 from btcore.engine.node_config import EMPTY_MAPPING
-from btcore.errors import ConversionError
+from btcore.errors import ConversionError, Fix, Hint
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
@@ -202,7 +202,7 @@ class TreePlanner:
         message: str,
         element: Element,
         attribute: str,
-        hint: str = "",
+        hint: str | Hint = "",
         at_name: bool = False,
     ) -> None:
         part: ElementPart = "name" if at_name else "value"
@@ -293,9 +293,9 @@ class TreePlanner:
                     message = (
                         f'unexpected ID in <{node.id}>: only explicit tags such as <Action ID="…"> have one'
                     )
-                    self._report(
-                        UNEXPECTED_ID, message, node.element, key, 'to name the node, write name="…"'
-                    )
+                    fixes = (Fix("rename_attribute", ("name",)), Fix("remove"))
+                    hint = Hint('to name the node, write name="…"', fixes)
+                    self._report(UNEXPECTED_ID, message, node.element, key, hint)
             elif key in dialect.comment_attributes or (
                 dialect.allows_non_port_attributes and not is_port_name(key)
             ):
@@ -305,7 +305,7 @@ class TreePlanner:
 
                 message = f"<{node.id}> has no port '{key}'"
                 may_search = self._collector.take_comparisons(manifest.ports)
-                hint = port_hint(manifest, key) if may_search else ""
+                hint = port_hint(manifest, key) if may_search else Hint()
                 self._report(UNKNOWN_PORT, message, node.element, key, hint, at_name=True)
         if conditions:
             node.conditions = {
@@ -349,11 +349,16 @@ class TreePlanner:
                 error = str(conversion_error)
         if not error:
             return True
-        hint = ""
+        from btcore.xml.plan.hints import value_hint  # only errors need it
+
+        hint = value_hint(kind)
         if binding.key is not None:
-            hint = "write {=}" if "=" in text else f"write {text.strip()} without surrounding spaces"
+            key = "{=}" if "=" in text else text.strip()
+            fix = Fix("write_value", (key,), is_safe=True)
+            hint = Hint(f"write {key}" + (" without surrounding spaces" if key != "{=}" else ""), (fix,))
         elif is_port_name(text):
-            hint = f"to use the blackboard entry, write {{{text}}}"
+            fix = Fix("write_value", (f"{{{text}}}",))
+            hint = Hint(f"to use the blackboard entry, write {{{text}}}", (*hint.fixes, fix))
         message = f"the port '{port.name}' of <{node.id}> has the type {kind.name}: {error}"
         self._report(INCONVERTIBLE_TEXT, message, node.element, port.name, hint)
         return False
@@ -377,7 +382,9 @@ class TreePlanner:
             return True
         if element.get("ID") is not None and self._context.definitions.are_complete:
             trees = self._context.definitions.by_id
-            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else ""
+            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else Hint()
+            if id:
+                hint = Hint(hint.text, (*hint.fixes, Fix("create_tree", (id,))))
             self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
         return False
 
@@ -410,7 +417,8 @@ class TreePlanner:
                     message = (
                         f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
                     )
-                    hint = f'write {port}="…", or declare a default in <TreeNodesModel>'
+                    text = f'write {port}="…", or declare a default in <TreeNodesModel>'
+                    hint = Hint(text, (Fix("write", (port, f"{{{port}}}")),))
                     self._report(MISSING_SUBTREE_PORT, message, node.element, "", hint)
                 else:
                     given[port] = default
@@ -454,5 +462,7 @@ class TreePlanner:
             return BOOL.from_text(text, self._dialect.format) is True
         except ConversionError:
             message = f"{key} must be 'true' or 'false', not '{text}'"
-            self._report(NOT_A_BOOLEAN, message, node.element, key)
+            from btcore.xml.plan.hints import value_hint  # only errors need it
+
+            self._report(NOT_A_BOOLEAN, message, node.element, key, value_hint(BOOL))
             return False

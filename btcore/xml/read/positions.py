@@ -5,7 +5,7 @@ from bisect import bisect_right
 from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
-from btcore.errors import Diagnostic
+from btcore.errors import Diagnostic, Hint
 from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.tinyxml2_compat import (
     WRITTEN_CHARACTER,
@@ -28,14 +28,16 @@ class SourceSpan(NamedTuple):
     width: int
     source: str
 
-    def diagnostic(self, code: DiagnosticCode, message: str, file: str, hint: str = "") -> Diagnostic:
+    def diagnostic(self, code: DiagnosticCode, message: str, file: str, hint: str | Hint = "") -> Diagnostic:
         """Return a diagnostic about this range of *file*.
 
         Args:
             file: Name of the file in messages, or "".
             hint: How to fix the problem, or "".
         """
-        return Diagnostic(code, message, file, self.line, self.column, hint, self.source, self.width)
+        text, fixes, key = Hint.of(hint)
+        place = (self.line, self.column)
+        return Diagnostic(code, message, file, *place, text, self.source, self.width, fixes, key)
 
 
 class LineIndex:
@@ -49,6 +51,15 @@ class LineIndex:
     def line(self, offset: int) -> int:
         """Return the number of the line, from 1, that contains the character at *offset*."""
         return bisect_right(self._starts, offset)
+
+    def place(self, offset: int) -> tuple[int, int]:
+        """Return the line and the column, both from 1, of the character at *offset*."""
+        line = self.line(offset)
+        return line, offset - self._starts[line - 1] + 1
+
+    def offset(self, line: int, column: int) -> int:
+        """Return the offset of a character; *line* and *column* count from 1. The text must have the line."""
+        return self._starts[line - 1] + column - 1
 
     def span(self, offset: int, width: int = 1) -> SourceSpan:
         """Return the position of a range of the text.

@@ -5,6 +5,7 @@ with file, line and column. A `<!DOCTYPE …>` with content is an error.
 """
 
 import os
+import posixpath
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -22,7 +23,7 @@ from btcore.diagnostic_codes import (
     UNREADABLE_FILE,
     DiagnosticCode,
 )
-from btcore.errors import Diagnostic, XmlSyntaxError
+from btcore.errors import Diagnostic, Fix, Hint, XmlSyntaxError
 from btcore.input_files import read_error, read_file, real_path
 from btcore.suggestions import similar_file
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
@@ -112,7 +113,7 @@ class Document:
         element: Element,
         attribute: str = "",
         part: ElementPart = "value",
-        hint: str = "",
+        hint: str | Hint = "",
         within: int = 0,
     ) -> Diagnostic:
         """Return a diagnostic about an element or one of its attributes.
@@ -125,7 +126,7 @@ class Document:
         """
         place = self.source_map.span(element, attribute, part, within)
         if place is None:
-            return Diagnostic(code, message, self.file, hint=hint)
+            return Diagnostic(code, message, self.file, hint=Hint.of(hint).text)
         return place.diagnostic(code, message, self.file, hint)
 
     @property
@@ -240,6 +241,7 @@ def parse_bytes(data: bytes, file: str, *, confined: bool = False) -> Document:
 
 def _unreadable(path: Path, error: OSError) -> Diagnostic:
     hint = ""
+    files: list[str] = []
     if str(path).lstrip().startswith("<"):
         message = "expected the path of a file, but got XML text"
         return Diagnostic(UNREADABLE_FILE, message, hint="to load a text, use btcore.loads(text)")
@@ -248,14 +250,18 @@ def _unreadable(path: Path, error: OSError) -> Diagnostic:
         names = sorted(file.name for file in path.glob("*.xml"))[:5]
         if names:
             hint = "did you mean a file in it: " + ", ".join(names) + "?"
+            files = [f"{path.name}/{name}" for name in names]
     elif isinstance(error, FileNotFoundError):
         message = "no such file"
         near = similar_file(path, ".xml")
         if near is not None:
             hint = f"did you mean {near}?"
+            files = [Path(near).name]
     else:
         message = f"can't be read: {read_error(error)}"
-    return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint)
+    # An include of the file names one of these files instead.
+    fixes = tuple(Fix("write_value", (name,)) for name in files)
+    return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint, fixes=fixes)
 
 
 def _decoded(data: bytes, file: str) -> str:
@@ -407,7 +413,10 @@ def _add_errors(
             collector.add(cause)
             continue
         message = f"the included file '{cause.file}': {cause.message}"
-        collector.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=cause.hint))
+        written = posixpath.dirname((element.get("path") or "").rstrip("/"))
+        fixes = [Fix("write_value", (posixpath.join(written, *fix.arguments),)) for fix in cause.fixes]
+        hint = Hint(cause.hint, tuple(fixes))
+        collector.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=hint))
 
 
 def _include_path(

@@ -8,7 +8,7 @@ import sys
 from typing import Final, NamedTuple, NoReturn
 
 from btcore.diagnostic_codes import BARE_MARKUP, LENIENT_XML, NOT_XML, DiagnosticCode
-from btcore.errors import XmlSyntaxError
+from btcore.errors import Fix, Hint, XmlSyntaxError
 from btcore.xml.read.element import EXAMPLE, MAX_LEVELS, Element
 from btcore.xml.read.positions import span_at
 from btcore.xml.read.tinyxml2_compat import OPEN_TAG, REFERENCE, START_TAG, decode
@@ -36,15 +36,20 @@ class Finding(NamedTuple):
     width: int
     code: DiagnosticCode
     message: str
-    hint: str
+    hint: Hint
+
+
+def _rewrite(before: str, after: str) -> tuple[Fix, ...]:
+    """Return the fix that replaces the marked text *before*. Only a text in one line is marked as a whole."""
+    return () if "\n" in before or "\r" in before else (Fix("replace", (after,), is_safe=True),)
 
 
 class _SyntaxError(Exception):
     """The text is rejected; *finding* is the reason."""
 
-    def __init__(self, offset: int, width: int, message: str, hint: str = "") -> None:
+    def __init__(self, offset: int, width: int, message: str, hint: str = "", *fixes: Fix) -> None:
         super().__init__(message)
-        self.finding = Finding(offset, width, NOT_XML, message, hint)
+        self.finding = Finding(offset, width, NOT_XML, message, Hint(hint, fixes))
 
 
 def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Finding]]:
@@ -89,7 +94,9 @@ class _Parser:
         if self._open:
             element, start = self._open[-1]
             hint = f"write </{element.tag}>, or <{element.tag} … />"
-            raise _SyntaxError(start, len(element.tag) + 1, f"<{element.tag}> is never closed", hint)
+            message = f"<{element.tag}> is never closed"
+            fix = Fix("end_tag", (element.tag,))
+            raise _SyntaxError(start, len(element.tag) + 1, message, hint, fix)
         if self._root is None:
             raise _SyntaxError(0, 1, "not XML: the document has no element", EXAMPLE)
         for control in _CONTROL.finditer(text):
@@ -97,8 +104,9 @@ class _Parser:
             self._warn(control.start(), 1, message, "remove it")
         return self._root, self._warnings
 
-    def _warn(self, offset: int, width: int, message: str, hint: str) -> None:
-        self._add(Finding(offset, width, LENIENT_XML, message, f"other XML tools reject it; {hint}"))
+    def _warn(self, offset: int, width: int, message: str, hint: str, *fixes: Fix) -> None:
+        whole = Hint(f"other XML tools reject it; {hint}", fixes)
+        self._add(Finding(offset, width, LENIENT_XML, message, whole))
 
     def _add(self, finding: Finding) -> None:
         if len(self._warnings) < MAX_FINDINGS:
@@ -170,10 +178,12 @@ class _Parser:
             return len(text)
         bare = _BARE_AMPERSAND.search(text, at, end)
         if bare is not None:
-            self._warn(bare.start(), 1, "unescaped '&' in text", "write &amp;")
+            fix = Fix("replace", ("&amp;",), is_safe=True)
+            self._warn(bare.start(), 1, "unescaped '&' in text", "write &amp;", fix)
         closing = text.find("]]>", at, end)
         if closing >= 0:
-            self._warn(closing, 3, "']]>' in text", "write ]]&gt;")
+            fix = Fix("replace", ("]]&gt;",), is_safe=True)
+            self._warn(closing, 3, "']]>' in text", "write ]]&gt;", fix)
         self._check_characters(at, end)
         return end
 
@@ -189,7 +199,8 @@ class _Parser:
             return self._close(tag, after) if not is_empty else self._refuse_tag(at, end)
         self._check_name(tag, 2)
         if tag.start(2) > at + 1:
-            self._warn(at, tag.end() - at, "white space between '<' and the name", f"write <{tag[2]}")
+            fix = _rewrite(tag[0], f"<{tag[2]}")
+            self._warn(at, tag.end() - at, "white space between '<' and the name", f"write <{tag[2]}", *fix)
         element = Element(tag[2], attributes, 0)
         if self._open:
             self._open[-1][0].children.append(element)
@@ -220,9 +231,11 @@ class _Parser:
         if element.tag != name:
             place = span_at(self._text, start)
             hint = f"<{element.tag}> was opened in line {place.line}, column {place.column}"
-            raise _SyntaxError(at, after - at, f"expected </{element.tag}>, but found </{name}>", hint)
+            message = f"expected </{element.tag}>, but found </{name}>"
+            raise _SyntaxError(at, after - at, message, hint, Fix("end_tag", (element.tag,)))
         if tag.group().rstrip(name) != "</" or self._text[tag.end() : after].strip() != ">":
-            self._warn(at, after - at, "the end tag is more than a name", f"write </{name}>")
+            fix = _rewrite(self._text[at:after], f"</{name}>")
+            self._warn(at, after - at, "the end tag is more than a name", f"write </{name}>", *fix)
         return after
 
     def _read_attributes(self, tag: re.Match[str]) -> tuple[dict[str, str], int]:
@@ -242,7 +255,8 @@ class _Parser:
                 raise _SyntaxError(at, len(name), message, "remove one of them")
             if at == after_name:
                 message = f"missing white space before the attribute {name}"
-                self._warn(at, len(name), message, f"write a space before {name}")
+                fix = Fix("insert", (" ",), is_safe=True)
+                self._warn(at, len(name), message, f"write a space before {name}", fix)
             self._check_name(match, 1)
             attributes[name] = self._value(match)
             after_name = match.end()
@@ -256,13 +270,15 @@ class _Parser:
         tag = _TAG.match(text, at)
         if tag is not None and tag[1] and text[error_at : error_at + 1] in ("", "<"):
             message = f"the tag </{tag[2]} is not closed"
-            raise _SyntaxError(at, tag.end() - at, message, f"write </{tag[2]}>")
+            raise _SyntaxError(at, tag.end() - at, message, f"write </{tag[2]}>", Fix("close_tag"))
         attribute = _ATTRIBUTE.match(text, error_at)
         if attribute is None:
             raise _SyntaxError(error_at, 1, "invalid attribute name")
         if attribute[2] is None:
             name = attribute[1]
-            raise _SyntaxError(error_at, len(name), f"the attribute {name} has no value", f'write {name}="…"')
+            message = f"the attribute {name} has no value"
+            fix = Fix("write", (name, f"{{{name}}}"))
+            raise _SyntaxError(error_at, len(name), message, f'write {name}="…"', fix)
         raise _SyntaxError(attribute.end(), 1, "an attribute's value must be in quotes")
 
     def _refuse_unclosed_tag(self, opening: re.Match[str]) -> NoReturn:
@@ -273,7 +289,8 @@ class _Parser:
         inside = rest.partition("<")[0]
         if '"' in inside or "'" in inside:
             raise _SyntaxError(at, width, f"missing closing quote in the tag {opening[0]} …>")
-        raise _SyntaxError(at, width, f"the tag {opening[0]} …> is not closed", "close it with > or />")
+        message = f"the tag {opening[0]} …> is not closed"
+        raise _SyntaxError(at, width, message, "close it with > or />", Fix("close_tag"))
 
     def _check_name(self, match: re.Match[str], group: int) -> None:
         prefix, colon, _ = match[group].partition(":")
@@ -292,7 +309,8 @@ class _Parser:
             message = f"unescaped '{bare[0]}' in an attribute value is read as text"
             written = f"{text[attribute.start() : start]}{escaped}{text[end]}"
             hint = f"other XML tools reject it; write {written}"
-            self._add(Finding(bare.start(), 1, BARE_MARKUP, message, hint))
+            fix = Fix("escape", is_safe=True)
+            self._add(Finding(bare.start(), 1, BARE_MARKUP, message, Hint(hint, (fix,))))
         self._check_characters(start, end)
         return decode(attribute[group])
 

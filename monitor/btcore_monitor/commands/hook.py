@@ -5,13 +5,13 @@ import sys
 import threading
 import time
 from collections.abc import Collection, Iterator
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import click
 
 from btcore.field_options import pass_options
 from btcore.signals import EndingSignals
+from btcore.suggestions import nearest_name
 from btcore_monitor.console import print_line
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import KeyOptions
@@ -44,9 +44,9 @@ class HookGroup(click.Group):
         # The index of the first argument after the options and their values.
         at = len(options) + len(more)
         if len(args) == at + 1 and args[at].isalpha() and args[at] not in self.commands:
-            near = get_close_matches(args[at], self.commands, n=1)
-            if near:
-                raise click.UsageError(f"there is no command '{args[at]}'. Did you mean '{near[0]}'?", ctx)
+            near = nearest_name(args[at], self.commands)
+            if near is not None:
+                raise click.UsageError(f"there is no command '{args[at]}'. Did you mean '{near}'?", ctx)
         if args[at : at + 1] and args[at] in self.commands:
             args = [*args[:at], DEFAULT_ADDRESS, *args[at:]]
         return super().parse_args(ctx, args)

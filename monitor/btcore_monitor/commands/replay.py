@@ -12,7 +12,7 @@ from btcore.escaping import escape_controls
 from btcore.logs import Recording, read_log
 from btcore.logs.console import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
-from btcore.suggestions import nearest_name
+from btcore.suggestions import did_you_mean
 from btcore_monitor.console import print_line, print_message
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.events import (
@@ -158,8 +158,7 @@ def _print(recording: Recording, window: range, patterns: Sequence[str]) -> None
     keys = recording.keys()
     for pattern in patterns:
         if not any(fnmatchcase(path, pattern) for path in keys.values()):
-            guess = nearest_name(pattern, keys.values())
-            hint = f"; did you mean '{guess}'?" if guess else ""
+            hint = did_you_mean(pattern, keys.values())
             raise click.UsageError(f"--node: no node's path matches '{pattern}'{hint}")
     chosen = {
         uid: escape_controls(path, one_line=True)

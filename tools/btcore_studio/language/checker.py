@@ -10,8 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from btcore.diagnostic_codes import ASSIGNMENT_TO_MISSING_ENTRY, UNWRITTEN_KEY
-from btcore_studio.language.diagnostics import Report, merge
+from btcore_studio.language.diagnostics import Report, merge, report_from_data
 from btcore_studio.language.node_models import NodeModel
 from btcore_studio.language.project import PROJECT_SUFFIX, DocumentKey, Project, SourceDocument
 from btcore_studio.language.worker import WorkerSettings
@@ -239,7 +238,7 @@ class Checker:
             return
         found: dict[DocumentKey, list[Report]] = {root: []}
         for data in answer["reports"]:
-            report = Report(*data)
+            report = report_from_data(data)
             found.setdefault(Path(report.file) if report.file else root, []).append(report)
         read = {Path(file) for file in answer["files"]}
         changed = self._read.get(root, set()) ^ read
@@ -295,7 +294,7 @@ class Checker:
             checked, reports = results.get(file, (None, []))
             if checked == version and root == file and is_included:
                 # The file alone does not show which keys its callers connect. Their checks do.
-                yield [report for report in reports if not _is_about_caller(report)]
+                yield [report for report in reports if not report.outer_key]
             elif checked == version:
                 yield reports
 
@@ -310,7 +309,7 @@ class Checker:
         found: dict[Path, list[Report]] = {}
         for message, file, line in problems:
             if file:
-                report = Report(file, line - 1, 0, _LINE_END, "", True, message, "", "")
+                report = Report(file, line - 1, 0, _LINE_END, "", True, message)
                 found.setdefault(Path(file), []).append(report)
             else:
                 self._show_once(message)
@@ -354,12 +353,6 @@ class Checker:
         self._publish_problems(answer["problems"])
         self._refresh()
         return worker
-
-
-def _is_about_caller(report: Report) -> bool:
-    """Return whether a report is about a key that a calling tree may write."""
-    codes = (UNWRITTEN_KEY, ASSIGNMENT_TO_MISSING_ENTRY)
-    return report.code in codes and "fill the blackboard" in report.hint
 
 
 def _stamps(files: Iterable[Path]) -> dict[Path, int]:

@@ -15,13 +15,14 @@ from btcore.script import lexer
 from btcore.status import NodeType
 from btcore.values import BOOL, ValueType
 from btcore.xml.models.tree_nodes_model import quoted
+from btcore.xml.plan.hints import literals_of
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS
+from btcore.xml.read.scan import Place, ScannedAttribute, ScannedElement
 from btcore_studio.language.descriptions import (
     CONDITION_ATTRIBUTES,
     ELEMENTS,
     SHARING_ATTRIBUTES,
     is_mandatory,
-    literals_of,
     node_markdown,
     port_markdown,
     port_signature,
@@ -32,7 +33,6 @@ from btcore_studio.language.key_links import KeyLinks, TreeKey, links_of
 from btcore_studio.language.node_attributes import file_symbols, node_element, script_tokens, tree_of
 from btcore_studio.language.project import PROJECT_SUFFIX, Project, SourceDocument
 from btcore_studio.language.project_symbols import ProjectSymbols, symbols_of
-from btcore_studio.language.scanner import Place, ScannedAttribute, ScannedElement
 from btcore_studio.language.symbols import FileSymbols, KeyForm, TreeSymbol, is_call
 
 TRIGGERS: Final = ("<", "/", " ", '"', "'", "{")

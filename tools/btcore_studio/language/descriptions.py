@@ -9,8 +9,9 @@ from btcore.escaping import escape_controls
 from btcore.lint.ports import is_required
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
-from btcore.values import BOOL, DOUBLE, EnumType, ValueType
+from btcore.values import DOUBLE, ValueType
 from btcore.xml.models.stubs import is_stub
+from btcore.xml.plan.hints import literals_of
 
 ARROWS: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "↔"}
 """The sign of a port's direction: the node reads the port, writes it, or both."""
@@ -115,13 +116,6 @@ def node_markdown(manifest: Manifest) -> str:
     if url is not None:
         lines += ["", f"[Documentation]({url})"]
     return "\n".join(lines)
-
-
-def literals_of(kind: ValueType) -> list[str]:
-    """Return the texts of all values of an enum or a Boolean; no texts for other types."""
-    if isinstance(kind, EnumType):
-        return [kind.to_text(member) for member in kind.members]
-    return ["true", "false"] if kind is BOOL else []
 
 
 def _port_facts(manifest: Manifest, port: Port) -> str:

@@ -1,13 +1,15 @@
 """Errors and warnings as `btcore validate` finds them, with the ranges of the protocol."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from lsprotocol import types
 
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
+from btcore.xml.edit.edits import Edit
+from btcore.xml.edit.fixes import FixMaker, TextFix
 from btcore.xml.read.read import Document
 
 SOURCE: Final = "btcore"
@@ -26,6 +28,8 @@ class Report(NamedTuple):
         message: What is wrong.
         hint: How to correct the problem, or "".
         url: The documentation of the code, or "".
+        outer_key: See `Diagnostic.outer_key`.
+        fixes: The fixes, with offsets in the text of the file.
     """
 
     file: str
@@ -35,8 +39,10 @@ class Report(NamedTuple):
     code: str
     is_error: bool
     message: str
-    hint: str
-    url: str
+    hint: str = ""
+    url: str = ""
+    outer_key: str = ""
+    fixes: tuple[TextFix, ...] = ()
 
     @property
     def range(self) -> types.Range:
@@ -56,8 +62,21 @@ class Report(NamedTuple):
         )
 
 
+def report_from_data(data: Sequence[Any]) -> Report:
+    """Return the report that a list of JSON contains."""
+    report = Report(*data)
+    fixes = tuple(
+        TextFix(title, tuple(Edit(*edit) for edit in edits), is_safe)
+        for title, edits, is_safe in report.fixes
+    )
+    return report._replace(fixes=fixes)
+
+
 def check(
-    parse: Callable[[], Document], nodes_for: Callable[[Document], Registry], given: Collection[str] = ()
+    parse: Callable[[], Document],
+    nodes_for: Callable[[Document], Registry],
+    given: Collection[str] = (),
+    text_of: Callable[[str], str] | None = None,
 ) -> list[Report]:
     """Return the errors of a document and its includes, then the warnings, as `btcore validate` shows them.
 
@@ -65,6 +84,8 @@ def check(
         parse: Parses the document; may raise TreeError.
         nodes_for: Returns the available nodes for a document.
         given: Keys that the main tree's blackboard holds before the first tick.
+        text_of: Returns the text of a file that was read, or with "" of the document without a file; None =
+            fixes are not needed.
     """
     try:
         document = parse()
@@ -74,10 +95,19 @@ def check(
     errors = [item for item in found if item.is_error]
     warnings = [item for item in found if not item.is_error]
     shown, _ = shown_diagnostics([*errors, *warnings])
-    return list(map(_report, shown))
+    makers: dict[str, FixMaker] = {}
+    reports: list[Report] = []
+    for item in shown:
+        fixes: list[TextFix] = []
+        if item.fixes and text_of is not None:
+            if item.file not in makers:
+                makers[item.file] = FixMaker(text_of(item.file))
+            fixes = makers[item.file].fixes_of(item)
+        reports.append(_report(item, fixes))
+    return reports
 
 
-def _report(item: Diagnostic) -> Report:
+def _report(item: Diagnostic, fixes: Iterable[TextFix]) -> Report:
     column = max(0, item.column - 1)
     before, marked = item.source[:column], item.source[column : column + item.width]
     # Without a column, the whole line is marked.
@@ -87,7 +117,8 @@ def _report(item: Diagnostic) -> Report:
     end = start + max(1, _units(marked)) if item.line else start
     url = item.code.url or ""
     place = (item.file, max(0, item.line - 1), start, end)
-    return Report(*place, str(item.code), item.is_error, item.message, item.hint, url)
+    code, key = str(item.code), item.outer_key
+    return Report(*place, code, item.is_error, item.message, item.hint, url, key, tuple(fixes))
 
 
 def _units(text: str) -> int:

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from lsprotocol import types
 
+from btcore.xml.read.scan import ScannedElement
 from btcore_studio.language.project import Project, SourceDocument
-from btcore_studio.language.scanner import ScannedElement
 
 
 class _Token(NamedTuple):

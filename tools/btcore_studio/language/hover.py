@@ -9,6 +9,7 @@ from urllib.parse import unquote
 from lsprotocol import types
 
 from btcore.xml.read.dialect import EXPLICIT_TAGS
+from btcore.xml.read.scan import Place, ScannedElement
 from btcore_studio.language.descriptions import (
     CONDITION_ATTRIBUTES,
     ELEMENTS,
@@ -23,7 +24,6 @@ from btcore_studio.language.key_links import TreeKey, links_of
 from btcore_studio.language.node_attributes import file_symbols, node_element, script_tokens, tree_of
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.project_symbols import ProjectSymbols, symbols_of
-from btcore_studio.language.scanner import Place, ScannedElement
 from btcore_studio.language.symbols import KeyUse, is_call, node_id
 
 _MOST_PLACES: Final = 12

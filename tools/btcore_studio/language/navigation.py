@@ -12,10 +12,10 @@ from pygls import uris
 from btcore.input_files import read_file
 from btcore.xml.models.stubs import is_stub
 from btcore.xml.read.dialect import EXPLICIT_TAGS
+from btcore.xml.read.scan import Place, ScannedElement
 from btcore_studio.language.key_links import KeyLinks, TreeKey, links_of
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.project_symbols import ProjectSymbols, included_path
-from btcore_studio.language.scanner import Place, ScannedElement
 from btcore_studio.language.symbols import KeyForm, KeyUse, NodeModel, is_call, node_id
 
 _START_OF_FILE: Final = Range(Position(0, 0), Position(0, 0))

@@ -8,9 +8,9 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.lexer import END, Token, tokenize
 from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES
+from btcore.xml.read.scan import ScannedAttribute, ScannedElement, value_offsets
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.project_symbols import symbols_of
-from btcore_studio.language.scanner import ScannedAttribute, ScannedElement, value_offsets
 from btcore_studio.language.symbols import FileSymbols, is_call, node_id, read_symbols
 
 

@@ -9,8 +9,8 @@ from weakref import WeakKeyDictionary
 from btcore.input_files import real_path
 from btcore.registry.registry import Registry
 from btcore.xml.read.read import MAX_INCLUDED_FILES
+from btcore.xml.read.scan import ScannedAttribute, ScannedElement
 from btcore_studio.language.project import Project, SourceDocument
-from btcore_studio.language.scanner import ScannedAttribute, ScannedElement
 from btcore_studio.language.symbols import (
     CallPort,
     FileSymbols,

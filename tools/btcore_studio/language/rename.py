@@ -12,11 +12,11 @@ from btcore.script import lexer
 from btcore.xml.models.stubs import is_stub
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.read.dialect import EXPLICIT_TAGS
+from btcore.xml.read.scan import ScannedAttribute, ScannedElement
 from btcore_studio.language.key_links import MAX_LINKS, KeyLinks, TreeKey, links_of
 from btcore_studio.language.navigation import NamedKey, NamedNode, NamedTree, named_at, node_span
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.project_symbols import ProjectSymbols
-from btcore_studio.language.scanner import ScannedAttribute, ScannedElement
 from btcore_studio.language.symbols import KeyForm, KeyUse, TreeSymbol, is_call, node_id
 
 MAX_NAME_LENGTH: Final = 1_000

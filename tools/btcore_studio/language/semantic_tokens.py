@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 from lsprotocol import types
 
 from btcore.script import lexer
+from btcore.xml.read.scan import ScannedAttribute
 from btcore_studio.language.node_attributes import file_symbols, node_element, script_tokens
 from btcore_studio.language.project import Project, SourceDocument
-from btcore_studio.language.scanner import ScannedAttribute
 from btcore_studio.language.symbols import FileSymbols, KeyForm
 
 _TYPES: Final = ("variable", "property", "number", "string", "keyword", "operator", "enumMember")

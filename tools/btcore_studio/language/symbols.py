@@ -18,7 +18,7 @@ from btcore.script import lexer
 from btcore.values import BOOL
 from btcore.xml.define import parse_format
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS, SCRIPT_ATTRIBUTES
-from btcore_studio.language.scanner import Scan, ScannedAttribute, ScannedElement, value_offsets
+from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, value_offsets
 
 _CALL_TAGS: Final = DIALECTS[3].subtree_tags
 _READING: Final = (AccessKind.READS, AccessKind.READS_AS_KEY, AccessKind.UPDATES)

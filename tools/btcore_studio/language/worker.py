@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, Final, NamedTuple
 
 from btcore.blackboard.ports import remapped_key
 from btcore.errors import BtcoreError
-from btcore.input_files import real_path
+from btcore.input_files import read_file, real_path
 from btcore.registry.registry import Registry
 from btcore.xml.models.model_file import (
     add_document_models,
@@ -231,7 +231,14 @@ class Worker:
             else:
                 self._texts[Path(file)] = text
         self._texts.read = set()
-        reports = check(lambda: self._parse(request), self._libraries.nodes_for, self._given)
+
+        def text_of(file: str) -> str:
+            if not file:
+                return str(request["text"])
+            text = self._texts.get(real_path(file))
+            return text if text is not None else read_file(file).decode("utf-8-sig", "replace")
+
+        reports = check(lambda: self._parse(request), self._libraries.nodes_for, self._given, text_of)
         return {"reports": reports, "files": sorted(map(str, self._texts.read))}
 
     def _parse(self, request: Mapping[str, Any]) -> Document:

@@ -170,3 +170,48 @@ def test_bundled_trees_are_valid_without_their_libraries(cli: Cli) -> None:
     result = cli("validate", "bumpgo", "bumpgo_wide")
     # Without the robot's node library the nodes are unknown, and a note names the missing library.
     assert result.exit_code == 0 or "the node library 'robot_nodes', which" in result.stderr
+
+
+BROKEN = (
+    '\ufeff<root BTCPP_format="4">\r\n  <BehaviorTree ID="A">\r\n    <SequenceStar> <!-- ä -->\r\n'
+    '      < Sleep msec="1" name="a & b"/>\r\n      <Slep/>\r\n    </SequenceStar>\r\n'
+    "  </BehaviorTree>\r\n</root>"
+)
+FIXED = (
+    BROKEN.replace("SequenceStar", "SequenceWithMemory")
+    .replace("< Sleep", "<Sleep")
+    .replace("a & b", "a &amp; b")
+)
+
+
+def test_fix_changes_only_what_needs_no_decision(cli: Cli, tmp_path: Path) -> None:
+    path = tmp_path / "broken.xml"
+    path.write_bytes(BROKEN.encode())
+    result = cli("validate", "broken.xml")
+    assert "--fix corrects 3 of them" in result.stdout
+    result = cli("validate", "--diff", "broken.xml")
+    assert path.read_bytes() == BROKEN.encode()
+    removed, added = (
+        [line[1:] for line in result.stdout.splitlines() if line[0] == sign and line[1] != sign]
+        for sign in "-+"
+    )
+    assert removed == [line for line in BROKEN.splitlines() if line not in FIXED]
+    assert added == [line for line in FIXED.splitlines() if line not in BROKEN]
+    result = cli("validate", "--fix", "broken.xml")
+    assert path.read_bytes() == FIXED.encode()
+    assert result.exit_code == 2
+    assert "1 error, no warnings, 3 problems fixed" in result.stdout
+    assert "did you mean <Sleep>" in result.stdout
+    assert cli("validate", "--diff", "broken.xml").stdout == ""
+
+
+def test_fixes_are_data(cli: Cli, tree_file: TreeFile) -> None:
+    file = tree_file('<Sleep mesc="1"/>')
+    (error,) = json.loads(cli("validate", "--json", file).stdout)["diagnostics"]
+    edit = {"start": [3, 12], "end": [3, 16], "text": "msec"}
+    assert error["fixes"] == [{"title": "Change to 'msec'", "safe": False, "edits": [edit]}]
+
+
+def test_stdin_and_json_with_a_diff_are_refused(cli: Cli, tree_file: TreeFile) -> None:
+    assert "--fix cannot change stdin" in cli("validate", "--fix", "-").stderr
+    assert "cannot be used together" in cli("validate", "--diff", "--json", tree_file("<A/>")).stderr

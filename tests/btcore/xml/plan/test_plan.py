@@ -191,9 +191,9 @@ CASES = {
         ('<SubTree ID="A"><Say/></SubTree>', {"A": "<AlwaysSuccess/>"}),
         TreeError,
         """
-        t.xml:3:21: E104 <SubTree ID="A"> has children; they belong into the <BehaviorTree> that it calls
+        t.xml:3:5: E104 <SubTree ID="A"> has children; they belong into the <BehaviorTree> that it calls
            3 |      <SubTree ID="A"><Say/></SubTree>
-             |                      ^^^^
+             |      ^^^^^^^^
         """,
     ),
     "a missing main tree": (

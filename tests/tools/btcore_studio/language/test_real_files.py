@@ -10,7 +10,9 @@ import pytest
 from lsprotocol import types
 
 from btcore.registry.registry import Registry
+from btcore.xml.edit.edits import Edit, apply_edits
 from btcore.xml.read.read import parse_text
+from btcore.xml.read.scan import ScannedElement
 from btcore_studio.language.completion import complete
 from btcore_studio.language.diagnostics import Report, check
 from btcore_studio.language.hover import hover
@@ -20,9 +22,7 @@ from btcore_studio.language.navigation import find_definition, find_references
 from btcore_studio.language.node_attributes import file_symbols, tree_of
 from btcore_studio.language.outline import find_document_symbols, find_folding_ranges, find_workspace_symbols
 from btcore_studio.language.project import Project, SourceDocument
-from btcore_studio.language.quick_fixes import find_fixes
 from btcore_studio.language.rename import prepare_rename, rename_symbol
-from btcore_studio.language.scanner import ScannedElement
 from btcore_studio.language.symbols import KeyForm, KeyUse, is_call
 from tests.tools.btcore_studio.language.conftest import ROOT
 
@@ -178,14 +178,7 @@ def test_hints_follow_a_key_or_a_name(project: Project, document: SourceDocument
 
 
 def codes(nodes: Registry, text: str) -> list[Report]:
-    return check(lambda: parse_text(text), lambda _: nodes)
-
-
-def applied(document: SourceDocument, edits: list[tuple[int, int, str]]) -> str:
-    text = document.text
-    for start, end, new in sorted(edits, reverse=True):
-        text = text[:start] + new + text[end:]
-    return text
+    return check(lambda: parse_text(text), lambda _: nodes, text_of=lambda _: text)
 
 
 def test_a_renamed_file_has_the_same_diagnostics(
@@ -203,19 +196,15 @@ def test_a_renamed_file_has_the_same_diagnostics(
         changes = (edit.changes or {})[document.uri]
         assert {text_at(document, change.range) for change in changes} <= {old, "{=}"}
         positions = document.positions
-        text = applied(
-            document,
-            [
-                (positions.offset(change.range.start), positions.offset(change.range.end), change.new_text)
-                for change in changes
-            ],
-        )
+        edits = [
+            Edit(positions.offset(change.range.start), positions.offset(change.range.end), change.new_text)
+            for change in changes
+        ]
+        text = apply_edits(document.text, edits)
         assert sorted(report.code for report in codes(nodes, text)) == before
 
 
-def test_a_quick_fix_restores_a_misspelt_name(
-    project: Project, document: SourceDocument, nodes: Registry
-) -> None:
+def test_a_quick_fix_restores_a_misspelt_name(document: SourceDocument, nodes: Registry) -> None:
     """Exchange two letters of a tag, a port and the ID of a call; the preferred fix restores the file."""
     spans: list[tuple[str, list[int]]] = []
     for element in nodes_of(document):
@@ -231,10 +220,7 @@ def test_a_quick_fix_restores_a_misspelt_name(
     long = [(name, starts) for name, starts in spans if len(name) > 6 and name[3] != name[4]]
     for name, starts in chosen(long, document, 3):
         wrong = name[:3] + name[4] + name[3] + name[5:]
-        text = applied(document, [(start, start + len(name), wrong) for start in starts])
-        edited = project.open("untitled:wrong.xml", text, 1)
-        found = [item for item in codes(nodes, text) if "did you mean" in item.hint and wrong in item.message]
+        text = apply_edits(document.text, [Edit(start, start + len(name), wrong) for start in starts])
+        found = [item for item in codes(nodes, text) if item.fixes and wrong in item.message]
         assert found, f"{wrong}: {codes(nodes, text)}"
-        fix = find_fixes(project, edited, found[0])[0]
-        assert applied(edited, list(fix.edits)) == document.text
-        project.close(edited.uri)
+        assert apply_edits(text, found[0].fixes[0].edits) == document.text

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from btcore.errors import XmlSyntaxError
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
-from btcore_studio.language.scanner import Place, Scan, ScannedElement, scan, value_offsets
+from btcore.xml.read.scan import Place, Scan, ScannedElement, scan, value_offsets
 
 ROOT = Path(__file__).parents[4]
 FILES = sorted(path for folder in ("trees", "examples") for path in (ROOT / folder).rglob("*.xml"))

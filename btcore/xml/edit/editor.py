@@ -1,0 +1,347 @@
+"""Operations on the elements of a document, as edits that change the fewest characters.
+
+Comments, the order of attributes, white space and line ends outside of the change remain.
+"""
+
+import re
+from collections.abc import Collection, Sequence
+from typing import Final
+
+from btcore.errors import XmlSyntaxError
+from btcore.names import is_port_name
+from btcore.registry.registry import Registry
+from btcore.xml.edit.edits import Edit, EditError, apply_edits, escape_value
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS
+from btcore.xml.read.read import Document, parse_text
+from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, scan
+
+INDENT: Final = "  "
+"""The indentation of a child in a document that does not show another indentation."""
+# `_skipIf` of a disabled node; the original condition is in the parentheses.
+_DISABLED: Final = re.compile(r"true(?: \|\| \((.*)\))?", re.DOTALL)
+_COMMENTS_IN_LINE: Final = re.compile(r"(?:[ \t]*<!--(?:(?!-->)[^\r\n])*-->)+")
+
+
+class DocumentEditor:
+    """Makes edits of a document from operations on its elements.
+
+    The operations do not check whether the result is a valid tree.
+
+    Args:
+        scan: The elements of the document's text.
+    """
+
+    def __init__(self, scan: Scan) -> None:
+        self.scan = scan
+        self.text = scan.text
+        at = self.text.find("\n")
+        self.line_break = "\r\n" if at > 0 and self.text[at - 1] == "\r" else "\n"
+
+    # --- attributes
+
+    def set_attribute(self, element: ScannedElement, name: str, value: str) -> Edit:
+        """Give an attribute a value; a new attribute follows the others."""
+        attribute = element.attribute(name)
+        if attribute is not None and attribute.is_closed:
+            return self.set_value(attribute, value)
+        written = f'{name}="{escape_value(value)}"'
+        if attribute is not None:  # its value is missing or not closed
+            return Edit(attribute.start, attribute.end, written)
+        at = element.attributes[-1].end if element.attributes else element.tag_end
+        return Edit(at, at, f" {written}")
+
+    def set_value(self, attribute: ScannedAttribute, value: str) -> Edit:
+        """Replace the value of an attribute, which keeps its quotes."""
+        start, end = attribute.value_start, attribute.value_end
+        return Edit(start, end, escape_value(value, self.text[start - 1 : start]))
+
+    def rename_attribute(self, element: ScannedElement, name: str, new_name: str) -> Edit:
+        """Rename an attribute.
+
+        Raises:
+            EditError: There is no such attribute, or there is an attribute *new_name* already.
+        """
+        attribute = self._attribute(element, name)
+        if element.attribute(new_name) is not None:
+            raise EditError(f"<{element.tag}> has an attribute '{new_name}' already")
+        return Edit(attribute.start, attribute.name_end, new_name)
+
+    def remove_attribute(self, element: ScannedElement, name: str) -> Edit:
+        """Remove an attribute and the white space before it.
+
+        Raises:
+            EditError: There is no such attribute.
+        """
+        attribute = self._attribute(element, name)
+        start = len(self.text[: attribute.start].rstrip())
+        return Edit(start, attribute.end, "")
+
+    def _attribute(self, element: ScannedElement, name: str) -> ScannedAttribute:
+        attribute = element.attribute(name)
+        if attribute is None:
+            raise EditError(f"<{element.tag}> has no attribute '{name}'")
+        return attribute
+
+    # --- elements
+
+    def rename_element(self, element: ScannedElement, name: str) -> list[Edit]:
+        """Change the name of an element in its start tag and its end tag."""
+        edits = [Edit(element.tag_start, element.tag_end, name)]
+        if element.end_tag_start >= 0:
+            at = self.text.index(element.tag, element.end_tag_start)
+            edits.append(Edit(at, at + len(element.tag), name))
+        return edits
+
+    def change_type(self, element: ScannedElement, id: str, ports: Collection[str]) -> list[Edit]:
+        """Make an element a node of another type.
+
+        Args:
+            element: The element of the node.
+            id: The ID of the new type.
+            ports: The ports of the new type; attributes of other ports are removed.
+        """
+        names = dict.fromkeys(item.name for item in element.attributes)
+        removed = [name for name in names if is_port_name(name) and name not in ports]
+        if element.tag in DIALECTS[3].subtree_tags:  # also the tag of format 4
+            removed = [name for name in names if name == "ID" or name in removed]
+        edits = [self.remove_attribute(element, name) for name in removed]
+        if element.tag in EXPLICIT_TAGS:
+            return [self.set_attribute(element, "ID", id), *edits]
+        return [*self.rename_element(element, id), *edits]
+
+    def disable(self, element: ScannedElement) -> Edit:
+        """Let an element of format 4 be skipped, by its pre-condition `_skipIf`.
+
+        Raises:
+            EditError: The element is disabled already.
+        """
+        condition = element.get("_skipIf")
+        if condition is not None and _DISABLED.fullmatch(condition) is not None:
+            raise EditError(f"<{element.tag}> is disabled already")
+        disabled = "true" if not condition else f"true || ({condition})"
+        return self.set_attribute(element, "_skipIf", disabled)
+
+    def enable(self, element: ScannedElement) -> Edit:
+        """Undo `disable`.
+
+        Raises:
+            EditError: The element is not disabled.
+        """
+        match = _DISABLED.fullmatch(element.get("_skipIf") or "")
+        if match is None:
+            raise EditError(f"<{element.tag}> is not disabled")
+        if match[1] is None:
+            return self.remove_attribute(element, "_skipIf")
+        return self.set_attribute(element, "_skipIf", match[1])
+
+    def insert(self, parent: ScannedElement, index: int, xml: str) -> Edit:
+        """Insert elements among the children of an element.
+
+        Args:
+            parent: The element.
+            index: The number of children before the new elements.
+            xml: The new elements, which are indented like their neighbours.
+
+        Raises:
+            EditError: *xml* is not a sequence of complete elements.
+        """
+        fragment = scan(xml.strip())
+        if not fragment.roots or not _is_whole(fragment):
+            raise EditError("the text is not a sequence of complete elements")
+        children = parent.children
+        if not children:
+            return self._fill(parent, fragment)
+        neighbour = children[min(index, len(children) - 1)]
+        own = self.indent(neighbour)
+        written = self._indented(fragment, own or "")
+        if index < len(children):
+            separator = "" if own is None else self.line_break + own
+            return Edit(neighbour.start, neighbour.start, written + separator)
+        comments = _COMMENTS_IN_LINE.match(self.text, neighbour.end)
+        at = neighbour.end if comments is None else comments.end()
+        return Edit(at, at, ("" if own is None else self.line_break + own) + written)
+
+    def _fill(self, parent: ScannedElement, fragment: Scan) -> Edit:
+        """Give an element without children the elements of *fragment*."""
+        own, text = self.indent(parent), self.text
+        if own is None:
+            inner = self._indented(fragment, "")
+        else:
+            indent = own + self.step()
+            inner = self.line_break + indent + self._indented(fragment, indent) + self.line_break + own
+        if parent.is_empty:
+            slash = len(text[: parent.start_tag_end - 2].rstrip())
+            return Edit(slash, parent.start_tag_end, f">{inner}</{parent.tag}>")
+        start = parent.start_tag_end
+        end = parent.end_tag_start if parent.end_tag_start >= 0 else start
+        if text[start:end].strip():  # a comment or a text, which remains
+            end = len(text[:end].rstrip())
+            return Edit(end, end, inner.rstrip())
+        return Edit(start, end, inner)
+
+    def _indented(self, fragment: Scan, indent: str) -> str:
+        """Return the elements of *fragment*; lines after the first begin with *indent* or more."""
+        inner = DocumentEditor(fragment)
+        closing = fragment.roots[-1].end_tag_start
+        old = inner.indent_at(closing) if closing >= 0 else None
+        edits = inner.reindent(0, len(fragment.text), old or "", indent)
+        text = apply_edits(fragment.text, edits)
+        return text.replace("\r\n", "\n").replace("\n", self.line_break)
+
+    def remove(self, element: ScannedElement) -> Edit:
+        """Remove an element with its content; if it has lines of its own, with these lines."""
+        start, end = element.start, element.end
+        own = self.indent(element)
+        line_end = self.text.find("\n", end) + 1 or len(self.text)
+        if own is not None and not self.text[end:line_end].strip():
+            return Edit(start - len(own), line_end, "")
+        return Edit(start, end, "")
+
+    def move(self, element: ScannedElement, parent: ScannedElement, index: int) -> list[Edit]:
+        """Move an element to another place.
+
+        Args:
+            element: The element.
+            parent: The new parent.
+            index: The number of children of *parent* before the element, before it is moved.
+
+        Raises:
+            EditError: The new place is in the element.
+        """
+        if parent is element or element in parent.ancestors():
+            raise EditError(f"<{element.tag}> cannot be moved into itself")
+        if parent.children[index : index + 1] == [element] or parent.children[index - 1 : index] == [element]:
+            return []
+        removed = self.remove(element)
+        inserted = self.insert(parent, index, self.text[element.start : element.end])
+        if removed.start < inserted.start < removed.end:
+            removed = Edit(element.start, element.end, "")
+        return [removed, inserted]
+
+    def duplicate(self, element: ScannedElement) -> Edit:
+        """Insert a copy of an element after it."""
+        if element.parent is None:
+            raise EditError("the outermost element cannot be duplicated")
+        index = element.parent.children.index(element) + 1
+        return self.insert(element.parent, index, self.text[element.start : element.end])
+
+    def remove_children(self, element: ScannedElement) -> Edit:
+        """Remove the content of an element, which becomes an empty tag."""
+        end = element.end if element.end_tag_start >= 0 else element.children[-1].end
+        return Edit(element.start_tag_end - 1, end, "/>")
+
+    def wrap(self, children: Sequence[ScannedElement], tag: str) -> list[Edit]:
+        """Put consecutive siblings into a new element, which is indented like its neighbours."""
+        start, end = children[0].start, children[-1].end
+        own = self.indent(children[0])
+        if own is None:
+            return [Edit(start, start, f"<{tag}>"), Edit(end, end, f"</{tag}>")]
+        inner = own + self.step()
+        before = Edit(start, start, f"<{tag}>{self.line_break}{inner}")
+        after = Edit(end, end, f"{self.line_break}{own}</{tag}>")
+        return [before, *self.reindent(start, end, own, inner), after]
+
+    def unwrap(self, element: ScannedElement) -> list[Edit]:
+        """Put the children of an element in its place.
+
+        Raises:
+            EditError: The element has no children.
+        """
+        if not element.children:
+            raise EditError(f"<{element.tag}> has no children")
+        text = self.text
+        start = element.start_tag_end
+        while text[start].isspace():
+            start += 1
+        end = len(text[: element.end_tag_start].rstrip())
+        edits = [Edit(element.start, start, ""), Edit(end, element.end, "")]
+        own, inner = self.indent(element), self.indent_at(start)
+        if own is not None and inner is not None:
+            edits[1:1] = self.reindent(start, end, inner, own)
+        return edits
+
+    def append_lines(self, element: ScannedElement, lines: Sequence[str]) -> Edit:
+        """Add *lines*, which have their indentation, before the end tag of an element."""
+        at = element.end_tag_start if element.end_tag_start >= 0 else element.end
+        own = self.indent_at(at)
+        at -= len(own) if own is not None else 0
+        return Edit(at, at, "".join(line + self.line_break for line in lines))
+
+    # --- layout
+
+    def indent(self, element: ScannedElement) -> str | None:
+        """Return the white space before an element that begins its line; None for any other element."""
+        return self.indent_at(element.start)
+
+    def indent_at(self, offset: int) -> str | None:
+        """Return the white space before *offset* in its line; None if there is something else."""
+        line = self.text[self.text.rfind("\n", 0, offset) + 1 : offset]
+        return line if not line.strip() else None
+
+    def step(self) -> str:
+        """Return the indentation by which a child is deeper than its parent in this document."""
+        for element in self.scan.elements:
+            if element.parent is not None:
+                inner, outer = self.indent(element), self.indent(element.parent)
+                if inner is not None and outer is not None and inner.startswith(outer) and inner != outer:
+                    return inner[len(outer) :]
+        return INDENT
+
+    def reindent(self, start: int, end: int, old: str, new: str) -> list[Edit]:
+        """Replace the indentation *old* by *new* in the lines that begin between *start* and *end*.
+
+        Lines that begin in a value, a comment or a text keep their indentation.
+        """
+        edits: list[Edit] = []
+        at = self.text.find("\n", start, end) + 1
+        while at:
+            first = at
+            while first < end and self.text[first] in " \t":
+                first += 1
+            kind = self.scan.element_at(at).kind
+            is_markup = kind == "in_tag" or (kind == "text" and self.text[first : first + 1] == "<")
+            if is_markup and self.text.startswith(old, at):
+                edits.append(Edit(at, at + len(old), new))
+            at = self.text.find("\n", at, end) + 1
+        return edits
+
+
+def _is_whole(fragment: Scan) -> bool:
+    """Return whether a text consists of complete elements, comments and white space."""
+    at = 0
+    for start, end in sorted([*((root.start, root.end) for root in fragment.roots), *fragment.comments]):
+        if start >= at:
+            if fragment.text[at:start].strip():
+                return False
+            at = end
+    return not fragment.text[at:].strip() and all(map(_is_closed, fragment.elements))
+
+
+def _is_closed(element: ScannedElement) -> bool:
+    is_ended = element.is_empty or element.end_tag_start >= 0
+    return element.is_complete and is_ended and all(item.is_closed for item in element.attributes)
+
+
+def apply_checked(document: Document, edits: Sequence[Edit], nodes: Registry) -> str:
+    """Return the text of a document after *edits*, if it is valid.
+
+    Args:
+        document: The document.
+        edits: The edits of its text.
+        nodes: The registered nodes.
+
+    Raises:
+        EditError: The result has an error that the document has not; the message is that of the error.
+    """
+    text = apply_edits(document.text, edits)
+    known = {error.code for error in plan_document(document, nodes).diagnostics.errors}
+    try:
+        changed = parse_text(text, document.file)
+        errors = plan_document(changed, nodes).diagnostics.errors
+    except XmlSyntaxError as error:
+        errors = error.diagnostics
+    new = next((error for error in errors if error.code not in known), None)
+    if new is not None:
+        raise EditError(f"{new.message} (line {new.line})")
+    return text
