@@ -20,7 +20,7 @@ TEST_PROCESSES = $(shell expr $(CORES) + 1)
 PIP := -m pip --disable-pip-version-check
 # $(PROGRESS) TITLE COMMAND... shows that a command of minutes is running.
 PROGRESS := $(PYTHON) .ci/progress
-ENGINE := $(shell find btcore tools trees benchmarks -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
+ENGINE := $(shell find btcore tools trees -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
 # The tests by package. Each test is in one lane.
 LANE_core := tests/btcore tests/conformance tests/fuzz tests/properties tests/regressions/btcore
 LANE_monitor := tests/monitor tests/regressions/monitor
@@ -37,6 +37,7 @@ COMPILED_TESTS := $(addprefix tests/btcore/,blackboard engine loading nodes regi
 	tests/regressions/btcore tests/tools/btcore_batch tests/docs/test_docstring_examples.py
 # Continuous integration also checks the types on Windows, and runs the blocks of all pages.
 WITHOUT_PAGES := --deselect tests/docs/test_docs.py::test_the_examples_of_a_page_run
+BENCHMARKS := $(filter-out ros2,$(basename $(notdir $(wildcard benchmarks/*.py))))
 ENGINE_BENCHMARKS := startup ticking features observers load editing growth publishing batch
 # PyPI has wheels of ROS 2 for this platform only.
 ROS2 := $(filter Linux-x86_64,$(shell uname -sm | tr ' ' -))
@@ -304,13 +305,14 @@ dist/messages:
 		.venv-messages/bin/btcore ros2 messages --force --wheels $@
 
 bench: .venv/ready .venv-compiled/bench $(if $(ROS2),.venv-ros/ready)
-	@mkdir -p out
+	@rm -rf out/bench && mkdir -p out/bench
 	@echo '· every benchmark, on the pure build'
-	@.venv/bin/btcore bench --json out/bench-pure.json
+	@for name in $(BENCHMARKS); do .venv/bin/python benchmarks/$$name.py --json out/bench/pure-$$name.json; done
 	@echo '· the benchmarks of the engine, on the compiled build'
-	@.venv-compiled/bin/btcore bench $(ENGINE_BENCHMARKS) --json out/bench-compiled.json \
-		--beside out/bench-pure.json --plot out/performance.png
-	@$(if $(ROS2),.venv-ros/bin/btcore bench ros2)
+	@for name in $(ENGINE_BENCHMARKS); do \
+		.venv-compiled/bin/python benchmarks/$$name.py --json out/bench/compiled-$$name.json; done
+	@.venv/bin/python benchmarks/measure/plot.py out/performance.png out/bench/*.json
+	@$(if $(ROS2),.venv-ros/bin/python benchmarks/ros2.py)
 
 clean:
 	rm -rf .venv .venv-compiled .venv-messages .venv-ros .venv-release build dist out editors/vscode/node_modules editors/vscode/out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

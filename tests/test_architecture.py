@@ -16,7 +16,6 @@ PARENTS = {
     "btcore": ".",
     "btcore_bags": "tools",
     "btcore_batch": "tools",
-    "btcore_bench": "tools",
     "btcore_monitor": "monitor",
     "btcore_navigation": "robot_nodes",
     "btcore_proof": "tools",
