@@ -63,13 +63,12 @@ KILLS ?= 100
 PROOFS ?= 1000
 SCHEDULES ?= 500
 PREVIEWS ?= 9
-SPIN_TREES ?= 37
 TYPED ?= 200
 ROS2_RUNS ?=
 GOALS ?= 2000
 MISTAKES ?=
 
-.PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint lint-and-pure pure compiled vulkan spin accept \
+.PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint lint-and-pure pure compiled vulkan accept \
 	accept-robot accept-engine accept-tools accept-ros2 docs vscode npm-checks dist bench clean
 
 help:
@@ -159,17 +158,6 @@ vulkan:
 			|| echo 'note: that failed; picture tests are skipped'; \
 	else echo 'note: without the packages $(VULKAN), picture tests are skipped'; fi
 
-# The model checker with which proofs are compared.
-spin:
-	@if command -v spin >/dev/null; then :; \
-	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
-		echo '· installing spin'; \
-		export DEBIAN_FRONTEND=noninteractive; \
-		apt-get install -qq -y spin >/dev/null 2>&1 \
-			|| { apt-get update -qq && apt-get install -qq -y spin >/dev/null; } \
-			|| echo 'note: that failed; proofs are not compared with spin'; \
-	fi
-
 # --- what people ask for
 
 demo: .venv/ready vulkan
@@ -251,12 +239,11 @@ accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/attacks.py --starved $(STARVED) --seconds 3
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
 
-accept-tools: .venv/ready spin
+accept-tools: .venv/ready
 	@.venv/bin/python tests/acceptance/mcp_attacks.py $(MCP_ATTACKS)
 	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
 	@.venv/bin/python tests/acceptance/preview.py --trials $(PREVIEWS)
 	@.venv/bin/python tests/acceptance/proofs.py --trees $(PROOFS) --jobs $(CORES)
-	@.venv/bin/python tests/acceptance/spin.py --trees $(SPIN_TREES) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/typed_files.py --files $(TYPED) --jobs $(CORES)
 
 accept-ros2: .venv-ros/ready
