@@ -37,7 +37,6 @@ TIERS = (
         "entry_points",
         "enum_members",
         "clock",
-        "confinement",
         "escaping",
         "exit_codes",
         "extras",
