@@ -59,7 +59,7 @@ class RobotKeys:
     def secure(self, socket: _Socket) -> None:
         """Require keys at the endpoints to which *socket* is bound after this call.
 
-        The public keys of the clients are checked by a `btcore_monitor.serve.authenticator.Authenticator` in
+        The public keys of the clients are checked by a `btcore_monitor.serve.publisher.Authenticator` in
         the same context. Without it, every client is refused.
         """
         socket.setsockopt(zmq.CURVE_SERVER, 1)

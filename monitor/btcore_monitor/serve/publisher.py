@@ -17,7 +17,6 @@ import zmq
 from btcore.tree.tree import Tree
 from btcore_monitor.closeable import Closeable
 from btcore_monitor.keys import RobotKeys
-from btcore_monitor.serve.authenticator import Authenticator
 from btcore_monitor.serve.gateway import Gateway
 from btcore_monitor.serve.groot1 import Groot1Sockets
 from btcore_monitor.serve.published_tree import PublishedTree
@@ -45,6 +44,38 @@ _ANNOUNCE_AFTER_S: Final = 2.0
 """Time (s, wall clock) of waiting after which a warning explains the wait."""
 
 _log = logging.getLogger("monitor")
+
+
+_ZAP_ENDPOINT: Final = "inproc://zeromq.zap.01"
+_ZAP_VERSION: Final = b"1.0"
+_ZAP_FRAMES: Final = 7
+
+
+class Authenticator:
+    """Checks the keys of clients: a handler of ZAP, the ZeroMQ Authentication Protocol (RFC 27).
+
+    libzmq sends a request to `socket` for each connection to a socket with keys, and waits for the reply
+    before the connection carries any message. Use it from one thread at a time.
+
+    Args:
+        context: The ZeroMQ context of the sockets with keys.
+        keys: The keys of the robot.
+    """
+
+    def __init__(self, context: "zmq.Context[Socket]", keys: RobotKeys) -> None:
+        self._allowed = keys.allowed
+        self.socket: Socket = context.socket(zmq.REP)
+        self.socket.setsockopt(zmq.LINGER, 0)
+        self.socket.bind(_ZAP_ENDPOINT)
+
+    def answer(self) -> None:
+        """Reply to a waiting request: accept clients with an allowed public key, and refuse all others."""
+        frames = self.socket.recv_multipart(zmq.DONTWAIT)
+        # The version, the request's number, the domain, the client's address and identity, the mechanism, and
+        # the public key. libzmq has verified that the client has the secret key.
+        allowed = len(frames) == _ZAP_FRAMES and frames[5] == b"CURVE" and frames[6] in self._allowed
+        status, text = (b"200", b"OK") if allowed else (b"400", b"unknown key")
+        self.socket.send_multipart([_ZAP_VERSION, frames[1], status, text, b"", b""])
 
 
 class Publisher(Closeable):
