@@ -167,12 +167,7 @@ class _BagProcess:
             pipe.close()
 
     def _request(self, request: object) -> bytes:
-        """Send a request, and return the answer.
-
-        Raises:
-            BagError: The bag is damaged, or cannot be read within the limits.
-            ModuleNotFoundError: A package is missing.
-        """
+        """Send a request, and return the answer."""
         requests, answers = self._process.stdin, self._process.stdout
         assert requests is not None
         assert answers is not None

@@ -199,18 +199,7 @@ class Publisher(Closeable):
         host: str,
         option: str = "--port",
     ) -> tuple[int, int | None]:
-        """Bind the ports.
-
-        Args:
-            groot2_requests: The socket for the requests of Groot 2.
-            groot2_port: The first port for Groot 2.
-            groot1_port: The first port for Groot 1.
-            host: The interface.
-            option: The command line's option for the port, for error messages.
-
-        Returns:
-            The port of requests (Groot 2's, or else Groot 1's), and the port of Groot 1's updates.
-        """
+        """Bind the ports. Return those of requests (of Groot 2, or else 1) and of Groot 1's updates."""
         stream = [self._run_channel_socket] if self._serves_run_channel else []
         requests_port, updates_port = 0, None
         row: list[Socket | None]
@@ -232,12 +221,7 @@ class Publisher(Closeable):
     ) -> tuple[int, int | None]:
         """Bind the ports for clients without keys, and return them as `_bind` does.
 
-        Args:
-            groot2_port: The first port for Groot 2 with keys.
-            groot1_port: The first port for Groot 1 with keys. If Groot 2 is served too, the distance between
-                the ports of both is the same with and without keys.
-            first: The first port; 0 chooses free ports.
-            host: The interface.
+        If Groot 1 and Groot 2 are served, the distance of their ports is the same with and without keys.
         """
         watch_groot2_port = None if groot2_port is None else first
         watch_groot1_port = None if groot1_port is None else first

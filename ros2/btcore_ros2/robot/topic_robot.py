@@ -303,11 +303,7 @@ class TopicRobot(Robot):
     # Messages
 
     def _converted(self, key: object, stamp: Any) -> int:
-        """Return the stamp of a message in our clock.
-
-        Raises:
-            RosError: The message is late, or the robot's clock has jumped; see `StampConverter.convert`.
-        """
+        """Return the stamp of a message in our clock. Raise RosError if the message is late."""
         return self._stamps.convert(key, stamp.sec * NS_PER_S + stamp.nanosec, self.clock.now())
 
     def _receive_scan(self, message: Any) -> None:
