@@ -20,7 +20,7 @@ TEST_PROCESSES = $(shell expr $(CORES) + 1)
 PIP := -m pip --disable-pip-version-check
 # $(PROGRESS) TITLE COMMAND... shows that a command of minutes is running.
 PROGRESS := $(PYTHON) .ci/progress
-ENGINE := $(shell find btcore tools trees benchmarks -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
+ENGINE := $(shell find btcore tools trees -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
 # The tests by package. Each test is in one lane.
 LANE_core := tests/btcore tests/conformance tests/fuzz tests/properties tests/regressions/btcore
 LANE_monitor := tests/monitor tests/regressions/monitor
@@ -37,6 +37,7 @@ COMPILED_TESTS := $(addprefix tests/btcore/,blackboard engine loading nodes regi
 	tests/regressions/btcore tests/tools/btcore_batch tests/docs/test_docstring_examples.py
 # Continuous integration also checks the types on Windows, and runs the blocks of all pages.
 WITHOUT_PAGES := --deselect tests/docs/test_docs.py::test_the_examples_of_a_page_run
+BENCHMARKS := $(filter-out ros2,$(basename $(notdir $(wildcard benchmarks/*.py))))
 ENGINE_BENCHMARKS := startup ticking features observers load editing growth publishing batch
 # PyPI has wheels of ROS 2 for this platform only.
 ROS2 := $(filter Linux-x86_64,$(shell uname -sm | tr ' ' -))
@@ -62,13 +63,12 @@ KILLS ?= 100
 PROOFS ?= 1000
 SCHEDULES ?= 500
 PREVIEWS ?= 9
-SPIN_TREES ?= 37
 TYPED ?= 200
 ROS2_RUNS ?=
 GOALS ?= 2000
 MISTAKES ?=
 
-.PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint lint-and-pure pure compiled vulkan spin accept \
+.PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint lint-and-pure pure compiled vulkan accept \
 	accept-robot accept-engine accept-tools accept-ros2 docs vscode npm-checks dist bench clean
 
 help:
@@ -158,17 +158,6 @@ vulkan:
 			|| echo 'note: that failed; picture tests are skipped'; \
 	else echo 'note: without the packages $(VULKAN), picture tests are skipped'; fi
 
-# The model checker with which proofs are compared.
-spin:
-	@if command -v spin >/dev/null; then :; \
-	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
-		echo '· installing spin'; \
-		export DEBIAN_FRONTEND=noninteractive; \
-		apt-get install -qq -y spin >/dev/null 2>&1 \
-			|| { apt-get update -qq && apt-get install -qq -y spin >/dev/null; } \
-			|| echo 'note: that failed; proofs are not compared with spin'; \
-	fi
-
 # --- what people ask for
 
 demo: .venv/ready vulkan
@@ -250,12 +239,11 @@ accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/attacks.py --starved $(STARVED) --seconds 3
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
 
-accept-tools: .venv/ready spin
+accept-tools: .venv/ready
 	@.venv/bin/python tests/acceptance/mcp_attacks.py $(MCP_ATTACKS)
 	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
 	@.venv/bin/python tests/acceptance/preview.py --trials $(PREVIEWS)
 	@.venv/bin/python tests/acceptance/proofs.py --trees $(PROOFS) --jobs $(CORES)
-	@.venv/bin/python tests/acceptance/spin.py --trees $(SPIN_TREES) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/typed_files.py --files $(TYPED) --jobs $(CORES)
 
 accept-ros2: .venv-ros/ready
@@ -304,13 +292,14 @@ dist/messages:
 		.venv-messages/bin/btcore ros2 messages --force --wheels $@
 
 bench: .venv/ready .venv-compiled/bench $(if $(ROS2),.venv-ros/ready)
-	@mkdir -p out
+	@rm -rf out/bench && mkdir -p out/bench
 	@echo '· every benchmark, on the pure build'
-	@.venv/bin/btcore bench --json out/bench-pure.json
+	@for name in $(BENCHMARKS); do .venv/bin/python benchmarks/$$name.py --json out/bench/pure-$$name.json; done
 	@echo '· the benchmarks of the engine, on the compiled build'
-	@.venv-compiled/bin/btcore bench $(ENGINE_BENCHMARKS) --json out/bench-compiled.json \
-		--beside out/bench-pure.json --plot out/performance.png
-	@$(if $(ROS2),.venv-ros/bin/btcore bench ros2)
+	@for name in $(ENGINE_BENCHMARKS); do \
+		.venv-compiled/bin/python benchmarks/$$name.py --json out/bench/compiled-$$name.json; done
+	@.venv/bin/python benchmarks/measure/plot.py out/performance.png out/bench/*.json
+	@$(if $(ROS2),.venv-ros/bin/python benchmarks/ros2.py)
 
 clean:
 	rm -rf .venv .venv-compiled .venv-messages .venv-ros .venv-release build dist out editors/vscode/node_modules editors/vscode/out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -26,7 +26,7 @@ HERE = Path(__file__).parent
 # The parent folders of the import packages, as in pyproject.toml.
 ROOTS = (".", "monitor", "robot_nodes", "ros2", "sim", "tools")
 # Data files of btcore, by folder: beside the package in a checkout, inside the package in an installation.
-DATA = {"benchmarks": "*.py", "docs": "*.md", "trees": "*.xml"}
+DATA = {"docs": "*.md", "trees": "*.xml"}
 
 # The packages with compiled modules. Each is a group: calls between its modules are C calls.
 GROUPS = {"btcore": "btcore", "btcore_batch": "tools/btcore_batch"}

@@ -12,9 +12,6 @@ from typing import NoReturn
 
 from btcore.exit_codes import ExitCode
 
-CONFINEMENT = "BTCORE_CONFINEMENT"
-"""The environment variable that confines the process, as in btcore.confinement."""
-
 
 def main() -> None:
     """Run the command line, and exit."""
@@ -22,10 +19,6 @@ def main() -> None:
     handles_ctrl_c = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if handles_ctrl_c:
         signal.signal(signal.SIGINT, _exit_at_once)
-    if CONFINEMENT in os.environ:
-        from btcore.confinement import confine_process
-
-        confine_process()
     # Modules are no garbage before the exit: until the command starts, the collector would scan them in vain.
     gc.disable()
     from btcore.cli.main import main as command

@@ -48,7 +48,6 @@ PACKAGES = {
     "sim/btcore_sim": "tests/sim",
     "tools/btcore_bags": "tests/tools/btcore_bags",
     "tools/btcore_batch": "tests/tools/btcore_batch",
-    "tools/btcore_bench": "tests/tools/btcore_bench",
     "tools/btcore_proof": "tests/tools/btcore_proof",
     "tools/btcore_recorder": "tests/tools/btcore_recorder",
     "tools/btcore_studio": "tests/tools/btcore_studio",

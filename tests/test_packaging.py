@@ -19,7 +19,7 @@ ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PARENTS = PROJECT["tool"]["setuptools"]["packages"]["find"]["where"]
 PACKAGES = {
-    "btcore", "btcore_bags", "btcore_batch", "btcore_bench", "btcore_monitor", "btcore_navigation",
+    "btcore", "btcore_bags", "btcore_batch", "btcore_monitor", "btcore_navigation",
     "btcore_proof", "btcore_recorder", "btcore_robot", "btcore_ros2", "btcore_scene", "btcore_sim",
     "btcore_studio", "btcore_sweep",
 }  # fmt: skip
@@ -69,10 +69,10 @@ def test_every_data_file_is_installed_with_its_package() -> None:
     assert there <= installed
 
 
-def test_trees_benchmarks_and_pages_of_the_documentation_are_installed() -> None:
+def test_trees_and_pages_of_the_documentation_are_installed() -> None:
     files = runpy.run_path(str(ROOT / "setup.py"))["data_files"]()
     suffixes = {(file.relative_to(ROOT).parts[0], file.suffix) for file in files}
-    assert suffixes == {("benchmarks", ".py"), ("docs", ".md"), ("trees", ".xml")}
+    assert suffixes == {("docs", ".md"), ("trees", ".xml")}
     assert {ROOT / "docs/reference/errors.md", ROOT / "trees/bumpgo.xml"} <= set(files)
 
 

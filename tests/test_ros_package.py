@@ -31,13 +31,12 @@ SOURCES = {
         "sim/btcore_sim",
         "tools/btcore_bags",
         "tools/btcore_batch",
-        "tools/btcore_bench",
         "tools/btcore_proof",
         "tools/btcore_recorder",
         "tools/btcore_studio",
         "tools/btcore_sweep",
     ),
-    "btcore": ("benchmarks", "docs", "trees"),
+    "btcore": ("docs", "trees"),
 }
 SUFFIXES = {
     ".action", ".json", ".md", ".msg", ".py", ".srv", ".txt", ".typed", ".urdf", ".xml", ".yaml",

@@ -1,6 +1,6 @@
 """Plot the ratios that have targets, as bars with marks at the targets.
 
-python benchmarks/measure/plot.py MEASURED.json PICTURE.png
+python benchmarks/measure/plot.py PICTURE.png MEASURED.json…
 """
 
 import json
@@ -27,9 +27,9 @@ Row = Mapping[str, Any]
 
 
 def main() -> None:
-    """Read results from the file that the first argument names, and plot them to the second file."""
-    source, picture = sys.argv[1:]
-    results = json.loads(Path(source).read_text(encoding="utf-8"))
+    """Plot the reports of benchmarks, written by their option `--json`, to the first file."""
+    picture, *sources = sys.argv[1:]
+    results = [json.loads(Path(source).read_text(encoding="utf-8")) for source in sources]
     faster: dict[str, dict[str, Row]] = {}
     slower: dict[str, dict[str, Row]] = {}
     for data in results:

@@ -59,7 +59,7 @@ class RobotKeys:
     def secure(self, socket: _Socket) -> None:
         """Require keys at the endpoints to which *socket* is bound after this call.
 
-        The public keys of the clients are checked by a `btcore_monitor.serve.authenticator.Authenticator` in
+        The public keys of the clients are checked by a `btcore_monitor.serve.publisher.Authenticator` in
         the same context. Without it, every client is refused.
         """
         socket.setsockopt(zmq.CURVE_SERVER, 1)
@@ -171,12 +171,7 @@ def _read_public_keys(place: str | os.PathLike[str]) -> list[bytes]:
 
 
 def _read_lines(path: Path, secret: bool = False) -> list[str]:
-    """Return the lines of a key file without comments and empty lines.
-
-    Args:
-        path: The file.
-        secret: Whether other users must not be able to read the file.
-    """
+    """Return the lines of a key file. Other users must not be able to read a *secret* file."""
     try:
         # O_NONBLOCK: do not wait for the writer of a FIFO.
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _BINARY)

@@ -242,11 +242,7 @@ class ViewerOptions(OutputOptions):
 
 
 def _parse_size(text: str) -> tuple[int, int]:
-    """Return width and height (pixels) from the value of the option `--size`.
-
-    Raises:
-        SettingsError: *text* is not a size, or less than 320x240.
-    """
+    """Return width and height (pixels), at least 320x240, from the value of the option `--size`."""
     width, _, height = text.partition("x")
     if not (width.isdigit() and height.isdigit() and int(width) >= 320 and int(height) >= 240):
         raise SettingsError(

@@ -13,7 +13,7 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
 NAME = PROJECT["name"]
 # Data folders of btcore: beside the package in a checkout, inside the package in an installation.
-DATA = ("benchmarks", "docs", "trees")
+DATA = ("docs", "trees")
 FOLDERS = sorted(
     {
         path.parent.relative_to(ROOT)

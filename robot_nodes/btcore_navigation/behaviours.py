@@ -295,13 +295,9 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         y: NDArray[np.float64],
         along: NDArray[np.float64],
     ) -> bool:
-        """Return whether the robot comes too near something.
+        """Return whether the robot comes too near something at its next positions: *x*, *y* (m, in odom).
 
-        Args:
-            odometry: The robot's present pose.
-            x: The x coordinates (m) of the robot's next positions in odom.
-            y: The y coordinates (m) of these positions.
-            along: The distances (m) of these positions along the robot's axis.
+        *along* are the distances (m) of these positions along the robot's axis.
         """
         here = self._clearance.distance_at(odometry.pose.x, odometry.pose.y)
         least = min(self._min_clearance, here - _ALLOWED_LOSS)

@@ -157,10 +157,7 @@ class SignedDistanceField:
     ) -> "_BeamsBehind":
         """Return the beams that end behind the surface which they hit, by no more than the laser's noise.
 
-        Args:
-            origin: The position of the laser in the map (m).
-            ends: The ends of all beams in the map (m), shape `(k, 2)`.
-            unseen: The mask of the beams whose nearest surface faces away from the laser, shape `(k,)`.
+        *unseen* is the mask of the beams whose nearest surface faces away from the laser.
         """
         beams = np.flatnonzero(unseen)
         if self._visibility is None or not len(beams):

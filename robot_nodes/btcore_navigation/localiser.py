@@ -274,14 +274,7 @@ class Localiser:
     def _assume_pose(
         self, before: Pose2D, points: NDArray[np.float64], laser_xy: tuple[float, float], odometry: Pose2D
     ) -> None:
-        """Assume a pose after an outage of the odometry, and begin a doubt.
-
-        Args:
-            before: The last pose before the outage.
-            points: The ends of the scan's beams in the robot's frame (m), shape `(k, 2)`.
-            laser_xy: The laser's position in the robot's frame (m).
-            odometry: The robot's pose in odom at the scan's stamp.
-        """
+        """Assume a pose after an outage of the odometry, and begin a doubt. *before* is the last known pose."""
         if self.searching:
             self._relocaliser.restart()
             return

@@ -447,8 +447,7 @@ def _packed(item: FieldType, data: Any) -> object:
 def _basic_value(field: FieldType, value: object, owner: Any) -> object:
     """Return *value* as a field of a basic type or a string stores it.
 
-    Raises:
-        ValueError: The value does not fit. A second line of the message is the hint.
+    A ValueError has the hint in the second line of its message.
     """
     basic = field.basic
     if basic in ("string", "wstring"):

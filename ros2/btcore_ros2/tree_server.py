@@ -231,11 +231,7 @@ class TreeServer:
                 gc.collect()
 
     def _next_goal(self) -> ServerGoal[Any, Any, Any] | None:
-        """Return the next goal, or wait a moment and return None.
-
-        Raises:
-            RosError: The robot has failed, or the session cannot be used.
-        """
+        """Return the next goal, or wait a moment and return None. Raise RosError if the robot has failed."""
         if self._robot is not None:
             self._robot.raise_failure()
         goal = self._server.take()

@@ -18,7 +18,7 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("btcore", "monitor", "robot_nodes", "ros2", "sim", "tools", "benchmarks", "docs", "trees")
+PACKAGES = ("btcore", "monitor", "robot_nodes", "ros2", "sim", "tools", "docs", "trees")
 FILES = ("setup.py", "pyproject.toml", "README.md", "LICENSE")
 
 # A compiler that quickly compiles an empty file in place of the first file, and fails after that.

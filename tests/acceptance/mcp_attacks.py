@@ -171,7 +171,7 @@ def paths(secret: Path) -> list[Attack]:
 
 def contents(folder: Path) -> list[Attack]:
     """Return attacks by the contents of trees."""
-    secret, target = folder / "secret.xml", folder / "written.yaml"
+    secret = folder / "secret.xml"
     laughs = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 12))
     entity = f'<!DOCTYPE root [<!ENTITY x SYSTEM "file://{secret}">]>'
     pose = f'<NavigateToPose goal="1;0;0" behavior_tree="{secret}"/>'
@@ -203,18 +203,7 @@ def contents(folder: Path) -> list[Attack]:
             xml=tree("<AlwaysSuccess/>", f"<!DOCTYPE r [<!ENTITY a0 'x'>{laughs}]>"),
         ),
         call("tree of a navigation", "run", None, xml=tree(pose), duration=3.0),
-        call("write a map outside", "run", None, xml=tree(f'<SaveMap file="{target}"/>'), duration=3.0),
-        call(
-            "write a map by ..",
-            "run",
-            None,
-            xml=tree('<SaveMap file="../../../written.yaml"/>'),
-            duration=3.0,
-        ),
         call("write a map here", "run", None, xml=tree('<SaveMap file="written.yaml"/>'), duration=3.0),
-        call(
-            "a map in a sweep", "sweep", None, xml=tree(f'<SaveMap file="{target}"/>'), seeds=1, duration=2.0
-        ),
         call("a ROS leaf", "run", xml=tree(publish)),
         call("a sweep with a ROS leaf", "sweep", None, xml=tree(publish), seeds=1),
         call("endless without a pause", "run", None, xml=tree(endless)),
@@ -379,7 +368,13 @@ class Client:
         pipe = subprocess.PIPE
         # Not in the served folder: Python would import its modules.
         self.process = subprocess.Popen(
-            command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=environment(), cwd=log.parent
+            command,
+            stdin=pipe,
+            stdout=pipe,
+            stderr=subprocess.DEVNULL,
+            # The home folders of its calls are temporary folders.
+            env=environment() | {"TMPDIR": str(log.parent)},
+            cwd=log.parent,
         )
         self._answers: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -467,7 +462,7 @@ def left_behind(served: Path) -> list[int]:
     found = []
     for process in psutil.process_iter():
         try:
-            if str(served) in process.environ().get("BTCORE_CONFINEMENT", ""):
+            if str(served.parent) in process.environ().get("HOME", ""):
                 found.append(process.pid)
         except psutil.Error:
             continue

@@ -21,7 +21,7 @@ from test_msgs.msg import Arrays, BasicTypes, BoundedSequences, Strings, Unbound
 
 from btcore import ConversionError
 from btcore_ros2.errors import RosError
-from btcore_ros2.json_positions import find_part
+from btcore_ros2.leaves.message_port import find_part
 from btcore_ros2.message_values import (
     MAX_PROBLEMS,
     MAX_TEXT,

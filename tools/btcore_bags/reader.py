@@ -16,7 +16,6 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from btcore.confinement import is_limited
 from btcore.extras import install_command
 from btcore.logs.files import LogError, read_bytes
 from btcore.process_group import NEW_PROCESS_GROUP
@@ -168,12 +167,7 @@ class _BagProcess:
             pipe.close()
 
     def _request(self, request: object) -> bytes:
-        """Send a request, and return the answer.
-
-        Raises:
-            BagError: The bag is damaged, or cannot be read within the limits.
-            ModuleNotFoundError: A package is missing.
-        """
+        """Send a request, and return the answer."""
         requests, answers = self._process.stdin, self._process.stdout
         assert requests is not None
         assert answers is not None
@@ -206,6 +200,15 @@ class _BagProcess:
         if code == -getattr(signal, "SIGXCPU", 0) or (sys.platform == "win32" and code == 1):
             return f"reading this bag needs more than {MAX_CPU_S} s of processor time"
         return f"the process that reads this bag ended with code {code}"
+
+
+def is_limited() -> bool:
+    """Return whether the memory of this process is limited."""
+    if sys.platform == "win32":
+        return False
+    import resource
+
+    return resource.getrlimit(resource.RLIMIT_DATA)[1] != resource.RLIM_INFINITY
 
 
 def _open(path: Path, definitions: Mapping[str, str]) -> BagSource | _BagProcess:

@@ -19,7 +19,6 @@ import dask
 from dask.system import CPU_COUNT
 from distributed import Client, Future, KilledWorker, LocalCluster
 
-from btcore.confinement import confine_process
 from btcore_sweep.definition import Episode
 from btcore_sweep.episode import Result, run_episode
 
@@ -205,8 +204,6 @@ def remote(address: str, attempts: int) -> Iterator[Workers]:
 def dask_setup(worker: object) -> None:
     """Set up a worker process on this machine: ignore Ctrl-C, and redirect the output to the sweep's log.
 
-    If the sweep runs for an agent, the worker is confined like the process of the sweep.
-
     Ctrl-C is handled by the main process. Dask calls this function by its name.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -218,7 +215,6 @@ def dask_setup(worker: object) -> None:
         os.dup2(file, 2)
         os.close(file)
         faulthandler.enable()
-    confine_process()
 
 
 def _silence_dask() -> None:

@@ -146,9 +146,6 @@ def _watch(
 
     Return when all feeds have ended, on a signal, after *duration* s, or when the user closes the viewer and
     no file is being written.
-
-    Raises:
-        click.exceptions.Exit: The viewer failed, which a message has reported.
     """
     from btcore_monitor.screen.robot_layouts import SharedLayout, SingleRobotLayout
 

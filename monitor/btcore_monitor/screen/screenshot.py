@@ -156,11 +156,7 @@ class _HeadlessViewer:
         self._watchdog.cancel()
 
     def _answer(self, request: Callable[[], T]) -> T:
-        """Return the viewer's answer to *request*.
-
-        Raises:
-            ConnectionError: The viewer has ended, or was killed because it did not answer.
-        """
+        """Return the viewer's answer. Raise ConnectionError if the viewer has ended or does not answer."""
         while True:
             try:
                 answer = request()

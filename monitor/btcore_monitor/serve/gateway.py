@@ -167,11 +167,7 @@ class Gateway:
 def _create_locked(parent: Path) -> tuple[Path, int | None]:
     """Create a folder for sockets in *parent*, and lock it until this process ends.
 
-    Returns:
-        The folder, and the file descriptor of the lock, or None if the system cannot lock folders.
-
-    Raises:
-        OSError: The folder cannot be created.
+    Return the folder, and the file descriptor of the lock, or None if the system cannot lock folders.
     """
     for _ in range(_ATTEMPTS if _HAS_UNIX_SOCKETS else 0):
         folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=parent))

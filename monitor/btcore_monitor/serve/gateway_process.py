@@ -617,9 +617,8 @@ def _send(target: socket.socket, data: bytes) -> int:
 def _main(arguments: str) -> None:
     """Run the gateway of a robot's process.
 
-    Args:
-        arguments: JSON: for each port the arguments of `Port` by name, with the file descriptor of the
-            listening socket as `descriptor` instead of `listener`.
+    *arguments* is JSON: for each port the arguments of `Port` by name, with the file descriptor of the
+    listening socket as `descriptor` instead of `listener`.
     """
     if sys.platform != "win32":
         with contextlib.suppress(OSError):

@@ -17,7 +17,6 @@ import zmq
 from btcore.tree.tree import Tree
 from btcore_monitor.closeable import Closeable
 from btcore_monitor.keys import RobotKeys
-from btcore_monitor.serve.authenticator import Authenticator
 from btcore_monitor.serve.gateway import Gateway
 from btcore_monitor.serve.groot1 import Groot1Sockets
 from btcore_monitor.serve.published_tree import PublishedTree
@@ -45,6 +44,38 @@ _ANNOUNCE_AFTER_S: Final = 2.0
 """Time (s, wall clock) of waiting after which a warning explains the wait."""
 
 _log = logging.getLogger("monitor")
+
+
+_ZAP_ENDPOINT: Final = "inproc://zeromq.zap.01"
+_ZAP_VERSION: Final = b"1.0"
+_ZAP_FRAMES: Final = 7
+
+
+class Authenticator:
+    """Checks the keys of clients: a handler of ZAP, the ZeroMQ Authentication Protocol (RFC 27).
+
+    libzmq sends a request to `socket` for each connection to a socket with keys, and waits for the reply
+    before the connection carries any message. Use it from one thread at a time.
+
+    Args:
+        context: The ZeroMQ context of the sockets with keys.
+        keys: The keys of the robot.
+    """
+
+    def __init__(self, context: "zmq.Context[Socket]", keys: RobotKeys) -> None:
+        self._allowed = keys.allowed
+        self.socket: Socket = context.socket(zmq.REP)
+        self.socket.setsockopt(zmq.LINGER, 0)
+        self.socket.bind(_ZAP_ENDPOINT)
+
+    def answer(self) -> None:
+        """Reply to a waiting request: accept clients with an allowed public key, and refuse all others."""
+        frames = self.socket.recv_multipart(zmq.DONTWAIT)
+        # The version, the request's number, the domain, the client's address and identity, the mechanism, and
+        # the public key. libzmq has verified that the client has the secret key.
+        allowed = len(frames) == _ZAP_FRAMES and frames[5] == b"CURVE" and frames[6] in self._allowed
+        status, text = (b"200", b"OK") if allowed else (b"400", b"unknown key")
+        self.socket.send_multipart([_ZAP_VERSION, frames[1], status, text, b"", b""])
 
 
 class Publisher(Closeable):
@@ -168,18 +199,7 @@ class Publisher(Closeable):
         host: str,
         option: str = "--port",
     ) -> tuple[int, int | None]:
-        """Bind the ports.
-
-        Args:
-            groot2_requests: The socket for the requests of Groot 2.
-            groot2_port: The first port for Groot 2.
-            groot1_port: The first port for Groot 1.
-            host: The interface.
-            option: The command line's option for the port, for error messages.
-
-        Returns:
-            The port of requests (Groot 2's, or else Groot 1's), and the port of Groot 1's updates.
-        """
+        """Bind the ports. Return those of requests (of Groot 2, or else 1) and of Groot 1's updates."""
         stream = [self._run_channel_socket] if self._serves_run_channel else []
         requests_port, updates_port = 0, None
         row: list[Socket | None]
@@ -201,12 +221,7 @@ class Publisher(Closeable):
     ) -> tuple[int, int | None]:
         """Bind the ports for clients without keys, and return them as `_bind` does.
 
-        Args:
-            groot2_port: The first port for Groot 2 with keys.
-            groot1_port: The first port for Groot 1 with keys. If Groot 2 is served too, the distance between
-                the ports of both is the same with and without keys.
-            first: The first port; 0 chooses free ports.
-            host: The interface.
+        If Groot 1 and Groot 2 are served, the distance of their ports is the same with and without keys.
         """
         watch_groot2_port = None if groot2_port is None else first
         watch_groot1_port = None if groot1_port is None else first

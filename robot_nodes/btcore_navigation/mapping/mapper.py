@@ -241,12 +241,7 @@ class Mapper:
         return rests and are_far_apart(last, odometry, MIN_TRAVEL_AT_REST, MIN_TURN_AT_REST)
 
     def _add_key_scan(self, scan: KeyScan, uncertainty: PoseUncertainty | None = None) -> None:
-        """Add a key scan to the graph and draw it on the map.
-
-        Args:
-            scan: The key scan.
-            uncertainty: The uncertainty of the motion since the previous key scan; by default odometry's.
-        """
+        """Add a key scan to the graph and draw it. The default *uncertainty* is odometry's."""
         if self.graph is None:
             first = pose_to_row(self._recent_scans[0].odometry)
             self.graph = PoseGraph(compose(self._start, relative_pose(first, pose_to_row(scan.odometry))))
@@ -276,10 +271,7 @@ class Mapper:
     ) -> tuple[Floats, Floats]:
         """Return the pose of *scan* relative to the previous key scan, and its information matrix.
 
-        Args:
-            scan: The new key scan.
-            step: The relative pose of the two key scans by odometry: x, y (m) and yaw (rad).
-            uncertainty: The uncertainty of *step*; by default that of odometry.
+        *step* is this pose by odometry, with the *uncertainty*: by default that of odometry.
         """
         assert self.graph is not None
         if uncertainty is None:
@@ -296,13 +288,7 @@ class Mapper:
         return relative_edge(last, MatchResult(match.pose, match.score, match.information + prior))
 
     def _match_recent(self, scan: KeyScan, step: Floats, uncertainty: PoseUncertainty) -> MatchResult | None:
-        """Return the match of *scan* with the previous key scans, or None if it does not match.
-
-        Args:
-            scan: The new key scan.
-            step: The pose relative to the last key scan at which the match begins: x, y (m) and yaw (rad).
-            uncertainty: The uncertainty of *step*.
-        """
+        """Return the match of *scan* with the previous key scans, or None. It begins at the pose *step*."""
         graph = self.graph
         assert graph is not None
         predicted = compose(graph.poses[-1], step)

@@ -66,13 +66,9 @@ class ServerLeaf(StatefulAction):
         raise NotImplementedError
 
     def _check_and_send(self, interface: Any, part: str, message: Any, invalid: enum.Enum) -> Any:
-        """Check the message of a leaf that starts, and send it.
+        """Check and send the *message* of a leaf that starts: the *part* Goal or Request of *interface*.
 
-        Args:
-            interface: The class of the action or service.
-            part: "Goal" or "Request", the class of the message in *interface*.
-            message: What `make_goal` or `make_request` has returned.
-            invalid: The code of the failure without a message.
+        *invalid* is the code of the failure without a message.
         """
         kind = part.lower()
         if message is None:

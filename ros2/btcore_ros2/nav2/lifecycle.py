@@ -121,13 +121,7 @@ def _state_changer(node: LifecycleComponent) -> Callable[[Any, Any], Any]:
 
 
 def _transition(state: LifecycleState, number: int, label: str) -> LifecycleTransition | None:
-    """Return the transition of a request, whose *label* has priority as in ROS 2; None if it is unknown.
-
-    Args:
-        state: The present state.
-        number: The number in `lifecycle_msgs/Transition`.
-        label: The name of the transition; "" = *number* counts.
-    """
+    """Return the transition of a request, whose *label* has priority as in ROS 2; None if it is unknown."""
     if label:
         return LifecycleTransition.__members__.get(label.upper())
     if number in _SHUTDOWNS:

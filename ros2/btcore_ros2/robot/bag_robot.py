@@ -1,6 +1,7 @@
 """`BagRobot`: a robot whose sensor readings come from a bag, without ROS."""
 
 import math
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
@@ -8,8 +9,8 @@ from typing import Any
 from btcore.errors import EndOfTimeError
 from btcore_bags.reader import BagReader
 from btcore_robot.robot import NS_PER_S, CameraImage, CameraInfo, Phase, Twist2D
+from btcore_robot.schedule import SimulatedSchedule
 from btcore_ros2.errors import RosError
-from btcore_ros2.robot.bag_time import BagMessage, BagTime
 from btcore_ros2.robot.command_comparison import CommandComparison
 from btcore_ros2.robot.description import FrameSources, RosRobotDescription, TopicSource
 from btcore_ros2.robot.stamps import LateMessageError
@@ -34,6 +35,51 @@ _LASER, _ODOMETRY, _JOINTS, _TF, _TEXT, _BATTERY, _RANGE, _CAMERA_INFO, _IMAGE, 
 )
 _CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 _TWIST_TYPES = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")
+
+
+BagMessage = tuple[str, int, bytes]
+"""A message of a bag: its topic, its stamp (ns), and its content."""
+
+
+class BagTime(SimulatedSchedule):
+    """The time of the messages of a bag, and the periodic tasks on it.
+
+    Waiting passes on the messages up to the end of the wait, at the times of their stamps. After the last
+    message, waiting raises an EndOfTimeError.
+
+    Args:
+        messages: The messages in the order of their stamps.
+        receive: Called with the topic and the content of each message.
+    """
+
+    def __init__(self, messages: Iterator[BagMessage], receive: Callable[[str, bytes], None]) -> None:
+        self._messages = messages
+        self._receive = receive
+        self._next = next(messages, None)
+        super().__init__(start=0 if self._next is None else self._next[1], pace=self._play)
+
+    def advance(self) -> bool:
+        """Pass on the next message; return whether there was one."""
+        if self._next is None:
+            return False
+        topic, stamp, data = self._next
+        self._now = max(self._now, stamp)
+        self._receive(topic, data)
+        self._next = next(self._messages, None)
+        return True
+
+    def finish_moment(self) -> None:
+        """Pass on the messages with the present time."""
+        while self._next is not None and self._next[1] <= self._now:
+            self.advance()
+
+    def _play(self, now: int, until: int, wake: threading.Event) -> bool:
+        """Pass on the messages up to *until* (ns); see `SimulatedSchedule`."""
+        while self._next is not None and self._next[1] <= until and not wake.is_set():
+            self.advance()
+        if self._next is None:
+            raise EndOfTimeError("the bag has ended")
+        return wake.is_set()
 
 
 class BagRobot(TopicRobot):

@@ -395,11 +395,7 @@ def _next_drain() -> Generator[None, None, None]:
 
 
 def _numbers(parameters: Any) -> dict[str, int]:
-    """Return the parameters of a request: times in ns, and numbers of messages by topic.
-
-    Raises:
-        ValueError: A parameter is missing, unknown, or of a wrong type.
-    """
+    """Return the parameters of a request: times in ns, and numbers of messages by topic."""
     numbers: dict[str, int] = {}
     for parameter in parameters:
         name, kind, value = parameter.name, parameter.value.type, parameter.value

@@ -50,7 +50,6 @@ ADDED_COMMANDS = (
     "drive",
     "book",
     "sweep",
-    "bench",
     "convert",
     "diff",
     "stats",

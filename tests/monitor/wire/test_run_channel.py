@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from btcore_monitor.serve.history import MAX_BUFFER_BYTES, History
+from btcore_monitor.serve.run_channel_server import MAX_BUFFER_BYTES, History
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.run_channel import (
     BlackboardMessage,

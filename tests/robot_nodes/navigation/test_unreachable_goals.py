@@ -9,8 +9,7 @@ import pytest
 
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
-from btcore_navigation.goal_progress import PATIENCE, GoalProgress
-from btcore_navigation.navigator import NavigateGoal
+from btcore_navigation.navigator import PATIENCE, GoalProgress, NavigateGoal
 from btcore_navigation.stack import Navigation
 from btcore_robot.robot import NS_PER_S, Pose2D, Waypoints
 from btcore_sim.map_rasteriser import rasterise

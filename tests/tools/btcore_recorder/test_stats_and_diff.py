@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
+from btcore import SimClock, loads
+from btcore.logs import open_log
+
 CAPTURES = Path(__file__).parents[2] / "btcore" / "logs" / "captures"
 BTLOG, DB3, FBL = (CAPTURES / name for name in ("v4_sample.btlog", "v4_sample.db3", "v3_sample.fbl"))
 
@@ -25,6 +28,30 @@ def test_stats_counts_the_recorded_run(cli: Cli, log: Path) -> None:
     root = data["nodes"]["root_seq"]
     assert (root["success"], root["failure"], round(root["rate"], 3), root["runs"]) == (2, 1, 0.667, 3)
     assert data["nodes"]["AlwaysSuccess::10"]["rate"] is None
+
+
+def test_changes_omit_the_repeated_results_of_a_reactive_node(cli: Cli, tmp_path: Path) -> None:
+    tree = loads(
+        """<root BTCPP_format="4"><BehaviorTree ID="Main"><ReactiveSequence name="drive">
+        <ScriptCondition name="charged" code="level &gt; 1"/><Sleep name="move" msec="9000"/>
+        </ReactiveSequence></BehaviorTree></root>""",
+        clock=SimClock(),
+    )
+    tree.blackboard["level"] = 3
+    with open_log(tree, tmp_path / "run.btlog"):
+        for level in (3, 2, 1):
+            tree.blackboard["level"] = level
+            tree.tick_once()
+            tree.sleep(0.1)
+    changes = json.loads(cli("stats", tmp_path / "run.btlog", "--json").stdout)["changes"]
+    assert [(change["time_s"], change["node"], change["result"]) for change in changes] == [
+        (0.0, "drive", "RUNNING"),
+        (0.0, "charged", "SUCCESS"),
+        (0.0, "move", "RUNNING"),
+        (0.2, "charged", "FAILURE"),
+        (0.2, "move", None),
+        (0.2, "drive", "FAILURE"),
+    ]
 
 
 def test_stats_counts_a_log_of_format_3(cli: Cli) -> None:

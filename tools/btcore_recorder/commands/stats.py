@@ -1,8 +1,9 @@
 """`btcore stats`: print statistics of each node in a log."""
 
 from bisect import bisect_left
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Callable, Sequence
+from itertools import groupby
 from typing import Any, Final, NamedTuple
 
 import click
@@ -18,6 +19,9 @@ from btcore_recorder.statistics import RecordedStatistics, recorded_statistics
 
 SLOWEST: Final = 3
 """The number of leaves that are listed under the table."""
+
+CHANGES: Final = 500
+"""The number of the last changes of results that are printed as JSON."""
 
 _ORDERS: Final[dict[str, Callable[[RecordedStatistics], Any]]] = {
     "total": lambda row: row.total,
@@ -122,6 +126,7 @@ def _as_data(recording: Recording, rows: Sequence[RecordedStatistics]) -> dict[s
         "damage": recording.damage or None,
         "gaps": [{"before": gap.at + 1, "reason": gap.reason} for gap in recording.gaps],
         "failure": _failure_as_data(recording),
+        "changes": _last_changes(recording),
         "nodes": {
             row.path: {
                 "id": row.node.id,
@@ -139,6 +144,35 @@ def _as_data(recording: Recording, rows: Sequence[RecordedStatistics]) -> dict[s
             for row in rows
         },
     }
+
+
+def _last_changes(recording: Recording) -> list[dict[str, object]]:
+    """Return when the results of nodes changed; the result of a node that was halted is null.
+
+    A reactive node ticks its children again in each tick, which repeats their results. These repetitions are
+    omitted.
+    """
+    keys = recording.keys()
+    last: dict[int, Status] = {}
+    changes: deque[tuple[int, int, Status]] = deque(maxlen=CHANGES)
+    for stamp, together in groupby(recording.transitions, key=lambda change: change.stamp):
+        results = {
+            change.uid: change.status
+            for change in together
+            if change.status is not IDLE or change.previous is RUNNING
+        }
+        for uid, result in results.items():
+            if last.get(uid) is not result:
+                last[uid] = result
+                changes.append((stamp, uid, result))
+    return [
+        {
+            "time_s": (stamp - recording.start) / NS_PER_S,
+            "node": keys[uid],
+            "result": None if result is IDLE else result.name,
+        }
+        for stamp, uid, result in changes
+    ]
 
 
 def _failure_as_data(recording: Recording) -> list[dict[str, object]]:

@@ -40,8 +40,8 @@ def mcp(folder: Path, plugins: Sequence[str], time_limit: float, log: Path | Non
     """Serve AI agents that write or examine the trees in FOLDER, over stdin and stdout.
 
     The protocol is the Model Context Protocol. Agents can list nodes, check, draw, prove and simulate trees,
-    and read logs. FOLDER is the working directory by default; files outside of it are out of reach. Trees run
-    in simulated time, and there is no way to a real robot.
+    and read logs. FOLDER is the working directory by default; tools accept no path outside of it. Trees run
+    in simulated time, and there is no way to a real robot. Leaves, and the code of plugins, have your rights.
     """
     # The extra is imported only here, so that --help works without it.
     import anyio

@@ -1,4 +1,4 @@
-"""Run a command of btcore for an agent in a confined process, with limits for time and output."""
+"""Run a command of btcore for an agent in a process with limits for time, memory and output."""
 
 import os
 import re
@@ -17,10 +17,10 @@ import anyio.to_thread
 from anyio.abc import ByteReceiveStream, Process
 
 from btcore import bundled_trees
-from btcore.confinement import Confinement
 from btcore.entry_points import LIMIT_VARIABLE
 from btcore.input_files import SIZE_VARIABLE
 from btcore.process_group import NEW_PROCESS_GROUP
+from btcore_studio.agents import limited_command
 from btcore_studio.agents.served_folder import RefusedError, ServedFolder
 
 MAX_OUTPUT: Final = 16_000_000
@@ -34,7 +34,7 @@ PROCESSES: Final = 2
 MAX_WAITING: Final = 20
 """The number of commands that may wait."""
 SIMULATION: Final = (
-    *("mcap", "nav2", "prove", "replay", "robot_nodes", "stats", "sweep"),
+    *("mcap", "nav2", "prove", "robot_nodes", "stats", "sweep"),
     *("simulator", "world_map", "world_places", "map_file", "waypoints"),
     *("navigation", "navigator", "navigation_servers", "exploration", "exploring_navigator"),
     *("head_tracker", "object_locator"),
@@ -72,11 +72,11 @@ class CommandRunner:
     def __init__(self, folder: ServedFolder, time_limit: float, plugins: Sequence[str] = ()) -> None:
         self.folder = folder
         self.time_limit = time_limit
-        files = [str(Path(plugin).resolve()) if plugin.endswith(".py") else plugin for plugin in plugins]
-        self.plugins = [f"--plugin={plugin}" for plugin in files]
+        self.plugins = [
+            f"--plugin={Path(plugin).resolve() if plugin.endswith('.py') else plugin}" for plugin in plugins
+        ]
         self.scratch = Path(tempfile.mkdtemp(prefix="btcore-mcp-")).resolve()
         self._slots = anyio.Semaphore(PROCESSES)
-        self._plugin_folders = tuple(str(Path(file).parent) for file in files if file.endswith(".py"))
 
     def close(self) -> None:
         """Remove the files of all commands."""
@@ -91,15 +91,12 @@ class CommandRunner:
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 
-    async def run(
-        self, arguments: Sequence[str], output: Path, *, loopback: bool = False, all_nodes: bool = False
-    ) -> Finished:
+    async def run(self, arguments: Sequence[str], output: Path, *, all_nodes: bool = False) -> Finished:
         """Run `btcore` with *arguments* in the folder *output*.
 
         Args:
             arguments: The arguments of the command line.
-            output: A `temporary_folder`: the only place where the command can write files.
-            loopback: Whether the command may connect to processes on this machine, as a sweep does.
+            output: A `temporary_folder`, which is the working directory of the command.
             all_nodes: Whether all installed nodes are used, instead of `SIMULATION`. Only for commands that
                 do not run the leaves.
 
@@ -113,12 +110,15 @@ class CommandRunner:
             "call; use a smaller tree, fewer files, a shorter duration, or fewer ticks or seeds, or ask the "
             "user for a higher --time-limit of 'btcore mcp'"
         )
+        # Of all threads of a process; it also ends a command whose server was killed.
+        seconds = int(4 * self.time_limit) + 10
+        limits = [str(limit) for limit in (MEMORY, MAX_FILE, seconds)]
         async with self._slots:
             process = await anyio.open_process(
-                [sys.executable, "-m", "btcore", *arguments],
+                [sys.executable, "-m", limited_command.__name__, *limits, *arguments],
                 stdin=subprocess.DEVNULL,
                 cwd=output,
-                env=self._environment(output, loopback, all_nodes),
+                env=_environment(output, all_nodes),
                 start_new_session=True,
                 creationflags=NEW_PROCESS_GROUP,
             )
@@ -139,33 +139,23 @@ class CommandRunner:
             text = text.replace(f"{folder}{os.sep}", "")
         return text
 
-    def _environment(self, output: Path, loopback: bool, all_nodes: bool) -> dict[str, str]:
-        readable = (str(self.folder.root), str(self.scratch), str(bundled_trees.folder()))
-        confinement = Confinement(
-            (*readable, *self._plugin_folders),
-            str(output),
-            loopback,
-            MEMORY,
-            MAX_FILE,
-            # Of all threads of a process; it also ends a command whose server was killed.
-            int(4 * self.time_limit) + 10,
-        )
-        temporary = dict.fromkeys(("HOME", "USERPROFILE", "TMPDIR", "TEMP", "TMP"), str(output))
-        limited = {} if all_nodes else {LIMIT_VARIABLE: " ".join(SIMULATION)}
-        return {
-            **{name: os.environ[name] for name in _KEPT if name in os.environ},
-            **temporary,
-            **limited,
-            **confinement.to_environment(),
-            SIZE_VARIABLE: str(MAX_FILE),
-            "COLUMNS": "160",
-            "NO_COLOR": "1",
-            "OMP_NUM_THREADS": "1",
-            "OPENBLAS_NUM_THREADS": "1",
-            # Otherwise Python would import a click.py from the served folder.
-            "PYTHONSAFEPATH": "1",
-            "PYTHONUTF8": "1",
-        }
+
+def _environment(output: Path, all_nodes: bool) -> dict[str, str]:
+    temporary = dict.fromkeys(("HOME", "USERPROFILE", "TMPDIR", "TEMP", "TMP"), str(output))
+    limited = {} if all_nodes else {LIMIT_VARIABLE: " ".join(SIMULATION)}
+    return {
+        **{name: os.environ[name] for name in _KEPT if name in os.environ},
+        **temporary,
+        **limited,
+        SIZE_VARIABLE: str(MAX_FILE),
+        "COLUMNS": "160",
+        "NO_COLOR": "1",
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+        # Otherwise Python would import a click.py from the served folder.
+        "PYTHONSAFEPATH": "1",
+        "PYTHONUTF8": "1",
+    }
 
 
 async def _communicate(process: Process, patience: float, time_over: str) -> Finished:

@@ -1,4 +1,4 @@
-"""The folder whose files an agent may use: everything outside of it is out of reach."""
+"""The folder whose files an agent may name."""
 
 import os
 import re

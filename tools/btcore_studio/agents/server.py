@@ -1,9 +1,11 @@
 """The server of `btcore mcp`: tools and resources over the Model Context Protocol."""
 
 import inspect
+import json
 import signal
 import sys
-from collections.abc import Awaitable, Callable
+import time
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NoReturn, TextIO, cast, get_type_hints
 from urllib.parse import quote, unquote
@@ -12,7 +14,7 @@ import anyio
 import anyio.to_thread
 import mcp_types as types
 from mcp import MCPError
-from mcp.server.context import ServerRequestContext
+from mcp.server.context import CallNext, HandlerResult, ServerRequestContext
 from mcp.server.lowlevel import Server
 from mcp.server.mcpserver.utilities.func_metadata import FuncMetadata
 from mcp.server.stdio import stdio_server
@@ -24,7 +26,6 @@ from btcore.escaping import escape_controls
 from btcore.input_files import data_folder
 from btcore.suggestions import nearest_name
 from btcore_studio.agents.arguments import Arguments
-from btcore_studio.agents.call_log import CallLog
 from btcore_studio.agents.command_process import CommandRunner
 from btcore_studio.agents.result_size import shorten_text
 from btcore_studio.agents.served_folder import TREES, RefusedError, ServedFolder
@@ -54,6 +55,7 @@ _LONGEST: Final = 4000
 
 _Context = ServerRequestContext[Any, Any]
 _Parameters = types.PaginatedRequestParams | None
+_LOGGED: Final = 1000
 
 
 def create_server(folder: ServedFolder, runner: CommandRunner, log: TextIO) -> Server[Any]:
@@ -244,6 +246,60 @@ def _resource(prefix: str, name: str, mime_type: str, title: str | None = None) 
 
 def _text(text: str) -> types.TextContent:
     return types.TextContent(type="text", text=text)
+
+
+class CallLog:
+    """A middleware that writes a line of JSON for each request: its parameters, duration and outcome.
+
+    Args:
+        file: The file.
+    """
+
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+
+    async def __call__(self, ctx: ServerRequestContext[Any, Any], call_next: CallNext) -> HandlerResult:
+        """Let the rest of the server handle a request, and write the line."""
+        if ctx.request_id is None:
+            return await call_next(ctx)  # a notification
+        began = time.monotonic()
+        outcome: dict[str, object] = {"outcome": "cancelled"}
+        try:
+            result = await call_next(ctx)
+            outcome = _outcome_of(result)
+            return result
+        except Exception as error:
+            outcome = {"outcome": "error", "message": shorten_text(str(error), _LOGGED)}
+            raise
+        finally:
+            line = {
+                "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+                "method": shorten_text(ctx.method, _LOGGED),
+                "parameters": _bounded(ctx.params or {}),
+                "seconds": round(time.monotonic() - began, 3),
+                **outcome,
+            }
+            self._file.write(json.dumps(line) + "\n")
+            self._file.flush()
+
+
+def _outcome_of(result: HandlerResult) -> dict[str, object]:
+    """Return whether a request was refused, and the size of the result (characters)."""
+    if result is None or isinstance(result, dict):
+        data = result or {}
+    else:
+        data = result.model_dump(mode="json", by_alias=True, exclude_none=True)
+    size = {"size": len(json.dumps(data))}
+    if not data.get("isError"):
+        return {"outcome": "ok", **size}
+    return {"outcome": "refused", "message": shorten_text(data["content"][0]["text"], _LOGGED), **size}
+
+
+def _bounded(parameters: Mapping[str, Any]) -> object:
+    """Return parameters for the log: as JSON data, or as the beginning of their text if they are long."""
+    named = {key: value for key, value in parameters.items() if key != "_meta"}
+    text = json.dumps(named, default=str)
+    return named if len(text) <= _LOGGED else shorten_text(text, _LOGGED)
 
 
 class _Lines:

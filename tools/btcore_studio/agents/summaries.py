@@ -1,13 +1,9 @@
 """Shorter forms of what commands print, for agents: without what is empty, repeated or of no use to them."""
 
-import re
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import groupby
-from typing import Any, Final
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from btcore.exit_codes import ExitCode
-
-_TRANSITION: Final = re.compile(r"\s*([\d.]+)\s+(.*?)\s+([A-Z]+) → ([A-Z]+)")
 
 
 def palette_by_type(nodes: Mapping[str, Any]) -> dict[str, dict[str, str]]:
@@ -87,32 +83,6 @@ def _without_empty(data: Any) -> Any:
     if isinstance(data, dict):
         return {key: _without_empty(value) for key, value in data.items() if value not in (None, "", [], {})}
     return data
-
-
-def changes_of(lines: Iterable[str]) -> list[str]:
-    """Return when the result of a node changed.
-
-    A reactive node ticks its children again in each tick, which repeats their results. These repetitions are
-    omitted.
-
-    Args:
-        lines: The transitions, as `btcore replay --text` prints them.
-    """
-    rows = [match.groups() for line in lines if (match := _TRANSITION.fullmatch(line))]
-    last: dict[str, str] = {}
-    changes = []
-    for time, together in groupby(rows, key=lambda row: row[0]):
-        results: dict[str, str] = {}
-        for _, node, before, after in together:
-            if after != "IDLE":
-                results[node] = after
-            elif before == "RUNNING":
-                results[node] = "halted"
-        for node, result in results.items():
-            if last.get(node) != result:
-                last[node] = result
-                changes.append(f"{float(time):g} s: {node} {result}")
-    return changes
 
 
 def reason_of(cause: Mapping[str, Any], messages: Sequence[str]) -> str:

@@ -39,7 +39,6 @@ from btcore_studio.agents.served_folder import (
 )
 from btcore_studio.agents.summaries import (
     answer_of,
-    changes_of,
     counts_of,
     ending_of,
     palette_by_type,
@@ -52,8 +51,6 @@ KEPT_RUNS: Final = 20
 _TICK_LIMIT_S: Final = 5
 _MESSAGES: Final = 4000
 _OUTLINE: Final = 20_000
-_TRANSITIONS: Final = 20_000
-"""The number of the last transitions in which changes of results are searched."""
 _PROOF_MEMORY_MB: Final = 1000
 
 
@@ -192,7 +189,7 @@ class Toolbox:
         command = ["sweep", "--json", *self._runner.plugins, *words]
         with self._runner.temporary_folder() as output:
             files = [f"--output={output / 'sweep'}", *self._words(call, output)]
-            done = await self._runner.run([*command, *files], output, loopback=True)
+            done = await self._runner.run([*command, *files], output)
         report = _last_json("sweep", done)
         # Files that the agent cannot read, and command lines that it cannot use.
         for key in ("table", "report", "workers"):
@@ -238,25 +235,14 @@ class Toolbox:
         For each node: how often it succeeded, failed or was halted; `rate`, the share of successes; `runs`,
         how often it was RUNNING, and for how long in total, on average and at most (s). Zeros are omitted.
         """
-        file = self._log(call.log)
-        statistics = await self._json("stats", ["--json", "--", file])
-        if call.changes:
-            statistics |= await self._last_changes(file, statistics, call.changes)
+        statistics = await self._json("stats", ["--json", "--", self._log(call.log)])
+        changes = [
+            f"{change['time_s']:g} s: {change['node']} {change['result'] or 'halted'}"
+            for change in statistics.pop("changes")
+        ]
+        statistics |= {"changes": changes[-call.changes :]} if call.changes else {}
         statistics["failed"] = bool(statistics.pop("failure"))
         return to_bounded_json(statistics | counts_of(statistics["nodes"]) | {"log": call.log})
-
-    async def _last_changes(self, file: str, statistics: dict[str, Any], number: int) -> dict[str, Any]:
-        """Return the last changes of results in a log, or why they are missing."""
-        # Printing all transitions of a large log takes longer than reading them.
-        begin = max(0, 1 - _TRANSITIONS / max(1, statistics["transitions"])) * statistics["time_s"]
-        try:
-            with self._runner.temporary_folder() as output:
-                done = await self._runner.run(["replay", "--text", f"--from={begin}", "--", file], output)
-            # The command belongs to the monitor, which may not be installed.
-            _require_success("replay", done)
-        except RefusedError as error:
-            return {"incomplete": f"the last changes are missing: {error}"}
-        return {"changes": changes_of(done.stdout.splitlines())[-number:]}
 
     async def explain_failure(self, call: ExplainFailureArguments) -> str:
         """Explain why a tree failed: the path from the root to the node that made it fail.

@@ -209,12 +209,7 @@ def _literal(text: str, kind: ValueType) -> str | None:
 
 
 def _convert_ports(changes: ConversionChanges, element: Element, id: str, new_id: str) -> None:
-    """Rewrite the port texts of a node. In unknown nodes, rewrite only texts that name a blackboard entry.
-
-    Args:
-        id: The ID of the node in format 3.
-        new_id: The ID of the node in format 4.
-    """
+    """Rewrite the port texts of a node. In unknown nodes, rewrite only texts that name a blackboard entry."""
     old = changes.registry.get(id, 3)
     new = changes.registry.get(new_id, 4)
     for name, text in element.attributes.items():

@@ -27,6 +27,7 @@ MAX_ANSWER: Final = 256_000_000
 _LINE_END: Final = 10_000
 """A position at the end of any line: clients use the length of the line instead."""
 
+_NOTHING: Final[Mapping[str, Any]] = {"models": [], "enums": {}}
 _log: Final = logging.getLogger(__name__)
 
 
@@ -120,6 +121,7 @@ class Checker:
         self._shown: set[str] = set()
         # The problems of node libraries by file.
         self._library_problems: dict[Path, list[Report]] = {}
+        self._last = _NOTHING
         self._distrusted = False
         self._task: asyncio.Task[None] | None = None
 
@@ -327,13 +329,18 @@ class Checker:
             return self._worker
         project = self._project
         given = project.settings
+        last = self._last if given.trusted else _NOTHING
         settings = WorkerSettings(
             folders=list(map(str, project.folders)),
             plugins=given.plugins,
             models=given.models,
             given=given.given,
             trusted=given.trusted and not self._distrusted,
+            last_models=last["models"],
+            last_enums=last["enums"],
         )
+        if given.plugins and not given.trusted:
+            self._show_once("Python leaves are unknown: they are not imported without the setting 'trusted'.")
         self._worker = worker = await WorkerProcess.start()
         self._sent = {}
         try:
@@ -344,12 +351,14 @@ class Checker:
             self._worker = None
             if not settings.trusted:
                 raise
-            self._show_once(f"The import of the node libraries {error}. Their source is read instead.")
+            self._show_once(f"The import of the node libraries {error}. Nodes of the last import are kept.")
             self._distrusted = True
             return await self._loaded_worker()
         models = [NodeModel.from_data(data) for data in answer["models"]]
         project.set_models(models, answer["enums"])
-        self._sources = _stamps(map(Path, answer["sources"]))
+        self._last = answer
+        earlier = self._sources if self._distrusted else ()
+        self._sources = _stamps({*map(Path, answer["sources"]), *earlier})
         self._publish_problems(answer["problems"])
         self._refresh()
         return worker

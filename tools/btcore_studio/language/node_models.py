@@ -8,7 +8,6 @@ from typing import Any
 
 from btcore.blackboard.ports import Direction, Port, PortRole
 from btcore.engine.node_spec import NodeSpec
-from btcore.errors import RegistrationError
 from btcore.registry.manifest import Manifest
 from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
@@ -114,10 +113,7 @@ def add_stubs(nodes: Registry, models: Iterable[NodeModel], enums: Mapping[str, 
         kind = NodeType[model.type]
         cls = make_stub_class(model.id, kind, ports, model.description, origin, model.metadata)
         cls.spec = NodeSpec(symbol=model.symbol)
-        try:
-            nodes.add(cls, ID=model.id, format=model.format or None)
-        except RegistrationError:
-            continue  # a model that was read from unfinished source, for example with an invalid port
+        nodes.add(cls, ID=model.id, format=model.format or None)
 
 
 def _model_of(manifest: Manifest, format: int) -> NodeModel:

@@ -29,7 +29,6 @@ from btcore.xml.models.model_file import (
 from btcore.xml.read.read import Document, parse_file, parse_text, read
 from btcore_studio.language.diagnostics import check
 from btcore_studio.language.node_models import NodeModel, add_stubs, models_of
-from btcore_studio.language.python_source import module_file, read_nodes
 
 MAX_SOURCES: Final = 5_000
 """Maximum number of source files whose changes are watched."""
@@ -51,6 +50,25 @@ class _Texts(dict[Path, str]):
         return True
 
 
+def module_file(plugin: str, folders: Sequence[Path]) -> Path | None:
+    """Return the file of a node library in *folders*, or None.
+
+    Args:
+        plugin: A module, `module:function`, or the path of a Python file.
+        folders: The folders that paths and modules are relative to.
+    """
+    if plugin.endswith(".py"):
+        candidates = [plugin]
+    else:
+        parts = plugin.partition(":")[0].replace(".", "/")
+        candidates = [f"{parts}.py", f"{parts}/__init__.py"]
+    for folder in folders or [Path()]:
+        for candidate in candidates:
+            if (folder / candidate).is_file():
+                return real_path(folder / candidate)
+    return None
+
+
 class Libraries:
     """The nodes that trees of the workspace may use.
 
@@ -58,22 +76,29 @@ class Libraries:
         folders: The folders of the workspace.
         plugins: Modules and Python files.
         models: Patterns of model files, relative to the folders.
-        trusted: Whether *plugins* are imported; otherwise their source is read.
+        trusted: Whether *plugins* are imported.
+        last: The nodes and the enums of the last process, which replace those of plugins that cannot be
+            imported. A mistake in a file that is being edited must not make its nodes unknown in every tree.
 
     Attributes:
         nodes: The nodes.
         problems: Sentences about libraries that cannot be loaded, each with the file and the line (from 1) of
             the mistake, or with "" and 0.
-        read: The nodes whose source was read, by ID.
+        kept: The nodes of *last* that are used, by ID.
         sources: The files that the nodes depend on.
     """
 
     def __init__(
-        self, folders: Sequence[Path], plugins: Sequence[str], models: Sequence[str], trusted: bool
+        self,
+        folders: Sequence[Path],
+        plugins: Sequence[str],
+        models: Sequence[str],
+        trusted: bool,
+        last: tuple[Sequence[NodeModel], Mapping[str, int]] = ((), {}),
     ) -> None:
         self.nodes = Registry.standard()
         self.problems: list[tuple[str, str, int]] = []
-        self.read: dict[str, NodeModel] = {}
+        self.kept: dict[str, NodeModel] = {}
         self.sources: set[Path] = set()
         self._has_models = False
         for unavailable in self.nodes.add_installed():
@@ -81,44 +106,32 @@ class Libraries:
                 self._report(unavailable.error)
         if trusted:
             sys.path += map(str, folders)
+        is_complete = trusted
         for plugin in plugins:
             file = module_file(plugin, folders)
             if file is not None:
                 self.sources.add(file)
-            if trusted:
-                self._import(plugin, file, folders)
-            elif file is None:
-                self.problems.append((f"the node library '{plugin}' is not found in the workspace", "", 0))
-            else:
-                self._read(file, folders)
+            if trusted and not self._import(plugin, file, folders):
+                is_complete = False
         for pattern in models:
             self._add_models(pattern, folders)
+        if not is_complete:
+            known = {model.id for model in models_of(self.nodes)}
+            self.kept = {model.id: model for model in last[0] if model.id not in known}
+            add_stubs(self.nodes, self.kept.values(), last[1])
         for module in list(sys.modules.values()) if trusted else ():
             source = getattr(module, "__file__", None)
             if source and any(real_path(source).is_relative_to(folder) for folder in folders):
                 self.sources.add(real_path(source))
 
-    def _import(self, plugin: str, file: Path | None, folders: Sequence[Path]) -> None:
+    def _import(self, plugin: str, file: Path | None, folders: Sequence[Path]) -> bool:
+        """Import a plugin. Return whether that succeeded."""
         try:
             self.nodes.add_plugin(str(file) if file is not None and plugin.endswith(".py") else plugin)
         except BtcoreError as error:
             self._report(error, folders, file)
-            if file is not None:
-                # A mistake in a file that is being edited must not make its nodes unknown in every tree.
-                with suppress(OSError, ValueError, SyntaxError):
-                    self._add_source(file, folders)
-
-    def _read(self, file: Path, folders: Sequence[Path]) -> None:
-        try:
-            self._add_source(file, folders)
-        except (OSError, ValueError, SyntaxError) as error:
-            self._report(error, folders, file)
-
-    def _add_source(self, file: Path, folders: Sequence[Path]) -> None:
-        models, files = read_nodes(file, folders)
-        self.sources |= files
-        add_stubs(self.nodes, models, {})
-        self.read |= {model.id: model for model in models}
+            return False
+        return True
 
     def _add_models(self, pattern: str, folders: Sequence[Path]) -> None:
         try:
@@ -186,13 +199,18 @@ class Libraries:
 
 
 class WorkerSettings(NamedTuple):
-    """The first message to the process: the folders of the workspace, and the settings of the client."""
+    """The first message to the process: the folders of the workspace, and the settings of the client.
+
+    *last_models* and *last_enums* are those that the last process has described.
+    """
 
     folders: Sequence[str]
     plugins: Sequence[str]
     models: Sequence[str]
     given: Sequence[str]
     trusted: bool
+    last_models: Sequence[Mapping[str, Any]]
+    last_enums: Mapping[str, int]
 
 
 class Worker:
@@ -200,14 +218,15 @@ class Worker:
 
     def __init__(self, settings: WorkerSettings) -> None:
         folders = [Path(folder) for folder in settings.folders]
-        self._libraries = Libraries(folders, settings.plugins, settings.models, settings.trusted)
+        last = [NodeModel.from_data(data) for data in settings.last_models], settings.last_enums
+        self._libraries = Libraries(folders, settings.plugins, settings.models, settings.trusted, last)
         self._given = [remapped_key(key, key) or key for key in settings.given]
         self._texts = _Texts()
 
     def describe(self) -> dict[str, Any]:
         """Return the available nodes."""
         libraries = self._libraries
-        models = [libraries.read.get(model.id, model) for model in models_of(libraries.nodes)]
+        models = [libraries.kept.get(model.id, model) for model in models_of(libraries.nodes)]
         return {
             "models": [model.as_data() for model in models],
             "enums": libraries.nodes.types.enums,

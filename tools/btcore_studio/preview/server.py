@@ -176,11 +176,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.close_connection = True  # the page was closed
 
     def _checked_path(self, server: PreviewServer) -> str:
-        """Return the path after the token.
-
-        Raises:
-            RequestError: The request is not from the page.
-        """
+        """Return the path after the token. Raise RequestError if the request is not from the page."""
         token, slash, name = self.path.removeprefix("/").partition("/")
         if not hmac.compare_digest(token.encode("latin-1", "replace"), server.token.encode()) or not slash:
             raise RequestError(HTTPStatus.NOT_FOUND, "not found")
@@ -227,11 +223,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._send_json({})
 
     def _body(self) -> dict[str, Any]:
-        """Return the JSON object in the request.
-
-        Raises:
-            RequestError: The request has no JSON object, or too much data.
-        """
+        """Return the JSON object in the request."""
         if self.headers.get_content_type() != "application/json":
             raise RequestError(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "expected application/json")
         length = self.headers.get("Content-Length", "")
@@ -277,11 +269,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _texts(value: object) -> list[str]:
-    """Return *value*, which must be a list of texts.
-
-    Raises:
-        RequestError: It is not.
-    """
+    """Return *value*, which must be a list of texts."""
     if isinstance(value, list) and len(value) <= _MAX_FOLDED and all(isinstance(item, str) for item in value):
         return value
     raise RequestError(HTTPStatus.BAD_REQUEST, "expected a list of texts")

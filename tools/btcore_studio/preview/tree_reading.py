@@ -178,13 +178,7 @@ def draw(plans: Plans, tree: str | None, folded: Collection[str], styled: bool =
 
 
 def _fold(root: DiagramNode, folded: set[int], count: int) -> dict[int, int]:
-    """Return the number of hidden descendants of each visible node with hidden children.
-
-    Args:
-        root: The root of the drawing.
-        folded: The numbers of the nodes whose children are hidden.
-        count: The number of all nodes.
-    """
+    """Return the number of hidden descendants of each visible node with hidden children."""
     # Nodes are numbered in pre-order: the descendants of a node follow it without a gap.
     hidden: dict[int, int] = {}
     visible = 1

@@ -4,8 +4,7 @@ import pytest
 
 from btcore import NodeExecutionError, Status
 from btcore_navigation.error_codes import Nav2ErrorCode
-from btcore_navigation.goal_progress import PATIENCE
-from btcore_navigation.navigator import SLOWEST, NavigateGoal, Navigator
+from btcore_navigation.navigator import PATIENCE, SLOWEST, NavigateGoal, Navigator
 from btcore_navigation.path import NavPath
 from btcore_robot.robot import Phase, Pose2D
 

@@ -11,9 +11,6 @@ from typing import Any
 
 import pytest
 
-import btcore
-from btcore.logs import open_log
-
 pytest.importorskip("mcp", reason="the extra mcp is not installed")
 
 import anyio
@@ -138,8 +135,7 @@ def test_an_agent_learns_why_a_tree_failed(tmp_path: Path) -> None:
         assert result["next"] == "explain_failure with the log run-1 explains why"
         read = await agent("read_log", log=result["log"])
         assert read["nodes"]["kurz"]["success"] == 1
-        if "changes" in read:  # needs the monitor
-            assert read["changes"][1:3] == ["0 s: kurz RUNNING", "0.1 s: kurz SUCCESS"]
+        assert read["changes"][1:3] == ["0 s: kurz RUNNING", "0.1 s: kurz SUCCESS"]
         shown = await agent.client.call_tool("show", {"xml": FAILING, "own_models": True})
         assert "Tür  OpenDoor" in shown.content[0].text
         can_draw = importlib.util.find_spec("resvg_py") is not None
@@ -168,7 +164,7 @@ def test_a_sample_of_the_hostile_calls_does_no_harm(
 ) -> None:
     attacks = acceptance_script("mcp_attacks")
     attacks.LIMIT = 90.0  # s; the machine may be slow
-    count, faults = attacks.run(["path", "resource", "map outside", "a ROS leaf", "run {", "SIGTERM"])
+    count, faults = attacks.run(["path", "resource", "a map here", "a ROS leaf", "run {", "SIGTERM"])
     assert faults == []
     assert count > 90
 
@@ -215,23 +211,3 @@ def test_a_call_without_a_result_explains_what_to_do_when_its_time_ends(tmp_path
     plugin = tmp_path / "leaves.py"
     plugin.write_text("import threading\nthreading.Event().wait()\n", encoding="utf-8")
     serve(tmp_path, tmp_path / "calls.jsonl", work, f"--plugin={plugin}", "--time-limit=1")
-
-
-def test_statistics_are_returned_of_a_log_with_more_text_than_a_command_may_print(tmp_path: Path) -> None:
-    pytest.importorskip("btcore_monitor")
-    for name, ticks in (("Tür" * 100, 25_000), ("Tür" * 1000, 3_000)):
-        b = btcore.Builder()
-        tree = b.build(b.AlwaysSuccess(name=name))
-        with open_log(tree, tmp_path / f"{ticks}.btlog"):
-            for _ in range(ticks):
-                tree.tick_once()
-
-    async def work(agent: Agent) -> None:
-        read = await agent("read_log", log="25000.btlog")
-        assert read["transitions"] == 50_000
-        assert [change.endswith("SUCCESS") for change in read["changes"]] == [True]
-        read = await agent("read_log", log="3000.btlog")
-        assert read["transitions"] == 6_000
-        assert read["incomplete"].startswith("the last changes are missing: the command was stopped")
-
-    serve(tmp_path, tmp_path / "calls.jsonl", work)

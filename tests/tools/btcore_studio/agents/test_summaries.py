@@ -1,26 +1,6 @@
 """What agents read of a log and of a proof."""
 
-from btcore_studio.agents.summaries import answer_of, changes_of, reason_of
-
-LOG = """\
-    0.000000  drive home         IDLE → RUNNING
-    0.000000  BatteryChecker::4  IDLE → SUCCESS
-    0.000000  BatteryChecker::4  SUCCESS → IDLE
-    0.100000  BatteryChecker::4  IDLE → SUCCESS
-    0.100000  BatteryChecker::4  SUCCESS → IDLE
-    0.200000  BatteryChecker::4  IDLE → FAILURE
-    0.200000  drive home         RUNNING → IDLE
-3 statuses more than the last
-"""
-
-
-def test_repeated_results_of_a_reactive_node_are_omitted() -> None:
-    assert changes_of(LOG.splitlines()) == [
-        "0 s: drive home RUNNING",
-        "0 s: BatteryChecker::4 SUCCESS",
-        "0.2 s: BatteryChecker::4 FAILURE",
-        "0.2 s: drive home halted",
-    ]
+from btcore_studio.agents.summaries import answer_of, reason_of
 
 
 def test_answers_have_no_empty_values_and_keep_zeros() -> None:

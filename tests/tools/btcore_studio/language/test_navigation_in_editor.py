@@ -40,7 +40,7 @@ def test_editor_navigates_and_renames(tmp_path: Path) -> None:
 
 
 async def navigate(folder: Path, main: Path, doors: Path) -> None:
-    async with session([folder], {"plugins": ["leaves.py"]}) as editor:
+    async with session([folder], {"trusted": True, "plugins": ["leaves.py"]}) as editor:
         uri = editor.open(main)
         # A change that is not saved: each place below it moves.
         editor.replace(uri, MAIN.index("    <BehaviorTree"), MAIN.index("    <BehaviorTree"), "<!-- 🤖 -->\n")
@@ -57,7 +57,7 @@ async def navigate(folder: Path, main: Path, doors: Path) -> None:
         (found,) = await editor.text_document_definition_async(types.DefinitionParams(document, at('Türen"')))
         assert found.uri == doors.as_uri()
         assert found.range == types.Range(types.Position(1, 22), types.Position(1, 27))
-        await editor.find_mistakes(uri)  # the leaves are read before
+        await editor.find_mistakes(uri)  # the leaves are imported before
         (found,) = await editor.text_document_definition_async(
             types.DefinitionParams(document, at("Fahren/"))
         )

@@ -166,38 +166,54 @@ def test_python_leaves_are_imported_only_if_the_user_trusts_them(tmp_path: Path)
 
     async def use() -> None:
         checked = Checked(tmp_path, Settings(plugins=("leaves.py",)))
-        await checked.until(tree, ["W201"])
+        await checked.until(tree, ["E101"])
         assert not imported.exists()
-        model = checked.project.models["Greet"]
-        assert (model.description, model.file, model.line) == ("Say hello.", str(leaves), 7)
+        [hint] = checked.shown
+        assert hint.startswith("Python leaves are unknown")
         # Now the code runs.
         checked.project.configure([tmp_path], Settings(trusted=True, plugins=("leaves.py",), given=("gast",)))
         checked.checker.reload()
         await checked.until(tree, [])
         assert imported.exists()
+        model = checked.project.models["Greet"]
+        assert (model.description, model.file, model.line) == ("Say hello.", str(leaves), 7)
         # A change of the source is seen.
         leaves.write_text(LEAVES.replace("who", "guest"), encoding="utf-8")
         os.utime(leaves, ns=(1, 1))
         checked.checker.file_changed(leaves)
         await checked.until(tree, ["E201"])
         assert checked.project.models["Greet"].ports[0].name == "guest"
-        assert checked.shown == []
+        assert checked.shown == [hint]
         await checked.checker.close()
 
     asyncio.run(use())
 
 
-def test_a_library_with_a_mistake_is_read_instead(tmp_path: Path) -> None:
-    (tmp_path / "leaves.py").write_text(LEAVES + "\nGRÜSSE = 'Hallo 🤖' + 1\n", encoding="utf-8")
-    (tmp_path / "tree.xml").write_text(TREE, encoding="utf-8")
+def test_nodes_of_the_last_import_are_kept_while_a_library_has_a_mistake(tmp_path: Path) -> None:
+    tree, leaves = tmp_path / "tree.xml", tmp_path / "leaves.py"
+    tree.write_text(TREE, encoding="utf-8")
+    leaves.write_text(LEAVES, encoding="utf-8")
 
     async def use() -> None:
         checked = Checked(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
-        await checked.until(tmp_path / "tree.xml", ["W201"])
-        assert checked.project.models["Greet"].line == 7
-        (problem,) = checked.found[tmp_path / "leaves.py"]
-        assert "can only concatenate str" in problem.message
-        assert (problem.line, problem.is_error) == (LEAVES.count("\n") + 1, True)
+        await checked.until(tree, ["W201"])
+        for number in (1, 2):
+            leaves.write_text(LEAVES + "\nGRÜSSE = 'Hallo 🤖' + 1\n", encoding="utf-8")
+            os.utime(leaves, ns=(number, number))
+            del checked.found[tree]
+            checked.checker.file_changed(leaves)
+            checked.checker.check_all()
+            await checked.until(tree, ["W201"])
+            model = checked.project.models["Greet"]
+            assert (model.description, model.file, model.line) == ("Say hello.", str(leaves), 7)
+            (problem,) = checked.found[leaves]
+            assert "can only concatenate str" in problem.message
+            assert (problem.line, problem.is_error) == (LEAVES.count("\n") + 1, True)
+        leaves.write_text(LEAVES.replace("who", "guest"), encoding="utf-8")
+        os.utime(leaves, ns=(3, 3))
+        checked.checker.file_changed(leaves)
+        await checked.until(tree, ["E201"])
+        assert checked.found[leaves] == []
         assert checked.shown == []
         await checked.checker.close()
 
@@ -228,22 +244,28 @@ def test_a_mistake_in_a_helper_of_a_library_is_reported_there_until_it_is_repair
     asyncio.run(use())
 
 
-def test_a_library_that_never_ends_is_read_instead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nodes_of_the_last_import_are_kept_if_an_import_never_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     tree, leaves = tmp_path / "tree.xml", tmp_path / "leaves.py"
     tree.write_text(TREE, encoding="utf-8")
-    leaves.write_text(LEAVES + "\nwhile True: pass\n", encoding="utf-8")
+    leaves.write_text(LEAVES, encoding="utf-8")
     ask = checker.WorkerProcess.ask
 
     async def limited(self: checker.WorkerProcess, message: Any, limit: float) -> Any:
         return await ask(self, message, 0.2 if message.get("trusted") else limit)
 
-    monkeypatch.setattr(checker.WorkerProcess, "ask", limited)
-
     async def use() -> None:
         checked = Checked(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
         await checked.until(tree, ["W201"])
+        monkeypatch.setattr(checker.WorkerProcess, "ask", limited)
+        leaves.write_text(LEAVES + "\nwhile True: pass\n", encoding="utf-8")
+        del checked.found[tree]
+        checked.checker.file_changed(leaves)
+        checked.checker.check_all()
+        await checked.until(tree, ["W201"])
         assert checked.shown == [
-            "The import of the node libraries took longer than 0.2 s. Their source is read instead."
+            "The import of the node libraries took longer than 0.2 s. Nodes of the last import are kept."
         ]
         await checked.checker.close()
 
