@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from btcore_robot.field_reader import did_you_mean
+from btcore.suggestions import did_you_mean
 from btcore_robot.rigid_transform import Quaternion, Transform
 from btcore_robot.robot import TransformStamped
 from btcore_sim.errors import SimError
@@ -103,7 +103,7 @@ class Kinematics:
             if parent not in known:
                 raise SimError(
                     f"robot '{description.name}': frame '{child}' is fixed to '{parent}', which does not "
-                    f"exist: {did_you_mean(parent, known)}frames are {', '.join(known)}"
+                    f"exist: frames are {', '.join(known)}{did_you_mean(parent, known)}"
                 )
         for child in parents:
             chain = [child]
@@ -175,7 +175,7 @@ def _joints(description: RobotDescription) -> tuple[str, list[tuple[_Joint, bool
 def _mounted(description: RobotDescription) -> list[FixedFrame]:
     """Return the frames of sensors that neither the description nor its URDF defines."""
     laser, camera, sonars = description.laser, description.camera, description.sonars
-    frames = [FixedFrame(laser.info.frame, laser.link, laser.position, (0.0, 0.0, 0.0))]
+    frames = [FixedFrame(laser.frame, laser.link, laser.position, (0.0, 0.0, 0.0))]
     frames += [FixedFrame(sonar.frame, sonar.link, sonar.position, (0.0, 0.0, sonar.yaw)) for sonar in sonars]
     if camera is not None:
         mount = f"{camera.frame}_mount"

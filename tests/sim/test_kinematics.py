@@ -147,7 +147,7 @@ def test_a_sensor_has_a_frame_even_without_a_description_of_it(tmp_path: Path):
 @pytest.mark.parametrize(
     ("frame", "said"),
     [
-        ({"name": "hat", "parent": "head_3_link"}, "'hat' is fixed to 'head_3_link'.* did you mean 'head_"),
+        ({"name": "hat", "parent": "head_3_link"}, "'hat' is fixed to 'head_3_link'.*; did you mean 'head_"),
         ({"name": "base_link", "parent": "head_2_link"}, "there are two frames 'base_link'"),
         ({"name": "hat", "parent": "hat"}, "'hat' is fixed to itself"),
     ],

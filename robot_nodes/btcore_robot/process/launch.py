@@ -24,12 +24,11 @@ from typing import Any
 
 import yaml
 
+from btcore_robot.data_files import read_text, yaml_errors
 from btcore_robot.errors import RobotError
-from btcore_robot.field_reader import read_text
 from btcore_robot.process.parameters import ParameterValue, load_process_parameters
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 from btcore_robot.process.programs import UnknownProgramError, create_processes
-from btcore_robot.yaml_errors import yaml_errors
 
 _LINE = "__line__"
 _NODE_KEYS = {"exec", "name", "pkg", "remap", "param", "output"}

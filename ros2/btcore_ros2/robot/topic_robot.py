@@ -158,14 +158,14 @@ class TopicRobot(Robot):
         pan = min(max(pan, info.pan_min), info.pan_max)
         tilt = min(max(tilt, info.tilt_min), info.tilt_max)
         seconds = max(abs(pan - now.pan), abs(tilt - now.tilt)) / info.speed
-        self._move_joints(head.topic, {head.pan: pan, head.tilt: tilt}, seconds)
+        self._move_joints(head.topic, dict(zip(head.joints, (pan, tilt), strict=True)), seconds)
 
     def head(self) -> HeadPosition | None:
         """Return the position of the head from the joint states, or None without a head."""
         head = self.description.head
-        if head is None or head.pan not in self._joints or head.tilt not in self._joints:
+        if head is None or not all(joint in self._joints for joint in head.joints):
             return None
-        (pan, stamp), (tilt, tilt_stamp) = self._joints[head.pan], self._joints[head.tilt]
+        (pan, stamp), (tilt, tilt_stamp) = (self._joints[joint] for joint in head.joints)
         return HeadPosition(pan, tilt, min(stamp, tilt_stamp))
 
     def lift(self, height: float) -> None:
@@ -417,5 +417,5 @@ class TopicRobot(Robot):
         try:
             self._scans = ScanConverter(message, mount, facts.rate, facts.sigma, facts.range_noise)
         except RosError as error:
-            raise RosError(f"{facts.source.topic}: {error}") from None
+            raise RosError(f"{facts.topic}: {error}") from None
         self._scan = self._scans.convert(message, stamp)

@@ -289,7 +289,7 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
     [
         (
             "launch:\n- node: {exec: publsher}\n",
-            r":2: there is no program 'publsher': did you mean 'publisher'",
+            r":2: there is no program 'publsher'; did you mean 'publisher'",
         ),
         ("launch:\n- node: {name: a}\n", r":2: a node needs 'exec'"),
         ("launch:\n- node: {exec: logger, parm: []}\n", ":2: a node has no key 'parm'"),
