@@ -43,7 +43,8 @@ _MAX_SHOWN: Final = 80
 
 
 class Record(msgspec.Struct, forbid_unknown_fields=True):
-    """An object of a file. Its `__post_init__` may raise a `FieldError` or a `ValueError`.
+    """An object of a file. Its `__post_init__` may raise a `FieldError`, or a `ValueError` whose text
+    follows the key of the object in the message.
 
     In a plain `msgspec.Struct`, unknown keys are ignored unless they resemble a missing key.
     """

@@ -490,7 +490,7 @@ class Table(_Thing, kw_only=True, tag="table"):
         length, width, height = self.size
         if self.top >= height or 2 * self.leg > min(length, width):
             parts = f"a 'top' of {self.top:g} m and legs of {self.leg:g} m"
-            raise ValueError(f"{parts} don't fit into 'size': use smaller values")
+            raise ValueError(f"has {parts}, which don't fit into 'size': use smaller values")
 
     def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
         """Return the parts of the table: its top, and legs flush with the corners."""
@@ -596,7 +596,7 @@ class Start(Record):
 
     def __post_init__(self) -> None:
         if (self.pose is UNSET) is (self.area is UNSET):
-            raise ValueError("'start' needs either 'area' or 'pose'")
+            raise ValueError("needs either 'area' or 'pose'")
         if self.area is not UNSET:
             _check_rectangle("area", self.area)
 

@@ -168,7 +168,7 @@ BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
         ({"start": None}, "'start' is null, and an object of keys and values is expected"),
         (
             {"objects": [{**BOX, "kind": "table", "leg": 0.6}]},
-            "a 'top' of 0.04 m and legs of 0.6 m don't fit",
+            r"'objects\[0\]' has a 'top' of 0.04 m and legs of 0.6 m, which don't fit",
         ),
         ({"keepout": [[1, 0, 0, 1]]}, r"'keepout' has \[1, 0, 0, 1\], but the form is x and y from"),
         (
