@@ -221,6 +221,7 @@ SHARED = (
     "btcore_robot.scene_messages",
     "btcore_robot.schedule",
     "btcore_robot.data_files",
+    "btcore_robot.urdf",
 )
 
 

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.rigid_transform import Transform
+from btcore_robot.rigid_transform import Transform, from_rpy
 from btcore_robot.robot import TransformStamped
 from btcore_scene import UPRIGHT, Box, Color, Cylinder, Frame, Mesh, Part, Place, Sphere
 from btcore_sim.errors import SimError
-from btcore_sim.kinematics import from_rpy
 from btcore_sim.looks import LookPart, look_parts
 from btcore_sim.map_walls import WALL_COLOR
 from btcore_sim.mesh_files import read_triangles

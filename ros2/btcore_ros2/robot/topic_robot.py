@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from btcore_robot.errors import RobotError
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import (
     CMD_VEL,
@@ -28,6 +29,7 @@ from btcore_robot.robot import (
     Twist2D,
 )
 from btcore_robot.time_limits import PICTURE_DEPTH
+from btcore_robot.urdf import Urdf, UrdfJoint, read_urdf
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.conversions import (
     ScanConverter,
@@ -41,7 +43,6 @@ from btcore_ros2.robot.description import RosRobotDescription
 from btcore_ros2.robot.frames import FOOTPRINT, FrameStore, pose_of
 from btcore_ros2.robot.scene import RobotScene
 from btcore_ros2.robot.stamps import LateMessageError, StampConverter
-from btcore_ros2.robot.urdf import UrdfJoint, read_shapes, read_urdf
 from btcore_ros2.robot.velocity import VelocityCommands, check_finite
 from btcore_scene import Frame, MovingScene, Part, StaticScene
 
@@ -79,7 +80,7 @@ class TopicRobot(Robot):
         self._sonars: dict[str, SonarReading] = {}
         self._scene = RobotScene(self)
         self._shapes: list[Part] | None = None
-        self._model_joints: list[UrdfJoint] = []
+        self._model_joints: Sequence[UrdfJoint] = []
         self._camera_info: CameraInfo | None = None
         self._raw_image: tuple[Any, int] | None = None
         self._raw_depth: tuple[Any, int] | None = None
@@ -290,7 +291,7 @@ class TopicRobot(Robot):
                 self._place_link(name)
 
     def _receive_description(self, message: Any) -> None:
-        joints = read_urdf(message.data)
+        joints = _urdf_of(message).joints
         for joint in joints:
             if not joint.moves:
                 self._frames.set(joint.child, joint.parent, joint.origin, None)
@@ -301,11 +302,14 @@ class TopicRobot(Robot):
     def _receive_shapes(self, message: Any) -> None:
         base = self.description.base_frame
         try:
-            self._model_joints, shapes = read_urdf(message.data), read_shapes(message.data)
+            urdf = _urdf_of(message)
         except RosError as error:
             _log.warning("the monitor cannot draw the robot's shape: %s", error)
-            shapes = []
-        self._shapes = [replace(each, frame=FOOTPRINT) if each.frame == base else each for each in shapes]
+            urdf = Urdf((), (), ())
+        self._model_joints = urdf.joints
+        self._shapes = [
+            replace(each, frame=FOOTPRINT) if each.frame == base else each for each in urdf.shapes
+        ]
 
     def _drawn_frames(self) -> list[Frame]:
         """Return the frames, and the links of the model whose poses are on no topic, such as wheels."""
@@ -419,3 +423,10 @@ class TopicRobot(Robot):
         except RosError as error:
             raise RosError(f"{facts.topic}: {error}") from None
         self._scan = self._scans.convert(message, stamp)
+
+
+def _urdf_of(message: Any) -> Urdf:
+    try:
+        return read_urdf(message.data)
+    except RobotError as error:
+        raise RosError(str(error)) from None
