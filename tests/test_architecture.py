@@ -44,6 +44,7 @@ TIERS = (
         "names",
         "options",
         "suggestions",
+        "typed_data",
         "builds",
         "flatbuffer",
         "input_files",
@@ -218,26 +219,28 @@ SHARED = (
     "btcore_robot.rigid_transform",
     "btcore_robot.scene_messages",
     "btcore_robot.schedule",
-    "btcore_robot.field_reader",
+    "btcore_robot.data_files",
+    "btcore_robot.urdf",
 )
 
 
 def test_simulation_imports_only_the_robot_protocol_and_maps() -> None:
     assert (
-        violations("btcore_sim", "btcore", but=("btcore_sim.errors", "btcore_sim.providers"))
-        + violations("btcore_sim", "btcore_monitor")
+        violations("btcore_sim", "btcore_monitor")
         + violations("btcore_sim", "btcore_navigation")
         + violations("btcore_robot", "btcore_sim")
         == []
     )
+    engine = violations("btcore_sim", "btcore", but=("btcore_sim.errors", "btcore_sim.providers"))
+    assert {edge.split(" → ")[1] for edge in engine} == {"btcore.suggestions", "btcore.typed_data"}
     assert {edge.split(" → ")[1] for edge in violations("btcore_sim", "btcore_robot")} <= {
         *SHARED,
         *MAPS,
     }
     for module in SHARED:
-        assert third_party_imports(module) <= {"numpy", "numpy.typing"}
+        assert third_party_imports(module) <= {"numpy", "numpy.typing", "msgspec", "yaml"}
     for module in MAPS:
-        assert third_party_imports(module) <= {"numpy", "numpy.typing", "cv2", "yaml"}
+        assert third_party_imports(module) <= {"numpy", "numpy.typing", "msgspec", "yaml", "cv2"}
     assert imports("btcore_robot") == set()
 
 
@@ -271,7 +274,9 @@ WITH_TREES = tuple(
 )
 
 
-FILES_AND_ERRORS = {"btcore.errors", "btcore.input_files", "btcore.output_files"}
+FILES_AND_ERRORS = {
+    f"btcore.{name}" for name in ("errors", "input_files", "output_files", "suggestions", "typed_data")
+}
 
 
 def test_robot_servers_do_not_import_the_engine() -> None:

@@ -1,55 +1,48 @@
 """Print the tables of docs/guides/worlds.md: the keys of a world's file, from its JSON schema.
 
-``python docs/site/world_keys.py`` prints the tables. Copy them into the page after a change of the schema.
+``python docs/site/world_keys.py`` prints the tables. Copy them into the page after a change of the keys.
 """
 
 import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from btcore_sim.world_description import KINDS, SCHEMA
+from btcore_sim.world_description import json_schema
 
 COMMON = ("name", "position", "yaw", "color", "material")
 
 
 def tables() -> str:
     """Return the sections with the keys of the file, of all objects, and of each kind."""
-    schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
-    named = schema["$defs"]
-    parts = ["### The file", *_table(schema, named)]
-    parts += [
-        "### start",
-        schema["properties"]["start"]["description"],
-        *_table(schema["properties"]["start"], named),
-    ]
+    named = json_schema()["$defs"]
+    world, start, box = named["WorldFile"], named["Start"], named["Box"]
+    world["properties"]["start"] |= {"description": start["description"]}
+    common = {key: box["properties"][key] for key in COMMON}
+    parts = ["### The file", *_table(world), "### start", start["description"], *_table(start)]
     parts += [
         "### All objects",
         "These keys have the same meaning in every kind, unless its table has another.",
+        *_table({"required": ["position"], "properties": common}),
     ]
-    parts += _table({"required": ["position"], "properties": {key: named[key] for key in COMMON}}, named)
-    for kind in KINDS:
-        parts += [
-            f"### {kind}",
-            named[kind]["description"],
-            *_table(named[kind], named, but=("kind", *COMMON)),
-        ]
+    for kind, reference in world["properties"]["objects"]["items"]["discriminator"]["mapping"].items():
+        thing = named[reference.rpartition("/")[2]]
+        keys = thing["properties"].items()
+        own = {key: value for key, value in keys if key != "kind" and value != common.get(key)}
+        parts += [f"### {kind}", thing["description"], *_table({**thing, "properties": own})]
     return "\n\n".join(parts)
 
 
-def _table(schema: Mapping[str, Any], named: Mapping[str, Any], but: tuple[str, ...] = ()) -> Iterator[str]:
-    """Yield a table of the keys of *schema*. Keys in *but* are left out if they refer to *named*."""
+def _table(schema: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a table of the keys of *schema*."""
     rows = ["| key | default | meaning |", "|---|---|---|"]
     for key, value in schema["properties"].items():
-        inner = {**named.get(value.get("$ref", "").rpartition("/")[2], {}), **value}
-        if key in but and ("$ref" in value or "const" in value):
-            continue
-        default = f"`{json.dumps(inner['default'])}`" if "default" in inner else ""
+        default = f"`{json.dumps(value['default'])}`" if "default" in value else ""
         if key in schema.get("required", ()):
             default = "required"
         words = (
-            f" {' or '.join(f'`{json.dumps(word)}`' for word in inner['enum'])}." if "enum" in inner else ""
+            f" {' or '.join(f'`{json.dumps(word)}`' for word in value['enum'])}." if "enum" in value else ""
         )
-        rows.append(f"| `{key}` | {default} | {inner['description']}{words} |")
+        rows.append(f"| `{key}` | {default} | {value['description']}{words} |")
     yield "\n".join(rows)
 
 

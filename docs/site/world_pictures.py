@@ -1,7 +1,7 @@
 """Draw the pictures of the guides to worlds with the renderer of the simulated camera.
 
-``python docs/site/world_pictures.py docs/images/world_kinds.png`` draws the example of each kind of object in
-the JSON schema of worlds, beside the robot; ``… docs/images/world_lobby.png lobby`` draws a whole world, and
+``python docs/site/world_pictures.py docs/images/world_kinds.png`` draws an example of each kind of object
+beside the robot; ``… docs/images/world_lobby.png lobby`` draws a whole world, and
 ``… docs/images/random_worlds.png office:1 office:2 home:1 home:2`` draws four worlds from above.
 """
 
@@ -23,11 +23,53 @@ from btcore_sim.renderer import Renderer
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.visible_faces import VisibleFaces
 from btcore_sim.world import World, world_extent
-from btcore_sim.world_description import KINDS, SCHEMA, WorldDescription
+from btcore_sim.world_description import WorldDescription
 from btcore_sim.worlds import load_world_description
 
 FINER = 3  # each pixel is the mean of 3 x 3 pixels, for smooth edges
 TILE = (300, 225)
+EXAMPLES: tuple[dict[str, Any], ...] = (
+    {
+        "name": "crate",
+        "kind": "box",
+        "position": [0, 0],
+        "size": [0.8, 0.5, 0.5],
+        "yaw": 0.3,
+        "color": "#b5793c",
+    },
+    {
+        "name": "drum",
+        "kind": "cylinder",
+        "position": [0, 0],
+        "radius": 0.3,
+        "height": 0.9,
+        "color": "#2f7f86",
+    },
+    {"name": "desk", "kind": "table", "position": [0, 0], "size": [1.4, 0.7, 0.74], "color": "#8a6a45"},
+    {
+        "name": "corner",
+        "kind": "wall",
+        "points": [[-1, -0.6], [0.8, -0.6], [0.8, 0.8]],
+        "height": 1.2,
+        "color": "#d9d4c7",
+    },
+    {
+        "name": "counter",
+        "kind": "polygon",
+        "points": [[-1, -0.6], [0.8, -0.6], [0.8, 0.8], [0.3, 0.8], [0.3, -0.1], [-1, -0.1]],
+        "height": 0.9,
+        "color": "#7d5a86",
+    },
+    {
+        "name": "office_door",
+        "kind": "hinged_door",
+        "position": [0, 0],
+        "height": 1.6,
+        "open": False,
+        "color": "#8a6a45",
+    },
+    {"name": "entrance", "kind": "sliding_door", "position": [0, 0], "height": 1.6, "material": "glass"},
+)
 CRATE = {"name": "crate", "kind": "box", "position": [0, 0.5], "size": [0.5, 0.5, 0.5], "color": "#b5793c"}
 PANE = {"name": "pane", "kind": "box", "position": [0, -0.3], "size": [1.6, 0.03, 1.2], "material": "glass"}
 JAMBS = (
@@ -106,8 +148,7 @@ def _thing(description: WorldDescription, name: str) -> Any:
 
 def kinds() -> NDArray[np.uint8]:
     """Return a picture (BGR) with a tile for each kind of object, and one for glass."""
-    examples = json.loads(SCHEMA.read_text(encoding="utf-8"))["$defs"]
-    tiles = {kind: [examples[kind]["examples"][0]] for kind in KINDS}
+    tiles: dict[str, list[dict[str, Any]]] = {str(example["kind"]): [example] for example in EXAMPLES}
     for kind in ("hinged_door", "sliding_door"):
         tiles[kind] += JAMBS
     tiles['"material": "glass"'] = [CRATE, PANE]

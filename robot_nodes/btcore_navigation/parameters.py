@@ -1,8 +1,8 @@
 """The parameters of the navigation servers, with Nav2's names and the book's values as defaults.
 
 "The book" is *A Concise Introduction to Robot Programming with ROS2*; its files configure Nav2 for Tiago.
-The name of a field is its key in a Nav2 parameter file; aliases are the keys of older and newer releases or
-of other plug-ins for the same job. A plug-in's own keys are here without the plug-in's id.
+The name of a field is its key in a Nav2 parameter file; the texts in its annotation are the keys of older and
+newer releases or of other plug-ins for the same job. A plug-in's own keys are here without the plug-in's id.
 
 Every field has an effect. Keys of a file that have no field here have no effect; a warning lists them.
 """
@@ -12,14 +12,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
+from msgspec import Meta
+
+from btcore.typed_data import NotNegative
 from btcore_navigation.clearance import min_clearance
 from btcore_robot import time_limits
 from btcore_robot.parameter_files import (
-    ALIASES,
     EVERY_SERVER,
-    MINIMUM,
     ParameterError,
     ParameterOverlay,
     Setting,
@@ -43,17 +44,6 @@ __all__ = [
 AnyCostmap = TypeVar("AnyCostmap", "GlobalCostmapParameters", "LocalCostmapParameters")
 
 
-def number_field(default: float, *aliases: str, minimum: float | None = None) -> Any:
-    """Return a dataclass field for a number, with its rules for parameter files as metadata.
-
-    Args:
-        default: The value without a parameter file.
-        aliases: Other names of the parameter in parameter files.
-        minimum: The least valid value; None if every number is valid.
-    """
-    return field(default=default, metadata={ALIASES: aliases, MINIMUM: minimum})
-
-
 @dataclass(frozen=True, slots=True)
 class AmclParameters:
     """The localiser: `amcl`. Lengths in m, angles in rad, times in s.
@@ -62,30 +52,30 @@ class AmclParameters:
     `z_…`), KLD sampling (`pf_…`) and the filter's updates (`update_min_…`).
     """
 
-    alpha1: float = number_field(0.2, minimum=0.0)
-    alpha2: float = number_field(0.2, minimum=0.0)
-    alpha3: float = number_field(0.2, minimum=0.0)
-    alpha4: float = number_field(0.2, minimum=0.0)
-    laser_likelihood_max_dist: float = number_field(2.0, minimum=0.0)
+    alpha1: NotNegative = 0.2
+    alpha2: NotNegative = 0.2
+    alpha3: NotNegative = 0.2
+    alpha4: NotNegative = 0.2
+    laser_likelihood_max_dist: NotNegative = 2.0
     laser_max_range: float = 100.0
     laser_min_range: float = -1.0
-    max_beams: int = number_field(60, minimum=2)
-    max_particles: int = number_field(2000, minimum=1)
-    min_particles: int = number_field(500, minimum=1)
-    pf_err: float = number_field(0.05, minimum=0.0)
-    pf_z: float = number_field(0.99, minimum=0.0)
-    resample_interval: int = number_field(1, minimum=1)
-    sigma_hit: float = number_field(0.2, minimum=0.0)
-    z_hit: float = number_field(0.5, minimum=0.0)
-    z_rand: float = number_field(0.5, minimum=0.0)
+    max_beams: Annotated[int, Meta(ge=2)] = 60
+    max_particles: Annotated[int, Meta(ge=1)] = 2000
+    min_particles: Annotated[int, Meta(ge=1)] = 500
+    pf_err: NotNegative = 0.05
+    pf_z: NotNegative = 0.99
+    resample_interval: Annotated[int, Meta(ge=1)] = 1
+    sigma_hit: NotNegative = 0.2
+    z_hit: NotNegative = 0.5
+    z_rand: NotNegative = 0.5
     tf_broadcast: bool = True
-    transform_tolerance: float = number_field(time_limits.MAP_TRANSFORM, minimum=0.0)
-    update_min_a: float = number_field(0.2, minimum=0.0)
-    update_min_d: float = number_field(0.25, minimum=0.0)
+    transform_tolerance: NotNegative = time_limits.MAP_TRANSFORM
+    update_min_a: NotNegative = 0.2
+    update_min_d: NotNegative = 0.25
     set_initial_pose: bool = True
-    initial_pose_x: float = number_field(0.0, "initial_pose.x")
-    initial_pose_y: float = number_field(0.0, "initial_pose.y")
-    initial_pose_yaw: float = number_field(0.0, "initial_pose.yaw")
+    initial_pose_x: Annotated[float, "initial_pose.x"] = 0.0
+    initial_pose_y: Annotated[float, "initial_pose.y"] = 0.0
+    initial_pose_yaw: Annotated[float, "initial_pose.yaw"] = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,17 +91,17 @@ class CostmapParameters:
     published, and whether completely each time, or only the part that has changed.
     """
 
-    update_frequency: float = number_field(1.0, minimum=0.0)
-    publish_frequency: float = number_field(1.0, minimum=0.0)
+    update_frequency: NotNegative = 1.0
+    publish_frequency: NotNegative = 1.0
     always_send_full_costmap: bool = False
-    resolution: float = number_field(0.05, minimum=0.005)
-    robot_radius: float = number_field(0.0, minimum=0.0)
+    resolution: Annotated[float, Meta(ge=0.005)] = 0.05
+    robot_radius: NotNegative = 0.0
     footprint: str = ""
-    inflation_radius: float = number_field(0.55, minimum=0.0)
-    cost_scaling_factor: float = number_field(3.0, minimum=0.0)
-    obstacle_max_range: float = number_field(2.5, "obstacle_range", minimum=0.0)
-    obstacle_min_range: float = number_field(0.0, minimum=0.0)
-    raytrace_max_range: float = number_field(3.0, "raytrace_range", minimum=0.0)
+    inflation_radius: NotNegative = 0.55
+    cost_scaling_factor: NotNegative = 3.0
+    obstacle_max_range: Annotated[NotNegative, "obstacle_range"] = 2.5
+    obstacle_min_range: NotNegative = 0.0
+    raytrace_max_range: Annotated[NotNegative, "raytrace_range"] = 3.0
 
     @property
     def given_radius(self) -> float:
@@ -136,8 +126,8 @@ class LocalCostmapParameters(CostmapParameters):
     *width* (m) is the side of the costmap, which is a square.
     """
 
-    update_frequency: float = number_field(5.0, minimum=0.0)
-    width: float = number_field(3.0, minimum=0.0)
+    update_frequency: NotNegative = 5.0
+    width: NotNegative = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +138,7 @@ class PlannerParameters:
     0.5 of Nav2's and the book's files, so that a goal in a wall fails with the error code for that reason.
     """
 
-    tolerance: float = number_field(0.0, minimum=0.0)
+    tolerance: NotNegative = 0.0
     allow_unknown: bool = True
 
 
@@ -172,45 +162,44 @@ class ControllerParameters:
     """
 
     controller_plugins: tuple[str, ...] = ("FollowPath",)
-    goal_checker_plugins: tuple[str, ...] = field(
-        default=("general_goal_checker", "goal_checker"), metadata={ALIASES: ("goal_checker_plugin",)}
+    goal_checker_plugins: Annotated[tuple[str, ...], "goal_checker_plugin"] = (
+        "general_goal_checker",
+        "goal_checker",
     )
-    progress_checker_plugins: tuple[str, ...] = field(
-        default=("progress_checker",), metadata={ALIASES: ("progress_checker_plugin",)}
-    )
-    controller_frequency: float = number_field(20.0, minimum=1.0)
-    failure_tolerance: float = number_field(6.0, minimum=-1.0)
-    required_movement_radius: float = number_field(0.5, minimum=0.0)
-    required_movement_angle: float = number_field(0.5, minimum=0.0)
-    movement_time_allowance: float = number_field(10.0, minimum=0.0)
-    xy_goal_tolerance: float = number_field(0.25, minimum=0.01)
-    yaw_goal_tolerance: float = number_field(0.25, minimum=0.01)
+    progress_checker_plugins: Annotated[tuple[str, ...], "progress_checker_plugin"] = ("progress_checker",)
+    controller_frequency: Annotated[float, Meta(ge=1.0)] = 20.0
+    failure_tolerance: Annotated[float, Meta(ge=-1.0)] = 6.0
+    required_movement_radius: NotNegative = 0.5
+    required_movement_angle: NotNegative = 0.5
+    movement_time_allowance: NotNegative = 10.0
+    xy_goal_tolerance: Annotated[float, Meta(ge=0.01)] = 0.25
+    yaw_goal_tolerance: Annotated[float, Meta(ge=0.01)] = 0.25
     stateful: bool = True
-    max_vel_x: float = number_field(0.3, "desired_linear_vel", "vx_max", minimum=0.0)
-    max_vel_theta: float = number_field(0.5, "wz_max", minimum=0.0)
-    acc_lim_x: float = number_field(1.5, "ax_max", minimum=0.01)
-    acc_lim_theta: float = number_field(2.2, "az_max", "max_angular_accel", minimum=0.01)
-    decel_lim_x: float = number_field(-2.5, "ax_min")
-    decel_lim_theta: float = number_field(-3.2)
-    lookahead_dist: float = number_field(0.6, "max_lookahead_dist", minimum=0.1)
-    min_lookahead_dist: float = number_field(0.35, minimum=0.1)
-    rotate_to_heading_min_angle: float = number_field(0.785, minimum=0.1)
-    approach_velocity_scaling_dist: float = number_field(0.6, minimum=0.0)
-    min_approach_linear_velocity: float = number_field(0.05, minimum=0.01)
-    time_to_collision: float = number_field(1.2, "max_allowed_time_to_collision_up_to_carrot", minimum=0.1)
-    scan_timeout: float = number_field(time_limits.SCAN, minimum=0.1)
-    odometry_timeout: float = number_field(time_limits.ODOMETRY, minimum=0.05)
+    max_vel_x: Annotated[NotNegative, "desired_linear_vel", "vx_max"] = 0.3
+    max_vel_theta: Annotated[NotNegative, "wz_max"] = 0.5
+    acc_lim_x: Annotated[float, Meta(ge=0.01), "ax_max"] = 1.5
+    acc_lim_theta: Annotated[float, Meta(ge=0.01), "az_max", "max_angular_accel"] = 2.2
+    decel_lim_x: Annotated[float, "ax_min"] = -2.5
+    decel_lim_theta: float = -3.2
+    lookahead_dist: Annotated[float, Meta(ge=0.1), "max_lookahead_dist"] = 0.6
+    min_lookahead_dist: Annotated[float, Meta(ge=0.1)] = 0.35
+    rotate_to_heading_min_angle: Annotated[float, Meta(ge=0.1)] = 0.785
+    approach_velocity_scaling_dist: NotNegative = 0.6
+    min_approach_linear_velocity: Annotated[float, Meta(ge=0.01)] = 0.05
+    time_to_collision: Annotated[float, Meta(ge=0.1), "max_allowed_time_to_collision_up_to_carrot"] = 1.2
+    scan_timeout: Annotated[float, Meta(ge=0.1)] = time_limits.SCAN
+    odometry_timeout: Annotated[float, Meta(ge=0.05)] = time_limits.ODOMETRY
 
 
 @dataclass(frozen=True, slots=True)
 class BehaviourParameters:
     """The recoveries: `behavior_server` (`recoveries_server` in foxy). Units are Hz, s, rad/s, rad/s²."""
 
-    cycle_frequency: float = number_field(10.0, minimum=1.0)
-    simulate_ahead_time: float = number_field(2.0, "projection_time", minimum=0.0)
-    max_rotational_vel: float = number_field(1.0, minimum=0.0)
-    min_rotational_vel: float = number_field(0.4, minimum=0.0)
-    rotational_acc_lim: float = number_field(3.2, minimum=0.01)
+    cycle_frequency: Annotated[float, Meta(ge=1.0)] = 10.0
+    simulate_ahead_time: Annotated[NotNegative, "projection_time"] = 2.0
+    max_rotational_vel: NotNegative = 1.0
+    min_rotational_vel: NotNegative = 0.4
+    rotational_acc_lim: Annotated[float, Meta(ge=0.01)] = 3.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,13 +210,11 @@ class NavigatorParameters:
     for `btcore run --plugin`. Nav2's own libraries (`nav2_…`) are built in.
     """
 
-    bt_loop_duration: int = number_field(10, minimum=1)
-    default_nav_to_pose_bt_xml: str = field(
-        default="", metadata={ALIASES: ("default_bt_xml_filename", "default_bt_xml_file")}
-    )
+    bt_loop_duration: Annotated[int, Meta(ge=1)] = 10
+    default_nav_to_pose_bt_xml: Annotated[str, "default_bt_xml_filename", "default_bt_xml_file"] = ""
     default_nav_through_poses_bt_xml: str = ""
     plugin_lib_names: tuple[str, ...] = ()
-    goal_reached_tol: float = number_field(0.25, minimum=0.0)
+    goal_reached_tol: NotNegative = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +226,7 @@ class WaypointFollowerParameters:
     """
 
     stop_on_failure: bool = True
-    waypoint_pause_duration: int = number_field(0, minimum=0)
+    waypoint_pause_duration: Annotated[int, Meta(ge=0)] = 0
 
 
 @dataclass(frozen=True, slots=True)

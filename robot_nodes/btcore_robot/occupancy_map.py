@@ -18,22 +18,21 @@ the map:
 """
 
 import math
-from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
 import cv2
+import msgspec
 import numpy as np
-import yaml
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from btcore.input_files import read_file
 from btcore.output_files import write_file
+from btcore.typed_data import DataError, FieldError, Positive, convert
+from btcore_robot.data_files import yaml_data
 from btcore_robot.errors import RobotError
-from btcore_robot.field_reader import FieldReader, did_you_mean, read_text
-from btcore_robot.yaml_errors import yaml_errors
 
 __all__ = [
     "Grid",
@@ -61,8 +60,6 @@ _WHITE, _BLACK = 254, 0
 # map_saver's 205 is only 0.196 dark: with the threshold that map_saver writes, such a pixel would be free.
 _GREY = 128
 _RAW_UNKNOWN = 255
-_MODES = ("trinary", "scale", "raw")
-_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 
 
 class MapError(RobotError):
@@ -73,89 +70,37 @@ class MapImageError(MapError):
     """The image of a map can't be read."""
 
 
-class YamlEntries(FieldReader):
-    """The keys and values of a map in a YAML file, with their lines."""
+class _MapFile(msgspec.Struct):
+    image: str
+    resolution: Positive
+    origin: Annotated[tuple[float, ...], Meta(min_length=2, max_length=3)]
+    negate: Literal[0, 1] | bool = False
+    occupied_thresh: float = OCCUPIED_THRESHOLD
+    free_thresh: float = FREE_THRESHOLD
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
 
-    def __init__(self, path: Path, node: yaml.MappingNode) -> None:
-        self._path = path
-        self._nodes: dict[str, yaml.Node] = {}
-        self._lines: dict[str, int] = {}
-        values: dict[str, Any] = {}
-        # `safe_load` would return the values without the lines of their keys.
-        constructor = yaml.SafeLoader("")
-        for key_node, value_node in node.value:
-            key = str(constructor.construct_object(key_node, deep=True))
-            values[key] = constructor.construct_object(value_node, deep=True)
-            self._nodes[key], self._lines[key] = value_node, key_node.start_mark.line + 1
-        super().__init__(values)
-
-    def check_keys(self, keys: Sequence[str]) -> None:
-        """Check for misspelt keys. Other unknown keys are ignored, as in map_server.
-
-        Raises:
-            MapError: A key resembles a missing key of *keys*.
-        """
-        for key in self._fields:
-            if key not in keys and (hint := did_you_mean(key, [name for name in keys if not self.has(name)])):
-                raise self.mistake(key, f"is not a key of a map: {hint}the keys are {', '.join(keys)}")
-
-    def flag(self, key: str, default: bool) -> bool:
-        """Return a truth value (0, 1, true or false).
-
-        Args:
-            key: The key of the value.
-            default: The result if the key is missing.
-
-        Raises:
-            MapError: The value is not a truth value.
-        """
-        value = self._field(key, default)
-        if value not in (0, 1):
-            raise self._unexpected(key, value, "0 or 1")
-        return bool(value)
-
-    def numbers_by_name(self, key: str, counts: Sequence[int]) -> dict[str, list[float]]:
-        """Return lists of finite numbers by name; the length of each list is in *counts*.
-
-        Raises:
-            MapError: The key is missing, or its value is not a map of names to such lists.
-        """
-        value = self._field(key, None)
-        node = self._nodes[key]
-        if not isinstance(node, yaml.MappingNode):
-            raise self._unexpected(key, value, "a map of names to lists of numbers")
-        inner = YamlEntries(self._path, node)
-        return {name: inner.numbers(name, counts) for name in inner._fields}
-
-    def mistake(self, key: str, problem: str) -> MapError:
-        """Return an error with *problem* at *key*, with file and line."""
-        line = self._lines.get(key)
-        return MapError(f"{self._path}{f':{line}' if line else ''}: '{key}' {problem}")
-
-    def parse_number(self, value: object) -> float | None:
-        """Return *value* as a float, or None. PyYAML (YAML 1.1) reads 1e-2 as a text."""
-        if isinstance(value, str):
-            with suppress(ValueError):
-                value = float(value)
-        return super().parse_number(value)
+    def __post_init__(self) -> None:
+        if len(self.origin) == 3 and self.origin[2] != 0:
+            turn = f"rotates the map by {self.origin[2]:g} rad, which is not supported"
+            raise FieldError("origin", f"{turn}: rotate the image instead")
+        free, occupied = self.free_thresh, self.occupied_thresh
+        if self.mode != "raw" and not 0 <= free < occupied <= 1:
+            key = "free_thresh" if free != FREE_THRESHOLD else "occupied_thresh"
+            rule = f"0 ≤ free_thresh ({free:g}) < occupied_thresh ({occupied:g}) ≤ 1"
+            raise FieldError(key, f"must satisfy {rule}")
 
 
-def read_entries(path: Path, content: str) -> YamlEntries:
-    """Read a YAML file.
+class _KeepoutFile(msgspec.Struct):
+    keepout: tuple[Rectangle, ...]
 
-    Args:
-        path: The YAML file.
-        content: What the file contains, as error messages name it, for instance `a map`.
-
-    Raises:
-        MapError: The file can't be read, or isn't a YAML file of keys and values.
-    """
-    text = read_text(path, f"a YAML file of {content}, not an image", MapError)
-    with yaml_errors(path, MapError):
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        if not isinstance(node, yaml.MappingNode):
-            raise MapError(f"{path}: expected 'key: value' lines of {content}")
-        return YamlEntries(path, node)
+    def __post_init__(self) -> None:
+        for xmin, ymin, xmax, ymax in self.keepout:
+            if not (xmin < xmax and ymin < ymax):
+                raise FieldError(
+                    "keepout",
+                    f"has the rectangle [{xmin:g}, {ymin:g}, {xmax:g}, {ymax:g}], but the order is "
+                    "[xmin, ymin, xmax, ymax] with xmin < xmax and ymin < ymax",
+                )
 
 
 class Grid:
@@ -315,38 +260,19 @@ def load_map(path: Path) -> OccupancyMap:
         MapError: A file cannot be read or is invalid; the message has the file and the line.
         MapImageError: This file is the image.
     """
-    entries = read_entries(path, "a map")
-    entries.check_keys(_KEYS)
-    resolution = entries.number("resolution")
-    if not resolution > 0:
-        raise entries.mistake("resolution", f"must be greater than 0 m, not {resolution:g}")
-    origin = entries.numbers("origin", (2, 3))
-    if len(origin) == 3 and origin[2] != 0:
-        raise entries.mistake(
-            "origin",
-            f"rotates the map by {origin[2]:g} rad, which is not supported: rotate the image instead",
-        )
-    mode = entries.text("mode", "trinary", among=_MODES)
-    negate = entries.flag("negate", False)
-    occupied = entries.number("occupied_thresh", OCCUPIED_THRESHOLD)
-    free = entries.number("free_thresh", FREE_THRESHOLD)
-    if mode != "raw" and not 0 <= free < occupied <= 1:
-        raise entries.mistake(
-            "free_thresh" if entries.has("free_thresh") else "occupied_thresh",
-            f"must satisfy 0 ≤ free_thresh ({free:g}) < occupied_thresh ({occupied:g}) ≤ 1",
-        )
-    try:
-        pixels, opaque = _read_image(entries, path)
-    except MapError as error:
-        raise MapImageError(str(error)) from error
-    if mode == "raw":
+    with yaml_data(path, "a map, not an image", MapError) as data:
+        file = convert(data, _MapFile)
+    with yaml_data(path, "a map", MapImageError):
+        pixels, opaque = _read_image(file.image, path)
+    if file.mode == "raw":
         cells = np.where(pixels <= 100, pixels, -1).astype(np.int8)
     else:
-        dark = pixels / 255.0 if negate else (255.0 - pixels) / 255.0
-        cells = _occupancy(dark, occupied, free, scaled=mode == "scale")
+        dark = pixels / 255.0 if file.negate else (255.0 - pixels) / 255.0
+        cells = _occupancy(dark, file.occupied_thresh, file.free_thresh, scaled=file.mode == "scale")
         cells[~opaque] = -1
     cells = np.ascontiguousarray(np.flipud(cells))
-    return OccupancyMap(cells, resolution, (origin[0], origin[1]), _load_keepout(keepout_path(path)))
+    origin = file.origin[0], file.origin[1]
+    return OccupancyMap(cells, file.resolution, origin, _load_keepout(keepout_path(path)))
 
 
 def save_map(map: OccupancyMap, path: Path) -> None:
@@ -406,16 +332,15 @@ def _occupancy(dark: NDArray[np.float64], occupied: float, free: float, *, scale
     return cells
 
 
-def _read_image(entries: YamlEntries, path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    name = entries.text("image")
+def _read_image(name: str, path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     file = path.parent / name
     try:
         content = np.frombuffer(read_file(file), dtype=np.uint8)
     except FileNotFoundError:
-        raise entries.mistake("image", f"is '{name}', but there is no file {file}") from None
+        raise DataError(("image",), f"is '{name}', but there is no file {file}") from None
     except OSError as error:
-        raise entries.mistake("image", f"is '{name}', which cannot be read: {error.strerror}") from None
-    too_large = entries.mistake("image", f"is '{name}', which has more than {MAX_CELLS:,} pixels")
+        raise DataError(("image",), f"is '{name}', which cannot be read: {error.strerror}") from None
+    too_large = DataError(("image",), f"is '{name}', which has more than {MAX_CELLS:,} pixels")
     if _png_pixels(content) > MAX_CELLS:
         raise too_large
     try:
@@ -423,7 +348,7 @@ def _read_image(entries: YamlEntries, path: Path) -> tuple[NDArray[np.float64], 
     except cv2.error:
         image = None
     if image is None:
-        raise entries.mistake("image", f"is '{name}', which is not a readable image: use a PGM or PNG file")
+        raise DataError(("image",), f"is '{name}', which is not a readable image: use a PGM or PNG file")
     if image.shape[0] * image.shape[1] > MAX_CELLS:
         raise too_large
     pixels = np.atleast_3d(image).astype(np.float64)
@@ -446,14 +371,5 @@ def _png_pixels(content: NDArray[np.uint8]) -> int:
 def _load_keepout(path: Path) -> tuple[Rectangle, ...]:
     if not path.exists():
         return ()
-    entries = read_entries(path, "keep-outs")
-    entries.check_keys(("keepout",))
-    rectangles = entries.rows("keepout", 4)
-    for xmin, ymin, xmax, ymax in rectangles:
-        if not (xmin < xmax and ymin < ymax):
-            raise entries.mistake(
-                "keepout",
-                f"has the rectangle [{xmin:g}, {ymin:g}, {xmax:g}, {ymax:g}], but the order is "
-                "[xmin, ymin, xmax, ymax] with xmin < xmax and ymin < ymax",
-            )
-    return tuple((edges[0], edges[1], edges[2], edges[3]) for edges in rectangles)
+    with yaml_data(path, "keep-outs", MapError) as data:
+        return convert(data, _KeepoutFile).keepout

@@ -4,22 +4,18 @@ from collections.abc import Iterator
 from dataclasses import Field, dataclass, fields, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, get_args, get_type_hints
 
 import yaml
 
+from btcore.typed_data import DataError, convert
+from btcore_robot.data_files import YamlLoader, read_text, yaml_errors
 from btcore_robot.errors import RobotError
-from btcore_robot.field_reader import read_text
-from btcore_robot.yaml_errors import yaml_errors
 
 MARKER = "ros__parameters"
 EVERY_SERVER = "**"
 """The wildcard name for all servers."""
 
-ALIASES: Final = "aliases"
-"""The metadata key of a field's other names in parameter files."""
-MINIMUM: Final = "minimum"
-"""The metadata key of a field's least valid value."""
 
 _PLUGINS: Final = (
     "FollowPath",
@@ -48,14 +44,6 @@ _NAV2: Final = frozenset(
     ]
 )
 """Keys of Nav2 that are spelt correctly: they get no typo warning, even if they resemble a known key."""
-
-_WORDS: Final = {
-    "float": "a number",
-    "int": "a whole number",
-    "bool": "true or false",
-    "str": "a string",
-    "tuple[str, ...]": "a list of strings",
-}
 
 
 class ParameterError(RobotError):
@@ -89,12 +77,12 @@ def read_settings(path: Path) -> dict[str, Settings]:
     text = read_text(path, "a YAML file of parameters", ParameterError)
     servers: dict[str, Settings] = {}
     with yaml_errors(path, ParameterError):
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        root = yaml.compose(text, Loader=YamlLoader)
         if root is None:
             return servers
         if not isinstance(root, yaml.MappingNode):
             raise ParameterError(f"{path}:1: expected names of servers with parameters below them")
-        constructor = yaml.SafeLoader("")
+        constructor = YamlLoader("")
         for name, node in _servers(root, ""):
             line = node.start_mark.line + 1
             if not isinstance(node, yaml.MappingNode):
@@ -138,15 +126,21 @@ def _leaves(node: yaml.MappingNode, prefix: str) -> Iterator[tuple[str, yaml.Nod
             yield name, child
 
 
+def aliases_of(annotation: Any) -> list[str]:
+    """Return the other names of a parameter: the texts in its annotation, `Annotated[float, "vx_max"]`."""
+    return [name for name in get_args(annotation)[1:] if isinstance(name, str)]
+
+
 class ParameterOverlay:
     """Applies a file's settings to the default parameters of a server, and collects the problems."""
 
     def __init__(self, path: Path, defaults: Any) -> None:
         self._path = path
         self._defaults = defaults
+        self._types = get_type_hints(type(defaults), include_extras=True)
         self._fields: dict[str, Field[Any]] = {}
         for field in fields(defaults):
-            for name in (field.name, *field.metadata.get(ALIASES, ())):
+            for name in (field.name, *aliases_of(self._types[field.name])):
                 self._fields[name] = field
         self.errors: list[str] = []
         """A sentence for each invalid value."""
@@ -194,39 +188,14 @@ class ParameterOverlay:
 
     def _value(self, field: Field[Any], setting: Setting) -> object:
         """Return the value of *setting* as the field's type, or None after adding an error."""
-        # A type is a text in modules that postpone the evaluation of annotations.
-        kind = field.type if isinstance(field.type, str) else getattr(field.type, "__name__", str(field.type))
-        kind = "tuple[str, ...]" if kind.startswith("tuple") else kind
         # Older releases of Nav2 have a single plug-in, whose key contains no list.
         is_single = setting.name.endswith("_plugin") and isinstance(setting.value, str)
-        value = _read(kind, [setting.value] if is_single else setting.value)
-        place = f"{self._path}:{setting.line}: {setting.name}"
-        if value is None:
-            self.errors.append(f"{place} must be {_WORDS[kind]}, not {setting.value!r}")
-            return None
-        minimum = field.metadata.get(MINIMUM)
-        # `not >=` instead of `<`, to reject NaN too.
-        if minimum is not None and isinstance(value, int | float) and not value >= minimum:
-            self.errors.append(f"{place} must be at least {minimum:g}, not {setting.value!r}")
-            return None
-        return value
-
-
-def _read(kind: str, value: object) -> object:
-    """Return *value* as the type *kind*, or None for another type."""
-    # The exact type, because a bool is also an int.
-    if kind in ("bool", "int", "str"):
-        return value if type(value).__name__ == kind else None
-    if kind == "tuple[str, ...]":
-        texts = isinstance(value, list) and all(isinstance(item, str) for item in value)
-        return tuple(value) if texts and isinstance(value, list) else None
-    # PyYAML (YAML 1.1) reads 1e-3 as a text; ROS reads a number.
-    if isinstance(value, str) and value[:1] in "+-.0123456789" and "e" in value.lower():
+        value = [setting.value] if is_single else setting.value
         try:
-            return float(value)
-        except ValueError:
+            return convert(value, self._types[field.name])
+        except DataError as error:
+            self.errors.append(f"{self._path}:{setting.line}: {setting.name} {error.problem}")
             return None
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 def _ids(settings: Settings) -> Iterator[str]:

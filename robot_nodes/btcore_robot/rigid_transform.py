@@ -135,6 +135,17 @@ class Transform:
         return f"Transform({self.position}, {self.quaternion})"
 
 
+def from_rpy(rpy: Vector) -> Quaternion:
+    """Return the quaternion (x, y, z, w) of a URDF's roll, pitch, yaw (rad; fixed axes x, then y, then z)."""
+    (sr, cr), (sp, cp), (sy, cy) = ((math.sin(angle / 2), math.cos(angle / 2)) for angle in rpy)
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
 def wrap_angle(angle: float) -> float:
     """Return *angle* (rad) in (-π, π]."""
     wrapped = math.remainder(angle, math.tau)

@@ -16,12 +16,14 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from btcore.errors import BtcoreError
+from btcore.typed_data import Positive
 
 NS_PER_S = 1_000_000_000
 """Nanoseconds per second."""
@@ -280,13 +282,13 @@ class BaseInfo:
     contains its footprint.
     """
 
-    v_min: float
-    v_max: float
-    w_max: float
-    v_rate: float
-    w_rate: float
-    command_timeout: float
-    radius: float
+    v_min: Annotated[float, Meta(le=0.0)]
+    v_max: Positive
+    w_max: Positive
+    v_rate: Positive
+    w_rate: Positive
+    command_timeout: Annotated[float, Meta(gt=0.0, le=1.0)]
+    radius: Positive
 
     def check_rate(self, rate: float) -> None:
         """Check that a tree that drives is ticked before its velocity commands expire.

@@ -5,8 +5,8 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
 
+from btcore.suggestions import did_you_mean
 from btcore_robot.errors import RobotError
-from btcore_robot.field_reader import did_you_mean
 from btcore_robot.rigid_transform import Transform as Transform  # also public here
 from btcore_robot.robot import NS_PER_S, Robot, TransformStamped
 
@@ -270,7 +270,7 @@ class TransformTree:
     def _unknown(self, name: str) -> str:
         known = self.frames()
         names = f"known frames: {', '.join(known)}" if known else "no frame is known yet"
-        return f"there is no frame '{name}'; {did_you_mean(name, known).strip() or names}"
+        return f"there is no frame '{name}'{did_you_mean(name, known) or f'; {names}'}"
 
 
 def _product(links: tuple[_Link, ...], stamp: int) -> Transform | None:

@@ -9,12 +9,22 @@ The waypoints of the map `house.yaml` are in `house.waypoints.yaml`:
 """
 
 from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
 
 from btcore.output_files import write_file
-from btcore_robot.occupancy_map import MapError, read_entries
+from btcore.typed_data import convert
+from btcore_robot.data_files import yaml_data
+from btcore_robot.occupancy_map import MapError
 from btcore_robot.robot import Pose2D, Waypoints
 
 __all__ = ["load_waypoints", "save_waypoints", "waypoints_path"]
+
+
+class _WaypointFile(msgspec.Struct):
+    waypoints: dict[str, Annotated[tuple[float, ...], Meta(min_length=2, max_length=3)]]
 
 
 def waypoints_path(map: Path) -> Path:
@@ -28,10 +38,9 @@ def load_waypoints(path: Path) -> Waypoints:
     Raises:
         MapError: The file can't be read or is invalid; the message has the file and the line.
     """
-    entries = read_entries(path, "waypoints")
-    entries.check_keys(("waypoints",))
-    places = entries.numbers_by_name("waypoints", (2, 3))
-    return Waypoints({name: _pose(*numbers) for name, numbers in places.items()}, source=str(path))
+    with yaml_data(path, "waypoints", MapError) as data:
+        places = convert(data, _WaypointFile).waypoints
+    return Waypoints({name: _pose(*place) for name, place in places.items()}, source=str(path))
 
 
 def save_waypoints(waypoints: Waypoints, path: Path) -> None:

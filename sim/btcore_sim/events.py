@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from btcore_robot.field_reader import did_you_mean
+from btcore.suggestions import did_you_mean
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import NS_PER_S, Phase, Pose2D
 from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap, Point
@@ -124,7 +124,7 @@ def parse_event(text: str) -> Event:
     kind = text.partition(":")[0]
     if kind not in FORMS:
         raise SimError(
-            f"event '{text}': unknown kind '{kind}': {did_you_mean(kind, FORMS)}kinds are {', '.join(FORMS)}"
+            f"event '{text}': unknown kind '{kind}': kinds are {', '.join(FORMS)}{did_you_mean(kind, FORMS)}"
         )
     if kind == "door":
         return _parse_door(text)
@@ -149,8 +149,8 @@ def _parse_door(text: str) -> Event:
     action = match["action"]
     if action not in _DOOR_ACTIONS:
         raise SimError(
-            f"event '{text}': unknown action '{action}': {did_you_mean(action, _DOOR_ACTIONS)}"
-            f"a door can {' or '.join(_DOOR_ACTIONS)}"
+            f"event '{text}': unknown action '{action}': a door can {' or '.join(_DOOR_ACTIONS)}"
+            f"{did_you_mean(action, _DOOR_ACTIONS)}"
         )
     return Event("door", _nanoseconds(match["time"]), door=match["name"], opens=action == "open")
 

@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from btcore_robot.field_reader import did_you_mean
+from btcore.suggestions import did_you_mean
 from btcore_robot.robot import NS_PER_S
 from btcore_sim.errors import SimError
 
@@ -79,7 +79,7 @@ def parse_fault(text: str) -> Fault:
     part = match["part"]
     if part not in PARTS:
         raise SimError(
-            f"fault '{text}': unknown part '{part}': {did_you_mean(part, PARTS)}parts are {', '.join(PARTS)}"
+            f"fault '{text}': unknown part '{part}': parts are {', '.join(PARTS)}{did_you_mean(part, PARTS)}"
         )
     start = float(match["start"]) * NS_PER_S
     end = float(match["end"]) * NS_PER_S if match["end"] else math.inf

@@ -7,11 +7,11 @@ no sensor is mounted on them.
 import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-from btcore_robot.field_reader import did_you_mean
-from btcore_robot.rigid_transform import Quaternion, Transform
+from btcore.suggestions import did_you_mean
+from btcore_robot.rigid_transform import Transform, from_rpy
 from btcore_robot.robot import TransformStamped
+from btcore_robot.urdf import Urdf, read_urdf
 from btcore_sim.errors import SimError
 from btcore_sim.robot_description import FixedFrame, Point, RobotDescription
 
@@ -25,25 +25,6 @@ REP 103 defines both conventions.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class _Joint:
-    """A joint of the URDF. The child is at *origin* for position 0, and moves along or about *axis*."""
-
-    name: str
-    child: str
-    parent: str
-    origin: Transform
-    axis: Point
-    slides: bool
-
-    def place(self, angle: float) -> Transform:
-        x, y, z = self.axis
-        if self.slides:
-            return self.origin * Transform((x * angle, y * angle, z * angle))
-        sine = math.sin(angle / 2)
-        return self.origin * Transform(quaternion=(x * sine, y * sine, z * sine, math.cos(angle / 2)))
-
-
 class Kinematics:
     """Computes the frames of a robot from the positions of its joints.
 
@@ -52,14 +33,11 @@ class Kinematics:
     """
 
     def __init__(self, description: RobotDescription) -> None:
-        root, joints = _joints(description)
-        still = [(root, FOOTPRINT, Transform((0.0, 0.0, description.height)))]
-        self._moving: list[_Joint] = []
-        for joint, moves in joints:
-            if moves:
-                self._moving.append(joint)
-            else:
-                still.append((joint.child, joint.parent, joint.origin))
+        urdf = _read(description)
+        still = [(urdf.root, FOOTPRINT, Transform((0.0, 0.0, description.height)))]
+        joints = [joint for joint in urdf.joints if joint.child not in description.wheels.ground]
+        still += [(joint.child, joint.parent, joint.origin) for joint in joints if not joint.moves]
+        self._moving = [joint for joint in joints if joint.moves]
         self.joints = [joint.name for joint in self._moving]
         """The names of the moving joints, in the order in which `frames` expects their positions."""
         self.moving_frames = frozenset(joint.child for joint in self._moving)
@@ -86,7 +64,7 @@ class Kinematics:
         """Return the poses of the frames in `moving_frames`; see `frames` for the parameters."""
         frames = []
         for joint, angle in zip(self._moving, positions, strict=True):
-            place = joint.place(angle)
+            place = joint.pose(angle)
             frames.append(
                 TransformStamped(joint.child, joint.parent, place.position, place.quaternion, stamp)
             )
@@ -103,7 +81,7 @@ class Kinematics:
             if parent not in known:
                 raise SimError(
                     f"robot '{description.name}': frame '{child}' is fixed to '{parent}', which does not "
-                    f"exist: {did_you_mean(parent, known)}frames are {', '.join(known)}"
+                    f"exist: frames are {', '.join(known)}{did_you_mean(parent, known)}"
                 )
         for child in parents:
             chain = [child]
@@ -120,9 +98,9 @@ def complete_urdf(description: RobotDescription) -> str:
         description: The description of the robot, whose URDF contains neither.
     """
     tree = ElementTree.parse(description.urdf).getroot()
-    root, _ = _joints(description)
-    links = {link.get("name") for link in tree.iterfind("link")}
-    base = FixedFrame(root, FOOTPRINT, (0.0, 0.0, description.height), (0.0, 0.0, 0.0))
+    urdf = _read(description)
+    links = set(urdf.links)
+    base = FixedFrame(urdf.root, FOOTPRINT, (0.0, 0.0, description.height), (0.0, 0.0, 0.0))
     for frame in (base, *description.frames, *_mounted(description)):
         for name in (frame.parent, frame.name):
             if name not in links:
@@ -136,46 +114,14 @@ def complete_urdf(description: RobotDescription) -> str:
     return ElementTree.tostring(tree, encoding="unicode")
 
 
-def from_rpy(rpy: Point) -> Quaternion:
-    """Return the quaternion (x, y, z, w) of a URDF's roll, pitch, yaw (rad; fixed axes x, then y, then z)."""
-    (sr, cr), (sp, cp), (sy, cy) = ((math.sin(angle / 2), math.cos(angle / 2)) for angle in rpy)
-    return (
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )
-
-
-def _joints(description: RobotDescription) -> tuple[str, list[tuple[_Joint, bool]]]:
-    """Return the root link, and the joints (without wheels and casters), each with whether it moves."""
-    robot = ElementTree.parse(description.urdf).getroot()
-    children = {child.get("link") for child in robot.iterfind("joint/child")}
-    roots = [str(link.get("name")) for link in robot.iterfind("link") if link.get("name") not in children]
-    joints: list[tuple[_Joint, bool]] = []
-    for element in robot.iterfind("joint"):
-        kind, child = element.get("type", ""), _attribute(element, "child", "link")
-        if child in description.wheels.ground:
-            continue
-        joint = _Joint(
-            name=str(element.get("name")),
-            child=child,
-            parent=_attribute(element, "parent", "link"),
-            origin=Transform(
-                _triple(_attribute(element, "origin", "xyz", "0 0 0")),
-                from_rpy(_triple(_attribute(element, "origin", "rpy", "0 0 0"))),
-            ),
-            axis=_unit(_triple(_attribute(element, "axis", "xyz", "1 0 0"))),
-            slides=kind == "prismatic",
-        )
-        joints.append((joint, kind in ("prismatic", "revolute", "continuous")))
-    return roots[0], joints
+def _read(description: RobotDescription) -> Urdf:
+    return read_urdf(description.urdf.read_text(encoding="utf-8"))
 
 
 def _mounted(description: RobotDescription) -> list[FixedFrame]:
     """Return the frames of sensors that neither the description nor its URDF defines."""
     laser, camera, sonars = description.laser, description.camera, description.sonars
-    frames = [FixedFrame(laser.info.frame, laser.link, laser.position, (0.0, 0.0, 0.0))]
+    frames = [FixedFrame(laser.frame, laser.link, laser.position, (0.0, 0.0, 0.0))]
     frames += [FixedFrame(sonar.frame, sonar.link, sonar.position, (0.0, 0.0, sonar.yaw)) for sonar in sonars]
     if camera is not None:
         mount = f"{camera.frame}_mount"
@@ -183,21 +129,5 @@ def _mounted(description: RobotDescription) -> list[FixedFrame]:
         frames.append(FixedFrame(camera.frame, mount, (0.0, 0.0, 0.0), OPTICAL))
         if any(frame.name == camera.frame for frame in description.frames):
             del frames[-2:]
-    links = {link.get("name") for link in ElementTree.parse(description.urdf).getroot().iterfind("link")}
-    named = {frame.name for frame in description.frames} | links
+    named = {*(frame.name for frame in description.frames), *_read(description).links}
     return [frame for frame in frames if frame.name not in named]
-
-
-def _attribute(element: ElementTree.Element, tag: str, key: str, default: str = "") -> str:
-    inner = element.find(tag)
-    return default if inner is None else inner.get(key, default)
-
-
-def _triple(text: str) -> Point:
-    x, y, z = map(float, text.split())
-    return x, y, z
-
-
-def _unit(axis: Point) -> Point:
-    length = math.hypot(*axis) or 1.0
-    return axis[0] / length, axis[1] / length, axis[2] / length

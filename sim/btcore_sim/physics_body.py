@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from btcore_robot.field_reader import did_you_mean
+from btcore.suggestions import did_you_mean
 from btcore_robot.rigid_transform import Quaternion, Vector
 from btcore_robot.robot import Pose2D
 from btcore_sim.errors import SimError
@@ -147,7 +147,7 @@ class PhysicsBody:
         if name not in known:
             raise SimError(
                 f"{self.description.urdf}: robot '{self.description.name}' has no {kind} '{name}': "
-                f"{did_you_mean(name, known)}{kind}s are {', '.join(known)}"
+                f"{kind}s are {', '.join(known)}{did_you_mean(name, known)}"
             )
         return known[name]
 

@@ -10,19 +10,28 @@ frequencies in hertz, and latencies in seconds.
 
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
+from msgspec import Meta
+
+from btcore.typed_data import DataError, FieldError, NotNegative, Positive, convert
+from btcore_robot.data_files import json_data
 from btcore_robot.robot import BaseInfo, HeadInfo, LaserInfo, TorsoInfo
-from btcore_sim.json_records import JsonRecord, read_record
-from btcore_sim.shells import Shell, read_shell
+from btcore_sim.errors import SimError
+from btcore_sim.shells import Shell
 
 TIAGO = Path(__file__).parent / "tiago.json"
 """The description of the Tiago robot, which is the default."""
 
-MAX_LATENCY = 1.0
-"""The greatest latency of a sensor (s). With older readings robots stand still."""
+Latency = Annotated[float, Meta(ge=0.0, le=1.0)]
+"""The latency of a sensor (s). With older readings robots stand still."""
+
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 Point = tuple[float, float, float]
 """x, y and z (m)."""
+
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,30 +50,26 @@ class Wheels:
 
     left: str
     right: str
-    radius: float
-    separation: float
-    torque: float
-    ground: tuple[str, ...]
-    sliding: tuple[str, ...]
+    radius: Positive
+    separation: Positive
+    torque: Positive
+    ground: tuple[str, ...] = ()
+    sliding: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class LaserErrors:
-    """The errors of a laser besides the noise of its ranges, which `LaserInfo` has.
-
-    *missed*, *short* and *edge* are the outliers: shares of rays, from 0 to 1.
+    """The outliers of a laser: shares of rays, from 0 to 1.
 
     Attributes:
         missed: The share of rays that return no echo, for example from a dark or a shiny surface.
         short: The share of rays that return an echo at a random distance before the object, from dust.
         edge: The share of the rays beside an edge that hit both objects and return a range between them.
-        latency: The time between the measurement of a scan and its arrival (s).
     """
 
-    missed: float = 0.0
-    short: float = 0.0
-    edge: float = 0.0
-    latency: float = 0.0
+    missed: Share = 0.0
+    short: Share = 0.0
+    edge: Share = 0.0
 
     @property
     def has_outliers(self) -> bool:
@@ -72,26 +77,51 @@ class LaserErrors:
         return max(self.missed, self.short, self.edge) > 0.0
 
     def scaled(self, factor: float) -> "LaserErrors":
-        """Return the errors multiplied by *factor*; a share is limited to 1."""
-        return LaserErrors(
-            missed=min(1.0, factor * self.missed),
-            short=min(1.0, factor * self.short),
-            edge=min(1.0, factor * self.edge),
-            latency=factor * self.latency,
+        """Return the shares multiplied by *factor*; a share is limited to 1."""
+        return LaserErrors(*(min(1.0, factor * share) for share in astuple(self)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LaserMount:
+    """A planar laser on *link* at *position* (m).
+
+    The first ray has the direction *angle_min*, the last *angle_max* (rad); for the other values see
+    `LaserInfo`. A scan arrives *latency* (s) after its measurement.
+    """
+
+    link: str
+    position: Point = ORIGIN
+    frame: str
+    rays: Annotated[int, Meta(ge=1)]
+    angle_min: float
+    angle_max: float
+    range_min: Positive
+    range_max: Positive
+    rate: Positive
+    sigma: NotNegative = 0.0
+    range_noise: NotNegative = 0.0
+    outliers: LaserErrors = LaserErrors()
+    latency: Latency = 0.0
+
+    def __post_init__(self) -> None:
+        _check_order(self.angle_min, self.angle_max, "angle_min", "angle_max")
+
+    @property
+    def info(self) -> LaserInfo:
+        """The properties of the laser."""
+        increment = (self.angle_max - self.angle_min) / max(1, self.rays - 1)
+        ranges = self.range_min, self.range_max
+        return LaserInfo(
+            self.rays, self.angle_min, increment, *ranges, self.rate, self.sigma, self.frame, self.range_noise
         )
 
 
-@dataclass(frozen=True, slots=True)
-class LaserMount:
-    """A planar laser with the properties *info* and the *errors*, on *link* at *position* (m)."""
-
-    info: LaserInfo
-    link: str
-    position: Point
-    errors: LaserErrors = LaserErrors()
+def _check_order(low: float, high: float, low_key: str, high_key: str) -> None:
+    if low >= high:
+        raise FieldError(high_key, f"is {high:g}, and it has to be greater than '{low_key}'")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CameraMount:
     """A camera on *link* at *position* (m); *roll* (rad) turns the link's axes to x forward, z up.
 
@@ -100,13 +130,13 @@ class CameraMount:
     """
 
     link: str
-    position: Point
-    roll: float
-    fov: float
-    near: float
-    far: float
+    position: Point = ORIGIN
+    roll: float = 0.0
+    fov: Positive
+    near: Positive
+    far: Positive
     frame: str
-    latency: float = 0.0
+    latency: Latency = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,16 +144,25 @@ class HeadJoints:
     """The joints that turn the head.
 
     Attributes:
-        info: The limits of the joints.
         pan: The joint that turns the head to the left and right.
         tilt: The joint that turns the head up and down.
+        pan_limits: The smallest and the greatest angle of *pan* (rad).
+        tilt_limits: The smallest and the greatest angle of *tilt* (rad).
+        speed: The maximum speed of the joints (rad/s).
         torque: The greatest torque of each motor (N·m).
     """
 
-    info: HeadInfo
     pan: str
     tilt: str
-    torque: float
+    pan_limits: tuple[float, float]
+    tilt_limits: tuple[float, float]
+    speed: Positive
+    torque: Positive
+
+    @property
+    def info(self) -> HeadInfo:
+        """The limits of the joints."""
+        return HeadInfo(*self.pan_limits, *self.tilt_limits, self.speed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,17 +170,28 @@ class TorsoJoint:
     """The joint that lifts the torso.
 
     Attributes:
-        info: The limits of the joint.
         joint: The name of the joint.
+        limits: The lowest and the greatest height (m).
+        speed: The maximum speed (m/s).
         force: The greatest force of its motor (N).
     """
 
-    info: TorsoInfo
     joint: str
-    force: float
+    limits: tuple[float, float]
+    speed: Positive
+    force: Positive
+
+    def __post_init__(self) -> None:
+        if self.limits[0] >= self.limits[1]:
+            raise FieldError("limits", f"is {list(self.limits)}, and the second value has to be greater")
+
+    @property
+    def info(self) -> TorsoInfo:
+        """The limits of the joint."""
+        return TorsoInfo(*self.limits, self.speed)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SonarMount:
     """A sonar and its place.
 
@@ -157,11 +207,14 @@ class SonarMount:
 
     frame: str
     link: str
-    position: Point
-    yaw: float
-    fov: float
-    range_min: float
-    range_max: float
+    position: Point = ORIGIN
+    yaw: float = 0.0
+    fov: Positive
+    range_min: Positive
+    range_max: Positive
+
+    def __post_init__(self) -> None:
+        _check_order(self.range_min, self.range_max, "range_min", "range_max")
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,11 +230,11 @@ class OdometryInfo:
         latency: The time between a measurement and its arrival (s).
     """
 
-    rate: float
-    scale_sigma: float
-    slip: float
-    slip_sigma: float
-    latency: float = 0.0
+    rate: Positive = 50.0
+    scale_sigma: NotNegative = 0.0
+    slip: float = 0.0
+    slip_sigma: NotNegative = 0.0
+    latency: Latency = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,11 +250,11 @@ class FixedFrame:
 
     name: str
     parent: str
-    position: Point
-    rpy: Point
+    position: Point = ORIGIN
+    rpy: Point = ORIGIN
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HeldJoint:
     """A joint that is held at a position.
 
@@ -213,12 +266,16 @@ class HeldJoint:
     """
 
     joint: str
-    position: float
-    force: float
-    speed: float
+    position: float = 0.0
+    force: Positive
+    speed: Positive
 
 
-@dataclass(frozen=True, slots=True)
+PERFECT = OdometryInfo()
+"""The odometry of a robot whose description has no `odometry`: 50 Hz, without errors."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RobotDescription:
     """The description of a robot.
 
@@ -243,26 +300,30 @@ class RobotDescription:
 
     name: str
     urdf: Path
-    height: float
+    height: Positive
     wheels: Wheels
     base: BaseInfo
-    odometry: OdometryInfo
+    odometry: OdometryInfo = PERFECT
     laser: LaserMount
-    head: HeadJoints | None
-    torso: TorsoJoint | None
-    camera: CameraMount | None
-    sonar_rate: float
-    sonars: tuple[SonarMount, ...]
-    sonar_latency: float
-    frames: tuple[FixedFrame, ...]
-    held: tuple[HeldJoint, ...]
-    shells: tuple[Shell, ...]
+    head: HeadJoints | None = None
+    torso: TorsoJoint | None = None
+    camera: CameraMount | None = None
+    sonar_rate: Positive = 5.0
+    sonars: tuple[SonarMount, ...] = ()
+    sonar_latency: Latency = 0.0
+    frames: tuple[FixedFrame, ...] = ()
+    held: tuple[HeldJoint, ...] = ()
+    shells: tuple[Shell, ...] = ()
 
     def with_noise(self, factor: float) -> "RobotDescription":
         """Return the same robot with the errors and latencies of its sensors multiplied by *factor*."""
-        info = self.laser.info
-        info = replace(info, sigma=factor * info.sigma, range_noise=factor * info.range_noise)
-        laser = replace(self.laser, info=info, errors=self.laser.errors.scaled(factor))
+        laser = replace(
+            self.laser,
+            sigma=factor * self.laser.sigma,
+            range_noise=factor * self.laser.range_noise,
+            outliers=self.laser.outliers.scaled(factor),
+            latency=factor * self.laser.latency,
+        )
         # All fields after the rate are errors.
         rate, *errors = astuple(self.odometry)
         odometry = OdometryInfo(rate, *(factor * error for error in errors))
@@ -272,182 +333,15 @@ class RobotDescription:
         )
 
 
-PERFECT = OdometryInfo(50.0, 0.0, 0.0, 0.0)
-"""The odometry of a robot whose description has no `odometry`: 50 Hz, without errors."""
-
-
 def load_robot_description(path: Path = TIAGO) -> RobotDescription:
     """Return the robot described by the JSON file at *path*.
 
     Raises:
         SimError: The file or its URDF does not exist, or a field is missing, unknown or invalid.
     """
-    return read_record(path, "a robot").read_whole(lambda record: _description(record, path.parent))
-
-
-def _description(record: JsonRecord, folder: Path) -> RobotDescription:
-    urdf = folder / record.text("urdf")
-    if not urdf.is_file():
-        raise record.error(f"'urdf' names {urdf}, but there is no such file")
-    return RobotDescription(
-        name=record.text("name"),
-        urdf=urdf,
-        height=record.number("height", over=0.0),
-        wheels=record.nested("wheels", _wheels),
-        base=record.nested("base", _base),
-        odometry=record.nested("odometry", _odometry) if record.has("odometry") else PERFECT,
-        laser=record.nested("laser", _laser),
-        head=record.nested("head", _head) if record.has("head") else None,
-        torso=record.nested("torso", _torso) if record.has("torso") else None,
-        camera=record.nested("camera", _camera) if record.has("camera") else None,
-        sonar_rate=record.number("sonar_rate", 5.0, over=0.0),
-        sonars=tuple(record.nested_list("sonars", _sonar)) if record.has("sonars") else (),
-        sonar_latency=_latency(record, "sonar_latency"),
-        frames=tuple(record.nested_list("frames", _frame)) if record.has("frames") else (),
-        held=tuple(record.nested_list("held", _held)) if record.has("held") else (),
-        shells=tuple(record.nested_list("shells", read_shell)) if record.has("shells") else (),
-    )
-
-
-def _point(record: JsonRecord, key: str) -> Point:
-    x, y, z = record.numbers(key, [3], [0.0, 0.0, 0.0])
-    return x, y, z
-
-
-def _wheels(record: JsonRecord) -> Wheels:
-    return Wheels(
-        left=record.text("left"),
-        right=record.text("right"),
-        radius=record.number("radius", over=0.0),
-        separation=record.number("separation", over=0.0),
-        torque=record.number("torque", over=0.0),
-        ground=tuple(record.texts("ground")),
-        sliding=tuple(record.texts("sliding")),
-    )
-
-
-def _base(record: JsonRecord) -> BaseInfo:
-    info = BaseInfo(
-        v_min=record.number("v_min"),
-        v_max=record.number("v_max", over=0.0),
-        w_max=record.number("w_max", over=0.0),
-        v_rate=record.number("v_rate", over=0.0),
-        w_rate=record.number("w_rate", over=0.0),
-        command_timeout=record.number("command_timeout", over=0.0),
-        radius=record.number("radius", over=0.0),
-    )
-    if info.v_min > 0.0:
-        raise record.error(
-            f"'v_min' is {info.v_min:g}, but it has to be at most 0, so that the base can stand"
-        )
-    return info
-
-
-def _laser(record: JsonRecord) -> LaserMount:
-    rays = record.whole("rays")
-    angle_min, angle_max = record.number("angle_min"), record.number("angle_max")
-    if angle_max <= angle_min:
-        raise record.error("'angle_max' has to be greater than 'angle_min'")
-    info = LaserInfo(
-        rays=rays,
-        angle_min=angle_min,
-        angle_increment=(angle_max - angle_min) / max(1, rays - 1),
-        range_min=record.number("range_min", over=0.0),
-        range_max=record.number("range_max", over=0.0),
-        rate=record.number("rate", over=0.0),
-        sigma=record.number("sigma", 0.0),
-        frame=record.text("frame"),
-        range_noise=record.number("range_noise", 0.0),
-    )
-    errors = LaserErrors(
-        *(record.nested("outliers", _outliers) if record.has("outliers") else (0.0, 0.0, 0.0)),
-        latency=_latency(record),
-    )
-    if min(info.sigma, info.range_noise) < 0.0:
-        raise record.error("'sigma' and 'range_noise' are standard deviations and have to be at least 0")
-    return LaserMount(info, record.text("link"), _point(record, "position"), errors)
-
-
-def _outliers(record: JsonRecord) -> tuple[float, float, float]:
-    shares = record.number("missed", 0.0), record.number("short", 0.0), record.number("edge", 0.0)
-    if not all(0.0 <= share <= 1.0 for share in shares):
-        raise record.error("'missed', 'short' and 'edge' are shares and have to be from 0 to 1")
-    return shares
-
-
-def _latency(record: JsonRecord, key: str = "latency") -> float:
-    latency = record.number(key, 0.0)
-    if not 0.0 <= latency <= MAX_LATENCY:
-        raise record.error(f"'{key}' is {latency:g} s, but it has to be from 0 to {MAX_LATENCY:g} s")
-    return latency
-
-
-def _head(record: JsonRecord) -> HeadJoints:
-    pan_min, pan_max = record.numbers("pan_limits", [2])
-    tilt_min, tilt_max = record.numbers("tilt_limits", [2])
-    info = HeadInfo(pan_min, pan_max, tilt_min, tilt_max, record.number("speed", over=0.0))
-    return HeadJoints(info, record.text("pan"), record.text("tilt"), record.number("torque", over=0.0))
-
-
-def _camera(record: JsonRecord) -> CameraMount:
-    return CameraMount(
-        link=record.text("link"),
-        position=_point(record, "position"),
-        roll=record.number("roll", 0.0),
-        fov=record.number("fov", over=0.0),
-        near=record.number("near", over=0.0),
-        far=record.number("far", over=0.0),
-        frame=record.text("frame"),
-        latency=_latency(record),
-    )
-
-
-def _torso(record: JsonRecord) -> TorsoJoint:
-    low, high = record.numbers("limits", [2])
-    if low >= high:
-        raise record.error(f"'limits' is [{low:g}, {high:g}], but the second value has to be greater")
-    info = TorsoInfo(low, high, record.number("speed", over=0.0))
-    return TorsoJoint(info, record.text("joint"), record.number("force", over=0.0))
-
-
-def _sonar(record: JsonRecord) -> SonarMount:
-    mount = SonarMount(
-        frame=record.text("frame"),
-        link=record.text("link"),
-        position=_point(record, "position"),
-        yaw=record.number("yaw", 0.0),
-        fov=record.number("fov", over=0.0),
-        range_min=record.number("range_min", over=0.0),
-        range_max=record.number("range_max", over=0.0),
-    )
-    if mount.range_max <= mount.range_min:
-        raise record.error("'range_max' has to be greater than 'range_min'")
-    return mount
-
-
-def _odometry(record: JsonRecord) -> OdometryInfo:
-    info = OdometryInfo(
-        rate=record.number("rate", PERFECT.rate, over=0.0),
-        scale_sigma=record.number("scale_sigma", 0.0),
-        slip=record.number("slip", 0.0),
-        slip_sigma=record.number("slip_sigma", 0.0),
-        latency=_latency(record),
-    )
-    if min(info.scale_sigma, info.slip_sigma) < 0.0:
-        raise record.error("'scale_sigma' and 'slip_sigma' are standard deviations and have to be at least 0")
-    return info
-
-
-def _frame(record: JsonRecord) -> FixedFrame:
-    roll, pitch, yaw = record.numbers("rpy", [3], [0.0, 0.0, 0.0])
-    name, parent = record.text("name"), record.text("parent")
-    return FixedFrame(name, parent, _point(record, "position"), (roll, pitch, yaw))
-
-
-def _held(record: JsonRecord) -> HeldJoint:
-    return HeldJoint(
-        joint=record.text("joint"),
-        position=record.number("position", 0.0),
-        force=record.number("force", over=0.0),
-        speed=record.number("speed", over=0.0),
-    )
+    with json_data(path, "a robot", SimError) as data:
+        description = convert(data, RobotDescription)
+        urdf = path.parent / description.urdf
+        if not urdf.is_file():
+            raise DataError(("urdf",), f"names {urdf}, but there is no such file")
+        return replace(description, urdf=urdf)

@@ -10,17 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.rigid_transform import Transform
+from btcore_robot.rigid_transform import Transform, from_rpy
 from btcore_robot.robot import TransformStamped
 from btcore_scene import UPRIGHT, Box, Color, Cylinder, Frame, Mesh, Part, Place, Sphere
 from btcore_sim.errors import SimError
-from btcore_sim.kinematics import from_rpy
 from btcore_sim.looks import LookPart, look_parts
 from btcore_sim.map_walls import WALL_COLOR
 from btcore_sim.mesh_files import read_triangles
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
-from btcore_sim.shells import CORNERS, Section, ball, loft, rounded_box
+from btcore_sim.shells import CORNERS, Section, ball, loft, rgba, rounded_box
 from btcore_sim.world import World, prism_mesh, world_extent
 from btcore_sim.world_description import WorldObject
 
@@ -111,11 +110,11 @@ def robot_meshes(world: World, physics_body: PhysicsBody) -> list[Mesh]:
     for number, shell in enumerate(physics_body.description.shells):
         place = Transform(shell.position, from_rpy(shell.rpy))
         name = f"{physics_body.description.name}/{shell.link}/shell_{number}"
-        meshes.append(_mesh(name, shell.link, shell.color, place, shell.sections))
+        meshes.append(_mesh(name, shell.link, rgba(shell.color), place, shell.sections))
     shelled = {shell.link for shell in physics_body.description.shells}
     names = {link: name for name, link in physics_body.links.items() if name not in shelled}
     for shape in pybullet.getVisualShapeData(physics_body.body_id, physicsClientId=world.client):
-        _, link, geometry, scale, file, position, quaternion, rgba, *_ = shape
+        _, link, geometry, scale, file, position, quaternion, color, *_ = shape
         if geometry != pybullet.GEOM_MESH or link not in names:
             continue
         path = Path(file.decode())
@@ -124,7 +123,7 @@ def robot_meshes(world: World, physics_body: PhysicsBody) -> list[Mesh]:
         except SimError as error:
             _log.warning("%s", error)
             continue
-        red, green, blue, alpha = (round(255 * part) for part in rgba)
+        red, green, blue, alpha = (round(255 * part) for part in color)
         placed = Transform(position, quaternion).apply((triangles * scale).reshape(-1, 3)).reshape(-1, 3, 3)
         name = f"{physics_body.description.name}/{names[link]}/{path.name}"
         meshes.append(_flat_mesh(name, names[link], (red, green, blue, alpha), placed))

@@ -10,14 +10,28 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
+from btcore.typed_data import Positive
 from btcore_scene import Color
-from btcore_sim.json_records import JsonRecord
 
 Floats = NDArray[np.float64]
+
+HexColor = Annotated[
+    str, Meta(pattern="^#([0-9a-fA-F]{6}|[0-9a-fA-F]{8})$", examples=["#c8b090", "#c8b090ff"])
+]
+"""A colour in a file."""
+
+
+def rgba(color: HexColor) -> Color:
+    """Return *color* as red, green, blue and alpha (0–255)."""
+    red, green, blue, alpha = bytes.fromhex(color[1:].ljust(8, "f"))
+    return red, green, blue, alpha
+
 
 CORNERS = 40
 """Default number of corners of a cross-section."""
@@ -26,8 +40,7 @@ _ROUNDING = 0.05  # m: radius of the edges of a rounded box
 _TINY = 1e-3  # m: smallest extent of a cross-section
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(NamedTuple):
     """A cross-section: the superellipse |x/a|ⁿ + |y/b|ⁿ = 1 about (*x*, 0) at the height *z*.
 
     Attributes:
@@ -40,12 +53,12 @@ class Section:
 
     z: float
     x: float
-    half_x: float
-    half_y: float
-    exponent: float
+    half_x: Positive
+    half_y: Positive
+    exponent: Positive
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Shell:
     """A closed surface through *sections*, from the bottom to the top, on a link of a robot.
 
@@ -53,35 +66,17 @@ class Shell:
 
     Attributes:
         link: The link.
-        color: The colour (RGBA).
+        color: The colour, `#rrggbb` or `#rrggbbaa`.
         position: The origin of the sections on the link (m).
         rpy: Roll, pitch and yaw of the sections' axes on the link (rad).
         sections: The cross-sections.
     """
 
     link: str
-    color: Color
-    position: tuple[float, float, float]
-    rpy: tuple[float, float, float]
-    sections: tuple[Section, ...]
-
-
-def read_shell(record: JsonRecord) -> Shell:
-    """Return the shell in *record*.
-
-    Raises:
-        SimError: A field is missing or invalid.
-    """
-    x, y, z = record.numbers("position", [3], [0.0, 0.0, 0.0])
-    roll, pitch, yaw = record.numbers("rpy", [3], [0.0, 0.0, 0.0])
-    sections = tuple(Section(*row) for row in record.rows("sections", 5))
-    if len(sections) < 2:
-        raise record.error("'sections' needs at least two cross-sections")
-    if not all(min(part.half_x, part.half_y, part.exponent) > 0.0 for part in sections):
-        raise record.error("the half extents and the exponents of 'sections' have to be greater than 0")
-    return Shell(
-        record.text("link"), record.color("color", "#a0a8b4"), (x, y, z), (roll, pitch, yaw), sections
-    )
+    color: HexColor = "#a0a8b4"
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sections: Annotated[tuple[Section, ...], Meta(min_length=2)]
 
 
 def loft(sections: Sequence[Section], corners: int = CORNERS) -> tuple[Floats, Floats, NDArray[np.int64]]:

@@ -172,12 +172,12 @@ class SimulatedRobot(Robot):
         # The laser's light passes through glass.
         opaque = {body: item for body, item in world.bodies.items() if not item.is_glass}
         static_objects = [item for item in opaque.values() if item.is_static]
-        info = self.description.laser.info
+        laser = self.description.laser
         movable_bodies = {body: opaque[body] for body in world.movable if body in opaque}
         movable_objects = MovableObstacles(world.client, movable_bodies)
         static_ray_caster = RayCaster.of(static_objects, world.description.walls)
-        errors = self.description.laser.errors
-        self._laser = Laser(info, static_ray_caster, world.random("laser"), movable_objects, errors)
+        random = world.random("laser")
+        self._laser = Laser(laser.info, static_ray_caster, random, movable_objects, laser.outliers)
         self._camera = (
             Camera(VisibleFaces(world, self.physics_body), self.description.camera, camera)
             if camera and self.description.camera
@@ -195,10 +195,10 @@ class SimulatedRobot(Robot):
         self.start_pose = self.true_pose()
         """The true pose of the base at time 0."""
         self._scan: LaserScan | None = None
-        self._delayed_scans = DelayedReadings[LaserScan](errors.latency)
+        self._delayed_scans = DelayedReadings[LaserScan](laser.latency)
         self._sense_laser(0)
         add_task = world.schedule.add_task
-        add_task(info.rate, Phase.SENSORS, self._sense_laser)
+        add_task(laser.rate, Phase.SENSORS, self._sense_laser)
         add_task(self.description.odometry.rate, Phase.SENSORS, self._sense_wheels)
         self._delayed_sonars = DelayedReadings[tuple[SonarReading, ...]](self.description.sonar_latency)
         if mounts:

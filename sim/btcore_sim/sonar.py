@@ -3,8 +3,8 @@
 import math
 from collections.abc import Sequence
 
+from btcore_robot.rigid_transform import from_rpy
 from btcore_robot.robot import SonarReading
-from btcore_sim.kinematics import from_rpy
 from btcore_sim.physics_body import Pose3D
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import SonarMount

@@ -17,8 +17,8 @@ A world is a JSON object. Lengths are in metres, angles in radians, colours `#rr
 The `points` of walls and polygons are relative to `position`, which is the origin by default. With
 `"material": "glass"` an object is invisible to the laser. A `look` such as `bed`, `shelf` or `plant` (see
 looks.py) changes the drawing of a box or a cylinder, but not what contacts and sensors detect. `start` is
-either an `area` in which the pose is drawn at random, or a `pose` (x, y, yaw). `world.schema.json` describes
-all keys for editors.
+either an `area` in which the pose is drawn at random, or a `pose` (x, y, yaw). `json_schema` returns a schema
+of all keys for editors.
 
 A world may also have `waypoints` (name → [x, y]), `keepout`, a list of rectangles that robots must not
 enter although they may be empty, and `physics_rate` (Hz), the rate of the physics steps. An `area` and a
@@ -27,18 +27,20 @@ rectangle consist of smallest x, smallest y, greatest x and greatest y.
 
 import itertools
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
+import msgspec
 import numpy as np
+from msgspec import UNSET, Meta, UnsetType
 
-from btcore_robot.field_reader import did_you_mean
+from btcore.suggestions import did_you_mean
+from btcore.typed_data import DataError, FieldError, NotNegative, Positive, Record, convert
+from btcore_robot.data_files import json_data
 from btcore_robot.robot import Pose2D, Waypoints
 from btcore_sim.errors import SimError
-from btcore_sim.json_records import JsonRecord, read_record
 from btcore_sim.looks import LOOKS
 from btcore_sim.map_walls import MapWalls
 from btcore_sim.polygons import (
@@ -50,22 +52,19 @@ from btcore_sim.polygons import (
     polygon_triangles,
     wall_quads,
 )
+from btcore_sim.shells import HexColor, rgba
 
 __all__ = ["Door", "WorldDescription", "WorldObject", "world_names"]
 
 WORLD_FILES = Path(__file__).parent / "world_files"
 """The folder with the files of the worlds that are part of the package."""
 
-SCHEMA = Path(__file__).with_name("world.schema.json")
-"""The JSON schema of a world's file."""
-
-KINDS = ("box", "cylinder", "table", "wall", "polygon", "hinged_door", "sliding_door")
-"""The kinds of objects in a world's file."""
-
 GLASS_COLOR = "#9fd0e060"
 """The default colour of glass: a light blue that lets most of the light through."""
 
 Color = tuple[int, int, int, int]
+
+Point3 = tuple[float, float, float]
 
 Rectangle = tuple[float, float, float, float]
 """Smallest x, smallest y, greatest x and greatest y (m)."""
@@ -73,10 +72,6 @@ Rectangle = tuple[float, float, float, float]
 PHYSICS_RATE = 240
 """Default number of physics steps per second of simulated time; 240 Hz is PyBullet's default too."""
 
-WALL_THICKNESS = 0.1
-"""Default thickness (m) of a wall."""
-
-_DOOR_NAME = re.compile(r"[A-Za-z0-9_-]+")
 _TRIES = 10_000
 _ORDER = "x and y from, then x and y to, and 'to' has to be greater"
 
@@ -285,7 +280,7 @@ class WorldDescription:
         if name not in self.doors:
             known = f"doors are {', '.join(self.doors)}" if self.doors else "it has no doors"
             hint = did_you_mean(name, self.doors)
-            raise SimError(f"world '{self.name}': there is no door '{name}': {hint}{known}")
+            raise SimError(f"world '{self.name}': there is no door '{name}': {known}{hint}")
         return self.doors[name]
 
     def waypoint_poses(self) -> Waypoints:
@@ -355,7 +350,8 @@ def read_world_description(name: str) -> WorldDescription:
         SimError: The file is missing or invalid.
     """
     path = WORLD_FILES / f"{name}.json" if name in world_names() else Path(name)
-    return read_record(path, "a world").read_whole(lambda record: _world_description(record, path.stem))
+    with json_data(path, "a world", SimError) as data:
+        return _world_description(convert(data, WorldFile), path.stem)
 
 
 def parse_world_description(data: dict[str, Any], name: str) -> WorldDescription:
@@ -368,100 +364,313 @@ def parse_world_description(data: dict[str, Any], name: str) -> WorldDescription
     Raises:
         SimError: The object is invalid.
     """
-    return JsonRecord(data, name).read_whole(lambda record: _world_description(record, name))
+    try:
+        return _world_description(convert(data, WorldFile), name)
+    except DataError as error:
+        raise SimError(f"{name}: {error}") from None
 
 
-def _world_description(record: JsonRecord, name: str) -> WorldDescription:
-    numbers = itertools.count()
+def json_schema() -> dict[str, Any]:
+    """Return the JSON schema of a world's file, for editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(WorldFile)}
+
+
+def _key(description: str, **limits: Any) -> Any:
+    return Meta(description=description, **limits)
+
+
+_Position = Annotated[tuple[float, ...], Meta(min_length=2, max_length=3)]
+_Size = Annotated[
+    tuple[Positive, Positive, Positive], _key("The extent along the object's own x, y and z (m).")
+]
+_Height = Annotated[Positive, _key("The height (m).")]
+_Origin = Annotated[
+    _Position,
+    _key(
+        "The point [x, y] or [x, y, z] (m) to which `points` are relative; `yaw` turns the points about it."
+    ),
+]
+_Underside = Annotated[
+    _Position,
+    _key("The middle of the underside: [x, y], or [x, y, z] above the floor (m)."),
+]
+_Mass = Annotated[
+    NotNegative,
+    _key("The mass (kg). An object with a mass can be pushed; others stand still."),
+]
+_LOOK = _key("How the viewer draws the object. Contacts, sensors and the camera detect the simple shape.")
+if TYPE_CHECKING:
+    _BoxLook: TypeAlias = str
+    _CylinderLook: TypeAlias = str
+else:
+    _BoxLook = Annotated[Literal[tuple(sorted(LOOKS["box"]))], _LOOK]
+    _CylinderLook = Annotated[Literal[tuple(sorted(LOOKS["cylinder"]))], _LOOK]
+
+
+class _Thing(Record, tag_field="kind"):
+    """An entry of `objects`."""
+
+    name: (
+        Annotated[
+            str,
+            _key(
+                "The name, for messages and reports. Names are unique. Without a name it is `object_` and a "
+                "number."
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    yaw: Annotated[float, _key("The rotation about the vertical axis, counter-clockwise (rad).")] = 0.0
+    color: (
+        Annotated[
+            HexColor,
+            _key(
+                "The colour, `#rrggbb` or with opacity `#rrggbbaa`. Glass is `#9fd0e060` by default.",
+                extra_json_schema={"default": "#c9b79c"},
+            ),
+        ]
+        | UnsetType
+    ) = UNSET
+    material: Annotated[
+        Literal["solid", "glass"],
+        _key("Glass is transparent for the laser and the camera, but not for sonars and bumpers."),
+    ] = "solid"
+
+    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+        """Return the objects of the entry, and add its door, if any, to *doors*."""
+        raise NotImplementedError
+
+    def _object(self, name: str, kind: str, size: Point3, position: tuple[float, ...]) -> WorldObject:
+        is_glass = self.material == "glass"
+        color = rgba((GLASS_COLOR if is_glass else "#c9b79c") if self.color is UNSET else self.color)
+        place = (position[0], position[1], position[2] if len(position) == 3 else 0.0)
+        return WorldObject(name, kind, size, place, self.yaw, 0.0, color, is_glass=is_glass)
+
+
+class Box(_Thing, kw_only=True, tag="box"):
+    """A box."""
+
+    position: _Underside
+    look: _BoxLook | UnsetType = UNSET
+    size: _Size
+    mass: _Mass = 0.0
+
+    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+        """Return the box."""
+        box = self._object(name, "box", self.size, self.position)
+        return [replace(box, mass=self.mass, look=self.look or "")]
+
+
+class Cylinder(_Thing, kw_only=True, tag="cylinder"):
+    """An upright cylinder."""
+
+    position: _Underside
+    look: _CylinderLook | UnsetType = UNSET
+    radius: Annotated[Positive, _key("The radius (m).")]
+    height: _Height
+    mass: _Mass = 0.0
+
+    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+        """Return the cylinder."""
+        size = (2 * self.radius, 2 * self.radius, self.height)
+        return [
+            replace(self._object(name, "cylinder", size, self.position), mass=self.mass, look=self.look or "")
+        ]
+
+
+class Table(_Thing, kw_only=True, tag="table"):
+    """A board on four legs. The laser detects the legs only, so the map has a keep-out area for the board."""
+
+    position: _Underside
+    size: _Size
+    top: Annotated[Positive, _key("The thickness of the board (m).")] = 0.04
+    leg: Annotated[Positive, _key("The width of the square legs (m).")] = 0.06
+
+    def __post_init__(self) -> None:
+        length, width, height = self.size
+        if self.top >= height or 2 * self.leg > min(length, width):
+            parts = f"a 'top' of {self.top:g} m and legs of {self.leg:g} m"
+            raise ValueError(f"has {parts}, which don't fit into 'size': use smaller values")
+
+    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+        """Return the parts of the table: its top, and legs flush with the corners."""
+        whole = self._object(name, "box", self.size, self.position)
+        thick, wide = self.top, self.leg
+        length, width, height = self.size
+        x, y, z = whole.position
+        under = height - thick
+        board = replace(whole, name=f"{name}_top", size=(length, width, thick), position=(x, y, z + under))
+        parts = [board]
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        for number, (along, across) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1)), 1):
+            dx, dy = along * (length - wide) / 2, across * (width - wide) / 2
+            foot = (x + cos * dx - sin * dy, y + sin * dx + cos * dy, z)
+            parts.append(replace(board, name=f"{name}_leg_{number}", size=(wide, wide, under), position=foot))
+        return parts
+
+
+class Wall(_Thing, kw_only=True, tag="wall"):
+    """A wall along a line with corners."""
+
+    position: _Origin = (0.0, 0.0)
+    points: Annotated[tuple[Point, ...], _key("The corners [x, y] of the wall's middle line (m).")]
+    height: _Height
+    thickness: Annotated[Positive, _key("The thickness (m).")] = 0.1
+    closed: Annotated[bool, _key("Whether the wall continues from the last point to the first.")] = False
+
+    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+        """Return the wall as a prism."""
+        parts = wall_quads(self.points, self.thickness, self.closed)
+        return [_prism(self._object(name, "prism", (0.0, 0.0, self.height), self.position), parts)]
+
+
+class Polygon(_Thing, kw_only=True, tag="polygon"):
+    """A solid block with an outline, which may be concave."""
+
+    position: _Origin = (0.0, 0.0)
+    points: Annotated[
+        tuple[Point, ...],
+        _key(
+            "The corners [x, y] of the outline (m), in either direction. The outline must not touch itself."
+        ),
+    ]
+    height: _Height
+
+    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+        """Return the block as a prism."""
+        prism = self._object(name, "prism", (0.0, 0.0, self.height), self.position)
+        return [_prism(prism, polygon_triangles(self.points))]
+
+
+class _DoorEntry(_Thing, kw_only=True):
+    """A door."""
+
+    name: Annotated[
+        str,
+        _key(
+            "The name of the door, for events: letters, digits, `_` and `-`.",
+            pattern="^[A-Za-z0-9_-]+$",
+            examples=["kitchen_door"],
+        ),
+    ]
+    position: Annotated[Point, _key("The middle of the opening [x, y] (m).")]
+    width: Annotated[Positive, _key("The width of the opening and of the leaf (m).")] = 0.9
+    height: Annotated[Positive, _key("The height of the leaf (m).")] = 2.1
+    thickness: Annotated[Positive, _key("The thickness of the leaf (m).")] = 0.04
+    open: Annotated[bool, _key("Whether the door is open at the start.")] = False
+
+    def _turn(self) -> float:
+        return 0.0
+
+    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+        """Return the leaf of the door, and add the door to *doors*."""
+        door = doors[name] = Door(name, self.position, self.width, self.yaw, self._turn(), self.open)
+        size = (self.width, self.thickness, self.height)
+        leaf = replace(self._object(name, "box", size, self.position), is_kinematic=True)
+        return [door.placed(leaf, float(door.open))]
+
+
+class HingedDoor(_DoorEntry, kw_only=True, tag="hinged_door"):
+    """A door that turns by 90° about its hinge, which is at the near end of the opening, seen along `yaw`."""
+
+    swing: Annotated[
+        Literal["left", "right"], _key("The side to which the leaf turns, seen along `yaw`.")
+    ] = "left"
+
+    def _turn(self) -> float:
+        return math.pi / 2 if self.swing == "left" else -math.pi / 2
+
+
+class SlidingDoor(_DoorEntry, kw_only=True, tag="sliding_door"):
+    """A door that slides by its width in the direction of `yaw`, for example into a wall."""
+
+
+class Start(Record):
+    """The start of the robot: a `pose`, or an `area` in which the pose is drawn at random."""
+
+    pose: Annotated[Point3, _key("x and y (m) and the heading (rad).")] | UnsetType = UNSET
+    area: Annotated[Rectangle, _key("Smallest x, smallest y, greatest x and greatest y (m).")] | UnsetType = (
+        UNSET
+    )
+    clearance: Annotated[float, _key("The least distance (m) between the robot and any object.")] = 1.0
+
+    def __post_init__(self) -> None:
+        if (self.pose is UNSET) is (self.area is UNSET):
+            raise ValueError("needs either 'area' or 'pose'")
+        if self.area is not UNSET:
+            _check_rectangle("area", self.area)
+
+
+class WorldFile(Record, kw_only=True, rename={"schema": "$schema"}):
+    """A world for the simulated robot of btcore."""
+
+    schema: Annotated[str, _key("This schema, for editors.")] | UnsetType = UNSET
+    description: Annotated[str, _key("A short description.")] = ""
+    floor: Annotated[HexColor, _key("The colour of the floor.")] = "#8d9297"
+    start: Start
+    waypoints: Annotated[
+        dict[str, Point],
+        _key(
+            "Named places [x, y] (m). The patrol drives to `wp1`, `wp2` and `wp3`, and recharges at "
+            "`recharge`."
+        ),
+    ] = msgspec.field(default_factory=dict)
+    keepout: Annotated[
+        tuple[Rectangle, ...],
+        _key("Rectangles that robots must not enter: smallest x, smallest y, greatest x and greatest y (m)."),
+    ] = ()
+    physics_rate: Annotated[int, _key("The number of physics steps per second.", ge=1)] = PHYSICS_RATE
+    objects: Annotated[
+        tuple[Box | Cylinder | Table | Wall | Polygon | HingedDoor | SlidingDoor, ...],
+        _key("The walls and all other things in the world."),
+    ]
+
+    def __post_init__(self) -> None:
+        for rectangle in self.keepout:
+            _check_rectangle("keepout", rectangle)
+
+
+def _check_rectangle(key: str, rectangle: Rectangle) -> None:
+    x0, y0, x1, y1 = rectangle
+    if not (x0 < x1 and y0 < y1):
+        raise FieldError(key, f"has [{x0:g}, {y0:g}, {x1:g}, {y1:g}], but the form is {_ORDER}")
+
+
+def _world_description(file: WorldFile, name: str) -> WorldDescription:
     doors: dict[str, Door] = {}
-    nested = record.nested_list("objects", lambda item: _parse_objects(item, next(numbers), doors))
-    objects = tuple(itertools.chain.from_iterable(nested))
-    record.has("$schema")  # for editors
-    seen: set[str] = set()
-    for item in objects:
-        if item.name in seen:
-            raise record.error(f"two objects are named '{item.name}', but names have to be unique")
-        seen.add(item.name)
-    area, clearance, pose = record.nested("start", _start)
-    description = WorldDescription(
+    objects: dict[str, WorldObject] = {}
+    for index, thing in enumerate(file.objects):
+        try:
+            made = thing.make_objects(thing.name or f"object_{index}", doors)
+        except OutlineError as error:
+            raise DataError(("objects", index, "points"), f"are no outline: {error}") from None
+        for item in made:
+            if item.name in objects:
+                raise DataError(
+                    ("objects", index), f"is named '{item.name}' like another object; names have to be unique"
+                )
+            objects[item.name] = item
+    start = file.start
+    pose = None if start.pose is UNSET else Pose2D(*start.pose)
+    area = (pose.x, pose.y, pose.x, pose.y) if pose is not None else start.area
+    assert area is not UNSET
+    return WorldDescription(
         name=name,
-        description=record.text("description", ""),
-        objects=objects,
+        description=file.description,
+        objects=tuple(objects.values()),
         area=area,
-        clearance=clearance,
+        clearance=start.clearance if pose is None else 0.0,
         pose=pose,
-        floor=record.color("floor", "#8d9297"),
-        waypoints=record.points("waypoints"),
-        keepout=tuple(map(_rectangle, record.rows("keepout", 4, []))),
-        physics_rate=record.whole("physics_rate", PHYSICS_RATE),
+        floor=rgba(file.floor),
+        waypoints=file.waypoints,
+        keepout=file.keepout,
+        physics_rate=file.physics_rate,
         doors=doors,
     )
-    for x0, y0, x1, y1 in description.keepout:
-        if not (x0 < x1 and y0 < y1):
-            raise record.error(f"'keepout' has [{x0:g}, {y0:g}, {x1:g}, {y1:g}], but the form is {_ORDER}")
-    return description
 
 
-def _rectangle(row: list[float]) -> Rectangle:
-    return row[0], row[1], row[2], row[3]
-
-
-def _start(record: JsonRecord) -> tuple[tuple[float, float, float, float], float, Pose2D | None]:
-    if record.has("pose"):
-        x, y, yaw = record.numbers("pose", [3])
-        return (x, y, x, y), 0.0, Pose2D(x, y, yaw)
-    x0, y0, x1, y1 = record.numbers("area", [4])
-    if not (x0 < x1 and y0 < y1):
-        raise record.error(f"the form of 'area' is {_ORDER}")
-    return (x0, y0, x1, y1), record.number("clearance", 1.0), None
-
-
-def _parse_objects(record: JsonRecord, index: int, doors: dict[str, Door]) -> list[WorldObject]:
-    """Return the objects of an entry of `objects`, and add the door of the entry, if any, to *doors*."""
-    kind = record.text("kind", among=KINDS)
-    is_door = kind in ("hinged_door", "sliding_door")
-    name = record.text("name", None if is_door else f"object_{index}")
-    is_glass = record.text("material", "solid", among=("solid", "glass")) == "glass"
-    color = record.color("color", GLASS_COLOR if is_glass else "#c9b79c")
-    yaw = record.number("yaw", 0.0)
-    if kind in ("wall", "polygon"):
-        return [_prism(record, kind, name, yaw, color, is_glass)]
-    if is_door:
-        return [_door(record, kind, name, yaw, color, is_glass, doors)]
-    if kind == "cylinder":
-        x = y = 2 * record.number("radius", over=0.0)
-        z = record.number("height", over=0.0)
-    else:
-        x, y, z = record.numbers("size", [3])
-    if min(x, y, z) <= 0.0:
-        raise record.error("'size' has to be greater than 0 in all three directions")
-    place = record.numbers("position", [2, 3])
-    mass = record.number("mass", 0.0) if kind != "table" else 0.0
-    if mass < 0.0:
-        raise record.error(f"'mass' is {mass:g}, but it has to be at least 0")
-    position = (place[0], place[1], place[2] if len(place) == 3 else 0.0)
-    look = record.text("look", among=LOOKS[kind]) if kind != "table" and record.has("look") else ""
-    item = WorldObject(name, kind, (x, y, z), position, yaw, mass, color, is_glass=is_glass, look=look)
-    return [item] if kind != "table" else _table(record, item)
-
-
-def _prism(record: JsonRecord, kind: str, name: str, yaw: float, color: Color, is_glass: bool) -> WorldObject:
-    points = [(x, y) for x, y in record.rows("points", 2)]
-    height = record.number("height", over=0.0)
-    place = record.numbers("position", [2, 3], [0.0, 0.0])
-    try:
-        if kind == "polygon":
-            parts = polygon_triangles(points)
-        else:
-            thickness = record.number("thickness", WALL_THICKNESS, over=0.0)
-            parts = wall_quads(points, thickness, record.truth("closed", False))
-    except OutlineError as error:
-        raise record.error(str(error)) from None
-    position = (place[0], place[1], place[2] if len(place) == 3 else 0.0)
-    size = (0.0, 0.0, height)
-    return _centred(
-        WorldObject(name, "prism", size, position, yaw, 0.0, color, is_glass=is_glass, parts=tuple(parts))
-    )
+def _prism(whole: WorldObject, parts: list[tuple[Point, ...]]) -> WorldObject:
+    return _centred(replace(whole, parts=tuple(parts)))
 
 
 def _centred(prism: WorldObject) -> WorldObject:
@@ -476,46 +685,3 @@ def _centred(prism: WorldObject) -> WorldObject:
         position=(x0 + cos * x - sin * y, y0 + sin * x + cos * y, z0),
         parts=tuple(tuple((px - x, py - y) for px, py in part) for part in prism.parts),
     )
-
-
-def _door(
-    record: JsonRecord, kind: str, name: str, yaw: float, color: Color, is_glass: bool, doors: dict[str, Door]
-) -> WorldObject:
-    if not _DOOR_NAME.fullmatch(name):
-        raise record.error(
-            f"a door is named '{name}', but names of doors consist of letters, digits, '_' and '-'"
-        )
-    x, y = record.numbers("position", [2])
-    swing = 0.0
-    if kind == "hinged_door":
-        swing = (
-            math.pi / 2 if record.text("swing", "left", among=("left", "right")) == "left" else -math.pi / 2
-        )
-    width = record.number("width", 0.9, over=0.0)
-    size = (width, record.number("thickness", 0.04, over=0.0), record.number("height", 2.1, over=0.0))
-    door = doors[name] = Door(name, (x, y), width, yaw, swing, record.truth("open", False))
-    leaf = WorldObject(name, "box", size, (x, y, 0.0), yaw, 0.0, color, is_kinematic=True, is_glass=is_glass)
-    return door.placed(leaf, float(door.open))
-
-
-def _table(record: JsonRecord, whole: WorldObject) -> list[WorldObject]:
-    """Return the parts of a table with the bounds of *whole*: its top, and legs flush with the corners."""
-    thick, wide = record.number("top", 0.04, over=0.0), record.number("leg", 0.06, over=0.0)
-    length, width, height = whole.size
-    if thick >= height or 2 * wide > min(length, width):
-        raise record.error(
-            f"a 'top' of {thick:g} m and legs of {wide:g} m don't fit into 'size': use smaller values"
-        )
-    x, y, z = whole.position
-    under = height - thick
-    board = replace(
-        whole, name=f"{whole.name}_top", kind="box", size=(length, width, thick), position=(x, y, z + under)
-    )
-    parts = [board]
-    cos, sin = math.cos(whole.yaw), math.sin(whole.yaw)
-    for number, (along, across) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1)), 1):
-        dx, dy = along * (length - wide) / 2, across * (width - wide) / 2
-        foot = (x + cos * dx - sin * dy, y + sin * dx + cos * dy, z)
-        name = f"{whole.name}_leg_{number}"
-        parts.append(replace(board, name=name, size=(wide, wide, under), position=foot))
-    return parts

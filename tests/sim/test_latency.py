@@ -50,7 +50,7 @@ def test_a_robots_readings_are_as_old_as_the_latency_and_at_most_a_period_older(
 ):
     late = replace(
         TIAGO,
-        laser=replace(TIAGO.laser, errors=replace(TIAGO.laser.errors, latency=0.15)),
+        laser=replace(TIAGO.laser, latency=0.15),
         odometry=replace(TIAGO.odometry, latency=0.15),
         camera=replace(TIAGO.camera, latency=0.15) if TIAGO.camera else None,
         sonar_latency=0.15,
@@ -66,10 +66,9 @@ def test_a_robots_readings_are_as_old_as_the_latency_and_at_most_a_period_older(
 
 
 def test_localiser_and_locator_wait_for_an_odometry_that_is_later_than_scans_and_pictures():
-    errors = replace(TIAGO.laser.errors, latency=0.0)
     late = replace(
         TIAGO,
-        laser=replace(TIAGO.laser, errors=errors),
+        laser=replace(TIAGO.laser, latency=0.0),
         odometry=replace(TIAGO.odometry, latency=0.1),
     )
     world = World(load_world_description("house"), seed=1)

@@ -82,36 +82,27 @@ def test_a_description_without_a_head_gives_a_robot_without_a_head(tmp_path: Pat
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda d: d.pop("urdf"), "'urdf' is missing"),
         (lambda d: d.update(urdf="nowhere.urdf"), "'urdf' names .*nowhere.urdf, but there is no such file"),
+        (lambda d: d["wheels"].update(raduis=1), "'wheels.raduis' is unknown: .*; did you mean 'radius'"),
         (
-            lambda d: d["wheels"].update(raduis=d["wheels"].pop("radius")),
-            "'radius' is missing: did you mean 'raduis'",
+            lambda d: d["laser"].update(angle_max=-3.0),
+            "'laser.angle_max' is -3, and .* greater than 'angle_min'",
         ),
-        (lambda d: d["base"].update(v_min=0.1), "'v_min' is 0.1, but it has to be at most 0"),
-        (lambda d: d["laser"].update(rays=0), "'rays' is 0, and a whole number of at least 1"),
-        (lambda d: d["laser"].update(angle_max=-3.0), "'angle_max' has to be greater than 'angle_min'"),
-        (lambda d: d["laser"].update(rate="10"), "'rate' is \"10\", and a number is expected"),
-        (lambda d: d.update(wings={}), "'wings' is unknown"),
-        (lambda d: d["torso"].update(limits=[0.3, 0.1]), r"torso: 'limits' is \[0.3, 0.1\]"),
+        (lambda d: d["torso"].update(limits=[0.3, 0.1]), r"'torso.limits' is \[0.3, 0.1\], and the second"),
+        (lambda d: d["laser"]["outliers"].update(short=2), "'laser.outliers.short' is 2, and a number of at"),
         (
-            lambda d: d["odometry"].update(slip_sigma=-1),
-            "'slip_sigma' are standard deviations and have to be at least 0",
+            lambda d: d["laser"].update(latency=3),
+            "'laser.latency' is 3, and a number of at least 0 and of at",
         ),
-        (lambda d: d["laser"].update(range_noise=-0.1), "'range_noise' are standard deviations"),
-        (
-            lambda d: d["laser"]["outliers"].update(short=2),
-            "outliers: 'missed', 'short' and 'edge' are",
-        ),
-        (lambda d: d["laser"].update(latency=3), "'latency' is 3 s, but it has to be from 0 to 1 s"),
-        (lambda d: d["sonars"][1].update(range_min=2.0), r"sonars\[1\]: 'range_max' has to be greater"),
-        (lambda d: d["frames"][0].pop("parent"), r"frames\[0\]: 'parent' is missing"),
+        (lambda d: d["sonars"][1].update(range_min=2.0), r"'sonars\[1\].range_max' is 1, and it has to be"),
+        (lambda d: d["shells"][0].update(sections=[[0, 0, 0, 1, 2]] * 2), r"sections\[0\]\[2\]' is 0"),
+        (lambda d: d["shells"][0].update(sections=[]), "sections' is .*, and a list of at least 2 lists"),
     ],
 )
 def test_an_error_in_a_description_raises(tmp_path: Path, change: Any, said: str):
     with pytest.raises(SimError, match=said) as caught:
         load_robot_description(write(tmp_path, change))
-    assert "mine.json: " in str(caught.value)
+    assert "mine.json:1: " in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -119,9 +110,9 @@ def test_an_error_in_a_description_raises(tmp_path: Path, change: Any, said: str
     [
         (
             lambda d: d["wheels"].update(left="wheel_lift_joint"),
-            "no joint 'wheel_lift_joint': did you mean 'wheel_left",
+            "no joint 'wheel_lift_joint': .*; did you mean 'wheel_left",
         ),
-        (lambda d: d["laser"].update(link="base"), "no link 'base': did you mean 'base_link'"),
+        (lambda d: d["laser"].update(link="base"), "no link 'base': .*; did you mean 'base_link'"),
     ],
 )
 def test_a_name_that_the_urdf_does_not_have_raises(tmp_path: Path, robot_at: Any, change: Any, said: str):

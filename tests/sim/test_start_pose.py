@@ -199,7 +199,7 @@ def test_noise_is_a_factor_on_the_errors_of_all_sensors():
     assert (perfect.laser.info.sigma, perfect.odometry.slip, perfect.odometry.scale_sigma) == (0.0, 0.0, 0.0)
     assert twice.laser.info.sigma == 2 * tiago.laser.info.sigma
     assert twice.odometry.slip_sigma == 2 * tiago.odometry.slip_sigma
-    assert perfect.laser.errors == LaserErrors()
+    assert (perfect.laser.outliers, perfect.laser.latency) == (LaserErrors(), 0.0)
     assert twice.laser.info.range_noise == 2 * tiago.laser.info.range_noise
-    assert twice.laser.errors.latency == 2 * tiago.laser.errors.latency
-    assert tiago.with_noise(1000.0).laser.errors.edge == 1.0
+    assert twice.laser.latency == 2 * tiago.laser.latency
+    assert tiago.with_noise(1000.0).laser.outliers.edge == 1.0

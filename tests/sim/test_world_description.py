@@ -117,7 +117,7 @@ def test_a_world_without_room_for_the_start_raises(tmp_path: Path):
 
 
 def test_an_unknown_world_raises_with_a_suggestion_and_the_list():
-    with pytest.raises(SimError, match=r"no world 'arena_bokses': did you mean 'arena_boxes'\? .*arena, "):
+    with pytest.raises(SimError, match=r"no world 'arena_bokses': .*arena, .*; did you mean 'arena_boxes'\?"):
         load_world_description("arena_bokses")
 
 
@@ -152,38 +152,29 @@ BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"objects": [{**BOX, "kind": "bx"}]}, r"objects\[0\]: 'kind' is 'bx': did you mean 'box'\?"),
-        ({"objects": [BOX, {**BOX, "sice": 1}]}, r"objects\[1\]: 'sice' is unknown: did you mean 'size'\?"),
-        ({"objects": [BOX, BOX]}, "two objects are named 'a'"),
-        ({"objects": [{**BOX, "size": [1, 1]}]}, "'size' is .* a list of 3 numbers is expected"),
-        ({"objects": [{**BOX, "size": [1, 0, 1]}]}, "'size' has to be greater than 0"),
-        ({"objects": [{**BOX, "color": "red"}]}, "'color' is 'red', and a colour like"),
-        ({"objects": [{**BOX, "mass": -1}]}, "'mass' is -1"),
         (
-            {"objects": [{"kind": "cylinder", "raduis": 1, "height": 1}]},
-            r"'radius' is missing: did you mean 'raduis'",
+            {"objects": [{**BOX, "kind": "bx"}]},
+            r"'objects\[0\].kind' is \"bx\", and \"box\", .* is expected; did you mean 'box'\?",
         ),
-        ({"objects": 3}, "'objects' is not a list of objects"),
-        ({"start": {"area": [1, 1, 0, 0]}}, "start: the form of 'area' is x and y from"),
-        ({"start": {}}, "start: 'area' is missing"),
-        ({"start": None}, "'start' is null, and an object is expected"),
-        ({"wind": 3}, "'wind' is unknown"),
+        ({"objects": [{"size": [1, 1, 1]}]}, r"'objects\[0\].kind' is missing"),
+        (
+            {"objects": [BOX, {**BOX, "sice": 1}]},
+            r"'objects\[1\].sice' is unknown: known are kind, name, .*; did you mean 'size'\?",
+        ),
+        ({"objects": [BOX, BOX]}, r"'objects\[1\]' is named 'a' like another object"),
+        ({"objects": [{**BOX, "color": "red"}]}, 'color\' is "red", and a text like "#c8b090" is expected'),
+        ({"start": {"area": [1, 1, 0, 0]}}, r"'start.area' has \[1, 1, 0, 0\], but the form is x and y from"),
+        ({"start": {}}, "'start' needs either 'area' or 'pose'"),
+        ({"start": None}, "'start' is null, and an object of keys and values is expected"),
         (
             {"objects": [{**BOX, "kind": "table", "leg": 0.6}]},
-            "a 'top' of 0.04 m and legs of 0.6 m don't fit",
+            r"'objects\[0\]' has a 'top' of 0.04 m and legs of 0.6 m, which don't fit",
         ),
-        ({"objects": [{**BOX, "kind": "table", "mass": 2}]}, r"objects\[0\]: 'mass' is unknown"),
+        ({"keepout": [[1, 0, 0, 1]]}, r"'keepout' has \[1, 0, 0, 1\], but the form is x and y from"),
         (
-            {"waypoints": [[0, 0]]},
-            r"'waypoints' is \[\[0, 0\]\], and an object of points \[x, y\] is expected",
+            {"objects": [{"kind": "polygon", "points": [[0, 0], [1, 0]], "height": 1}]},
+            r"'objects\[0\].points' are no outline: ",
         ),
-        ({"waypoints": {"wp1": [0]}}, r"waypoints: 'wp1' is \[0\], and a list of 2 numbers is expected"),
-        ({"keepout": [[0, 0, 1]]}, r"'keepout' is .* a list of lists of 4 numbers is expected"),
-        (
-            {"keepout": [[1, 0, 0, 1]]},
-            r"'keepout' has \[1, 0, 0, 1\], but the form is x and y from, then x and y to",
-        ),
-        ({"physics_rate": 0}, "'physics_rate' is 0, and a whole number of at least 1 is expected"),
     ],
 )
 def test_an_error_in_a_world_is_reported_with_its_place(
@@ -191,7 +182,7 @@ def test_an_error_in_a_world_is_reported_with_its_place(
 ):
     with pytest.raises(SimError, match=said) as caught:
         load_world_description(write(tmp_path, **changes))
-    assert "mine.json: " in str(caught.value)
+    assert "mine.json:1: " in str(caught.value)
 
 
 def test_a_file_that_is_not_json_is_reported_with_line_and_column(tmp_path: Path):

@@ -19,16 +19,26 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
+
+import msgspec
+from msgspec import Meta
 
 from btcore.input_files import read_error, read_file
-from btcore.suggestions import did_you_mean
+from btcore.typed_data import Record, convert
 from btcore_proof.leaf_models import ModelError
 
 SUFFIX: Final = ".proof.toml"
 MOST_VALUES: Final = 1000
 """The maximum number of values of an entry."""
-_TABLES: Final = ("given", "leaves", "entries", "questions")
+_Values = Annotated[tuple[str | bool | int | float, ...], Meta(max_length=MOST_VALUES)]
+
+
+class _DeclarationFile(Record):
+    given: _Values = ()
+    leaves: dict[str, dict[str, Any]] = msgspec.field(default_factory=dict)
+    entries: dict[str, _Values] = msgspec.field(default_factory=dict)
+    questions: dict[str, str] = msgspec.field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -65,48 +75,15 @@ def read_declarations(path: Path) -> Declarations:
         ModelError: The file cannot be read, or is invalid.
     """
     try:
-        data = tomllib.loads(read_file(path).decode())
+        file = convert(tomllib.loads(read_file(path).decode()), _DeclarationFile)
     except (OSError, ValueError) as error:
         reason = read_error(error) if isinstance(error, OSError) else error
         raise ModelError(f"{path}: {reason}") from error
     except RecursionError:
         raise ModelError(f"{path}: it is nested too deeply") from None
-    try:
-        return _declarations(data)
-    except ModelError as error:
-        raise ModelError(f"{path}: {error}") from error
+    entries = {key: _texts(values) for key, values in file.entries.items()}
+    return Declarations(file.leaves, entries, file.questions, _texts(file.given))
 
 
-def _declarations(data: Mapping[str, Any]) -> Declarations:
-    for key in data:
-        if key not in _TABLES:
-            raise ModelError(f"unknown key '{key}'{did_you_mean(key, _TABLES)}")
-    leaves = _table(data, "leaves")
-    for ID, declared in leaves.items():
-        if not isinstance(declared, dict):
-            raise ModelError(f"[leaves.{ID}] must be a table")
-    questions = _table(data, "questions")
-    for name, question in questions.items():
-        if not isinstance(question, str):
-            raise ModelError(f"[questions] {name} must be a text")
-    entries = {key: _texts(f"[entries] {key}", values) for key, values in _table(data, "entries").items()}
-    return Declarations(leaves, entries, questions, _texts("given", data.get("given", [])))
-
-
-def _table(data: Mapping[str, Any], name: str) -> dict[str, Any]:
-    table = data.get(name, {})
-    if not isinstance(table, dict):
-        raise ModelError(f"[{name}] must be a table")
-    return table
-
-
-def _texts(place: str, values: object) -> tuple[str, ...]:
-    """Return the texts of a list of values."""
-    if not isinstance(values, list) or len(values) > MOST_VALUES:
-        raise ModelError(f"{place} must be a list of at most {MOST_VALUES} values")
-    texts: list[str] = []
-    for value in values:
-        if not isinstance(value, (str, int, float)):
-            raise ModelError(f"{place}: a value must be a text, a number or a boolean, not {value!r}")
-        texts.append(str(value).lower() if isinstance(value, bool) else str(value))
-    return tuple(texts)
+def _texts(values: _Values) -> tuple[str, ...]:
+    return tuple(str(value).lower() if isinstance(value, bool) else str(value) for value in values)

@@ -66,7 +66,7 @@ def launch(ctx: click.Context, /, file: Path, output: OutputSettings, **settings
             lambda: draw_graph(runner.context.topics),
         )
 
-    is_embodied = any(entry.program == "bridge" for entry in entries)
+    is_embodied = any(entry.node.program == "bridge" for entry in entries)
     return run_processes(ctx, "Launched", create, output, embodied=is_embodied)
 
 

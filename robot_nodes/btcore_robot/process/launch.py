@@ -17,22 +17,22 @@ An example:
 The key `pkg` is allowed and ignored: all programs are in this package. Paths are relative to the file.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
+import msgspec
+from msgspec import UNSET, UnsetType
 
+from btcore.suggestions import did_you_mean
+from btcore.typed_data import DataError, Record, convert
+from btcore_robot.data_files import yaml_data
 from btcore_robot.errors import RobotError
-from btcore_robot.field_reader import read_text
 from btcore_robot.process.parameters import ParameterValue, load_process_parameters
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
-from btcore_robot.process.programs import UnknownProgramError, create_processes
-from btcore_robot.yaml_errors import yaml_errors
+from btcore_robot.process.programs import PROGRAMS, create_processes
 
-_LINE = "__line__"
-_NODE_KEYS = {"exec", "name", "pkg", "remap", "param", "output"}
 _OTHER_FORMATS = {".py": "Python", ".xml": "XML"}  # the other formats of ROS 2's launch files, by suffix
 _MAX_DEPTH = 16  # levels of includes; a deeper level means that a file includes itself
 
@@ -41,25 +41,53 @@ class LaunchError(RobotError):
     """A launch file cannot be used; the message gives the place and the reason."""
 
 
+class _Rule(Record, rename={"source": "from"}):
+    source: str
+    to: str
+
+
+class _Parameter(Record, rename={"file": "from"}):
+    file: str | UnsetType = UNSET
+    name: str | UnsetType = UNSET
+    value: Any = UNSET
+
+    def __post_init__(self) -> None:
+        if (self.file is UNSET) is (self.name is UNSET or self.value is UNSET):
+            raise ValueError("needs either 'from', or 'name' and 'value'")
+
+
+class _Node(Record, rename={"program": "exec"}):
+    program: str
+    name: str | None = None
+    pkg: str = ""
+    output: str = ""
+    remap: tuple[_Rule, ...] = ()
+    param: tuple[_Parameter, ...] = ()
+
+
+class _Include(msgspec.Struct):
+    file: str
+
+
+class _Step(Record):
+    node: _Node | UnsetType = UNSET
+    include: _Include | UnsetType = UNSET
+
+    def __post_init__(self) -> None:
+        if (self.node is UNSET) is (self.include is UNSET):
+            raise ValueError("needs either 'node' or 'include'")
+
+
+class _LaunchFile(msgspec.Struct):
+    launch: tuple[_Step, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class LaunchEntry:
-    """A program to start.
+    """A program to start: the *node* of a launch *file*."""
 
-    Attributes:
-        program: The name of the program.
-        name: The name of the process; None = the program's default.
-        remap: The replaced topic names.
-        parameters: The parameters, later values override earlier values.
-        file: The launch file.
-        line: The line in the launch file.
-    """
-
-    program: str
-    name: str | None
-    remap: Mapping[str, str]
-    parameters: tuple[Mapping[str, Any], ...]
+    node: _Node
     file: Path
-    line: int
 
     def options(self, own_name: str) -> ProcessOptions:
         """Return the options of the program's processes.
@@ -72,13 +100,13 @@ class LaunchEntry:
             ParameterError: A parameter file cannot be used.
         """
         values: dict[str, ParameterValue] = {}
-        for parameter in self.parameters:
-            if "from" in parameter:
-                file = self.file.parent / str(parameter["from"])
-                values |= load_process_parameters(file, self.name or own_name)
-            else:
-                values[str(parameter["name"])] = parameter["value"]
-        return ProcessOptions(self.name, self.remap, values)
+        for parameter in self.node.param:
+            if parameter.file is not UNSET:
+                file = self.file.parent / parameter.file
+                values |= load_process_parameters(file, self.node.name or own_name)
+            elif parameter.name is not UNSET:
+                values[parameter.name] = parameter.value
+        return ProcessOptions(self.node.name, {rule.source: rule.to for rule in self.node.remap}, values)
 
 
 def read_launch(path: Path, depth: int = 0) -> list[LaunchEntry]:
@@ -99,13 +127,20 @@ def read_launch(path: Path, depth: int = 0) -> list[LaunchEntry]:
             "supported: write its nodes to a .launch.yaml file as 'launch:' and a list of '- node: {exec: "
             "PROGRAM}'; a launch file for other ROS nodes is started by `ros2 launch`"
         )
-    text = read_text(path, "a launch file in YAML", LaunchError)
-    with yaml_errors(path, LaunchError):
-        content = yaml.load(text, Loader=_LineLoader)
-    steps = content.get("launch") if isinstance(content, dict) else None
-    if not isinstance(steps, list):
-        raise LaunchError(f"{path}:1: a launch file is 'launch:', and below it a list of nodes")
+    with yaml_data(path, "a launch file", LaunchError) as data:
+        steps = convert(data, _LaunchFile).launch
+        for index, step in enumerate(steps):
+            if step.node is not UNSET and step.node.program not in PROGRAMS:
+                hint = did_you_mean(step.node.program, PROGRAMS) or f": there are {', '.join(PROGRAMS)}"
+                raise DataError(("launch", index, "node", "exec"), f"is no program{hint}")
     return [entry for step in steps for entry in _entries(path, step, depth)]
+
+
+def _entries(path: Path, step: _Step, depth: int) -> Iterator[LaunchEntry]:
+    if step.include is not UNSET:
+        yield from read_launch(path.parent / step.include.file, depth + 1)
+    elif step.node is not UNSET:
+        yield LaunchEntry(step.node, path)
 
 
 def launch_processes(entries: list[LaunchEntry], context: ProcessContext) -> list[Process]:
@@ -116,75 +151,16 @@ def launch_processes(entries: list[LaunchEntry], context: ProcessContext) -> lis
         context: The resources that the processes share.
 
     Raises:
-        LaunchError: A program does not exist.
         ParameterError: A parameter has an invalid value.
     """
     processes: list[Process] = []
     for entry in entries:
-        try:
-            # Without a name in the launch file, a parameter file addresses the process by its default name.
-            own = "" if entry.name or not entry.parameters else _own_name(entry.program, context)
-            processes += create_processes(entry.program, context, entry.options(own))
-        except UnknownProgramError as error:
-            raise LaunchError(f"{entry.file}:{entry.line}: {error}") from None
+        # Without a name in the launch file, a parameter file addresses the process by its default name.
+        own = "" if entry.node.name or not entry.node.param else _own_name(entry.node.program, context)
+        processes += create_processes(entry.node.program, context, entry.options(own))
     return processes
 
 
 def _own_name(program: str, context: ProcessContext) -> str:
     quiet = ProcessContext(context.clock, context.schedule, lambda line: None, robot=context.robot)
     return create_processes(program, quiet)[0].name
-
-
-def _entries(path: Path, step: object, depth: int) -> Iterator[LaunchEntry]:
-    if not isinstance(step, dict):
-        raise LaunchError(f"{path}: {step!r} is not a step of a launch file: a step is a node or an include")
-    line = step[_LINE]
-    keys = [key for key in step if key != _LINE]
-    match keys:
-        case ["include"] if isinstance(step["include"], dict) and "file" in step["include"]:
-            yield from read_launch(path.parent / str(step["include"]["file"]), depth + 1)
-        case ["node"] if isinstance(step["node"], dict):
-            yield _entry(path, step["node"])
-        case _:
-            raise LaunchError(
-                f"{path}:{line}: '{', '.join(map(str, keys))}' is not a step; a step is "
-                "'node:' with 'exec' below it, or 'include:' with 'file' below it"
-            )
-
-
-def _entry(path: Path, node: dict[str, Any]) -> LaunchEntry:
-    line = node[_LINE]
-    unknown = sorted(node.keys() - _NODE_KEYS - {_LINE})
-    if unknown:
-        raise LaunchError(
-            f"{path}:{line}: a node has no key '{unknown[0]}'; it has {', '.join(sorted(_NODE_KEYS))}"
-        )
-    if "exec" not in node:
-        raise LaunchError(f"{path}:{line}: a node needs 'exec', the program's name")
-    remap = {
-        str(rule["from"]): str(rule["to"])
-        for rule in _maps(path, node, "remap", lambda keys: {"from", "to"} <= keys)
-    }
-    parameters = _maps(path, node, "param", lambda keys: "from" in keys or {"name", "value"} <= keys)
-    name = node.get("name")
-    return LaunchEntry(
-        str(node["exec"]), None if name is None else str(name), remap, tuple(parameters), path, line
-    )
-
-
-def _maps(path: Path, node: dict[str, Any], key: str, fits: Any) -> list[dict[str, Any]]:
-    maps = node.get(key) or []
-    if not isinstance(maps, list) or not all(isinstance(item, dict) and fits(item.keys()) for item in maps):
-        form = "{from: NAME, to: NAME}" if key == "remap" else "{name: NAME, value: VALUE} or {from: FILE}"
-        raise LaunchError(f"{path}:{node[_LINE]}: '{key}' must be a list of {form}")
-    return maps
-
-
-class _LineLoader(yaml.SafeLoader):
-    """A YAML loader that adds to each map the line at which it begins."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """Return the map with its line."""
-        content: dict[Any, Any] = super().construct_mapping(node, deep)
-        content[_LINE] = node.start_mark.line + 1
-        return content

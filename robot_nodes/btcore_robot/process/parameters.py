@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar, cast
 
-from btcore_robot.field_reader import did_you_mean
+from btcore.suggestions import did_you_mean
 from btcore_robot.parameter_files import EVERY_SERVER, read_settings
 from btcore_robot.parameter_files import ParameterError as ParameterError
 
@@ -59,9 +59,8 @@ class Parameters:
         """Yield a warning for every parameter that was given but never declared."""
         for name in self._given:
             if name not in self._values and name != USE_SIM_TIME:
-                hint = did_you_mean(name, self._values).strip()
-                ignored = f"{self._owner} has no parameter '{name}', so its value is ignored"
-                yield f"{ignored}; {hint}" if hint else ignored
+                hint = did_you_mean(name, self._values)
+                yield f"{self._owner} has no parameter '{name}', so its value is ignored{hint}"
 
     def _check_items(self, name: str, value: Sequence[object], default: Sequence[object]) -> None:
         types = {type(item) for item in value}

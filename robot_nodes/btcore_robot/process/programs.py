@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from importlib import import_module
 
+from btcore.suggestions import did_you_mean
 from btcore_robot.errors import RobotError
-from btcore_robot.field_reader import did_you_mean
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 
 _FIRST_STEPS = "btcore_robot.process.first_steps"
@@ -60,8 +60,8 @@ def create_processes(
         UnknownProgramError: There is no program of that name.
     """
     if program not in PROGRAMS:
-        hint = did_you_mean(program, PROGRAMS).strip() or f"there are {', '.join(PROGRAMS)}"
-        raise UnknownProgramError(f"there is no program '{program}': {hint}")
+        hint = did_you_mean(program, PROGRAMS) or f": there are {', '.join(PROGRAMS)}"
+        raise UnknownProgramError(f"there is no program '{program}'{hint}")
     options = options if options is not None else ProcessOptions()
     parts = PROGRAMS[program]
     if len(parts) > 1:

@@ -174,15 +174,15 @@ class BagRobot(TopicRobot):
     def _take_readings(self) -> None:
         """Choose the receivers of the sensors' topics."""
         description, take = self.description, self._take
-        self._watch("scan", description.scan.source, _LASER, self._receive_scan)
+        self._watch("scan", description.scan, _LASER, self._receive_scan)
         self._watch("odometry", description.odometry, _ODOMETRY, self._receive_odometry)
         if description.joint_states is not None:
             take("joint_states", description.joint_states.topic, (_JOINTS,), self._receive_joints)
         self._take_frames(description.frames)
         if description.battery is not None:
-            take("battery", description.battery.source.topic, (_BATTERY,), self._receive_battery)
-        for source in description.sonars:
-            take("sonars", source.topic, (_RANGE,), self._receive_sonar)
+            take("battery", description.battery.topic, (_BATTERY,), self._receive_battery)
+        for topic in description.sonars:
+            take("sonars", topic, (_RANGE,), self._receive_sonar)
         camera = description.camera
         if camera is not None:
             take("camera.image", camera.image.topic, (_IMAGE,), self._receive_image)
@@ -194,7 +194,7 @@ class BagRobot(TopicRobot):
 
     def _take_frames(self, sources: FrameSources) -> None:
         """Choose the receivers of the frames: transforms, or the URDF if the bag lacks transforms."""
-        model, tf, static = sources.robot_description, sources.tf, sources.tf_static or "/tf_static"
+        model, tf, static = sources.robot_description, sources.tf, sources.tf_static
         has_transforms = all(
             name is not None and _resolved(name) in self._reader.topics for name in (tf, static)
         )
@@ -210,7 +210,7 @@ class BagRobot(TopicRobot):
     def _take_commands(self) -> None:
         """Choose the receivers of the topics for commands."""
         description = self.description
-        for topic in description.velocity.priorities:
+        for topic in description.velocity.topics:
             self._take("velocity", topic, _TWIST_TYPES, partial(self._receive_velocity, topic))
         for control in (description.head, description.torso):
             if control is not None:
@@ -319,7 +319,7 @@ class BagRobot(TopicRobot):
         """Return the joints that are moved by trajectories on *topic*."""
         head, torso = self.description.head, self.description.torso
         if head is not None and head.topic == topic:
-            return head.pan, head.tilt
+            return head.joints
         return (torso.joint,) if torso is not None else ()
 
     # Commands
@@ -341,7 +341,7 @@ class BagRobot(TopicRobot):
         self._time.finish_moment()
 
     def _missing_reason(self, key: str) -> str:
-        topics = {"scan": self.description.scan.source.topic, "odometry": self.description.odometry.topic}
+        topics = {"scan": self.description.scan.topic, "odometry": self.description.odometry.topic}
         if key in topics:
             return f"{key}: the bag has no message on {_resolved(topics[key])}"
         return super()._missing_reason(key)

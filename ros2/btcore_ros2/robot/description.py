@@ -1,58 +1,64 @@
 """The description of a ROS 2 robot, from a YAML file: its topics, and the facts that no topic has."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
-from btcore_robot.field_reader import did_you_mean
+from msgspec import Meta
+
+from btcore.suggestions import did_you_mean
+from btcore.typed_data import FieldError, Positive, convert
+from btcore_robot.data_files import yaml_data
 from btcore_robot.robot import BaseInfo, HeadInfo, TorsoInfo
 from btcore_robot.time_limits import TOPIC
 from btcore_ros2.errors import RosError
-from btcore_ros2.robot.yaml_map import YamlMap, read_yaml_map
 
 __all__ = ["RosRobotDescription", "bundled_robots", "load_robot"]
 
 FOLDER = Path(__file__).parent
 """The folder of the bundled descriptions."""
 
-RELIABILITIES = ("best_effort", "reliable")
 
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TopicSource:
     """A topic from which readings come.
 
     Attributes:
         topic: The name.
-        reliable: Whether the subscription is reliable; otherwise it is best effort, which receives from
-            publishers of both kinds.
+        reliability: The reliability of the subscription; best effort receives from publishers of both kinds.
         timeout: The time (s) without a message after which the run ends; None = the topic is not watched.
     """
 
     topic: str
-    reliable: bool = False
-    timeout: float | None = None
+    reliability: Literal["best_effort", "reliable"] = "best_effort"
+    timeout: Positive | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class ScanSource:
-    """The laser: its *source*, and the *rate* (Hz) and noise, which no message contains.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WatchedSource(TopicSource):
+    """A topic that is watched by default."""
+
+    timeout: Positive | None = TOPIC
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanSource(WatchedSource):
+    """The laser: its topic, and the *rate* (Hz) and noise, which no message contains.
 
     *sigma* (m) and *range_noise* are the standard deviations of `LaserInfo`.
     """
 
-    source: TopicSource
-    rate: float
-    sigma: float
+    rate: Positive
+    sigma: float = 0.0
     range_noise: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class VelocityTopics:
-    """The topics for velocity commands: *priorities* by topic, and whether they are TwistStamped."""
+    """The topics for velocity commands: their type, and their priorities by name."""
 
-    priorities: dict[str, int]
-    stamped: bool
+    type: Literal["Twist", "TwistStamped"]
+    topics: Annotated[dict[str, int], Meta(min_length=1)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,31 +68,59 @@ class FrameSources:
     Either *tf* and *tf_static*, or *robot_description* together with the joint states, are given.
     """
 
-    tf: str | None
-    tf_static: str | None
-    robot_description: str | None
+    tf: str | None = None
+    tf_static: str = "/tf_static"
+    robot_description: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.tf is None and self.robot_description is None:
+            raise FieldError("tf", "is missing: name the topic /tf, or 'robot_description'")
+
+
+def _check_limits(key: str, limits: tuple[float, float]) -> None:
+    if limits[0] >= limits[1]:
+        raise FieldError(key, f"is {list(limits)}, and the second value has to be greater")
 
 
 @dataclass(frozen=True, slots=True)
 class HeadControl:
-    """The trajectory *topic* of the head, the joints *pan* and *tilt*, and the limits *info*."""
+    """The trajectory *topic* of the head, its *joints* pan and tilt, and their limits (rad, rad/s)."""
 
     topic: str
-    pan: str
-    tilt: str
-    info: HeadInfo
+    joints: tuple[str, str]
+    pan_limits: tuple[float, float]
+    tilt_limits: tuple[float, float]
+    speed: Positive
+
+    def __post_init__(self) -> None:
+        _check_limits("pan_limits", self.pan_limits)
+        _check_limits("tilt_limits", self.tilt_limits)
+
+    @property
+    def info(self) -> HeadInfo:
+        """The limits."""
+        return HeadInfo(*self.pan_limits, *self.tilt_limits, self.speed)
 
 
 @dataclass(frozen=True, slots=True)
 class TorsoControl:
-    """The trajectory *topic* of the torso, its *joint*, and the limits *info*."""
+    """The trajectory *topic* of the torso, its *joint*, and its limits (m, m/s)."""
 
     topic: str
     joint: str
-    info: TorsoInfo
+    limits: tuple[float, float]
+    speed: Positive
+
+    def __post_init__(self) -> None:
+        _check_limits("limits", self.limits)
+
+    @property
+    def info(self) -> TorsoInfo:
+        """The limits."""
+        return TorsoInfo(*self.limits, self.speed)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CameraSource:
     """The topics of a camera.
 
@@ -101,26 +135,29 @@ class CameraSource:
 
     image: TopicSource
     info: str
-    depth: TopicSource | None
-    near: float
-    far: float
-    rate: float
+    depth: TopicSource | None = None
+    near: Positive
+    far: Positive
+    rate: Positive
+
+    def __post_init__(self) -> None:
+        if self.near >= self.far:
+            raise FieldError("far", f"is {self.far:g}, and it has to be greater than 'near'")
 
 
-@dataclass(frozen=True, slots=True)
-class BatterySource:
-    """The battery: its *source*, and the *full* value of `percentage`, which is 1 by ROS's definition."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatterySource(TopicSource):
+    """The battery: its topic, and the *full* value of `percentage`, which is 1 by ROS's definition."""
 
-    source: TopicSource
-    full: float
+    full: Positive = 1.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RosRobotDescription:
     """A ROS 2 robot.
 
     Attributes:
-        path: The file from which the description was read.
+        path: The file of the description.
         name: The name of the robot.
         use_sim_time: Whether the robot's clock is the topic `/clock`; None = if that topic is published.
         start_timeout: The time (s) within which all topics have to be available.
@@ -141,21 +178,29 @@ class RosRobotDescription:
 
     path: Path
     name: str
-    use_sim_time: bool | None
-    start_timeout: float
-    odom_frame: str
-    base_frame: str
+    use_sim_time: bool | None = None
+    start_timeout: Positive = 10.0
+    odom_frame: str = "odom"
+    base_frame: str = "base_footprint"
     base: BaseInfo
     scan: ScanSource
-    odometry: TopicSource
+    odometry: WatchedSource
     velocity: VelocityTopics
     frames: FrameSources
-    joint_states: TopicSource | None
-    head: HeadControl | None
-    torso: TorsoControl | None
-    camera: CameraSource | None
-    battery: BatterySource | None
-    sonars: Sequence[TopicSource]
+    joint_states: TopicSource | None = None
+    head: HeadControl | None = None
+    torso: TorsoControl | None = None
+    camera: CameraSource | None = None
+    battery: BatterySource | None = None
+    sonars: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.joint_states is None:
+            for key, part in {"head": self.head, "torso": self.torso}.items():
+                if part is not None:
+                    raise FieldError(key, "needs the positions of its joints: add 'joint_states'")
+            if self.frames.robot_description is not None and self.frames.tf is None:
+                raise FieldError("frames", "needs the positions of the joints: add 'joint_states'")
 
 
 def bundled_robots() -> list[str]:
@@ -178,137 +223,6 @@ def load_robot(name: str | Path) -> RosRobotDescription:
         path = FOLDER / f"{name}.yaml"
     elif path.suffix not in (".yaml", ".yml") and not path.exists():
         hint = did_you_mean(str(name), known)
-        raise RosError(f"there is no robot '{name}': {hint}known are {', '.join(known)}, or name a YAML file")
-    return read_yaml_map(path, "a ROS 2 robot").read_whole(lambda entries: _description(entries, path))
-
-
-def _description(entries: YamlMap, path: Path) -> RosRobotDescription:
-    description = RosRobotDescription(
-        path=path,
-        name=entries.text("name"),
-        use_sim_time=entries.flag("use_sim_time"),
-        start_timeout=entries.number("start_timeout", 10.0, over=0.0),
-        odom_frame=entries.text("odom_frame", "odom"),
-        base_frame=entries.text("base_frame", "base_footprint"),
-        base=entries.nested("base", _base),
-        scan=entries.nested("scan", _scan),
-        odometry=entries.nested("odometry", _watched),
-        velocity=entries.nested("velocity", _velocity),
-        frames=entries.nested("frames", _frames),
-        joint_states=entries.nested("joint_states", _source) if entries.has("joint_states") else None,
-        head=entries.nested("head", _head) if entries.has("head") else None,
-        torso=entries.nested("torso", _torso) if entries.has("torso") else None,
-        camera=entries.nested("camera", _camera) if entries.has("camera") else None,
-        battery=entries.nested("battery", _battery) if entries.has("battery") else None,
-        sonars=tuple(TopicSource(topic) for topic in entries.texts("sonars"))
-        if entries.has("sonars")
-        else (),
-    )
-    if description.joint_states is None:
-        users = {"head": description.head, "torso": description.torso}
-        for key, part in users.items():
-            if part is not None:
-                raise entries.mistake(key, "needs the positions of its joints: add 'joint_states'")
-        if description.frames.robot_description is not None and description.frames.tf is None:
-            raise entries.mistake("frames", "needs the positions of the joints: add 'joint_states'")
-    return description
-
-
-def _base(entries: YamlMap) -> BaseInfo:
-    base = BaseInfo(
-        v_min=entries.number("v_min"),
-        v_max=entries.number("v_max", over=0.0),
-        w_max=entries.number("w_max", over=0.0),
-        v_rate=entries.number("v_rate", over=0.0),
-        w_rate=entries.number("w_rate", over=0.0),
-        command_timeout=entries.number("command_timeout", over=0.0),
-        radius=entries.number("radius", over=0.0),
-    )
-    if base.v_min > 0.0:
-        raise entries.mistake("v_min", f"is {base.v_min:g}, and it has to be at most 0: the base can stand")
-    if base.command_timeout > 1.0:
-        raise entries.mistake("command_timeout", f"is {base.command_timeout:g}, and it has to be at most 1 s")
-    return base
-
-
-def _source(entries: YamlMap, timeout: float | None = None) -> TopicSource:
-    """Read a topic; *timeout* is the default of its time limit."""
-    if entries.has("timeout") or timeout is not None:
-        timeout = entries.number("timeout", timeout, over=0.0)
-    reliability = entries.text("reliability", "best_effort", among=RELIABILITIES)
-    return TopicSource(entries.text("topic"), reliability == "reliable", timeout)
-
-
-def _watched(entries: YamlMap) -> TopicSource:
-    return _source(entries, TOPIC)
-
-
-def _scan(entries: YamlMap) -> ScanSource:
-    return ScanSource(
-        source=_watched(entries),
-        rate=entries.number("rate", over=0.0),
-        sigma=entries.number("sigma", 0.0),
-        range_noise=entries.number("range_noise", 0.0),
-    )
-
-
-def _velocity(entries: YamlMap) -> VelocityTopics:
-    stamped = entries.text("type", among=("Twist", "TwistStamped")) == "TwistStamped"
-    priorities = entries.nested("topics", _priorities)
-    if not priorities:
-        raise entries.mistake("topics", "names no topic: write {/cmd_vel: 10}")
-    return VelocityTopics(priorities, stamped)
-
-
-def _priorities(entries: YamlMap) -> dict[str, int]:
-    priorities: dict[str, int] = {}
-    for topic in entries.names():
-        priority = entries.number(topic)
-        if priority != round(priority):
-            raise entries.mistake(topic, f"is {priority:g}, and a priority is a whole number")
-        priorities[topic] = round(priority)
-    return priorities
-
-
-def _frames(entries: YamlMap) -> FrameSources:
-    tf = entries.text("tf") if entries.has("tf") else None
-    model = entries.text("robot_description") if entries.has("robot_description") else None
-    if tf is None and model is None:
-        raise entries.mistake("tf", "is missing: name the topic /tf, or 'robot_description'")
-    return FrameSources(tf, entries.text("tf_static", "/tf_static") if tf is not None else None, model)
-
-
-def _limits(entries: YamlMap, key: str) -> tuple[float, float]:
-    low, high = entries.numbers(key, [2])
-    if low >= high:
-        raise entries.mistake(key, f"is [{low:g}, {high:g}], and the second value has to be greater")
-    return low, high
-
-
-def _head(entries: YamlMap) -> HeadControl:
-    pan, tilt = entries.texts("joints", [2])
-    limits = *_limits(entries, "pan_limits"), *_limits(entries, "tilt_limits")
-    return HeadControl(entries.text("topic"), pan, tilt, HeadInfo(*limits, entries.number("speed", over=0.0)))
-
-
-def _torso(entries: YamlMap) -> TorsoControl:
-    info = TorsoInfo(*_limits(entries, "limits"), entries.number("speed", over=0.0))
-    return TorsoControl(entries.text("topic"), entries.text("joint"), info)
-
-
-def _camera(entries: YamlMap) -> CameraSource:
-    camera = CameraSource(
-        image=entries.nested("image", _source),
-        info=entries.text("info"),
-        depth=entries.nested("depth", _source) if entries.has("depth") else None,
-        near=entries.number("near", over=0.0),
-        far=entries.number("far", over=0.0),
-        rate=entries.number("rate", over=0.0),
-    )
-    if camera.near >= camera.far:
-        raise entries.mistake("far", f"is {camera.far:g}, and it has to be greater than 'near'")
-    return camera
-
-
-def _battery(entries: YamlMap) -> BatterySource:
-    return BatterySource(_source(entries), entries.number("full", 1.0, over=0.0))
+        raise RosError(f"there is no robot '{name}': known are {', '.join(known)}, or name a YAML file{hint}")
+    with yaml_data(path, "a ROS 2 robot", RosError) as data:
+        return convert({**data, "path": str(path)}, RosRobotDescription)

@@ -177,7 +177,7 @@ class RosRobot(TopicRobot):
             self._watches_shapes = True
             from std_msgs.msg import String
 
-            model = TopicSource(topic, reliable=True)
+            model = TopicSource(topic=topic, reliability="reliable")
             self._subscribe(String, model, self._receive_shapes, depth=1, latched=True)
             if self._node.count_publishers(self._node.resolve_topic_name(topic)):
                 self._session.wait_for(lambda: self._shapes is not None, SHAPES_WAIT)
@@ -245,7 +245,7 @@ class RosRobot(TopicRobot):
             return session.clock
         if wanted is None:
             # The publishers of a robot become visible together, so the clock is searched after the sensors.
-            sensors = (self.description.scan.source.topic, self.description.odometry.topic)
+            sensors = (self.description.scan.topic, self.description.odometry.topic)
             topics = [self._node.resolve_topic_name(topic) for topic in sensors]
             visible = session.wait_for(
                 lambda: any(self._node.count_publishers(topic) for topic in topics),
@@ -300,7 +300,7 @@ class RosRobot(TopicRobot):
         from sensor_msgs.msg import LaserScan as ScanMessage
 
         description = self.description
-        self._subscribe(ScanMessage, description.scan.source, self._receive_scan)
+        self._subscribe(ScanMessage, description.scan, self._receive_scan)
         self._subscribe(OdometryMessage, description.odometry, self._receive_odometry)
         if description.joint_states is not None:
             self._subscribe(JointState, description.joint_states, self._receive_joints)
@@ -308,9 +308,9 @@ class RosRobot(TopicRobot):
         if description.battery is not None:
             from sensor_msgs.msg import BatteryState as BatteryMessage
 
-            self._subscribe(BatteryMessage, description.battery.source, self._receive_battery)
-        for source in description.sonars:
-            self._subscribe(Range, source, self._receive_sonar)
+            self._subscribe(BatteryMessage, description.battery, self._receive_battery)
+        for topic in description.sonars:
+            self._subscribe(Range, TopicSource(topic=topic), self._receive_sonar)
 
     def _subscribe_frames(self, sources: FrameSources) -> None:
         try:
@@ -322,12 +322,12 @@ class RosRobot(TopicRobot):
                 raise
             from std_msgs.msg import String
 
-            model = TopicSource(sources.robot_description, reliable=True)
+            model = TopicSource(topic=sources.robot_description, reliability="reliable")
             self._subscribe(String, model, self._receive_description, depth=1, latched=True)
             return
-        tf = TopicSource(sources.tf, reliable=True)
+        tf = TopicSource(topic=sources.tf, reliability="reliable")
         self._subscribe(TFMessage, tf, partial(self._receive_tf, static=False), depth=100)
-        static = TopicSource(sources.tf_static or "/tf_static", reliable=True)
+        static = TopicSource(topic=sources.tf_static, reliability="reliable")
         receive = partial(self._receive_tf, static=True)
         self._subscribe(TFMessage, static, receive, depth=100, latched=True)
 
@@ -344,7 +344,7 @@ class RosRobot(TopicRobot):
 
         qos = QoSProfile(
             depth=depth,
-            reliability=ReliabilityPolicy.RELIABLE if source.reliable else ReliabilityPolicy.BEST_EFFORT,
+            reliability=ReliabilityPolicy[source.reliability.upper()],
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
         watch = _Watch(self._node.resolve_topic_name(source.topic), kind, source.timeout)
@@ -373,7 +373,7 @@ class RosRobot(TopicRobot):
         from sensor_msgs.msg import Image
 
         self._watches_camera = True
-        self._subscribe(InfoMessage, TopicSource(source.info), self._receive_camera_info)
+        self._subscribe(InfoMessage, TopicSource(topic=source.info), self._receive_camera_info)
         self._subscribe(Image, source.image, self._receive_image, depth=1)
         if source.depth is not None:
             self._subscribe(Image, source.depth, self._receive_depth, depth=1)
@@ -449,7 +449,7 @@ class RosRobot(TopicRobot):
             elif key in ("frames", "head", "torso"):
                 lines.append(self._missing_reason(key))
             else:
-                source = description.scan.source if key == "scan" else description.odometry
+                source = description.scan if key == "scan" else description.odometry
                 watch = next(w for w in self._watches if w.topic == node.resolve_topic_name(source.topic))
                 lines.append(f"{key}: {watch.topic}: {topic_problem(node, watch.topic, watch.kind)}")
         hint = f"correct {description.path}" if sees_others(node) else DOMAIN_HINT

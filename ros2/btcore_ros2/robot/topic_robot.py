@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from btcore_robot.errors import RobotError
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import (
     CMD_VEL,
@@ -29,6 +30,7 @@ from btcore_robot.robot import (
 )
 from btcore_robot.scene_messages import camera_message, laser_message, picture_message, scan_message
 from btcore_robot.time_limits import PICTURE_DEPTH
+from btcore_robot.urdf import Urdf, UrdfJoint, read_urdf
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.conversions import (
     ScanConverter,
@@ -41,7 +43,6 @@ from btcore_ros2.robot.conversions import (
 from btcore_ros2.robot.description import RosRobotDescription
 from btcore_ros2.robot.frames import FOOTPRINT, FrameStore, pose_of
 from btcore_ros2.robot.stamps import LateMessageError, StampConverter
-from btcore_ros2.robot.urdf import UrdfJoint, read_shapes, read_urdf
 from btcore_ros2.robot.velocity import VelocityCommands, check_finite
 from btcore_scene import UPRIGHT, Cylinder, Frame, MovingScene, Part, StaticScene
 
@@ -147,7 +148,7 @@ class TopicRobot(Robot):
         self._sonars: dict[str, SonarReading] = {}
         self._scene = RobotScene(self)
         self._shapes: list[Part] | None = None
-        self._model_joints: list[UrdfJoint] = []
+        self._model_joints: Sequence[UrdfJoint] = []
         self._camera_info: CameraInfo | None = None
         self._raw_image: tuple[Any, int] | None = None
         self._raw_depth: tuple[Any, int] | None = None
@@ -226,14 +227,14 @@ class TopicRobot(Robot):
         pan = min(max(pan, info.pan_min), info.pan_max)
         tilt = min(max(tilt, info.tilt_min), info.tilt_max)
         seconds = max(abs(pan - now.pan), abs(tilt - now.tilt)) / info.speed
-        self._move_joints(head.topic, {head.pan: pan, head.tilt: tilt}, seconds)
+        self._move_joints(head.topic, dict(zip(head.joints, (pan, tilt), strict=True)), seconds)
 
     def head(self) -> HeadPosition | None:
         """Return the position of the head from the joint states, or None without a head."""
         head = self.description.head
-        if head is None or head.pan not in self._joints or head.tilt not in self._joints:
+        if head is None or not all(joint in self._joints for joint in head.joints):
             return None
-        (pan, stamp), (tilt, tilt_stamp) = self._joints[head.pan], self._joints[head.tilt]
+        (pan, stamp), (tilt, tilt_stamp) = (self._joints[joint] for joint in head.joints)
         return HeadPosition(pan, tilt, min(stamp, tilt_stamp))
 
     def lift(self, height: float) -> None:
@@ -354,7 +355,7 @@ class TopicRobot(Robot):
                 self._place_link(name)
 
     def _receive_description(self, message: Any) -> None:
-        joints = read_urdf(message.data)
+        joints = _urdf_of(message).joints
         for joint in joints:
             if not joint.moves:
                 self._frames.set(joint.child, joint.parent, joint.origin, None)
@@ -365,11 +366,14 @@ class TopicRobot(Robot):
     def _receive_shapes(self, message: Any) -> None:
         base = self.description.base_frame
         try:
-            self._model_joints, shapes = read_urdf(message.data), read_shapes(message.data)
+            urdf = _urdf_of(message)
         except RosError as error:
             _log.warning("the monitor cannot draw the robot's shape: %s", error)
-            shapes = []
-        self._shapes = [replace(each, frame=FOOTPRINT) if each.frame == base else each for each in shapes]
+            urdf = Urdf((), (), ())
+        self._model_joints = urdf.joints
+        self._shapes = [
+            replace(each, frame=FOOTPRINT) if each.frame == base else each for each in urdf.shapes
+        ]
 
     def _drawn_frames(self) -> list[Frame]:
         """Return the frames, and the links of the model whose poses are on no topic, such as wheels."""
@@ -481,5 +485,12 @@ class TopicRobot(Robot):
         try:
             self._scans = ScanConverter(message, mount, facts.rate, facts.sigma, facts.range_noise)
         except RosError as error:
-            raise RosError(f"{facts.source.topic}: {error}") from None
+            raise RosError(f"{facts.topic}: {error}") from None
         self._scan = self._scans.convert(message, stamp)
+
+
+def _urdf_of(message: Any) -> Urdf:
+    try:
+        return read_urdf(message.data)
+    except RobotError as error:
+        raise RosError(str(error)) from None

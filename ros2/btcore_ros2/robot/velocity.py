@@ -29,8 +29,8 @@ class VelocityCommands:
     ) -> None:
         self._base = base
         self._publish_on = publish
-        self._topics = sorted(topics.priorities, key=lambda topic: topics.priorities[topic])
-        self._priorities = topics.priorities
+        self._topics = sorted(topics.topics, key=lambda topic: topics.topics[topic])
+        self._priorities = topics.topics
         self._sources = CommandMultiplexer()
         self._command = STANDING
         self._stamp = -NS_PER_S
@@ -128,12 +128,12 @@ class VelocityPublishers:
     ) -> None:
         from geometry_msgs.msg import Twist, TwistStamped
 
-        self.kind: type = TwistStamped if topics.stamped else Twist
-        self._stamped = topics.stamped
+        self.kind: type = TwistStamped if topics.type == "TwistStamped" else Twist
+        self._stamped = topics.type == "TwistStamped"
         self._frame = frame
         self._time = stamp
         self._publishers = {
-            topic: session.node.create_publisher(self.kind, topic, 10) for topic in topics.priorities
+            topic: session.node.create_publisher(self.kind, topic, 10) for topic in topics.topics
         }
         self._used: set[str] = set()
 

@@ -289,16 +289,13 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
     [
         (
             "launch:\n- node: {exec: publsher}\n",
-            r":2: there is no program 'publsher': did you mean 'publisher'",
+            r":2: 'launch\[0\].node.exec' is no program; did you mean 'publisher'",
         ),
-        ("launch:\n- node: {name: a}\n", r":2: a node needs 'exec'"),
-        ("launch:\n- node: {exec: logger, parm: []}\n", ":2: a node has no key 'parm'"),
-        (
-            "launch:\n- node: {exec: logger, remap: [{from: a}]}\n",
-            "'remap' must be a list of {from: NAME, to: NAME}",
-        ),
-        ("launch:\n- arg: {name: a}\n", ":2: 'arg' is not a step"),
-        ("nodes: []\n", ":1: a launch file is 'launch:'"),
+        ("launch:\n- node: {name: a}\n", r":2: 'launch\[0\].node.exec' is missing"),
+        ("launch:\n- node: {exec: logger, param: [{name: a}]}\n", r":2: .*\.param\[0\]' needs"),
+        ("launch:\n- {}\n", r":2: 'launch\[0\]' needs either"),
+        ("launch:\n- arg: {name: a}\n", r":2: 'launch\[0\].arg' is unknown"),
+        ("nodes: []\n", ":1: 'launch' is missing"),
         ("launch: [\n", ":2:1: not valid YAML"),
         ("launch:\n- include: {file: f.yaml}\n", "includes itself, directly or through other files"),
         (

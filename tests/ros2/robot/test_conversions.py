@@ -10,7 +10,7 @@ pytest.importorskip("sensor_msgs")
 
 from sensor_msgs.msg import BatteryState, Image, LaserScan, Range
 
-from btcore_robot.rigid_transform import Transform
+from btcore_robot.rigid_transform import Transform, from_rpy
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.conversions import (
     ScanConverter,
@@ -20,7 +20,6 @@ from btcore_ros2.robot.conversions import (
     rgb_of,
     sonar_of,
 )
-from btcore_sim.kinematics import from_rpy
 
 
 def laser_scan(ranges: list[float], angle_min: float, increment: float, frame: str = "laser") -> Any:

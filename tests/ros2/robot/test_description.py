@@ -26,17 +26,24 @@ def test_bundled_robots_have_the_topics_of_their_repositories() -> None:
     assert set(bundled_robots()) == BUNDLED.keys()
     for name, facts in BUNDLED.items():
         robot = load_robot(name)
-        topic = next(iter(robot.velocity.priorities))
+        topic = next(iter(robot.velocity.topics))
         limits = (robot.base.v_max, robot.base.w_max)
-        scan, odometry = robot.scan.source, robot.odometry
-        assert facts == (topic, robot.velocity.stamped, scan.topic, odometry.topic, robot.base_frame, limits)
+        scan, odometry = robot.scan, robot.odometry
+        assert facts == (
+            topic,
+            robot.velocity.type == "TwistStamped",
+            scan.topic,
+            odometry.topic,
+            robot.base_frame,
+            limits,
+        )
         # A best effort subscription receives from publishers of both kinds, and many scans are best effort.
-        assert not scan.reliable
+        assert scan.reliability == "best_effort"
         # A scan or an odometry that stops has to end the run.
         assert scan.timeout
         assert odometry.timeout
         assert scan.timeout > 3.0 / robot.scan.rate
-        assert robot.battery is None or not robot.battery.source.reliable
+        assert robot.battery is None or robot.battery.reliability == "best_effort"
 
 
 @pytest.mark.parametrize("name", BUNDLED)
@@ -51,14 +58,14 @@ def test_tiago_has_the_facts_of_the_simulated_tiago() -> None:
     assert tiago.base == simulated.base
     assert simulated.head is not None
     assert tiago.head is not None
-    assert (tiago.head.pan, tiago.head.tilt) == (simulated.head.pan, simulated.head.tilt)
+    assert tiago.head.joints == (simulated.head.pan, simulated.head.tilt)
     assert tiago.head.info == simulated.head.info
     assert simulated.torso is not None
     assert tiago.torso is not None
     assert tiago.torso.info == simulated.torso.info
     info = simulated.laser.info
     assert (tiago.scan.rate, tiago.scan.sigma) == (info.rate, info.sigma)
-    assert tiago.velocity.priorities == {"cmd_vel": 10, "key_vel": 90, "joy_vel": 100}
+    assert tiago.velocity.topics == {"cmd_vel": 10, "key_vel": 90, "joy_vel": 100}
 
 
 def test_defaults(tmp_path: Path) -> None:
@@ -67,8 +74,8 @@ def test_defaults(tmp_path: Path) -> None:
     robot = load_robot(path)
     assert robot.base == BaseInfo(-0.3, 0.5, 1.0, 1.0, 2.0, 0.5, 0.2)
     assert (robot.use_sim_time, robot.odom_frame, robot.base_frame) == (None, "odom", "base_footprint")
-    assert not robot.scan.source.reliable
-    assert robot.scan.source.timeout == 20.0
+    assert robot.scan.reliability == "best_effort"
+    assert robot.scan.timeout == 20.0
     assert robot.joint_states is not None
     assert robot.joint_states.timeout is None
 
@@ -76,23 +83,16 @@ def test_defaults(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("v_max: 0.5", "vmax: 0.5", ":3: 'base.v_max' is missing: did you mean 'vmax'?"),
-        ("start_timeout", "start_timout", ":2: 'start_timout' is unknown: did you mean 'start_timeout'?"),
-        ("v_min: -0.3", "v_min: 0.3", ":3: 'base.v_min' is 0.3, and it has to be at most 0"),
+        ("v_max: 0.5", "vmax: 0.5", ":3: 'base.vmax' is unknown: known are v_min, v_max"),
+        ("v_min: -0.3", "v_min: 0.3", ":3: 'base.v_min' is 0.3, and a number of at most 0 is expected"),
         ("command_timeout: 0.5", "command_timeout: 2", ":3: 'base.command_timeout' is 2"),
-        ("rate: 10, sigma", "rate: fast, sigma", ":4: 'scan.rate' is 'fast', and a number is expected"),
-        ("{topic: /odom, timeout: 20.0}", "/odom", ":5: 'odometry' is '/odom', and a map of keys"),
-        ("type: Twist,", "type: TwistStampd,", "did you mean 'TwistStamped'?"),
-        ("/key_vel: 90", "/key_vel: high", ":6: 'velocity.topics./key_vel' is 'high'"),
-        ("{/cmd_vel: 10, /key_vel: 90}", "{}", ":6: 'velocity.topics' names no topic"),
+        ("{/cmd_vel: 10, /key_vel: 90}", "{}", ":6: 'velocity.topics' is {}"),
         ("{tf: /tf}", "{}", ":7: 'frames.tf' is missing"),
         ("joint_states:", "#", ":9: 'head' needs the positions of its joints: add 'joint_states'"),
         ("pan_limits: [-1.3, 1.3]", "pan_limits: [1.3, -1.3]", ":12: 'head.pan_limits' is [1.3, -1.3]"),
         ("joints: [head_1_joint, head_2_joint]", "joints: [head_1_joint]", "a list of 2 texts is expected"),
         ("near: 0.1", "near: 9", ":16: 'camera.far' is 8, and it has to be greater than 'near'"),
-        ("sonars: [/sonar]", "sonars: [/sonar", "not valid YAML"),
-        ("sonars: [/sonar]", "name: twice", ":17: 'name' occurs twice"),
-        ("timeout: 20.0, rate", "reliability: best, rate", "'scan.reliability' is 'best': it has to be"),
+        ("sonars: [/sonar]", "name: twice", ":17:1: not valid YAML: 'name' occurs twice"),
     ],
 )
 def test_mistake_is_reported_with_its_line(tmp_path: Path, old: str, new: str, message: str) -> None:
@@ -107,7 +107,7 @@ def test_mistake_is_reported_with_its_line(tmp_path: Path, old: str, new: str, m
 
 
 def test_unknown_robot_is_reported(tmp_path: Path) -> None:
-    with pytest.raises(RosError, match="there is no robot 'tiga': did you mean 'tiago'"):
+    with pytest.raises(RosError, match=r"there is no robot 'tiga': .*; did you mean 'tiago'"):
         load_robot("tiga")
     with pytest.raises(RosError, match=r"missing\.yaml"):
         load_robot(tmp_path / "missing.yaml")

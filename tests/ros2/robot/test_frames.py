@@ -4,11 +4,11 @@ import math
 
 import pytest
 
+from btcore_robot.errors import RobotError
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import TransformStamped
-from btcore_ros2.errors import RosError
+from btcore_robot.urdf import read_urdf
 from btcore_ros2.robot.frames import FrameStore
-from btcore_ros2.robot.urdf import read_shapes, read_urdf
 from btcore_scene import Cylinder
 from btcore_sim.kinematics import Kinematics, complete_urdf
 from btcore_sim.robot_description import load_robot_description
@@ -63,7 +63,7 @@ def test_urdf_has_the_poses_of_the_simulator() -> None:
     positions = dict(zip(kinematics.joints, (0.3, -0.4, 0.2, 0.1), strict=False))
     expected = poses(kinematics.frames(list(positions.values()), 7))
     store = FrameStore("base_footprint", "odom")
-    for joint in read_urdf(complete_urdf(description)):
+    for joint in read_urdf(complete_urdf(description)).joints:
         if not joint.moves:
             store.set(joint.child, joint.parent, joint.origin, None)
         elif joint.name in positions:
@@ -87,12 +87,12 @@ def test_urdf_has_the_poses_of_the_simulator() -> None:
     ],
 )
 def test_invalid_urdf_is_reported(text: str, message: str) -> None:
-    with pytest.raises(RosError, match=message):
+    with pytest.raises(RobotError, match=message):
         read_urdf(text)
 
 
 def test_shapes_of_a_urdf() -> None:
-    shapes = read_shapes(complete_urdf(load_robot_description()))
+    shapes = read_urdf(complete_urdf(load_robot_description())).shapes
     assert {"box", "cylinder"} <= {shape.kind for shape in shapes}
     assert {"base_link", "wheel_left_link", "torso_lift_link"} <= {shape.frame for shape in shapes}
     body = shapes[0]
@@ -107,4 +107,4 @@ def test_shapes_of_a_urdf() -> None:
     mesh = (
         "<robot><link name='a'><visual><geometry><mesh filename='a.dae'/></geometry></visual></link></robot>"
     )
-    assert read_shapes(mesh) == []
+    assert read_urdf(mesh).shapes == []

@@ -2,14 +2,13 @@
 
 import math
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from btcore_robot.rigid_transform import Transform, Vector
-from btcore_ros2.errors import RosError
+from btcore_robot.errors import RobotError
+from btcore_robot.rigid_transform import Transform, Vector, from_rpy
 from btcore_scene import Box, Color, Cylinder, Part, Sphere
-from btcore_sim.kinematics import from_rpy
 
 TURNING = ("revolute", "continuous")
 SLIDING = "prismatic"
@@ -53,38 +52,44 @@ class UrdfJoint:
         return self.origin * Transform(quaternion=(x * sine, y * sine, z * sine, math.cos(position / 2)))
 
 
-def read_urdf(text: str) -> list[UrdfJoint]:
-    """Return the joints of a URDF.
+@dataclass(frozen=True, slots=True)
+class Urdf:
+    """What this package reads of a URDF.
 
-    Raises:
-        RosError: The text is not a URDF, or a number in it is invalid.
+    Attributes:
+        links: The names of the links.
+        joints: The joints.
+        shapes: The boxes, cylinders and spheres that the URDF draws, each in the frame of its link.
     """
-    try:
-        robot = ElementTree.fromstring(text)
-        return [_joint(element) for element in robot.iterfind("joint")]
-    except (ElementTree.ParseError, ValueError) as error:
-        raise RosError(f"the robot's description is not a valid URDF: {error}") from None
+
+    links: Sequence[str]
+    joints: Sequence[UrdfJoint]
+    shapes: Sequence[Part]
+
+    @property
+    def root(self) -> str:
+        """The first link that no joint connects with a parent."""
+        children = {joint.child for joint in self.joints}
+        return next(link for link in self.links if link not in children)
 
 
-def read_shapes(text: str) -> list[Part]:
-    """Return the boxes, cylinders and spheres that a URDF draws, each in the frame of its link.
-
-    Meshes are left out.
+def read_urdf(text: str) -> Urdf:
+    """Return the links, the joints and the shapes of a URDF; meshes are left out.
 
     Raises:
-        RosError: The text is not a URDF, or a number in it is invalid.
+        RobotError: The text is not a URDF, or a number in it is invalid.
     """
     try:
         robot = ElementTree.fromstring(text)
         colors = {each.get("name", ""): _color(each) for each in robot.iterfind("material")}
+        links = {link.get("name", ""): link for link in robot.iterfind("link")}
         shapes = [
-            _shape(visual, link.get("name", ""), colors)
-            for link in robot.iterfind("link")
-            for visual in link.iterfind("visual")
+            _shape(visual, name, colors) for name, link in links.items() for visual in link.iterfind("visual")
         ]
+        joints = [_joint(element) for element in robot.iterfind("joint")]
     except (ElementTree.ParseError, ValueError) as error:
-        raise RosError(f"the robot's description is not a valid URDF: {error}") from None
-    return [shape for shape in shapes if shape is not None]
+        raise RobotError(f"the robot's description is not a valid URDF: {error}") from None
+    return Urdf(tuple(links), joints, [shape for shape in shapes if shape is not None])
 
 
 def _shape(visual: ElementTree.Element, link: str, colors: Mapping[str, Color | None]) -> Part | None:
