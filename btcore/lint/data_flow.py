@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from btcore.lint.dry_run import DryRun, EntryUse
-from btcore.lint.scripts import WRITING, AccessKind
+from btcore.lint.key_uses import READING, WRITING
 from btcore.xml.plan.plan import Plans
 
 
@@ -43,9 +43,6 @@ class DataflowRow:
     readers: list[DataflowAccess] = field(default_factory=list)
 
 
-_READING = (AccessKind.READS, AccessKind.READS_AS_KEY, AccessKind.UPDATES)
-
-
 def trace_dataflow(plans: Plans) -> list[DataflowRow]:
     """Return the entries of the main tree, sorted by scope and key.
 
@@ -67,7 +64,7 @@ def trace_dataflow(plans: Plans) -> list[DataflowRow]:
             access = _access(use, paths[use.scope])
             if use.access in WRITING and access not in row.writers:
                 row.writers.append(access)
-            if use.access in _READING and access not in row.readers:
+            if use.access in READING and access not in row.readers:
                 row.readers.append(access)
         if row.writers or row.readers:
             rows.append(row)

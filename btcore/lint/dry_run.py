@@ -8,13 +8,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from btcore.blackboard.blackboard import Blackboard, Entry
-from btcore.blackboard.ports import SCRIPT_ROLES, Port, PortRole, remapped_key
+from btcore.blackboard.ports import SCRIPT_ROLES, Port
 from btcore.clock import SystemClock
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError, Diagnostic
+from btcore.lint.key_uses import WRITING, AccessKind, find_name_uses, port_uses
 from btcore.lint.possible_results import is_built_in
-from btcore.lint.scripts import WRITING, AccessKind, find_name_uses
 from btcore.loading.instantiate import NodeCreator, SubtreeDraft
 from btcore.registry.manifest import Manifest
 from btcore.xml.models.stubs import is_stub
@@ -135,31 +135,12 @@ class DryRun(NodeCreator):
         self, node_plan: NodePlan, port: Port, text: str, is_explicit: bool, draft: SubtreeDraft
     ) -> Iterator[EntryUse]:
         document, board = draft.document, draft.blackboard
-        key = remapped_key(text, port.name, self.format)
-        is_script = port.role in SCRIPT_ROLES
-        # A loop takes items out of its queue, but never fills it.
-        writes = port.writes and port.role is not PortRole.QUEUE
-        accesses: list[AccessKind] = []
-        if key is None:
-            if is_script:
+        key, accesses = port_uses(port, text, is_explicit, self.format)
+        if port.role in SCRIPT_ROLES:
+            if key is None:
                 self._script(node_plan, port.name, text, document, board)
-            elif port.role in _ACCESS_BY_NAME:
-                accesses = [_ACCESS_BY_NAME[port.role]]
-            elif writes and self.format == 3 and is_explicit:
-                # In format 3 an output port accepts the key without braces.
-                accesses = [AccessKind.WRITES]
-            if text:
-                key = text
-        elif is_script:
-            self.has_untracked_access = True
-            accesses = [AccessKind.READS]
-        elif port.role is PortRole.WRITTEN_ENTRY:
-            accesses = [AccessKind.READS_AS_KEY]
-        else:
-            if port.reads:
-                accesses.append(AccessKind.READS)
-            if writes and (is_explicit or self.format == 4):
-                accesses.append(AccessKind.WRITES)
+            else:
+                self.has_untracked_access = True
         for access in accesses if key else ():
             yield EntryUse(access, key or "", board, document, node_plan, port.name, 0, port)
 
@@ -185,13 +166,6 @@ class DryRun(NodeCreator):
             for key, outside in call.remaps.items():
                 self._recorded.append(EntryUse(AccessKind.MENTIONS, outside, outer, document, node_plan, key))
         return inner
-
-
-_ACCESS_BY_NAME = {
-    PortRole.WRITTEN_ENTRY: AccessKind.WRITES,
-    PortRole.WATCHED_ENTRY: AccessKind.READS,
-    PortRole.REMOVED_ENTRY: AccessKind.MENTIONS,
-}
 
 
 def has_writer(uses: Sequence[EntryUse]) -> bool:

@@ -17,9 +17,10 @@ from btcore.diagnostic_codes import (
 from btcore.engine.control import ControlNode
 from btcore.errors import BtcoreError, ConversionError, Hint, ScriptError
 from btcore.lint.dry_run import DryRun, EntryUse
+from btcore.lint.key_uses import WRITING, AccessKind
 from btcore.lint.ports import conversion_error, entry_hint, is_listed, valid_literals
 from btcore.lint.reporter import LintReporter, line_of, node_label
-from btcore.lint.scripts import WRITING, AccessKind, is_constant, parse_statements
+from btcore.lint.scripts import is_constant, parse_statements
 from btcore.lint.unwritten_keys import is_declaration
 from btcore.registry.manifest import Manifest
 from btcore.script.expressions import Assignment, Literal, Name

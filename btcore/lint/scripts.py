@@ -1,8 +1,6 @@
-"""Analyse scripts: the entries that they use, scripts that always raise (W207), misused conditions (W208)."""
+"""Analyse scripts: scripts that always raise (W207), and misused conditions (W208)."""
 
-import enum
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
@@ -22,37 +20,6 @@ from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.read import Document
 
 
-class AccessKind(enum.Enum):
-    """How a script or a port uses an entry.
-
-    - READS and WRITES: the value is read or written.
-    - READS_AS_KEY: the value is read, and is the name of another entry, which is written.
-    - ASSIGNS: the value is written, and the entry must exist already.
-    - UPDATES: the value is read and written, for example by `+=`, and the entry must exist already.
-    - MENTIONS: the entry is named, but its value is neither read nor written.
-    """
-
-    READS = enum.auto()
-    WRITES = enum.auto()
-    READS_AS_KEY = enum.auto()
-    ASSIGNS = enum.auto()
-    UPDATES = enum.auto()
-    MENTIONS = enum.auto()
-
-
-WRITING = (AccessKind.WRITES, AccessKind.ASSIGNS, AccessKind.UPDATES)
-"""The kinds of access that write the entry."""
-_ASSIGNMENTS = {":=": AccessKind.WRITES, "=": AccessKind.ASSIGNS}
-
-
-class NameUse(NamedTuple):
-    """One use of a name in a script; *column* counts from 1."""
-
-    access: AccessKind
-    name: str
-    column: int
-
-
 def parse_statements(text: str, enums: Mapping[str, int]) -> list[Expression]:
     """Parse a script into statements.
 
@@ -60,28 +27,6 @@ def parse_statements(text: str, enums: Mapping[str, int]) -> list[Expression]:
         ScriptError: *text* is not a valid script.
     """
     return Parser(text, enums).parse()
-
-
-def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
-    """Return every use of an entry in a script, in the order of evaluation; none if the script is invalid.
-
-    Args:
-        enums: Values of the registered enum names, which are not entries.
-    """
-    try:
-        statements = parse_statements(text, enums)
-    except ScriptError:
-        return []  # check_scripts has reported it
-    uses: list[NameUse] = []
-    for statement in statements:
-        for part in iter_subexpressions(statement):
-            if isinstance(part, Assignment) and isinstance(part.target, Name):
-                target = part.target
-                access = _ASSIGNMENTS.get(part.operator, AccessKind.UPDATES)
-                uses.append(NameUse(access, target.name, target.column))
-            elif isinstance(part, Name) and part.name not in enums:
-                uses.append(NameUse(AccessKind.READS, part.name, part.column))
-    return uses
 
 
 def iter_subexpressions(whole: Expression) -> Iterator[Expression]:

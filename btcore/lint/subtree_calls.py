@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 
-from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, remapped_key
+from btcore.blackboard.ports import SCRIPT_ROLES, remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
 from btcore.errors import Fix, Hint
 from btcore.lint.dry_run import uses_whole_blackboard
+from btcore.lint.key_uses import find_name_uses, port_uses
 from btcore.lint.reporter import LintReporter, node_label
-from btcore.lint.scripts import find_name_uses
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.plan.plan import Plans, reachable_trees
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
@@ -72,17 +72,15 @@ class TreeKeys:
         if manifest is None or uses_whole_blackboard(manifest):
             return None
         keys: set[str] = set()
-        for port, text, _ in node.ports:
-            key = remapped_key(text, port.name, self._format)
+        for port, text, is_explicit in node.ports:
+            key, _ = port_uses(port, text, is_explicit, self._format)
             is_script = port.role in SCRIPT_ROLES
-            if key is not None:
-                if is_script:
-                    return None  # a script from an entry may use any key
-                keys.add(key)
+            if key is None:
+                keys |= self._script_keys(text) if is_script else set()
             elif is_script:
-                keys |= self._script_keys(text)
-            elif port.role in KEY_ROLES or (port.writes and self._format == 3):
-                keys.add(text)
+                return None  # a script from an entry may use any key
+            else:
+                keys.add(key)
         return keys
 
     def _script_keys(self, text: str) -> set[str]:

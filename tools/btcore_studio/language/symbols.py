@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, Port, PortRole, braced_key, remapped_key
+from btcore.blackboard.ports import SCRIPT_ROLES, Port, braced_key, remapped_key
 from btcore.errors import ConversionError
-from btcore.lint.scripts import WRITING, AccessKind, find_name_uses
+from btcore.lint.key_uses import READING, WRITING, AccessKind, find_name_uses, port_uses
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
@@ -21,7 +21,6 @@ from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS, SCRIPT_A
 from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, value_offsets
 
 _CALL_TAGS: Final = DIALECTS[3].subtree_tags
-_READING: Final = (AccessKind.READS, AccessKind.READS_AS_KEY, AccessKind.UPDATES)
 
 
 class KeyForm(enum.Enum):
@@ -385,35 +384,25 @@ class _SymbolReader:
 
     def _port(self, element: ScannedElement, attribute: ScannedAttribute, port: Port) -> Iterator[KeyUse]:
         text = attribute.value or ""
-        key = remapped_key(text, port.name, self._format)
-        if key is not None:
-            reads, writes = _access(port)
+        key, accesses = port_uses(port, text, True, self._format)
+        reads, writes = _reads(accesses), _writes(accesses)
+        if key is None:
+            yield from self._script(element, attribute) if port.role in SCRIPT_ROLES else ()
+        elif remapped_key(text, port.name, self._format) is not None:
             yield self._remapped(element, attribute, key, reads, writes)
-        elif port.role in SCRIPT_ROLES:
-            yield from self._script(element, attribute)
-        elif text and port.role in KEY_ROLES:
-            reads, writes = port.role is PortRole.WATCHED_ENTRY, port.role is PortRole.WRITTEN_ENTRY
+        else:
             yield self._use(element, attribute, text, 0, len(text), KeyForm.BARE, reads, writes)
-        elif text and port.writes and port.role is not PortRole.QUEUE and self._format == 3:
-            # In format 3 an output port accepts the key without braces.
-            yield self._use(element, attribute, text, 0, len(text), KeyForm.BARE, False, True)
 
     def _defaults(self, element: ScannedElement, manifest: Manifest, given: set[str]) -> Iterator[KeyUse]:
         """Yield the keys of the ports that have a key as default, and that *element* does not set."""
         for port in manifest.ports.values():
             if port.default is None or port.name in given:
                 continue
-            key = remapped_key(port.default, port.name, self._format)
-            reads, writes = _access(port)
-            if key is None and port.default and port.role in KEY_ROLES:
-                key = port.default
-                reads, writes = port.role is PortRole.WATCHED_ENTRY, port.role is PortRole.WRITTEN_ENTRY
-            if self._format == 3:
-                writes = False  # the default of an output port is not connected
-            if key is not None and (reads or writes or self._format == 4):
+            key, accesses = port_uses(port, port.default, False, self._format)
+            if key is not None and accesses:
                 yield KeyUse(
                     self._file, key, element.tag_start, element.tag_end, KeyForm.DEFAULT, element,
-                    reads, writes, port.name,
+                    _reads(accesses), _writes(accesses), port.name,
                 )  # fmt: skip
 
     def _scripts(self, element: ScannedElement) -> Iterator[KeyUse]:
@@ -440,7 +429,7 @@ class _SymbolReader:
     def _names_in(self, script: str) -> ScriptNames:
         uses = find_name_uses(script, self._enums)
         if uses:
-            return [(use.name, use.column - 1, use.access in _READING, use.access in WRITING) for use in uses]
+            return [(use.name, use.column - 1, use.access in READING, use.access in WRITING) for use in uses]
         # An invalid script has no uses, but its names can be listed.
         return [
             (token.text, token.start, False, False)
@@ -499,12 +488,12 @@ class _SymbolReader:
         return value_offsets(self._text, attribute).__getitem__
 
 
-def _access(port: Port) -> tuple[bool, bool]:
-    """Return whether a node reads and writes the entry in the braces of *port*."""
-    if port.role is PortRole.WRITTEN_ENTRY or port.role in SCRIPT_ROLES:
-        return True, False  # the entry holds the name of the written entry, or the script
-    # A loop takes items out of its queue, but never fills it.
-    return port.reads, port.writes and port.role is not PortRole.QUEUE
+def _reads(accesses: tuple[AccessKind, ...]) -> bool:
+    return any(access in READING for access in accesses)
+
+
+def _writes(accesses: tuple[AccessKind, ...]) -> bool:
+    return any(access in WRITING for access in accesses)
 
 
 def _main_tree(scan: Scan) -> ScannedAttribute | None:
