@@ -141,7 +141,7 @@ def _warn_duplicate(
     definition: TreeDefinition, earlier: TreeDefinition, replaces: bool, collector: DiagnosticCollector
 ) -> None:
     place = earlier.document.source_map.span(earlier.element, "ID")
-    where = f"{earlier.document.file or '<text>'}:{place.line}" if place else earlier.document.file
+    where = f"{earlier.document.file or '<text>'}:{place.line}"
     effect = f"it replaces the tree at {where}" if replaces else f"it is ignored, the tree at {where} is used"
     message = f"duplicate tree '{definition.id}': {effect}"
     hint = "rename or remove one of the two trees"

@@ -36,7 +36,7 @@ from btcore.testing.plan_leaves import CallLog, PlanAction, PlanCondition, PlanS
 from btcore.tree.tree import Tree
 from btcore.values import ANY_VALUE, INT
 from btcore.xml.read.dialect import EXPLICIT_TAGS
-from btcore.xml.read.tinyxml2_compat import iter_attributes, iter_start_tags
+from btcore.xml.read.scan import scan
 
 MAX_DIFFERENCES = 10  # that are printed
 KINDS = {"xml", "script", "convert"}
@@ -281,18 +281,17 @@ def rearranged_ports(xml: str, nodes: Registry) -> str:
     """
     pieces: list[str] = []
     done = 0
-    for tag in iter_start_tags(xml):
-        attributes = iter_attributes(tag) if tag[1] in EXPLICIT_TAGS else ()
-        id = next((attribute for attribute in attributes if attribute[1] == "ID"), None)
-        manifest = nodes.get(tag[1] if id is None else id[2] or "")
+    for element in scan(xml).elements:
+        id = element.get("ID") if element.tag in EXPLICIT_TAGS else None
+        manifest = nodes.get(element.tag if id is None else id)
         if manifest is None or len(manifest.ports) < 2:
             continue
         order = {name: index for index, name in enumerate(reversed(manifest.ports))}
-        written = list(iter_attributes(tag))
-        arranged = sorted(written, key=lambda attribute: order.get(attribute[1], -1))
+        written = element.attributes
+        arranged = sorted(written, key=lambda attribute: order.get(attribute.name, -1))
         for old, new in zip(written, arranged, strict=True):
-            pieces += (xml[done : old.start()], new[0])
-            done = old.end()
+            pieces += (xml[done : old.start], xml[new.start : new.end])
+            done = old.end
     return "".join((*pieces, xml[done:]))
 
 

@@ -7,13 +7,8 @@ from typing import Final, NamedTuple
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.errors import Diagnostic, Hint
 from btcore.xml.read.element import Element, ElementPart
-from btcore.xml.read.tinyxml2_compat import (
-    WRITTEN_CHARACTER,
-    decode,
-    iter_attributes,
-    iter_start_tags,
-    value_span,
-)
+from btcore.xml.read.scan import ScannedAttribute, ScannedElement, scan, value_offsets
+from btcore.xml.read.tinyxml2_compat import decode
 
 _LINE: Final = re.compile(r"[^\r\n]*")
 _LINE_BREAK: Final = re.compile(r"\r\n?|\n")
@@ -82,18 +77,6 @@ def span_at(text: str, offset: int, width: int = 1) -> SourceSpan:
     return LineIndex(text).span(offset, width)
 
 
-def _character_offsets(text: str, start: int, end: int) -> list[int]:
-    """Return the offset of each character of the escaped value from *start* to *end*."""
-    offsets: list[int] = []
-    at = start
-    # A reference such as &amp;, and a line break of two characters, is one character of the value.
-    for reference in WRITTEN_CHARACTER.finditer(text, start, end):
-        offsets += range(at, reference.start() + 1)
-        at = reference.end()
-    offsets += range(at, end)
-    return offsets
-
-
 class SourceMap:
     """The positions of a document's elements.
 
@@ -102,15 +85,16 @@ class SourceMap:
     """
 
     def __init__(self, text: str, root: Element) -> None:
+        self.scan = scan(text, is_parsed=True)
         self._text = text
-        self._tags = list(iter_start_tags(text))
-        self._elements = list(root.iter())
         self._line_index = LineIndex(text)
-        self._index = {element: index for index, element in enumerate(self._elements)}
-        # The attributes of each tag that was looked up.
-        self._attributes: dict[int, dict[str, re.Match[str]]] = {}
+        self._index = {element: index for index, element in enumerate(root.iter())}
         # The offsets of the characters of values, by the start of the value.
         self._characters: dict[int, list[int]] = {}
+
+    def scanned(self, element: Element) -> ScannedElement:
+        """Return *element* with the offsets of its tags and attributes."""
+        return self.scan.elements[self._index[element]]
 
     def index(self, element: Element) -> int:
         """Return the index of *element* in document order, from 0."""
@@ -118,57 +102,52 @@ class SourceMap:
 
     def line(self, element: Element) -> int:
         """Return the line in which the start tag of *element* begins, from 1."""
-        return self._line_index.line(self._tags[self._index[element]].start())
+        return self._line_index.line(self.scanned(element).start)
 
     def last_line(self, element: Element) -> int:
         """Return the line in which the start tag of *element* ends, from 1."""
-        return self._line_index.line(self._tags[self._index[element]].end() - 1)
+        return self._line_index.line(self.scanned(element).start_tag_end - 1)
 
     def text_in(self, element: Element) -> str:
         """Return the text between the start tag of *element* and the next tag."""
-        tag = self._tags[self._index[element]]
+        scanned = self.scanned(element)
         pieces: list[str] = []
-        at = tag.end()
-        while not tag[0].endswith("/>") and (match := _TEXT_OR_CDATA.match(self._text, at)) is not None:
+        at = scanned.start_tag_end
+        while not scanned.is_empty and (match := _TEXT_OR_CDATA.match(self._text, at)) is not None:
             pieces.append(decode(match[2]) if match[1] is None else match[1])
             at = match.end()
         return "".join(pieces)
 
     def span(
         self, element: Element, attribute: str = "", part: ElementPart = "value", within: int = 0
-    ) -> SourceSpan | None:
-        """Return the position of an element or of one of its attributes, or None if it is unknown.
+    ) -> SourceSpan:
+        """Return the position of an element or of one of its attributes.
 
         Args:
             attribute: Name of the attribute; "" means the element itself.
             part: Whether to return the position of the attribute's name or value.
             within: Number of a character in the value, from 1; 0 means the whole value.
         """
-        index = self._index[element]
-        if index >= len(self._tags):
-            return None
-        tag = self._tags[index]
-        start, end = tag.start(), tag.end(1)
+        scanned = self.scanned(element)
+        start, end = scanned.start, scanned.tag_end
         if self._text[end] == ">":
             end += 1
-        match = self._find(index, attribute) if attribute else None
-        if match is not None:
-            start, end = value_span(match) if part == "value" else match.span(1)
-            if within and part == "value":
-                start = self._character(start, end, within)
+        found = scanned.attribute(attribute) if attribute else None
+        if found is not None and part == "name":
+            start, end = found.start, found.name_end
+        elif found is not None:
+            start, end = found.value_start, found.value_end
+            if within:
+                start = self._character(found, within)
                 end = start + 1
             elif start == end:  # an empty value: show its quotes
                 start, end = start - 1, end + 1
         return self._line_index.span(start, end - start)
 
-    def _character(self, start: int, end: int, number: int) -> int:
-        """Return the offset of character *number* (from 1) of the escaped value from *start* to *end*."""
-        offsets = self._characters.get(start)
+    def _character(self, attribute: ScannedAttribute, number: int) -> int:
+        """Return the offset of character *number* (from 1) of the value of an attribute."""
+        offsets = self._characters.get(attribute.start)
         if offsets is None:
-            offsets = self._characters[start] = _character_offsets(self._text, start, end)
-        return offsets[number - 1] if number <= len(offsets) else max(start, end - 1)
-
-    def _find(self, index: int, attribute: str) -> re.Match[str] | None:
-        if index not in self._attributes:
-            self._attributes[index] = {match[1]: match for match in iter_attributes(self._tags[index])}
-        return self._attributes[index].get(attribute)
+            offsets = self._characters[attribute.start] = value_offsets(self._text, attribute)
+        last = max(attribute.value_start, attribute.value_end - 1)
+        return min(offsets[number - 1], last) if number <= len(offsets) else last

@@ -125,8 +125,6 @@ class Document:
             within: Number of a character in the value, from 1; 0 means the whole value.
         """
         place = self.source_map.span(element, attribute, part, within)
-        if place is None:
-            return Diagnostic(code, message, self.file, hint=Hint.of(hint).text)
         return place.diagnostic(code, message, self.file, hint)
 
     @property
@@ -281,11 +279,11 @@ def _decoded(data: bytes, file: str) -> str:
 
 def _refuse_document_type(text: str, file: str) -> None:
     """Raise XmlSyntaxError for a document type that defines or fetches something; a bare name is allowed."""
-    from btcore.xml.read.tinyxml2_compat import iter_markup
+    from btcore.xml.read.scan import scan
 
-    for at, tag in iter_markup(text):
-        if tag is None and text.startswith("<!DOCTYPE", at):
-            inside = text[at + len("<!DOCTYPE") : text.find(">", at)].split()
+    for at, end in scan(text).opaque:
+        if text.startswith("<!DOCTYPE", at):
+            inside = text[at + len("<!DOCTYPE") : end].removesuffix(">").split()
             if len(inside) > 1 or "[" in "".join(inside):
                 message = "a document type that defines or fetches something is not supported"
                 hint = "trees need no <!DOCTYPE …>: remove it, and replace its entities by their text"

@@ -8,10 +8,10 @@ at the next `<`, and a value without closing quote ends in its line at the lates
 import re
 from bisect import bisect_right
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
-from btcore.xml.read.tinyxml2_compat import WRITTEN_CHARACTER, decode
+from btcore.xml.read.tinyxml2_compat import OPAQUE, START_TAG, WRITTEN_CHARACTER, decode
 
 _SPACE: Final = r"[ \t\n\r\v\f]*+"
 # More than XML allows, so that a name with a wrong character is found as a whole.
@@ -24,7 +24,6 @@ _ATTRIBUTE: Final = re.compile(rf"({_NAME})(?:{_SPACE}={_SPACE}(?:(\")([^\"]*+)(
 _AFTER_VALUE: Final = re.compile(rf"\s|/?>|\Z|{_NAME}{_SPACE}=")
 _TAG_ON_NEW_LINE: Final = re.compile(rf"[\n\r]{_SPACE}<(?:!--|/?{_NAME}(?=[\s/>]))")
 _END_OF_OPEN_VALUE: Final = re.compile(r"[\n\r<>]|/>")
-_OPAQUE: Final = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"), ("<!", ">"))
 
 PlaceKind = Literal["tag", "attribute", "value", "in_tag", "end_tag", "text", "comment"]
 """What an offset is in: the name of a start tag, the name or the value of an attribute, another part of a
@@ -56,7 +55,6 @@ class ScannedAttribute:
     is_closed: bool
 
 
-@dataclass(slots=True, eq=False)
 class ScannedElement:
     """An element. All numbers are offsets in the text.
 
@@ -66,7 +64,6 @@ class ScannedElement:
         start: The `<` of the start tag.
         tag_start: The start of the tag's name.
         tag_end: The end of the tag's name.
-        attributes: The attributes in the order of the text; a name can occur twice.
         children: The child elements in the order of the text.
         start_tag_end: The end of the start tag, after its `>`.
         is_complete: Whether the start tag has its `>`.
@@ -76,18 +73,29 @@ class ScannedElement:
             element around it ends.
     """
 
-    tag: str
-    parent: "ScannedElement | None"
-    start: int
-    tag_start: int
-    tag_end: int
-    attributes: list[ScannedAttribute] = field(default_factory=list)
-    children: "list[ScannedElement]" = field(default_factory=list)
-    start_tag_end: int = -1
-    is_complete: bool = False
-    is_empty: bool = False
-    end_tag_start: int = -1
-    end: int = -1
+    __slots__ = (
+        "_attributes", "_scanner", "children", "end", "end_tag_start", "is_complete", "is_empty", "parent",
+        "start", "start_tag_end", "tag", "tag_end", "tag_start",
+    )  # fmt: skip
+
+    def __init__(self, tag: re.Match[str], parent: "ScannedElement | None", scanner: "_Scanner") -> None:
+        self.tag = tag[1]
+        self.parent = parent
+        self.start = tag.start()
+        self.tag_start, self.tag_end = tag.span(1)
+        self.children: list[ScannedElement] = []
+        self.start_tag_end = self.end = -1
+        self.is_complete = self.is_empty = False
+        self.end_tag_start = -1
+        self._scanner = scanner
+        self._attributes: list[ScannedAttribute] | None = None
+
+    @property
+    def attributes(self) -> list[ScannedAttribute]:
+        """The attributes in the order of the text; a name can occur twice."""
+        if self._attributes is None:
+            self._attributes = self._scanner.attributes_from(self.tag_end)[0]
+        return self._attributes
 
     def attribute(self, name: str) -> ScannedAttribute | None:
         """Return the first attribute with this name, or None."""
@@ -154,7 +162,7 @@ class Scan:
         text: The text.
         roots: The outermost elements; a correct document has one.
         elements: All elements in the order of the text.
-        comments: The start and the end of each comment.
+        opaque: The start and the end of each comment, declaration and section of character data.
     """
 
     def __init__(
@@ -167,13 +175,24 @@ class Scan:
         self.text = text
         self.roots = roots
         self.elements = elements
-        self.comments = [
-            (start, end)
-            for start, end, kind, _, _ in markup
-            if kind == "comment" and text.startswith("<!--", start)
-        ]
+        self.opaque = [(start, end) for start, end, kind, _, _ in markup if kind == "comment"]
         self._markup = markup
         self._starts = [each.start for each in markup]
+
+    @property
+    def comments(self) -> list[tuple[int, int]]:
+        """The start and the end of each comment."""
+        return [(start, end) for start, end in self.opaque if self.text.startswith("<!--", start)]
+
+    def iter_text(self) -> Iterator[tuple[int, int, ScannedElement | None]]:
+        """Yield the start, the end and the parent of each text between tags, which may contain comments."""
+        start = 0
+        parent: ScannedElement | None = None
+        for index, (at, end, kind, _, _) in enumerate(self._markup):
+            if kind in ("start", "end"):
+                yield start, at, parent
+                start, parent = end, self._inside(index)
+        yield start, len(self.text), parent
 
     def element_at(self, offset: int) -> Place:
         """Return what the cursor before the character at *offset* is in.
@@ -244,14 +263,20 @@ def value_offsets(text: str, attribute: ScannedAttribute) -> list[int]:
     return [*offsets, *range(at, attribute.value_end + 1)]
 
 
-def scan(text: str) -> Scan:
-    """Find the elements of *text*. Never raises; takes time and memory linear in the length."""
-    return _Scanner(text).scan()
+def scan(text: str, is_parsed: bool = False) -> Scan:
+    """Find the elements of *text*. Never raises; takes time and memory linear in the length.
+
+    Args:
+        text: The text.
+        is_parsed: Whether the parser has accepted the text, so that no quote is missing.
+    """
+    return _Scanner(text, is_parsed).scan()
 
 
 class _Scanner:
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, is_parsed: bool) -> None:
         self._text = text
+        self._is_parsed = is_parsed
         self._roots: list[ScannedElement] = []
         self._elements: list[ScannedElement] = []
         self._markup: list[_Markup] = []
@@ -280,7 +305,7 @@ class _Scanner:
         end_tag = _END_TAG.match(text, at)
         if end_tag is not None:
             return self._read_end_tag(end_tag)
-        for opening, closing in _OPAQUE:
+        for opening, closing in (*OPAQUE, ("<!", ">")):
             if text.startswith(opening, at):
                 found = text.find(closing, at + len(opening))
                 end = len(text) if found < 0 else found + len(closing)
@@ -292,22 +317,17 @@ class _Scanner:
     def _read_start_tag(self, tag: re.Match[str]) -> int:
         text, at = self._text, tag.end()
         parent = self._content[-1][0] if self._content else None
-        element = ScannedElement(tag[1], parent, tag.start(), tag.start(1), at)
-        while True:
-            at = _GAP.match(text, at).end()  # type: ignore[union-attr]
-            if text.startswith(">", at):
-                at, element.is_complete = at + 1, True
-            elif text.startswith("/>", at):
-                at, element.is_complete, element.is_empty = at + 2, True, True
-            elif at < len(text) and text[at] != "<":
-                match = _ATTRIBUTE.match(text, at)
-                if match is None:
-                    at += 1  # a character that cannot be in a tag
-                else:
-                    element.attributes.append(self._attribute(match))
-                    at = element.attributes[-1].end
-                continue
-            break
+        element = ScannedElement(tag, parent, self)
+        whole = START_TAG.match(text, tag.start())
+        if whole is not None and (self._is_parsed or not ("<" in whole[2] or ">" in whole[2])):
+            # Most tags. Their attributes are read when they are needed.
+            at, element.is_complete = whole.end(), True
+            element.is_empty = text[at - 2] == "/"
+        else:
+            element._attributes, at = self.attributes_from(at)
+            element.is_complete = text.startswith(">", at) or text.startswith("/>", at)
+            element.is_empty = text.startswith("/", at)
+            at += element.is_complete + element.is_empty
         element.start_tag_end = element.end = at
         self._markup.append(_Markup(element.start, at, "start", element.is_complete, element))
         self._elements.append(element)
@@ -318,6 +338,21 @@ class _Scanner:
             self._open.append(element)
             self._content.append((element, 0) if element.is_complete else (parent, len(siblings)))
         return at
+
+    def attributes_from(self, at: int) -> tuple[list[ScannedAttribute], int]:
+        """Return the attributes of a start tag from *at* on, and the offset of its `>`, `/>` or end."""
+        text = self._text
+        attributes: list[ScannedAttribute] = []
+        while True:
+            at = _GAP.match(text, at).end()  # type: ignore[union-attr]
+            if at == len(text) or text[at] in "<>" or text.startswith("/>", at):
+                return attributes, at
+            match = _ATTRIBUTE.match(text, at)
+            if match is None:
+                at += 1  # a character that cannot be in a tag
+            else:
+                attributes.append(self._attribute(match))
+                at = attributes[-1].end
 
     def _attribute(self, match: re.Match[str]) -> ScannedAttribute:
         name, name_end = match[1], match.end(1)
@@ -340,7 +375,7 @@ class _Scanner:
     def _contains_markup(self, start: int, end: int) -> bool:
         """Return whether the quote at *end* belongs to another value, because a quote is missing before."""
         text = self._text
-        if text.find("<", start, end) < 0 and text.find(">", start, end) < 0:
+        if self._is_parsed or (text.find("<", start, end) < 0 and text.find(">", start, end) < 0):
             return False
         if _TAG_ON_NEW_LINE.search(text, start, end) is not None:
             return True

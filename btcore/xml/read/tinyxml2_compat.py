@@ -14,7 +14,7 @@ from typing import Final
 _NAME: Final = r"[^\s<>/!?=\"'&]+"
 START_TAG: Final = re.compile(rf"<\s*({_NAME})((?:[^\"'<>]|\"[^\"]*\"|'[^']*')*+)>")
 OPEN_TAG: Final = re.compile(rf"<\s*{_NAME}")
-ATTRIBUTE: Final = re.compile(rf"({_NAME})\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
+_ATTRIBUTE: Final = re.compile(rf"{_NAME}\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 
 REFERENCE: Final = r"&(?:lt|gt|amp|quot|apos|#[0-9]{0,20}|#x[0-9a-fA-F]{0,20});"
 """The pattern of a reference that tinyxml2 replaces by a character. It reads other references as text.
@@ -28,53 +28,22 @@ WRITTEN_CHARACTER: Final = re.compile(rf"{REFERENCE}|{_LINE_BREAK}")
 _LOST_BY_EXPAT: Final = re.compile(rf"{_LINE_BREAK}|\t")
 _LINE_BREAK_IN_VALUE: Final = re.compile(r"""=\s*+(?:"[^"\n\r\t]*+[\n\r\t]|')""")
 _NAMED: Final = {"&lt;": "<", "&gt;": ">", "&amp;": "&", "&quot;": '"', "&apos;": "'"}
-_END_TAG_OR_DECLARATION: Final = re.compile(r"<\s*/|<!")
-# Comments, character data and processing instructions contain no tags.
-_OPAQUE: Final = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"))
+OPAQUE: Final = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"))
+"""How comments, character data and processing instructions, which contain no tags, begin and end."""
 
 
-def iter_markup(text: str) -> Iterator[tuple[int, re.Match[str] | None]]:
-    """Yield (offset, match) of every start tag, end tag and declaration; only start tags have a match.
-
-    Stops at the first `<` after which *text* is too malformed to recognise tags.
-    """
+def _iter_start_tags(text: str) -> Iterator[re.Match[str]]:
+    """Yield the start tags of a correct text: group 1 is the name, group 2 the attributes."""
     at = text.find("<")
     while at >= 0:
-        for opening, closing in _OPAQUE:
-            if text.startswith(opening, at):
-                end = text.find(closing, at + len(opening))
-                if end < 0:
-                    yield at, None
-                    return
-                end += len(closing)
-                break
-        else:
-            tag = START_TAG.match(text, at)
-            yield at, tag
-            if tag is not None:
-                end = tag.end()
-            elif _END_TAG_OR_DECLARATION.match(text, at) is not None:
-                end = text.find(">", at) + 1
-                if not end:
-                    return
-            else:
-                return
-        at = text.find("<", end)
-
-
-def iter_start_tags(text: str) -> Iterator[re.Match[str]]:
-    """Return the start tags of *text* in document order: group 1 is the name, group 2 the attributes."""
-    return (tag for _, tag in iter_markup(text) if tag is not None)
-
-
-def iter_attributes(tag: re.Match[str]) -> Iterator[re.Match[str]]:
-    """Return the matches of `ATTRIBUTE` for the attributes of a start tag."""
-    return ATTRIBUTE.finditer(tag.string, *tag.span(2))
-
-
-def value_span(attribute: re.Match[str]) -> tuple[int, int]:
-    """Return the start and the end of an attribute's value, without the quotes."""
-    return attribute.span(2 if attribute[2] is not None else 3)
+        tag = START_TAG.match(text, at)
+        if tag is not None:
+            yield tag
+            at = text.find("<", tag.end())
+            continue
+        closing = next((closing for opening, closing in OPAQUE if text.startswith(opening, at)), ">")
+        end = text.find(closing, at)
+        at = text.find("<", end) if end >= 0 else -1
 
 
 def may_keep_line_breaks(text: str) -> bool:
@@ -86,11 +55,11 @@ def escape_line_breaks(text: str) -> str:
     """Return *text* with references for the line breaks and tabs in attribute values; expat keeps these."""
     pieces: list[str] = []
     done = 0
-    for tag in iter_start_tags(text):
+    for tag in _iter_start_tags(text):
         if _LOST_BY_EXPAT.search(tag[2]) is None:
             continue
-        for attribute in iter_attributes(tag):
-            for match in _LOST_BY_EXPAT.finditer(text, *value_span(attribute)):
+        for attribute in _ATTRIBUTE.finditer(text, *tag.span(2)):
+            for match in _LOST_BY_EXPAT.finditer(text, *attribute.span(1 if attribute[2] is None else 2)):
                 pieces += (text[done : match.start()], "&#9;" if match[0] == "\t" else "&#10;")
                 done = match.end()
     return "".join((*pieces, text[done:])) if pieces else text

@@ -2,7 +2,7 @@
 
 from lsprotocol import types
 
-from btcore.errors import TreeError
+from btcore.errors import BtcoreError
 from btcore.xml.define import parse_format
 from btcore.xml.edit.edits import Edit, difference
 from btcore.xml.edit.fixes import TextFix
@@ -48,7 +48,7 @@ def convert_to_4(project: Project, document: SourceDocument) -> TextFix | None:
         return None
     try:
         converted = convert(parsed, project.registry).text
-    except TreeError:
+    except BtcoreError:
         return None
     edits = (difference(document.text, converted),)  # so that the cursor keeps its place
     return TextFix("Convert the document to format 4", edits, is_safe=False)

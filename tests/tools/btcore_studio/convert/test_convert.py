@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from btcore import Diagnostic, Registry, TreeError
 from btcore.xml.read.read import parse_text
-from btcore.xml.read.tinyxml2_compat import START_TAG, iter_start_tags
+from btcore.xml.read.scan import scan
+from btcore.xml.read.tinyxml2_compat import START_TAG
 from btcore_studio.convert.convert import Conversion, convert
 from tests.conformance.recorded_cases import conformance_registry, run_case
 
@@ -273,10 +274,11 @@ def test_only_tags_are_changed_and_a_second_conversion_changes_nothing(
     result = convert(parse_text(text), NODES)
     assert re.split(r"<[^<>!?]*>", result.text) == re.split(r"<[^<>!?]*>", text)
     told = {(one.line, one.source) for one in result.changes}
-    for before, after in zip(iter_start_tags(text), iter_start_tags(result.text), strict=True):
-        if before[0] != after[0]:
-            line = text.count("\n", 0, before.start()) + 1
-            assert any(line <= at <= line + before[0].count("\n") for at, _ in told)
+    for before, after in zip(scan(text).elements, scan(result.text).elements, strict=True):
+        old = text[before.start : before.start_tag_end]
+        if old != result.text[after.start : after.start_tag_end]:
+            line = text.count("\n", 0, before.start) + 1
+            assert any(line <= at <= line + old.count("\n") for at, _ in told)
     assert convert(parse_text(result.text), NODES).text == result.text
 
 
