@@ -274,7 +274,7 @@ class Localiser:
     def _assume_pose(
         self, before: Pose2D, points: NDArray[np.float64], laser_xy: tuple[float, float], odometry: Pose2D
     ) -> None:
-        """Assume a pose after an outage of the odometry, and begin a doubt. *before* is the last known pose."""
+        """Assume a pose after an outage of the odometry, and begin a doubt. *before* is the last pose."""
         if self.searching:
             self._relocaliser.restart()
             return
