@@ -58,7 +58,6 @@ COLD = {
     "btcore/tree/tick_thread.py",
     # The classes of a batch that users call and subclass.
     "tools/btcore_batch/blackboard.py",
-    "tools/btcore_batch/compile.py",
     "tools/btcore_batch/leaf_declaration.py",
     "tools/btcore_batch/tree.py",
 }

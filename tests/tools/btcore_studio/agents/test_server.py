@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import os
+import subprocess
 import sys
 from collections.abc import Callable, Coroutine
 from pathlib import Path
@@ -16,6 +17,8 @@ pytest.importorskip("mcp", reason="the extra mcp is not installed")
 import anyio
 from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
+
+from btcore_studio.agents import limited_command
 
 FAULTY = """<root BTCPP_format="4" main_tree_to_execute="Ausweichen">
   <BehaviorTree ID="Ausweichen">
@@ -167,6 +170,21 @@ def test_a_sample_of_the_hostile_calls_does_no_harm(
     count, faults = attacks.run(["path", "resource", "a map here", "a ROS leaf", "run {", "SIGTERM"])
     assert faults == []
     assert count > 90
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such limits")
+def test_a_command_has_the_limits_of_its_call(tmp_path: Path) -> None:
+    plugin, found = tmp_path / "leaves.py", tmp_path / "limits"
+    code = f"""import pathlib, resource
+kinds = (resource.RLIMIT_DATA, resource.RLIMIT_FSIZE, resource.RLIMIT_CPU, resource.RLIMIT_CORE)
+pathlib.Path({str(found)!r}).write_text(str([resource.getrlimit(kind) for kind in kinds]))
+"""
+    plugin.write_text(code, encoding="utf-8")
+    program = [sys.executable, "-m", limited_command.__name__, "1000000000", "9000", "60"]
+    done = subprocess.run([*program, "nodes", "--plugin", plugin], capture_output=True, text=True)
+    assert "it has no nodes" in done.stderr
+    limits = [(1_000_000_000,) * 2, (9000,) * 2, (60,) * 2, (0,) * 2]
+    assert found.read_text(encoding="utf-8") == str(limits)
 
 
 BIG = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Parallel>{}</Parallel></BehaviorTree>
