@@ -37,6 +37,7 @@ _WORDS: Final = {
     bool: "true or false",
     str: "a text",
     Path: "a text",
+    list: "a list",
 }
 _MAX_SHOWN: Final = 80
 """Characters of a value that a message shows."""
