@@ -12,9 +12,10 @@ A format is a `Record`, or a dataclass, whose annotations have the limits:
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
-from itertools import repeat
+from functools import cache
+from itertools import islice, repeat
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -37,6 +38,7 @@ _WORDS: Final = {
     bool: "true or false",
     str: "a text",
     Path: "a text",
+    list: "a list",
 }
 _MAX_SHOWN: Final = 80
 """Characters of a value that a message shows."""
@@ -138,16 +140,16 @@ def _check_fields(value: Mapping[str, Any], kind: type, keys: Keys) -> None:
             raise DataError((*keys, name), "is missing")
 
 
-def _fields(kind: Any) -> Iterator[tuple[str, Any, bool]]:
-    """Yield the key, the annotation, and whether it is required, of each field."""
+@cache
+def _fields(kind: Any) -> list[tuple[str, Any, bool]]:
+    """Return the key, the annotation, and whether it is required, of each field."""
     if _is_struct(kind):
-        for info in msgspec.structs.fields(kind):
-            yield info.encode_name, info.type, info.required
-    else:
-        hints = get_type_hints(kind, include_extras=True)
-        for field in fields(kind):
-            is_required = field.default is MISSING and field.default_factory is MISSING
-            yield field.name, hints[field.name], is_required
+        return [(info.encode_name, info.type, info.required) for info in msgspec.structs.fields(kind)]
+    hints = get_type_hints(kind, include_extras=True)
+    return [
+        (field.name, hints[field.name], field.default is MISSING and field.default_factory is MISSING)
+        for field in fields(kind)
+    ]
 
 
 def _tagged(value: Mapping[str, Any], kinds: tuple[Any, ...], keys: Keys) -> Any:
@@ -194,10 +196,11 @@ def _item_types(kind: Any) -> Any:
 
 def _misfit(value: object, annotation: Any, keys: Keys) -> DataError:
     kind, _ = _bare(annotation)
-    hint = (
-        did_you_mean(value, get_args(kind)) if get_origin(kind) is Literal and isinstance(value, str) else ""
-    )
-    shown = json.dumps(value, ensure_ascii=False, default=str)
+    is_choice = get_origin(kind) is Literal and isinstance(value, str)
+    hint = did_you_mean(str(value), get_args(kind)) if is_choice else ""
+    # Only the first parts of the text, because a short YAML file with aliases may describe a huge value.
+    encoder = json.JSONEncoder(ensure_ascii=False, default=str)
+    shown = "".join(islice(encoder.iterencode(value), _MAX_SHOWN))
     shown = shown if len(shown) <= _MAX_SHOWN else f"{shown[:_MAX_SHOWN]}…"
     return DataError(keys, f"is {shown}, and {expected(annotation)} is expected{hint}")
 

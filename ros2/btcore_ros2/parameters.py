@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from btcore.typed_data import DataError, convert
 from btcore_ros2.errors import RosError
 
 
@@ -25,13 +26,10 @@ def declare_parameter(
     from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 
     def check_value(value: Any) -> None:
-        allowed = (int, float) if isinstance(default, float) else type(default)
-        is_valid = isinstance(value, allowed) and not isinstance(value, bool)
-        if isinstance(default, list):
-            is_valid = isinstance(value, list) and all(isinstance(item, str) for item in value)
-        if not is_valid:
-            kinds = {str: "a text", int: "an integer", float: "a number", list: "a list of texts"}
-            raise RosError(f"the ROS parameter {name} has to be {kinds[type(default)]}, not {value!r}")
+        try:
+            convert(value, list[str] if isinstance(default, list) else type(default))
+        except DataError as error:
+            raise RosError(f"the ROS parameter {name} {error.problem}") from None
         if check is not None:
             check(value)
 

@@ -27,11 +27,13 @@ Latency = Annotated[float, Meta(ge=0.0, le=1.0)]
 """The latency of a sensor (s). With older readings robots stand still."""
 
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+"""A share, from 0 to 1."""
 
 Point = tuple[float, float, float]
 """x, y and z (m)."""
 
 ORIGIN = (0.0, 0.0, 0.0)
+"""The default position of a sensor on its link."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,10 +85,22 @@ class LaserErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LaserMount:
-    """A planar laser on *link* at *position* (m).
+    """A planar laser.
 
-    The first ray has the direction *angle_min*, the last *angle_max* (rad); for the other values see
-    `LaserInfo`. A scan arrives *latency* (s) after its measurement.
+    Attributes:
+        link: The link on which the laser is mounted.
+        position: The position on the link (m).
+        frame: The name of the laser's frame.
+        rays: The number of rays of a scan.
+        angle_min: The direction of the first ray (rad).
+        angle_max: The direction of the last ray (rad).
+        range_min: The smallest range (m).
+        range_max: The greatest range (m).
+        rate: The rate of scans (Hz).
+        sigma: The standard deviation of the error that is the same at all ranges (m).
+        range_noise: The standard deviation of the error that grows with the range (fraction of the range).
+        outliers: The shares of rays with other errors.
+        latency: The time between the measurement of a scan and its arrival (s).
     """
 
     link: str
@@ -341,7 +355,10 @@ def load_robot_description(path: Path = TIAGO) -> RobotDescription:
     """
     with json_data(path, "a robot", SimError) as data:
         description = convert(data, RobotDescription)
-        urdf = path.parent / description.urdf
-        if not urdf.is_file():
-            raise DataError(("urdf",), f"names {urdf}, but there is no such file")
-        return replace(description, urdf=urdf)
+        return replace(description, urdf=_existing(path.parent / description.urdf))
+
+
+def _existing(urdf: Path) -> Path:
+    if not urdf.is_file():
+        raise DataError(("urdf",), f"names {urdf}, but there is no such file")
+    return urdf

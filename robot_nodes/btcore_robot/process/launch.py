@@ -26,7 +26,7 @@ import msgspec
 from msgspec import UNSET, UnsetType
 
 from btcore.suggestions import did_you_mean
-from btcore.typed_data import DataError, Record, convert
+from btcore.typed_data import FieldError, Record, convert
 from btcore_robot.data_files import yaml_data
 from btcore_robot.errors import RobotError
 from btcore_robot.process.parameters import ParameterValue, load_process_parameters
@@ -63,6 +63,11 @@ class _Node(Record, rename={"program": "exec"}):
     output: str = ""
     remap: tuple[_Rule, ...] = ()
     param: tuple[_Parameter, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.program not in PROGRAMS:
+            hint = did_you_mean(self.program, PROGRAMS) or f": there are {', '.join(PROGRAMS)}"
+            raise FieldError("exec", f"is '{self.program}', which is no program{hint}")
 
 
 class _Include(msgspec.Struct):
@@ -129,10 +134,6 @@ def read_launch(path: Path, depth: int = 0) -> list[LaunchEntry]:
         )
     with yaml_data(path, "a launch file", LaunchError) as data:
         steps = convert(data, _LaunchFile).launch
-        for index, step in enumerate(steps):
-            if step.node is not UNSET and step.node.program not in PROGRAMS:
-                hint = did_you_mean(step.node.program, PROGRAMS) or f": there are {', '.join(PROGRAMS)}"
-                raise DataError(("launch", index, "node", "exec"), f"is no program{hint}")
     return [entry for step in steps for entry in _entries(path, step, depth)]
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from btcore.suggestions import did_you_mean
+from btcore.typed_data import DataError, convert
 from btcore_robot.parameter_files import EVERY_SERVER, read_settings
 from btcore_robot.parameter_files import ParameterError as ParameterError
 
@@ -15,8 +16,6 @@ ParameterValue = bool | int | float | str | list[int] | list[float] | list[str]
 """The value of a parameter."""
 
 DeclaredValue = TypeVar("DeclaredValue", bool, int, float, str, list[int], list[float], list[str])
-
-_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text", list: "a list"}
 
 
 class Parameters:
@@ -37,19 +36,17 @@ class Parameters:
         Raises:
             ParameterError: The given value has another type (a whole number is accepted for a float).
         """
-        value = self._given.get(name, default)
-        if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
-        if type(value) is not type(default):
-            raise ParameterError(
-                f"{self._owner}: the parameter '{name}' is {value!r}, "
-                f"but {_WORDS[type(default)]} is expected, such as {default!r}"
-            )
+        value = default
+        if name in self._given:
+            try:
+                value = convert(self._given[name], type(default))
+            except DataError as error:
+                problem = f"the parameter '{name}' {error.problem}, such as {default!r}"
+                raise ParameterError(f"{self._owner}: {problem}") from None
         if isinstance(value, list) and isinstance(default, list):
             self._check_items(name, value, default)
         self._values[name] = value
-        # mypy checks this function once for each type of DeclaredValue, and cannot narrow the type above.
-        return value  # type: ignore[return-value,unused-ignore]
+        return value
 
     def __getitem__(self, name: str) -> ParameterValue:
         """Return the value of a declared parameter. Raises KeyError for any other name."""

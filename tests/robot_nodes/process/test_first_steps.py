@@ -289,7 +289,7 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
     [
         (
             "launch:\n- node: {exec: publsher}\n",
-            r":2: 'launch\[0\].node.exec' is no program; did you mean 'publisher'",
+            r":2: 'launch\[0\].node.exec' is 'publsher', which is no program; did you mean 'publisher'",
         ),
         ("launch:\n- node: {name: a}\n", r":2: 'launch\[0\].node.exec' is missing"),
         ("launch:\n- node: {exec: logger, param: [{name: a}]}\n", r":2: .*\.param\[0\]' needs"),

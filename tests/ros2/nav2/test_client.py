@@ -216,7 +216,10 @@ def test_the_time_for_the_discovery_of_a_server_is_a_parameter():
         handle = client.go_to(AHEAD)
         assert handle.discovery_ns > 20_000_000_000
         handle.cancel()
-    wrong, message = ["-p", "wait_for_service_timeout:=soon"], "timeout has to be an integer, not 'soon'"
+    wrong, message = (
+        ["-p", "wait_for_service_timeout:=soon"],
+        'timeout is "soon", and a whole number is expected',
+    )
     with RosSession("wrong", arguments=wrong) as session, pytest.raises(RosError, match=message):
         Nav2Client(session)
 
