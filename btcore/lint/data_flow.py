@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from btcore.lint.dry_run import DryRun, EntryUse
-from btcore.lint.key_uses import READING, WRITING
+from btcore.xml.plan.key_uses import READING, WRITING
 from btcore.xml.plan.plan import Plans
 
 

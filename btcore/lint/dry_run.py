@@ -13,11 +13,11 @@ from btcore.clock import SystemClock
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError, Diagnostic
-from btcore.lint.key_uses import WRITING, AccessKind, find_name_uses, port_uses
 from btcore.lint.possible_results import is_built_in
 from btcore.loading.instantiate import NodeCreator, SubtreeDraft
 from btcore.registry.manifest import Manifest
 from btcore.xml.models.stubs import is_stub
+from btcore.xml.plan.key_uses import WRITING, AccessKind, find_name_uses, port_uses, uses_whole_blackboard
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.read import Document
@@ -171,11 +171,3 @@ class DryRun(NodeCreator):
 def has_writer(uses: Sequence[EntryUse]) -> bool:
     """Return whether one of the *uses* writes the entry."""
     return any(use.access in WRITING for use in uses)
-
-
-def uses_whole_blackboard(manifest: Manifest) -> bool:
-    """Return whether the leaf gets the blackboard itself as a resource, so that it may use any entry."""
-    return any(
-        isinstance(parameter.resource_type, type) and issubclass(parameter.resource_type, Blackboard)
-        for parameter in manifest.resource_parameters
-    )

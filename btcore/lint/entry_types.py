@@ -17,16 +17,16 @@ from btcore.diagnostic_codes import (
 from btcore.engine.control import ControlNode
 from btcore.errors import BtcoreError, ConversionError, Hint, ScriptError
 from btcore.lint.dry_run import DryRun, EntryUse
-from btcore.lint.key_uses import WRITING, AccessKind
 from btcore.lint.ports import conversion_error, entry_hint, is_listed, valid_literals
 from btcore.lint.reporter import LintReporter, line_of, node_label
-from btcore.lint.scripts import is_constant, parse_statements
+from btcore.lint.scripts import is_constant
 from btcore.lint.unwritten_keys import is_declaration
 from btcore.registry.manifest import Manifest
 from btcore.script.expressions import Assignment, Literal, Name
 from btcore.status import SUCCESS
 from btcore.values import INT64, STRING
 from btcore.xml.models.stubs import is_stub
+from btcore.xml.plan.key_uses import WRITING, AccessKind, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 from btcore.xml.read.dialect import POSTCONDITION_ATTRIBUTES
 

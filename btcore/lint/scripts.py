@@ -1,6 +1,6 @@
 """Analyse scripts: scripts that always raise (W207), and misused conditions (W208)."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
@@ -8,46 +8,13 @@ from btcore.errors import Fix, Hint, ScriptError
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.script.expressions import (
     Assignment,
-    Comparison,
-    ConditionalExpression,
     Expression,
     Name,
-    OperatorChain,
-    UnaryOperation,
 )
-from btcore.script.program import Parser, condition_result
+from btcore.script.program import condition_result
+from btcore.xml.plan.key_uses import iter_subexpressions, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.read import Document
-
-
-def parse_statements(text: str, enums: Mapping[str, int]) -> list[Expression]:
-    """Parse a script into statements.
-
-    Raises:
-        ScriptError: *text* is not a valid script.
-    """
-    return Parser(text, enums).parse()
-
-
-def iter_subexpressions(whole: Expression) -> Iterator[Expression]:
-    """Yield *whole* and all expressions in it, except for the names that it assigns to."""
-    pending = [whole]
-    while pending:
-        part = pending.pop()
-        yield part
-        pending += reversed(_inner(part))
-
-
-def _inner(part: Expression) -> list[Expression]:
-    if isinstance(part, Assignment):
-        return [part.value] if isinstance(part.target, Name) else [part.target, part.value]
-    if isinstance(part, (OperatorChain, Comparison)):
-        return [part.first, *part.operands]
-    if isinstance(part, ConditionalExpression):
-        return [part.condition, part.then, part.other]
-    if isinstance(part, UnaryOperation):
-        return [part.operand]
-    return []
 
 
 def is_constant(expression: Expression, enums: Mapping[str, int]) -> bool:

@@ -7,9 +7,9 @@ from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.diagnostic_codes import ASSIGNMENT_TO_MISSING_ENTRY, UNWRITTEN_KEY
 from btcore.errors import Fix, Hint
 from btcore.lint.dry_run import DryRun, EntryUse, has_writer
-from btcore.lint.key_uses import AccessKind
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.suggestions import nearest_name
+from btcore.xml.plan.key_uses import AccessKind
 from btcore.xml.read.diagnostics import DiagnosticCollector
 
 _READING = (AccessKind.READS, AccessKind.READS_AS_KEY)

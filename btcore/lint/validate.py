@@ -26,10 +26,11 @@ from btcore.lint.ports import (
 from btcore.lint.possible_results import ResultAnalysis
 from btcore.lint.reporter import LintReporter
 from btcore.lint.scripts import check_script_results
-from btcore.lint.subtree_calls import TreeKeys, check_remappings, check_unused_trees
+from btcore.lint.subtree_calls import check_remappings, check_unused_trees
 from btcore.lint.unwritten_keys import check_keys
 from btcore.loading.load import PausedGarbageCollection
 from btcore.registry.registry import Registry
+from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan_document, root_trees
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
 from btcore.xml.read.read import Document

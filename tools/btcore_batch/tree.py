@@ -17,7 +17,7 @@ from btcore.loading.load import load, loads
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.registry import Registry
 from btcore.status import RUNNING
-from btcore.suggestions import did_you_mean
+from btcore.suggestions import did_you_mean, nearest_name
 from btcore.tree.tree import Tree
 from btcore_batch.agent_sets import AgentSets, Indices, Mask
 from btcore_batch.blackboard import BatchBlackboard

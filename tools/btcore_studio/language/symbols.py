@@ -10,13 +10,13 @@ from typing import Final
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Port, braced_key, remapped_key
 from btcore.errors import ConversionError
-from btcore.lint.key_uses import READING, WRITING, AccessKind, find_name_uses, port_uses
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script import lexer
 from btcore.values import BOOL
 from btcore.xml.define import parse_format
+from btcore.xml.plan.key_uses import READING, WRITING, AccessKind, find_name_uses, port_uses
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS, SCRIPT_ATTRIBUTES
 from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, value_offsets
 

@@ -1,0 +1,190 @@
+"""Move a branch into a tree of its own, or a called tree into the place of its call. Nothing else changes."""
+
+import re
+from collections.abc import Iterator, Mapping
+
+from btcore.blackboard.ports import SCRIPT_ROLES, remapped_key
+from btcore.names import port_name_error
+from btcore.script import lexer
+from btcore.xml.edit.editor import DocumentEditor
+from btcore.xml.edit.edits import Edit, EditError, apply_edits, escape_value
+from btcore.xml.plan.key_uses import TreeKeys, find_name_uses, port_uses
+from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.tree_plan import NodePlan, TreePlan
+from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES
+from btcore.xml.read.element import Element
+
+
+def extract_subtree(plans: Plans, element: Element, id: str) -> list[Edit]:
+    """Make a branch a tree of its own, which a SubTree element calls with all keys that the branch uses.
+
+    Args:
+        plans: The plans of every tree of the documents.
+        element: The element of the branch.
+        id: The ID of the new tree.
+
+    Returns:
+        The edits of the document that contains the branch.
+
+    Raises:
+        EditError: The format is 3, there is a tree *id*, or a key of the branch is unknown, or cannot be an
+            attribute.
+    """
+    tree, node = _find(plans, element)
+    if plans.dialect.format != 4:
+        raise EditError("in format 3, a SubTree element changes when the nodes of its tree are halted")
+    if id in plans.definitions.by_id:
+        raise EditError(f"there is a tree '{id}' already")
+    keys = TreeKeys(plans, plans.registry.types.enums, bounded=True).keys_in(_branch(node))
+    if keys is None:
+        raise EditError("a node of the branch may use any key, or is unknown")
+    calls = [each.subtree_call for each in _branch(node) if each.subtree_call is not None]
+    if any(outer.startswith("@") for call in calls for outer in call.remaps.values()):
+        raise EditError("a SubTree element of the branch connects a key with a key of the main tree ('@')")
+    # A key with "@" is the key of the main tree, in every tree.
+    connected = sorted(key for key in keys if not key.startswith("@"))
+    for key in connected:
+        if error := port_name_error(key):
+            raise EditError(f"the key '{key}' cannot be an attribute of a SubTree element: {error}")
+    connections = "".join(f' {key}="{{{key}}}"' for key in connected)
+    source = tree.definition.document.source_map
+    editor = DocumentEditor(source.scan)
+    branch, around = source.scanned(element), source.scanned(tree.definition.element)
+    call = Edit(branch.start, branch.end, f'<SubTree ID="{escape_value(id)}"{connections}/>')
+    own, line_break, step = editor.indent(around), editor.line_break, editor.step()
+    xml = editor.text[branch.start : branch.end]
+    if own is None:
+        separator, body = "", xml
+    else:
+        before = editor.indent_at(branch.start) or ""
+        moved = editor.reindent(branch.start, branch.end, before, own + step)
+        shifted = [Edit(start - branch.start, end - branch.start, text) for start, end, text in moved]
+        separator = line_break + own
+        body = f"{separator}{step}{apply_edits(xml, shifted)}{separator}"
+    new_tree = f'{separator}<BehaviorTree ID="{escape_value(id)}">{body}</BehaviorTree>'
+    edits = [call, Edit(around.end, around.end, new_tree)]
+    root = source.scan.roots[0]
+    if len(plans.definitions.all) == 1 and root.get("main_tree_to_execute") is None:
+        if not around.get("ID"):
+            raise EditError("the tree has no ID, and a document with two trees must name the main tree")
+        edits.append(editor.set_attribute(root, "main_tree_to_execute", around.get("ID") or ""))
+    return edits
+
+
+def inline_subtree(plans: Plans, element: Element) -> Edit:
+    """Put the nodes of a called tree in the place of the SubTree element, with the keys of the calling tree.
+
+    Keys that only the called tree uses get the ID of the tree as a prefix. The called tree remains.
+
+    Args:
+        plans: The plans of every tree of the documents.
+        element: The SubTree element, in format 4.
+
+    Returns:
+        The edit of the document that contains the element.
+
+    Raises:
+        EditError: The element does not call a tree of format 4, it sets a key to a constant, both have
+            conditions, or a key of the called tree is unknown, or has no place in the calling tree.
+    """
+    tree, node = _find(plans, element)
+    call = node.subtree_call
+    if call is None or call.tree_id not in plans.trees or plans.dialect.format != 4:
+        raise EditError(f"<{element.tag}> does not call a tree of a document in format 4")
+    called = plans.trees[call.tree_id]
+    if called.root is None:
+        raise EditError(f"the tree '{called.id}' has no nodes")
+    if any(outer.startswith("@") for outer in call.remaps.values()):
+        raise EditError("the SubTree element connects a key with a key of the main tree ('@')")
+    if call.constants:
+        raise EditError(f"the SubTree element sets '{next(iter(call.constants))}' to a constant")
+    tree_keys = TreeKeys(plans, plans.registry.types.enums, bounded=True)
+    inner, outer = tree_keys.keys_of(called.id), tree_keys.keys_of(tree.id)
+    if inner is None or outer is None:
+        raise EditError("a node of one of the trees may use any key, or is unknown")
+    names: dict[str, str] = {}
+    for key in sorted(inner):
+        is_shared = key.startswith("@") or (call.autoremap and not key.startswith("_"))
+        names[key] = call.remaps.get(key) or (key if is_shared else _free_name(called.id, key, outer))
+    editor = DocumentEditor(called.definition.document.source_map.scan)
+    top = called.definition.document.source_map.scanned(called.root.element)
+    edits = [edit for each in called.nodes() for edit in _rename_keys(plans, each, names, editor, called)]
+    if node.conditions and called.root.conditions:
+        raise EditError(f"the SubTree element and the root of '{called.id}' have conditions")
+    for attribute, text in node.conditions.items():
+        at = top.attributes[-1].end if top.attributes else top.tag_end
+        edits.append(Edit(at, at, f' {attribute}="{escape_value(text)}"'))
+    source = tree.definition.document.source_map
+    place, own = source.scanned(element), DocumentEditor(source.scan).indent(source.scanned(element))
+    if own is not None:
+        changed = {(edit.start, edit.end) for edit in edits}
+        lines = editor.reindent(top.start, top.end, editor.indent(top) or "", own)
+        edits += [edit for edit in lines if (edit.start, edit.end) not in changed]
+    xml = editor.text[top.start : top.end]
+    shifted = [Edit(start - top.start, end - top.start, text) for start, end, text in edits]
+    return Edit(place.start, place.end, apply_edits(xml, shifted))
+
+
+def _find(plans: Plans, element: Element) -> tuple[TreePlan, NodePlan]:
+    for tree in plans.trees.values():
+        for node in tree.nodes():
+            if node.element is element:
+                return tree, node
+    raise EditError(f"<{element.tag}> is not a known node of a tree")
+
+
+def _branch(node: NodePlan) -> Iterator[NodePlan]:
+    yield node
+    for child in node.children:
+        yield from _branch(child)
+
+
+def _free_name(tree_id: str, key: str, taken: set[str]) -> str:
+    """Return a key for an entry that only the called tree uses, and add it to *taken*."""
+    name = re.sub(r"\W", "_", f"{tree_id}_{key}")
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
+def _rename_keys(
+    plans: Plans, node: NodePlan, names: Mapping[str, str], editor: DocumentEditor, tree: TreePlan
+) -> Iterator[Edit]:
+    """Yield the edits that give the keys of a node the new *names*."""
+    scanned = tree.definition.document.source_map.scanned(node.element)
+    texts: dict[str, str] = {}
+    for port, text, is_explicit in node.ports:
+        key, _ = port_uses(port, text, is_explicit, 4)
+        if key is not None and names[key] != key:
+            is_braced = remapped_key(text, port.name) is not None
+            texts[port.name] = f"{{{names[key]}}}" if is_braced else names[key]
+        elif port.role in SCRIPT_ROLES:
+            texts[port.name] = _renamed_script(text, plans.registry.types.enums, names)
+    for attribute, text in node.conditions.items():
+        if attribute in SCRIPT_ATTRIBUTES:
+            texts[attribute] = _renamed_script(text, plans.registry.types.enums, names)
+    call = node.subtree_call
+    if call is not None:
+        texts |= {
+            inner: f"{{{names[outer]}}}" for inner, outer in call.remaps.items() if names[outer] != outer
+        }
+        if call.autoremap:
+            nested = TreeKeys(plans, plans.registry.types.enums, bounded=True).keys_of(call.tree_id) or set()
+            for key in sorted(nested - call.remaps.keys() - call.constants.keys()):
+                if names.get(key, key) != key and not key.startswith(("_", "@")):
+                    texts[key] = f"{{{names[key]}}}"
+    for name, text in texts.items():
+        if node.element.get(name) != text:
+            yield editor.set_attribute(scanned, name, text)
+
+
+def _renamed_script(script: str, enums: Mapping[str, int], names: Mapping[str, str]) -> str:
+    for use in sorted(find_name_uses(script, enums), key=lambda use: -use.column):
+        new = names[use.name]
+        tokens = lexer.tokenize(new)
+        if new in enums or tokens[0].kind != lexer.NAME or tokens[0].width != len(new):
+            raise EditError(f"a script uses the key '{use.name}', and '{new}' is not a name in scripts")
+        start = use.column - 1
+        script = script[:start] + new + script[start + len(use.name) :]
+    return script
