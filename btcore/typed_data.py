@@ -91,6 +91,12 @@ def convert(value: Any, kind: type[Value]) -> Value:
     return msgspec.convert(value, kind, dec_hook=_path)
 
 
+def json_schema(kind: type) -> dict[str, Any]:
+    """Return the JSON schema of the format *kind*, with which editors complete keys and mark mistakes."""
+    schema = msgspec.json.schema(kind, schema_hook=lambda _: {"type": "string"})
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
 def _path(kind: type, value: Any) -> Any:
     if kind is Path and isinstance(value, str):
         return Path(value)

@@ -7,14 +7,15 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from btcore_sim.world_description import json_schema
+from btcore.typed_data import json_schema
+from btcore_sim.world_description import WorldFile
 
 COMMON = ("name", "position", "yaw", "color", "material")
 
 
 def tables() -> str:
     """Return the sections with the keys of the file, of all objects, and of each kind."""
-    named = json_schema()["$defs"]
+    named = json_schema(WorldFile)["$defs"]
     world, start, box = named["WorldFile"], named["Start"], named["Box"]
     world["properties"]["start"] |= {"description": start["description"]}
     common = {key: box["properties"][key] for key in COMMON}

@@ -17,8 +17,8 @@ A world is a JSON object. Lengths are in metres, angles in radians, colours `#rr
 The `points` of walls and polygons are relative to `position`, which is the origin by default. With
 `"material": "glass"` an object is invisible to the laser. A `look` such as `bed`, `shelf` or `plant` (see
 looks.py) changes the drawing of a box or a cylinder, but not what contacts and sensors detect. `start` is
-either an `area` in which the pose is drawn at random, or a `pose` (x, y, yaw). `json_schema` returns a schema
-of all keys for editors.
+either an `area` in which the pose is drawn at random, or a `pose` (x, y, yaw). `json_schema(WorldFile)`
+returns a schema of all keys for editors.
 
 A world may also have `waypoints` (name → [x, y]), `keepout`, a list of rectangles that robots must not
 enter although they may be empty, and `physics_rate` (Hz), the rate of the physics steps. An `area` and a
@@ -368,11 +368,6 @@ def parse_world_description(data: dict[str, Any], name: str) -> WorldDescription
         return _world_description(convert(data, WorldFile), name)
     except DataError as error:
         raise SimError(f"{name}: {error}") from None
-
-
-def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of a world's file, for editors."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(WorldFile)}
 
 
 def _key(description: str, **limits: Any) -> Any:

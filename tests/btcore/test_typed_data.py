@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from msgspec import Meta
 
-from btcore.typed_data import DataError, FieldError, NotNegative, Positive, Record, convert
+from btcore.typed_data import DataError, FieldError, NotNegative, Positive, Record, convert, json_schema
 
 
 class Row(NamedTuple):
@@ -39,7 +39,7 @@ class Format(Record, kw_only=True):
     ratio: float = 0.0
     on: bool = False
     mode: Literal["fast", "slow"] = "fast"
-    file: Path = Path()
+    file: Path = msgspec.field(default_factory=Path)
     place: tuple[float, float] = (0.0, 0.0)
     names: tuple[str, ...] = ()
     ports: Annotated[dict[str, int], Meta(min_length=1)] | msgspec.UnsetType = msgspec.UNSET
@@ -120,3 +120,14 @@ def test_a_mistake_is_reported_with_its_key_its_value_and_what_is_allowed(data: 
     with pytest.raises(DataError) as caught:
         convert(data, Format)
     assert str(caught.value) == message
+
+
+def test_a_schema_has_the_keys_and_the_limits_of_the_format() -> None:
+    defined = json_schema(Format)["$defs"]
+    properties = defined["Format"]["properties"]
+    assert properties["count"] == {"type": "integer", "minimum": 1, "maximum": 9, "default": 1}
+    assert properties["file"]["type"] == "string"
+    assert (defined["Ball"]["required"], defined["Ball"]["additionalProperties"]) == (
+        ["kind", "radius"],
+        False,
+    )

@@ -1,6 +1,6 @@
 """The description of a ROS 2 robot, from a YAML file: its topics, and the facts that no topic has."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -176,7 +176,7 @@ class RosRobotDescription:
         sonars: The topics of the sonars.
     """
 
-    path: Path
+    path: Path = field(default_factory=Path)
     name: str
     use_sim_time: bool | None = None
     start_timeout: Positive = 10.0
