@@ -99,7 +99,7 @@ def is_success(row: Row, script: Program | None) -> bool:
     try:
         return condition_result(script.run(board))
     except ScriptError as error:
-        if any(value is None and f"'{name}'" in str(error) for name, value in variables.items()):
+        if error.unwritten_key in variables:
             return False
         raise click.UsageError(f"--success-if: {error}\navailable: {', '.join(variables)}") from error
 

@@ -157,7 +157,9 @@ class Toolbox:
             report = _last_json("run", done)
             kept = log.replace(self._runner.scratch / log.name)
         # The summary on stderr repeats the result; what comes before it are messages of leaves.
-        messages = [line for line in done.stderr.splitlines() if re.match(r"(warning|error|note)", line)]
+        messages = [
+            line for line in done.stderr.splitlines() if line.startswith(("warning", "error", "note"))
+        ]
         extra = {"messages": [shorten_text(line, 500) for line in messages[:30]]} if messages else {}
         self._keep(name, {"file": kept, **{key: report[key] for key in ("error",) if key in report}, **extra})
         del report["real_time_factor"]
