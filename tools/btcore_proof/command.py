@@ -38,7 +38,7 @@ from btcore_proof.planned_run import planned_ticks
 from btcore_proof.prover import PROVED, REFUTED, Answer, Report
 from btcore_proof.saved_counterexamples import TreeReference, file_name, source_of_test
 from btcore_proof.state_graph import StateGraph
-from btcore_proof.state_graph_pictures import MOST_STATES, draw_graph, graph_to_dot, graph_to_svg
+from btcore_proof.state_graph_pictures import MOST_STATES, draw_graph, graph_to_dot
 from btcore_proof.tree_files import MEMORY_MB, declarations_of, fault_in_run, prover_of
 
 LOGGED_CYCLES: Final = 3
@@ -107,12 +107,11 @@ _INTERVAL_S: Final = 0.2
     help="Write each counterexample to FOLDER: a log for `btcore replay`, and a test for pytest that fails "
     "until the tree is mended.",
 )
-@click.option("--dot", type=files.OUTPUT_FILE, metavar="FILE", help="Write the state graph for Graphviz.")
 @click.option(
-    "--svg",
+    "--dot",
     type=files.OUTPUT_FILE,
     metavar="FILE",
-    help=f"Draw the state graph; at most {MOST_STATES} states.",
+    help=f"Write the state graph, with at most {MOST_STATES} states, for Graphviz.",
 )
 @click.option("--strict", is_flag=True, help="Exit with 1 also for 'proved: unless …' and 'proved: if …'.")
 @click.option(
@@ -135,7 +134,6 @@ def prove(
     jobs: int | None,
     save: Path | None,
     dot: Path | None,
-    svg: Path | None,
     strict: bool,
     init: bool,
     as_json: bool,
@@ -182,9 +180,8 @@ def prove(
         terminal.print_json({"questions": [_as_data(answer) for answer in report.answers]})
     else:
         _print(report)
-    for target, draw in ((dot, graph_to_dot), (svg, graph_to_svg)):
-        if target is not None:
-            files.write(target, draw(*draw_graph(prover)).encode())
+    if dot is not None:
+        files.write(dot, graph_to_dot(*draw_graph(prover)).encode())
     for error in prover.errors:
         terminal.print_error(error)
     return ExitCode.USER_ERROR if prover.errors else _exit_code(report, strict)
