@@ -259,7 +259,7 @@ class RegistrationError(BtcoreError):
     """A node, type or enum cannot be registered."""
 
 
-MOST_SHOWN: Final = 9
+MAX_SHOWN_ERRORS: Final = 9
 """The maximum number of later errors in the message of a NodeExecutionError."""
 
 
@@ -313,10 +313,10 @@ class NodeExecutionError(BtcoreError):
         for depth, step in enumerate(self.backtrace):
             mark = "→" if depth == len(self.backtrace) - 1 else " "
             text += f"\n    {mark} {'  ' * depth}{step}"
-        for other in self.later_errors[:MOST_SHOWN]:
+        for other in self.later_errors[:MAX_SHOWN_ERRORS]:
             text += f"\nand {other}"
-        if len(self.later_errors) > MOST_SHOWN:
-            text += f"\nand {len(self.later_errors) - MOST_SHOWN} more"
+        if len(self.later_errors) > MAX_SHOWN_ERRORS:
+            text += f"\nand {len(self.later_errors) - MAX_SHOWN_ERRORS} more"
         return text
 
 

@@ -42,7 +42,7 @@ from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES
 from btcore.xml.read.read import Document
 
 # Longer texts are not checked: the search for the longest number takes quadratic time.
-_LONGEST: Final = 64
+_MAX_NUMBER_LENGTH: Final = 64
 _INTEGER: Final = re.compile(r"-?[0-9]+")
 _HALF_A_POINTER: Final = re.compile(r"\{(?P<open>[A-Za-z_@][\w.]*)|\$?\{?(?P<closed>[A-Za-z_@][\w.]*)\}")
 
@@ -216,7 +216,7 @@ def partly_read(text: str, kind: ValueType, format: int) -> Iterator[tuple[str, 
             for item in text.split(";"):
                 yield from partly_read(item, kind.item, format)
         return
-    if not isinstance(kind, (IntegerType, RealType)) or len(text) > _LONGEST:
+    if not isinstance(kind, (IntegerType, RealType)) or len(text) > _MAX_NUMBER_LENGTH:
         return
     try:
         kind.from_text(text, format)

@@ -177,7 +177,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
 
     Call `step` from the robot's schedule at `controller_frequency` in `Phase.CONTROLLER`. While *hold*
     returns True, or a sensor has an outage, the robot stands and the goal waits. The goal fails when an
-    outage lasts longer than `time_limits.PATIENCE`.
+    outage lasts longer than `time_limits.MAX_OUTAGE_S`.
 
     Args:
         robot: The robot.

@@ -38,9 +38,9 @@ MIN_REMAINING = 0.1
 STATUSES = "waypoint_statuses"
 """The entry with the states of the poses of navigate_through_poses."""
 
-CHECK_PERIOD = NS_PER_S // 2
+CHECK_PERIOD_NS = NS_PER_S // 2
 """The time (ns) between two checks of the progress."""
-SLOWEST = 0.15
+MIN_PROGRESS_SPEED = 0.15
 """The average speed (m/s) of a detour from which on it is progress: half of the default `max_vel_x`."""
 
 _ELSEWHERE = "the robot reached the goal by its estimated pose, but its scans contradict that pose"
@@ -55,7 +55,7 @@ At each attempt the robot notices a closed door at another distance, up to this 
 take these differences for progress.
 """
 
-PATIENCE = 60.0
+MAX_STALL_S = 60.0
 """The time (s) without progress after which a goal fails, in addition to the time for a detour.
 
 It is longer than the recoveries of the default trees, and than people usually stand in a doorway.
@@ -67,9 +67,9 @@ class GoalProgress:
 
     The robot makes progress when the rest of its path is shorter by `PROGRESS` than ever before, and while
     the rest is at most *tolerance* (m). A detour is longer than the path before. Without progress the robot
-    may therefore take `PATIENCE` and the time in which it drives the longest path since the last progress at
-    *speed* (m/s). By this rule a robot fails that drives back and forth between two closed doors, but not a
-    robot that drives a detour at more than *speed*.
+    may therefore take `MAX_STALL_S` and the time in which it drives the longest path since the last progress
+    at *speed* (m/s). By this rule a robot that drives back and forth between two closed doors fails, but a
+    robot that drives a detour at more than *speed* does not.
     """
 
     def __init__(self, tolerance: float, speed: float) -> None:
@@ -111,7 +111,7 @@ class GoalProgress:
             now: The time (ns).
         """
         seconds = (now - self.last - self._paused) / NS_PER_S
-        return seconds if seconds > PATIENCE + self._longest / self._speed else 0.0
+        return seconds if seconds > MAX_STALL_S + self._longest / self._speed else 0.0
 
 
 class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatus, ...]]):
@@ -157,7 +157,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
         hold: Callable[[], bool] | None = None,
         give_up_reason: Callable[[int], tuple[Nav2ErrorCode, str] | None] | None = None,
         check_goal: Callable[[Pose2D], None] | None = None,
-        slowest: float = SLOWEST,
+        slowest: float = MIN_PROGRESS_SPEED,
     ) -> None:
         super().__init__()
         self.name = "navigate_through_poses" if through else "navigate_to_pose"
@@ -352,7 +352,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
             self._plan_failure = planned.result
         if now < self._next_check or handle.feedback is None:
             return
-        self._next_check = now + CHECK_PERIOD
+        self._next_check = now + CHECK_PERIOD_NS
         if self._progress.update(handle.feedback.distance_remaining, now):
             self._plan_failure = None
         seconds, nearest = self._progress.stalled(now), self._progress.nearest

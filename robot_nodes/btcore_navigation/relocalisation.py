@@ -35,7 +35,7 @@ MARGIN holds after the robot has turned by LOOKED_AROUND, MARGIN_AT_FIRST until 
 """
 FULL_TURN = 7.0
 """If no hypothesis is accepted after this turn (rad), the search starts again with another scan."""
-SEARCH_TIMEOUT = 20_000_000_000
+SEARCH_TIMEOUT_NS = 20_000_000_000
 """If no hypothesis is accepted after this time (ns), the search starts again, too."""
 SAME_PLACE, SAME_HEADING = 0.75, 0.35
 """Hypotheses nearer to each other than this (m, rad) count as the same hypothesis."""
@@ -171,7 +171,7 @@ class Relocaliser:
             margin = MARGIN if self._turned >= LOOKED_AROUND else MARGIN_AT_FIRST
             if best.score >= MIN_SCORE and best.scores[-1] >= MIN_SCORE - 0.1 and ahead >= margin:
                 return best.pose
-            expired = self._turned > FULL_TURN or stamp - self._began > SEARCH_TIMEOUT
+            expired = self._turned > FULL_TURN or stamp - self._began > SEARCH_TIMEOUT_NS
             if best.score < MIN_SCORE - 0.1 or expired:
                 self.restart()
         return None

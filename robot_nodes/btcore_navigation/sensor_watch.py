@@ -4,7 +4,7 @@ import logging
 from dataclasses import dataclass
 
 from btcore_robot.robot import NS_PER_S, LaserScan, Robot
-from btcore_robot.time_limits import LASER_FRAME, ODOMETRY, PATIENCE, SCAN, is_stale
+from btcore_robot.time_limits import LASER_FRAME, MAX_OUTAGE_S, ODOMETRY, SCAN, is_stale
 from btcore_robot.transforms import BASE_FRAME, ExtrapolationError, TransformError, TransformTree
 
 log = logging.getLogger(__name__)
@@ -39,7 +39,7 @@ class Outage:
 
     def exceeds_patience(self, now: int) -> bool:
         """Return whether goals that wait for the readings fail at *now* (ns)."""
-        return self.seconds(now) > PATIENCE
+        return self.seconds(now) > MAX_OUTAGE_S
 
 
 class SensorWatch:

@@ -48,7 +48,7 @@ SEARCH_PRIORITY = CMD_VEL + 10
 
 It is higher than CMD_VEL, so that the zero velocity of a server that has to wait doesn't stop the turn.
 """
-SEARCH_PATIENCE = 120.0
+SEARCH_LIMIT_S = 120.0
 """The time (s) of the turn after which waiting goals fail; a new goal starts another search."""
 WATCH_RATE = 20.0
 """The rate (Hz) at which outages of sensors are noticed for the log."""
@@ -69,9 +69,9 @@ class Navigation:
     While the localiser is not confident, the robot stands; while it searches, the robot turns on the spot.
     The robot also stands while the odometry, the scans or the laser's pose on the robot are too old.
     Goals wait in this time, and continue with a newly planned path. If the search has no result after
-    `SEARCH_PATIENCE`, because places look alike or the map doesn't fit, the robot stops searching and the
-    waiting goals fail. They also fail when a sensor has no readings for longer than `time_limits.PATIENCE`,
-    and at once when the battery is empty.
+    `SEARCH_LIMIT_S`, because places look alike or the map doesn't fit, the robot stops searching and the
+    waiting goals fail. They also fail when a sensor has no readings for longer than
+    `time_limits.MAX_OUTAGE_S`, and at once when the battery is empty.
 
     *random* is the source of the localiser's samples. *trees* is the folder whose subfolder `navigation`
     contains the default trees. Messages have the names of *waypoints* instead of their coordinates.
@@ -349,14 +349,14 @@ class Navigation:
         self._was_confident = confident
 
     def _look_around(self, now: int) -> None:
-        """Turn the robot while its pose is searched for; give up after `SEARCH_PATIENCE` with readings."""
+        """Turn the robot while its pose is searched for; give up after `SEARCH_LIMIT_S` with readings."""
         if not self._was_searching:
             log.warning("the robot's pose is unknown: the robot stops and looks around")
             self._searched = 0
         if self._gave_up is not None or self.sensors.outage(now) is not None:
             return
         self._searched += round(NS_PER_S / self.robot.laser.rate)
-        if self._searched > SEARCH_PATIENCE * NS_PER_S:
+        if self._searched > SEARCH_LIMIT_S * NS_PER_S:
             log.warning("the robot stops looking around: %s", _LOST)
             self._gave_up = now
         else:

@@ -26,7 +26,7 @@ LASER_FRAME = 0.5
 
 A laser on a moving part is usually published at 10 Hz or more; a fixed laser always has a pose.
 """
-PATIENCE = 60.0
+MAX_OUTAGE_S = 60.0
 """The time without usable readings after which the goals that wait for them fail.
 
 A driver that is started again, or a network that is restored, mostly takes less than a minute.

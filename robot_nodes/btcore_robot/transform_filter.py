@@ -5,7 +5,7 @@ from typing import Generic, Protocol, TypeVar
 
 from btcore_robot.transforms import TransformTree
 
-CAPACITY = 10
+MAX_WAITING = 10
 """The number of readings that wait: one second of a laser at 10 Hz."""
 
 
@@ -38,7 +38,7 @@ class TransformFilter(Generic[Reading]):
     def __init__(self, tree: TransformTree, target: str) -> None:
         self._tree = tree
         self._target = target
-        self._waiting: deque[Reading] = deque(maxlen=CAPACITY)
+        self._waiting: deque[Reading] = deque(maxlen=MAX_WAITING)
         self._last_stamp: int | None = None
 
     def newest(self, reading: Reading | None) -> Reading | None:

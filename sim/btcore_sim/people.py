@@ -37,7 +37,7 @@ _PERSONAL = 0.3  # m that people keep from each other
 _AGAIN = 0.1  # m: added to the stopping distance to obtain the distance at which a person walks on
 _CHOICES = 4  # number of candidates for a goal; the farthest becomes the goal
 _TRIES = 20  # attempts to find the candidates
-_PATIENCE = 2.0  # s for which a person waits before it chooses another goal
+_MAX_WAIT_S = 2.0  # s for which a person waits before it chooses another goal
 _FAR = 1.5  # m between a person and the robot at the start; between two people it is 1 m
 _SHIRTS: tuple[Color, ...] = ((58, 92, 160, 255), (160, 62, 84, 255), (70, 130, 92, 255), (110, 84, 150, 255))
 
@@ -147,7 +147,7 @@ class PeopleSimulation:
             if hindering:
                 person.speed = 0.0
                 person.waited += 1.0 / _RATE
-                if person.waited >= _PATIENCE:
+                if person.waited >= _MAX_WAIT_S:
                     person.waited = 0.0
                     self._choose(person, hindering)
             else:

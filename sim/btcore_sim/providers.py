@@ -22,7 +22,7 @@ UNKNOWN_START: Final = "unknown"
 """The value of `--start` for a random start pose of which the navigation is not informed."""
 
 _RANGE: Final = re.compile(r"([a-z]+):(\d{1,9})-(\d{1,9})")
-_MOST_WORLDS: Final = 10_000
+_MAX_WORLDS: Final = 10_000
 
 
 def parse_worlds(text: str) -> list[str]:
@@ -46,9 +46,9 @@ def parse_worlds(text: str) -> list[str]:
             worlds.append(part.strip())
             continue
         first, last = int(match[2]), int(match[3])
-        if not 0 <= last - first < _MOST_WORLDS:
+        if not 0 <= last - first < _MAX_WORLDS:
             raise SettingsError(
-                f"--worlds {text}: {part.strip()} has to ascend, with at most {_MOST_WORLDS} worlds."
+                f"--worlds {text}: {part.strip()} has to ascend, with at most {_MAX_WORLDS} worlds."
             )
         worlds += [f"{match[1]}:{number}" for number in range(first, last + 1)]
     if len(set(worlds)) < len(worlds):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D, TransformStamped
-from btcore_robot.transform_filter import CAPACITY, TransformFilter
+from btcore_robot.transform_filter import MAX_WAITING, TransformFilter
 from btcore_robot.transforms import (
     CACHE_TIME,
     ConnectivityError,
@@ -300,7 +300,7 @@ def test_readings_wait_for_their_transforms_and_are_returned_once():
 def test_only_the_newest_readings_wait():
     tree = chain()
     readings = TransformFilter[Reading](tree, "odom")
-    for second in range(11, 12 + CAPACITY):
+    for second in range(11, 12 + MAX_WAITING):
         assert readings.newest(reading(second)) is None
     tree.set(frame("base_footprint", "odom", 11.0, stamp=11 * SECOND))
     assert readings.newest(None) is None

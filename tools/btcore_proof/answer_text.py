@@ -13,7 +13,7 @@ Line = list[Fragment]
 
 _MARKS: Final = {PROVED: ("✔", "green"), REFUTED: ("✘", "red")}
 _COLOURS: Final = {Status.SUCCESS: "green", Status.FAILURE: "red", Status.RUNNING: "yellow"}
-MOST_TICKS: Final = 30
+MAX_TICKS: Final = 30
 """The number of ticks of a run from which on only the first and the last ticks are printed."""
 _SHOWN: Final = 12
 BIG_TREE: Final = 25
@@ -42,7 +42,7 @@ def _lines_of_run(run: Counterexample) -> list[Line]:
         lines.append([(f"    before the first tick  {escape_controls(values)}", "dim")])
     last = len(run.ticks) - 1
     for number, tick in enumerate(run.ticks):
-        is_left_out = last >= MOST_TICKS and _SHOWN <= number <= last - _SHOWN
+        is_left_out = last >= MAX_TICKS and _SHOWN <= number <= last - _SHOWN
         if number == run.cycle:
             lines.append([("    ↻ the ticks from here repeat forever:", "dim")])
         if is_left_out:

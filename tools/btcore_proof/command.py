@@ -38,7 +38,7 @@ from btcore_proof.planned_run import planned_ticks
 from btcore_proof.prover import PROVED, REFUTED, Answer, Report
 from btcore_proof.saved_counterexamples import TreeReference, file_name, source_of_test
 from btcore_proof.state_graph import StateGraph
-from btcore_proof.state_graph_pictures import MOST_STATES, draw_graph, graph_to_dot
+from btcore_proof.state_graph_pictures import MAX_STATES, draw_graph, graph_to_dot
 from btcore_proof.tree_files import MEMORY_MB, declarations_of, fault_in_run, prover_of
 
 LOGGED_CYCLES: Final = 3
@@ -111,7 +111,7 @@ _INTERVAL_S: Final = 0.2
     "--dot",
     type=files.OUTPUT_FILE,
     metavar="FILE",
-    help=f"Write the state graph, with at most {MOST_STATES} states, for Graphviz.",
+    help=f"Write the state graph, with at most {MAX_STATES} states, for Graphviz.",
 )
 @click.option("--strict", is_flag=True, help="Exit with 1 also for 'proved: unless …' and 'proved: if …'.")
 @click.option(

@@ -29,9 +29,9 @@ from btcore.typed_data import Record, convert
 from btcore_proof.leaf_models import ModelError
 
 SUFFIX: Final = ".proof.toml"
-MOST_VALUES: Final = 1000
+MAX_VALUES: Final = 1000
 """The maximum number of values of an entry."""
-_Values = Annotated[tuple[str | bool | int | float, ...], Meta(max_length=MOST_VALUES)]
+_Values = Annotated[tuple[str | bool | int | float, ...], Meta(max_length=MAX_VALUES)]
 
 
 class _DeclarationFile(Record):

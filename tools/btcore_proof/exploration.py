@@ -42,9 +42,9 @@ from btcore_proof.timer_order import Advance
 from btcore_proof.tree_state import StateKeeper, TreeState
 from btcore_proof.user_code import UserCode, has_user_code
 
-MOST_DECISIONS: Final = 200_000
+MAX_DECISIONS: Final = 200_000
 """The number of decisions in the ticks from one state after which the search gives up."""
-TICK_LIMIT: Final = 2.0
+TICK_LIMIT_S: Final = 2.0
 """The time (s, real time) after which a tick that repeats nodes is stopped with an exception."""
 _NAME: Final = re.compile(r"@?[^\W\d]\w*")
 """A name in a script."""
@@ -146,7 +146,7 @@ class Explorer:
         """Run every possible tick from a state."""
         state = self.table.state(number)
         advances = self.keeper.advances(state)
-        limit = len(self.graph.decisions) + MOST_DECISIONS
+        limit = len(self.graph.decisions) + MAX_DECISIONS
         self.choices.watcher = self._decide
         try:
             for index, advance in enumerate(advances):
@@ -158,7 +158,7 @@ class Explorer:
                     vertex, choice = self._open.pop()
                     self._run_tick(state, advance, self.graph.decisions[vertex], vertex, choice)
                     if len(self.graph.decisions) > limit:
-                        reason = f"the ticks from one state have more than {MOST_DECISIONS:,} decisions"
+                        reason = f"the ticks from one state have more than {MAX_DECISIONS:,} decisions"
                         self.graph.bounds.setdefault(reason, None)
                         self._open.clear()
                         return

@@ -31,7 +31,7 @@ from btcore_proof.interrupts import (
 )
 from btcore_proof.leaf_models import LeafModel, ModelError, domain_of, model_of, resources_of
 
-MOST_CHOICES: Final = 300
+MAX_CHOICES: Final = 300
 """The number of choices within a tick after which the tick counts as endless."""
 
 
@@ -176,7 +176,7 @@ class Choices:
             # A node has caught it.
             raise self.raised
         count = len(self.made)
-        if count >= MOST_CHOICES:
+        if count >= MAX_CHOICES:
             place = "" if leaf is None else f"'{leaf.config.path}': "
             text = f"{place}the tick does not end: it repeats nodes without a pause"
             raise self.interrupt(EndlessTickError(text))

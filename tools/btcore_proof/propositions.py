@@ -27,7 +27,7 @@ _COMPARISONS: Final[dict[str, Callable[[Any, Any], Any]]] = {
     ">": operator.gt,
     ">=": operator.ge,
 }
-_MOST_TOKENS: Final = 200  # the parser and the propositions are recursive
+_MAX_TOKENS: Final = 200  # the parser and the propositions are recursive
 _WITHIN: Final = re.compile(r"\s+within\s+(\d+)\s+ticks?\s*$")
 
 
@@ -113,8 +113,8 @@ class _Parser:
                 raise QuestionError(f"'{text}': cannot read '{text[place:].strip()}'")
             self._tokens.append((str(match.lastgroup), match[str(match.lastgroup)]))
             place = match.end()
-            if len(self._tokens) > _MOST_TOKENS:
-                raise QuestionError(f"a proposition has more than {_MOST_TOKENS} words and signs")
+            if len(self._tokens) > _MAX_TOKENS:
+                raise QuestionError(f"a proposition has more than {_MAX_TOKENS} words and signs")
 
     def parse(self) -> ParsedProposition:
         holds = self._either()

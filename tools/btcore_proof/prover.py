@@ -16,7 +16,7 @@ from btcore.suggestions import join_names
 from btcore.tree.drawing import draw_results
 from btcore.tree.tree import Tree
 from btcore_proof.counterexample import Counterexample, replay, text_of, times_of
-from btcore_proof.exploration import TICK_LIMIT, Explorer, clock_for_search
+from btcore_proof.exploration import TICK_LIMIT_S, Explorer, clock_for_search
 from btcore_proof.fair_cycles import (
     FairCycle,
     Fairness,
@@ -136,7 +136,7 @@ class Prover:
 
         def limited(choices: Choices, clock: Clock) -> Tree:
             tree = make(choices, clock)
-            tree.tick_limit = TICK_LIMIT
+            tree.tick_limit = TICK_LIMIT_S
             choices.unread = unread_keys(tree, choices, f"{texts} {texts_in_code(tree)}")
             choices.counted = counted_entries(tree)
             return tree

@@ -12,9 +12,9 @@ from btcore_proof.exploration import Explorer
 from btcore_proof.prover import Prover
 from btcore_proof.state_graph import RAISED, RESULT_OF, Outcome
 
-MOST_STATES: Final = 100
+MAX_STATES: Final = 100
 """The number of states of the biggest graph that is drawn."""
-_MOST_LEAVES: Final = 4
+_MAX_LEAVES: Final = 4
 _WIDEST: Final = 24
 _COLOURS: Final = {
     "state": ("#ffffff", "#5b6b86"),
@@ -51,12 +51,12 @@ def draw_graph(prover: Prover) -> tuple[list[DrawnState], list[DrawnEdge]]:
     """Return the states and the edges of the graph that a prover has searched.
 
     Raises:
-        PictureError: The graph has more than `MOST_STATES` states.
+        PictureError: The graph has more than `MAX_STATES` states.
     """
     explorer, graph = prover.explorer, prover.explorer.graph
     count = graph.states
-    if count > MOST_STATES:
-        raise PictureError(f"the graph has {count:,} states; pictures show at most {MOST_STATES}")
+    if count > MAX_STATES:
+        raise PictureError(f"the graph has {count:,} states; pictures show at most {MAX_STATES}")
     names = names_of(prover.tree)
     states: list[DrawnState] = []
     vertices = [vertex for vertex in range(len(graph.edges)) if vertex not in graph.decisions]
@@ -111,8 +111,8 @@ def _short(text: str) -> str:
 def _lines(outcomes: list[list[str]]) -> list[str]:
     """Return the lines of a label: the shortest of the ticks that lead to a state, and how many others do."""
     first = min(outcomes, key=len)
-    if len(first) > _MOST_LEAVES:
-        first = [*first[: _MOST_LEAVES - 1], f"and {len(first) - _MOST_LEAVES + 1} more"]
+    if len(first) > _MAX_LEAVES:
+        first = [*first[: _MAX_LEAVES - 1], f"and {len(first) - _MAX_LEAVES + 1} more"]
     others = len(outcomes) - 1
     return [*first, f"or {others} other{'s' if others > 1 else ''}"] if others else first
 

@@ -39,7 +39,7 @@ _OPENED: Final = ("builtins", "collections", "itertools", "random")
 """The modules whose objects are compared by their contents outside of the state of a tree."""
 _SHOWN: Final = 3
 """The number of nodes that a message names."""
-MOST_ITEMS: Final = 1000
+MAX_ITEMS: Final = 1000
 """The length from which on a variable is compared by identity."""
 
 
@@ -266,7 +266,7 @@ class UserCode:
     def _comparable(self, value: object) -> Hashable:
         kind = type(value)
         is_opened = kind.__module__ in self._modules or kind.__module__ in _OPENED
-        if is_opened and not (hasattr(kind, "__len__") and len(value) > MOST_ITEMS):  # type: ignore[arg-type]
+        if is_opened and not (hasattr(kind, "__len__") and len(value) > MAX_ITEMS):  # type: ignore[arg-type]
             freezer = Freezer()
             try:
                 return (freezer.frozen(value), freezer.objects())

@@ -11,10 +11,10 @@ from btcore_sweep.charts import percent
 from btcore_sweep.definition import SweepDefinition
 from btcore_sweep.sweep_statistics import LEVEL, SuccessRate, SweepStatistics
 
-MOST_FAILED: Final = 200
+MAX_FAILED: Final = 200
 """The largest number of failed episodes in the report; the table contains all of them."""
 
-_MOST_NODES: Final = 40
+_MAX_NODES: Final = 40
 
 # Success and failure are blue and orange, which colour-blind readers can distinguish.
 _STYLE: Final = """
@@ -191,7 +191,7 @@ def _times(statistics: SweepStatistics) -> str:
 def _nodes(statistics: SweepStatistics) -> str:
     if not statistics.failing:
         return "<h2>Failures by node</h2><p>No node failed.</p>"
-    shown = statistics.failing[:_MOST_NODES]
+    shown = statistics.failing[:_MAX_NODES]
     count = statistics.rate.count
     rows = [
         [
@@ -227,7 +227,7 @@ def _failed(data: ReportData) -> str:
     if not failed:
         return "<h2>Failed episodes</h2><p>None.</p>"
     rows = []
-    for row in failed[:MOST_FAILED]:
+    for row in failed[:MAX_FAILED]:
         episode = sweep.episode(row["episode"])
         cause = [_code(str(row["failed_at"]))] if row["failed_at"] else []
         cause += [escape(str(row["error"]))] if row["error"] else []

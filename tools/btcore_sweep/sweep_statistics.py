@@ -14,7 +14,7 @@ from btcore_sweep.table import LEADING_COLUMNS, RESULT_COLUMNS, TRAILING_COLUMNS
 CONFIDENCE: Final = 0.95
 LEVEL: Final = f"{100 * CONFIDENCE:g} %"
 """The confidence as a percentage."""
-MOST_SETTINGS: Final = 60
+MAX_SETTINGS: Final = 60
 """With more settings than this, the report contains no table of settings."""
 
 
@@ -94,7 +94,7 @@ def compute_statistics(rows: Sequence[Row], definition: SweepDefinition) -> Swee
         rows: The rows of the finished episodes, with the column `success`.
         definition: The sweep.
     """
-    several = 1 < len(definition.settings) <= MOST_SETTINGS and len(definition.varied) > 1
+    several = 1 < len(definition.settings) <= MAX_SETTINGS and len(definition.varied) > 1
     # Episodes are numbered seed by seed, so that the remainder is the index of the setting.
     settings = _grouped(rows, lambda row: row["episode"] % len(definition.settings)) if several else {}
     times = [(float(row["time_s"]), bool(row["success"])) for row in rows if row["time_s"] is not None]

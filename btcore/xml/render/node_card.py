@@ -21,7 +21,7 @@ _PORT_LINE: Final = 15.0
 _MARGIN: Final = 10.0
 _BADGE: Final = 11.0
 _TEXT_AT: Final = _MARGIN + 2 * _BADGE + 8
-_LONGEST: Final = 46
+_MAX_TEXT: Final = 46
 _MONO: Final = 0.602  # the advance width of most monospaced fonts, in em
 _NARROW: Final = frozenset("ijlftrI.,:;'|!()[] ")
 _WIDE: Final = frozenset("mwMWQO@%—→")
@@ -148,7 +148,7 @@ def _badge(node: DiagramNode, middle: float) -> str:
 
 def _shortened(text: str) -> str:
     text = " ".join(text.split())
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
+    return text if len(text) <= _MAX_TEXT else text[: _MAX_TEXT - 1] + "…"
 
 
 def _port_line(name: str, text: str, direction: str) -> tuple[int, str]:

@@ -11,7 +11,7 @@ MAX_SIDE: Final = 2400
 """The maximum width and height of a picture (pixels); a larger drawing is made smaller."""
 
 _SCALE: Final = 1.5
-_LEAST_SCALE: Final = 0.6  # smaller texts cannot be read
+_MIN_SCALE: Final = 0.6  # smaller texts cannot be read
 _SIZE: Final = re.compile(r'<svg [^>]*?width="(\d+)" height="(\d+)"')
 
 
@@ -37,7 +37,7 @@ def svg_to_png(svg: str) -> bytes:
     assert size is not None, "a drawing begins with its size"
     width, height = int(size[1]), int(size[2])
     scale = min(_SCALE, MAX_SIDE / max(width, height))
-    if scale < _LEAST_SCALE:
+    if scale < _MIN_SCALE:
         raise PictureError(
             f"the drawing is too large for a PNG in which texts can be read ({width} × {height} px); draw a "
             "subtree, or an SVG"

@@ -15,7 +15,7 @@ _DETECTED: Final = 0xFFD54AFF
 _SIGHT: Final = 0xFFD54A90
 _DEPTH: Final = 0.4
 """Length (m) of the pyramid that shows a camera's field of view."""
-_FOCAL_AT_LEAST: Final = 1e-3
+_MIN_FOCAL_LENGTH: Final = 1e-3
 """Minimum focal length (pixels); a camera without focal length has no field of view."""
 _OLD: Final = 1_000_000_000
 """Age (ns of the tree's clock) above which a picture is drawn faint, with the time when it was taken."""
@@ -44,7 +44,7 @@ class CameraView:
     def draw_static(self, data: StaticScene) -> None:
         """Draw the cameras' fields of view."""
         for camera in data.cameras:
-            if min(map(abs, camera.focal)) < _FOCAL_AT_LEAST:
+            if min(map(abs, camera.focal)) < _MIN_FOCAL_LENGTH:
                 continue
             entity = f"{self._origin}/sight/{entity_part(camera.name)}"
             # A negative radius is in pixels of the screen (in rerun).

@@ -36,7 +36,7 @@ FLUSH_FILE_TIMEOUT_S: Final = 1.0
 """Wall time (s) for the file to receive the remaining data if the viewer was closed."""
 FLUSH_STEP_S: Final = 1.0
 """Wall time (s) between two checks whether the disk is full."""
-_LEAST_SPACE: Final = 1 << 14
+_MIN_SPACE: Final = 1 << 14
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,7 @@ def _is_full(file: Path) -> bool:
             limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
             if limit != resource.RLIM_INFINITY:
                 free = min(free, limit - file.stat().st_size)
-        return free < _LEAST_SPACE
+        return free < _MIN_SPACE
     return False
 
 

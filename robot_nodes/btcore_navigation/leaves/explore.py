@@ -14,7 +14,7 @@ LOOKING_TIME = 1_000_000_000
 
 If the area is then still unknown, the goal is excluded.
 """
-CHECK_PERIOD = 1_000_000_000
+CHECK_PERIOD_NS = 1_000_000_000
 """The period (ns) of the check whether the area at the goal is still unknown during the drive."""
 DEFAULT_FILE = "map.yaml"
 
@@ -122,7 +122,7 @@ class Explore(StatefulAction):
         if self.handle is None:
             return self.send_next_goal()
         if not self.handle.done:
-            if now - self.last_check < CHECK_PERIOD:
+            if now - self.last_check < CHECK_PERIOD_NS:
                 return RUNNING
             self.last_check = now
             explorer = self.explorer

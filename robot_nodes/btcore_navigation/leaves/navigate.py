@@ -7,7 +7,7 @@ from btcore import FAILURE, RUNNING, SUCCESS, In, NodeSpec, Out, StatefulAction,
 from btcore_navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 
-SERVER_TIMEOUT = 1_000_000_000
+SERVER_TIMEOUT_NS = 1_000_000_000
 """The maximum time (ns) until a server that was found accepts a goal."""
 
 log = logging.getLogger(__name__)
@@ -57,7 +57,7 @@ class Move(StatefulAction):
         if handle is None:
             return FAILURE
         done = handle.done  # takes what has arrived
-        limit = SERVER_TIMEOUT + handle.discovery_ns
+        limit = SERVER_TIMEOUT_NS + handle.discovery_ns
         if handle.status is GoalStatus.UNKNOWN and self.clock.now() - self.sent > limit:
             handle.cancel()
             # 9000 is UNKNOWN of Nav2's action NavigateToPose.

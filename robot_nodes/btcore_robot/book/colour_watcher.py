@@ -15,7 +15,7 @@ from btcore_scene import MovingScene, Picture, StaticScene
 
 CAMERA = "head_front_camera"
 """The name of the camera image in the scene."""
-PERIOD = 1.0
+PERIOD_S = 1.0
 """The period (s) of the reports."""
 
 
@@ -41,7 +41,7 @@ class ColourWatcher(Process):
         self.detection_count = 0
         self.last: Detections | None = None
         self.create_subscription("detection", Detections, self.on_detection)
-        self.create_timer(PERIOD, self.report)
+        self.create_timer(PERIOD_S, self.report)
 
     def on_detection(self, message: Detections) -> None:
         """Store the detections for the next report."""

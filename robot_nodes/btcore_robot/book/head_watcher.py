@@ -12,7 +12,7 @@ from btcore_robot.perception.colour import debug_image
 from btcore_robot.process.process import Process, ProcessContext
 from btcore_scene import MovingScene, StaticScene
 
-PERIOD = 1.0
+PERIOD_S = 1.0
 """The period (s) of the reports."""
 
 
@@ -35,7 +35,7 @@ class HeadWatcher(Process):
             raise RobotError("this robot has no head with a camera to track with, or the camera is off")
         if turn:
             self.create_timer(0.1, self.drive)
-        self.create_timer(PERIOD, self.report)
+        self.create_timer(PERIOD_S, self.report)
 
     def drive(self) -> None:
         """Command the base to turn."""

@@ -16,7 +16,7 @@ from btcore_robot.time_limits import BOOK_SCAN, is_stale
 
 __all__ = ["BumpGo", "BumpGoState", "ClosedLoop", "Diagonals", "OpenLoop"]
 
-PERIOD = 0.05
+PERIOD_S = 0.05
 """The period (s) of the control cycle: 20 Hz."""
 SPEED_LINEAR = 0.3
 """The speed (m/s) forward and backward."""
@@ -36,7 +36,7 @@ At 1 m this is 0.5 m to each side: the robot's radius and 0.2 m of margin.
 """
 HALF_WIDTH = 0.4
 """Half the width (m) of the lane that `OpenLoop` and `ClosedLoop` keep free: Tiago's radius and 0.13 m."""
-LONGEST_TURN = 2 * math.pi / SPEED_ANGULAR
+MAX_TURN_S = 2 * math.pi / SPEED_ANGULAR
 """The maximum duration (s) of a turn in `ClosedLoop`: after a full turn the laser has seen all directions."""
 
 
@@ -70,7 +70,7 @@ class BumpGo(Process):
         super().__init__("bump_go", context, options)
         self.velocities = self.create_publisher("output_vel", Twist2D)
         self.create_subscription("input_scan", LaserScan, self.on_scan)
-        self.create_timer(PERIOD, self.control_cycle)
+        self.create_timer(PERIOD_S, self.control_cycle)
         self.state = BumpGoState.FORWARD
         self.since = self.now()
         """The time (ns) at which the current state began."""
@@ -296,5 +296,5 @@ class ClosedLoop(OpenLoop):
 
     def turn(self, scan: LaserScan, elapsed: int) -> tuple[Twist2D, BumpGoState | None]:
         """Return the velocity of the turn; the next state is FORWARD when there is free space ahead."""
-        done = is_free_ahead(scan, 2 * OBSTACLE_DISTANCE) or elapsed > LONGEST_TURN * NS_PER_S
+        done = is_free_ahead(scan, 2 * OBSTACLE_DISTANCE) or elapsed > MAX_TURN_S * NS_PER_S
         return Twist2D(0.0, math.copysign(SPEED_ANGULAR, self.angle)), BumpGoState.FORWARD if done else None

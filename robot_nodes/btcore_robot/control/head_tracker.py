@@ -23,7 +23,7 @@ __all__ = [
     "command_from_detection",
 ]
 
-COMMAND_TIMEOUT = 100_000_000
+COMMAND_TIMEOUT_NS = 100_000_000
 """The maximum age (ns) of a command. After an older command the head returns to its centre position."""
 
 
@@ -175,7 +175,7 @@ class HeadTracker(LifecycleComponent):
         if head is None:
             return
         command = self._command
-        if command is None or now - command.stamp > COMMAND_TIMEOUT:
+        if command is None or now - command.stamp > COMMAND_TIMEOUT_NS:
             self.robot.move_head(0.0, 0.0)
             return
         # Joint angles are positive to the left and upwards; image coordinates to the right and downwards.

@@ -31,7 +31,7 @@ Vector = NDArray[np.float32]
 """A vector in the plane, float32 of shape `(2,)`."""
 
 
-PERIOD = 0.05
+PERIOD_S = 0.05
 """The period (s) of the control cycle: 20 Hz."""
 OBSTACLE_DISTANCE = np.float32(1.0)
 """The distance (m) below which an obstacle repels the robot."""
@@ -126,7 +126,7 @@ class Avoidance(Process):
         self.velocities = self.create_publisher("output_vel", Twist2D)
         self.arrows = self.create_publisher("vff_debug", Arrows)
         self.create_subscription("input_scan", LaserScan, self.on_scan)
-        self.create_timer(PERIOD, self.control_cycle)
+        self.create_timer(PERIOD_S, self.control_cycle)
         self.scan: LaserScan | None = None
         self.forces: Forces | None = None
         """The forces of the last velocity command; None after a cycle without a recent scan."""

@@ -22,14 +22,14 @@ OBSTACLE_FRAME = "detected_obstacle"
 BASE_FRAME = "base_footprint"
 ODOM_FRAME = "odom"
 
-PERIOD = 0.5
+PERIOD_S = 0.5
 """The period (s) of the reports of the obstacle's position."""
 LIFETIME = 1.0
 """The time (s) for which an arrow is shown."""
 NEAR, FAR = 0.5, 3.0
 """The distances (m) at which an arrow coloured by distance is entirely red and entirely green."""
 
-REPORT_PERIOD = 1.0  # s
+REPORT_PERIOD_S = 1.0  # s
 FRAMES = (ODOM_FRAME, BASE_FRAME, "head_2_link")
 """The frames in which the obstacle's position is reported."""
 
@@ -89,7 +89,7 @@ class ObstacleMonitor(Process):
         super().__init__("obstacle_monitor", context, options)
         self.by_distance = self.parameters.declare("colour_by_distance", False)
         self.markers = self.create_publisher("obstacle_marker", Arrows)
-        self.create_timer(PERIOD, self.report)
+        self.create_timer(PERIOD_S, self.report)
         self.position: tuple[float, float, float] | None = None
         """The last position (m) of the obstacle in `base_footprint`."""
 
@@ -124,7 +124,7 @@ class Displacement(Process):
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("displacement", context, options)
         self.previous: Transform | None = None
-        self.create_timer(REPORT_PERIOD, self.report)
+        self.create_timer(REPORT_PERIOD_S, self.report)
 
     def report(self) -> None:
         """Compare the current pose with the pose at the last report."""
@@ -145,7 +145,7 @@ class ObstacleInFrames(Process):
 
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("obstacle_in_frames", context, options)
-        self.create_timer(PERIOD, self.report)
+        self.create_timer(PERIOD_S, self.report)
 
     def report(self) -> None:
         """Log the position in each frame that is connected to the obstacle's frame."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 
-PERIOD = 0.5
+PERIOD_S = 0.5
 """The period (s) of the logger and the publisher."""
 
 
@@ -28,7 +28,7 @@ class Logger(Process):
     def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
         super().__init__("logger_node", context, options)
         self.counter = 0
-        self.create_timer(PERIOD, self.log)
+        self.create_timer(PERIOD_S, self.log)
 
     def log(self) -> None:
         """Log the message and increment the counter."""
@@ -43,7 +43,7 @@ class NumberPublisher(Process):
         super().__init__("publisher_node", context, options)
         self.message = Int32(0)
         self.numbers = self.create_publisher("int_topic", Int32)
-        self.create_timer(PERIOD, self.publish)
+        self.create_timer(PERIOD_S, self.publish)
 
     def publish(self) -> None:
         """Increment the number and publish it: the first number is 1."""

@@ -27,7 +27,7 @@ JOINT_COMMAND = "/head_controller/joint_trajectory"
 VELOCITIES = {"/cmd_vel": 10, "/nav_vel": 10, "/key_vel": 90, "/joy_vel": 100}
 """The velocity topics and the priority of each (twist_mux configuration of Tiago)."""
 
-PERIOD = 0.02
+PERIOD_S = 0.02
 """The period (s) of the check for new data, which is the period of the odometry."""
 
 
@@ -50,7 +50,7 @@ class RobotBridge(Process):
         for topic, priority in VELOCITIES.items():
             self.create_subscription(topic, Twist2D, self._driver(priority))
         self.create_subscription(JOINT_COMMAND, HeadCommand, self._move_head)
-        self.create_timer(PERIOD, self.publish)
+        self.create_timer(PERIOD_S, self.publish)
 
     def publish(self) -> None:
         """Publish the scan, odometry, head position and image that are newer than the last published data."""

@@ -16,7 +16,7 @@ CHECK_NS: Final = NS_PER_S
 FOLLOW_UP_S: Final = 30
 """How long (s, session's clock) a goal is watched after it was cancelled or its server has disappeared."""
 
-FEEDBACK_LIMIT: Final = 1000
+MAX_FEEDBACK: Final = 1000
 """How many messages of feedback are kept for the leaf; older messages are dropped."""
 
 UNKNOWN_GOAL: Final = 2  # of action_msgs/srv/CancelGoal
@@ -79,7 +79,7 @@ class ClientGoal:
 
         self.accepted: bool | None = None
         self.status = GoalStatus.UNKNOWN
-        self.feedback: deque[Any] = deque(maxlen=FEEDBACK_LIMIT)
+        self.feedback: deque[Any] = deque(maxlen=MAX_FEEDBACK)
         self.result: Any = None
         self.lost = False
         self.cancel_requested = False

@@ -31,7 +31,7 @@ CLOCK_SEARCH = 0.5
 """The time (s) in which a publisher of `/clock` is searched at the start."""
 STABLE_TIME = 1.0
 """The time (s) without a failure after which a robot that had failed is available again."""
-SHAPES_WAIT = 1.0
+SHAPES_WAIT_S = 1.0
 """The longest time (s) for which the monitor waits for the robot's description."""
 
 
@@ -180,7 +180,7 @@ class RosRobot(TopicRobot):
             model = TopicSource(topic=topic, reliability="reliable")
             self._subscribe(String, model, self._receive_shapes, depth=1, latched=True)
             if self._node.count_publishers(self._node.resolve_topic_name(topic)):
-                self._session.wait_for(lambda: self._shapes is not None, SHAPES_WAIT)
+                self._session.wait_for(lambda: self._shapes is not None, SHAPES_WAIT_S)
         return super().static_scene()
 
     def raise_failure(self) -> None:

@@ -46,7 +46,7 @@ _log = logging.getLogger(__name__)
 MAX_STEP = NS_PER_S // 10
 """The longest step (ns) that a client requests: subscriptions keep few messages."""
 
-PATIENCE = 60.0
+RESPONSE_LIMIT_S = 60.0
 """The longest time (s, real time) that a client waits for a response."""
 
 RETRY = 2.0
@@ -276,7 +276,7 @@ class LockstepClock(SimulatedSchedule):
 
     def _call(self, client: Any, request: Any, wake: threading.Event | None = None) -> Any:
         """Return the response to *request*, or None if *wake* was set meanwhile."""
-        limit = time.monotonic() + PATIENCE
+        limit = time.monotonic() + RESPONSE_LIMIT_S
         while True:
             future = client.call_async(request)
             done = partial(_is_done, future, wake)
@@ -286,7 +286,9 @@ class LockstepClock(SimulatedSchedule):
             if not client.service_is_ready():
                 raise RosError(f"{client.srv_name}: the simulation has ended, or the network is down")
             if time.monotonic() > limit:
-                raise RosError(f"{client.srv_name}: no response for {PATIENCE:g} s: the simulation hangs")
+                raise RosError(
+                    f"{client.srv_name}: no response for {RESPONSE_LIMIT_S:g} s: the simulation hangs"
+                )
 
     def _take_state(self, text: str) -> int:
         """Keep the numbers of messages in a response, and return the time (ns) of the world."""

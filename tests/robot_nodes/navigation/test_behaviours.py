@@ -221,7 +221,7 @@ def test_a_behaviour_waits_without_odometry_and_ignores_a_jump_after_it(floor, a
 
 
 def test_a_behaviour_fails_after_a_long_outage_of_the_laser(floor, monkeypatch):
-    monkeypatch.setattr(sensor_watch, "PATIENCE", 3.0)
+    monkeypatch.setattr(sensor_watch, "MAX_OUTAGE_S", 3.0)
     course = floor()
     handle = course.back_up.send_goal(BackUpGoal(1.0, 0.1, 5.0))
     course.robot.blind = True

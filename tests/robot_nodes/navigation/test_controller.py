@@ -145,7 +145,7 @@ def test_a_box_dropped_in_front_of_the_driving_robot_is_passed(floor, path, foll
 
 
 def test_the_robot_stands_while_the_pose_of_the_laser_is_unknown(floor, path, follow, monkeypatch):
-    monkeypatch.setattr(sensor_watch, "PATIENCE", 5.0)
+    monkeypatch.setattr(sensor_watch, "MAX_OUTAGE_S", 5.0)
     course = floor()
     handle = course.follow_path.send_goal(follow(path((0, 0), (3, 0))))
     course.run(2.0)

@@ -179,7 +179,7 @@ def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(flat):
 
 def test_a_search_on_a_wrong_map_ends_and_a_new_goal_starts_another_search(flat, monkeypatch):
     """The laser's outage of 20 s is not part of the search: without scans nothing is known about the pose."""
-    monkeypatch.setattr(stack, "SEARCH_PATIENCE", 30.0)
+    monkeypatch.setattr(stack, "SEARCH_LIMIT_S", 30.0)
     cells = np.zeros((80, 80), dtype=np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
     home = flat(Fault("laser", 8 * NS_PER_S, 28 * NS_PER_S), map=OccupancyMap(cells, 0.05, (-2.0, -2.0)))
@@ -427,7 +427,7 @@ def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(flat, c
     ],
 )
 def test_a_goal_fails_after_a_long_outage_with_its_cause(flat, monkeypatch, sensor, code, reading, tree):
-    monkeypatch.setattr(sensor_watch, "PATIENCE", 2.0)
+    monkeypatch.setattr(sensor_watch, "MAX_OUTAGE_S", 2.0)
     home = flat(Fault(sensor, 3 * NS_PER_S, 99 * NS_PER_S))
     goal = NavigateGoal((Pose2D(4.3, 0.0, 0.0),), tree)
     handle = home.navigation.navigate_to_pose.send_goal(goal)

@@ -9,7 +9,7 @@ import pytest
 
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
-from btcore_navigation.navigator import PATIENCE, GoalProgress, NavigateGoal
+from btcore_navigation.navigator import MAX_STALL_S, GoalProgress, NavigateGoal
 from btcore_navigation.stack import Navigation
 from btcore_robot.robot import NS_PER_S, Pose2D, Waypoints
 from btcore_sim.map_rasteriser import rasterise
@@ -174,11 +174,11 @@ def stalled(progress: GoalProgress, seconds: float) -> bool:
 def test_patience_is_the_time_without_progress_and_the_time_for_the_path(progress):
     progress.update(4.0, 0)
     progress.update(1.6, 50 * NS_PER_S)  # less than 2.5 m
-    limit = PATIENCE + 4.0 / SPEED
+    limit = MAX_STALL_S + 4.0 / SPEED
     assert not stalled(progress, limit)
     assert progress.stalled(round((limit + 1.0) * NS_PER_S)) == pytest.approx(limit + 1.0)
     progress.update(1.5, 70 * NS_PER_S)
-    assert not stalled(progress, 70.0 + PATIENCE + 1.5 / SPEED)
+    assert not stalled(progress, 70.0 + MAX_STALL_S + 1.5 / SPEED)
 
 
 def test_a_detour_takes_its_time_but_the_way_back_adds_none(progress):
@@ -186,15 +186,15 @@ def test_a_detour_takes_its_time_but_the_way_back_adds_none(progress):
     progress.update(20.0, 10 * NS_PER_S)
     progress.update(5.0, 90 * NS_PER_S)
     progress.update(19.0, 100 * NS_PER_S)
-    assert not stalled(progress, PATIENCE + 20.0 / SPEED)
-    assert stalled(progress, PATIENCE + 20.0 / SPEED + 0.1)
+    assert not stalled(progress, MAX_STALL_S + 20.0 / SPEED)
+    assert stalled(progress, MAX_STALL_S + 20.0 / SPEED + 0.1)
 
 
 def test_time_in_which_the_robot_has_to_stand_does_not_count(progress):
     progress.update(4.0, 0)
     progress.pause(100 * NS_PER_S)
-    assert not stalled(progress, 100.0 + PATIENCE + 4.0 / SPEED)
-    assert stalled(progress, 100.1 + PATIENCE + 4.0 / SPEED)
+    assert not stalled(progress, 100.0 + MAX_STALL_S + 4.0 / SPEED)
+    assert stalled(progress, 100.1 + MAX_STALL_S + 4.0 / SPEED)
 
 
 def test_a_robot_at_its_goal_may_stay_there(progress):

@@ -137,7 +137,7 @@ def test_a_user_may_select_every_child() -> None:
 
 
 def test_a_tick_without_end_is_an_exception(monkeypatch) -> None:
-    monkeypatch.setattr("btcore_proof.prover.TICK_LIMIT", 0.05)
+    monkeypatch.setattr("btcore_proof.prover.TICK_LIMIT_S", 0.05)
     body = '<RetryUntilSuccessful num_attempts="-1"><AlwaysFailure/></RetryUntilSuccessful>'
     answer = answers(body, format=3)[EXCEPTIONS]
     assert answer.answer == REFUTED

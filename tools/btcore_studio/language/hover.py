@@ -26,8 +26,8 @@ from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.project_symbols import ProjectSymbols, symbols_of
 from btcore_studio.language.symbols import KeyUse, is_call, node_id
 
-_MOST_PLACES: Final = 12
-_MOST_PORTS: Final = 60
+_MAX_PLACES: Final = 12
+_MAX_PORTS: Final = 60
 
 
 def hover(
@@ -104,12 +104,12 @@ def _tree(project: Project, document: SourceDocument, id: str) -> str:
     """Return the description of a tree: where it is, and the keys that its callers can connect."""
     symbols = symbols_of(project)
     lines = []
-    for tree in symbols.trees_called(id, document.uri)[:_MOST_PLACES]:
+    for tree in symbols.trees_called(id, document.uri)[:_MAX_PLACES]:
         place = _link(symbols, tree.file, tree.element.start)
         nodes = f"{len(tree.nodes):,} node{'s' * (len(tree.nodes) != 1)}"
         lines += [f"**{code(id)}** — tree with {nodes}, {place}", ""]
         for model in symbols.models(id, document.uri, of_subtree=True):
-            for name, port in islice(model.ports.items(), _MOST_PORTS):
+            for name, port in islice(model.ports.items(), _MAX_PORTS):
                 lines.append(
                     f"- {code(name)}" + (f", default {code(port.text)}" if port.text else ", required")
                 )
@@ -124,7 +124,7 @@ def _entry(project: Project, key: str, keys: Iterable[TreeKey]) -> str:
     others = [outer for outer in facts.keys if outer not in keys]
     if others:
         names = ", ".join(
-            f"{code(outer.key)} of the tree {code(outer.tree.id)}" for outer in others[:_MOST_PLACES]
+            f"{code(outer.key)} of the tree {code(outer.tree.id)}" for outer in others[:_MAX_PLACES]
         )
         lines += ["", f"The entry {names}."]
     symbols = symbols_of(project)
@@ -134,13 +134,13 @@ def _entry(project: Project, key: str, keys: Iterable[TreeKey]) -> str:
 
 
 def _places(symbols: ProjectSymbols, uses: list[KeyUse]) -> Iterator[str]:
-    for use in uses[:_MOST_PLACES]:
+    for use in uses[:_MAX_PLACES]:
         name = use.element.get("name") or (use.element.get("ID") if is_call(use.element) else None)
         node = node_id(use.element)
         shown = f"{code(name)} {code(f'<{node}>')}" if name else code(f"<{node}>")
         yield f"- {shown} {code(use.port)}, {_link(symbols, use.file, use.start)}"
-    if len(uses) > _MOST_PLACES:
-        yield f"- and {len(uses) - _MOST_PLACES} more"
+    if len(uses) > _MAX_PLACES:
+        yield f"- and {len(uses) - _MAX_PLACES} more"
 
 
 def _link(symbols: ProjectSymbols, uri: str, offset: int) -> str:

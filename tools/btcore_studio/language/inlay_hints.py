@@ -9,7 +9,7 @@ from btcore_studio.language.node_attributes import file_symbols
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.symbols import KeyForm, KeyUse, TreeSymbol
 
-_LONGEST_NAME = 60
+_MAX_NAME = 60
 
 
 def inlay_hints(project: Project, document: SourceDocument, range: types.Range) -> list[types.InlayHint]:
@@ -70,4 +70,4 @@ def _after(use: KeyUse) -> int:
 
 
 def _shortened(text: str) -> str:
-    return text if len(text) <= _LONGEST_NAME else text[: _LONGEST_NAME - 1] + "…"
+    return text if len(text) <= _MAX_NAME else text[: _MAX_NAME - 1] + "…"

@@ -4,7 +4,7 @@ import pytest
 
 from btcore import NodeExecutionError, Status
 from btcore_navigation.error_codes import Nav2ErrorCode
-from btcore_navigation.navigator import PATIENCE, SLOWEST, NavigateGoal, Navigator
+from btcore_navigation.navigator import MAX_STALL_S, MIN_PROGRESS_SPEED, NavigateGoal, Navigator
 from btcore_navigation.path import NavPath
 from btcore_robot.robot import Phase, Pose2D
 
@@ -278,7 +278,7 @@ def test_the_navigator_expects_no_progress_towards_a_goal_that_may_move(
     navigator = Navigator(bench.servers, file, clock=bench.robot.clock, resources=[bench.robot])
     bench.robot.schedule.add_task(2.0, Phase.PLANNER, navigator.step)
     handle = navigator.send_goal(NavigateGoal((THERE,)))
-    bench.wait(PATIENCE + 2.0 * THERE.x / SLOWEST)
+    bench.wait(MAX_STALL_S + 2.0 * THERE.x / MIN_PROGRESS_SPEED)
     assert handle.done == ends
     if ends:
         assert handle.result.code == Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS
