@@ -1,4 +1,4 @@
-"""``--model``: trees whose leaves exist only in C++ are checked, drawn, and run with planned leaves."""
+"""``--model``: trees whose leaves exist only in C++ are checked, drawn, and run with mock leaves."""
 
 import json
 from collections.abc import Callable
@@ -62,7 +62,7 @@ def test_show_draws_nodes_of_models(cli: Cli, tree_file: TreeFile, model: Path) 
     assert "▪ short  Haul  4  goal=a" in shown
 
 
-def test_run_uses_plans_by_name_and_by_id(
+def test_run_uses_outcomes_by_name_and_by_id(
     cli: Cli, tree_file: TreeFile, model: Path, last_json: LastJson
 ) -> None:
     plans = ["--plan", "short=RF", "--plan", "Haul=RRS", "--plan", "IsOk=S"]
@@ -80,12 +80,12 @@ def test_run_uses_plans_by_name_and_by_id(
     [
         (["Hual=S"], "Did you mean 'Haul'?"),
         (["Sequence=S"], "Leaves from a --model: "),
-        (["Haul=X"], "the letters are R (RUNNING)"),
-        (["Haul="], "write NAME=LETTERS"),
-        (["Haul=S|"], "write NAME=LETTERS"),
-        (["RRS"], "write NAME=LETTERS"),
-        (["Haul=S", "Haul=F"], "'Haul' has more than one plan"),
-        (["IsOk=S|F"], "'IsOk' is a condition"),
+        (["Haul=Z"], "the letters are R (RUNNING)"),
+        (["Haul="], "invalid outcomes ''"),
+        (["Haul=S|"], "invalid outcomes 'S|'"),
+        (["RRS"], "write NAME=OUTCOMES"),
+        (["Haul=S", "Haul=F"], "'Haul' has outcomes more than once"),
+        (["Haul=S(gaol=1)"], "--plan Haul=…: outputs: 'Haul' has no output port 'gaol'"),
     ],
 )
 def test_invalid_plan_is_refused(

@@ -8,8 +8,8 @@ import pytest
 import btcore
 from btcore import Observer, Registry, SimClock, StatefulAction, Status, Transition, Tree
 from btcore.blackboard.ports import Direction, Port
-from btcore.testing.plan_leaves import LETTERS
 from btcore.values import DOUBLE, INT
+from btcore.xml.models.mock_leaves import LETTERS
 
 
 class Plans:
