@@ -11,7 +11,7 @@ import pytest
 import btcore
 from btcore import In, NodeExecutionError, Put, Registry, SimClock, Status, Tree, action, condition
 from btcore.testing import Harness, MockAction, MockCondition, MockLeafError, Outcomes, with_mock_leaves
-from btcore.testing.mock_leaves import GivenOutputs, Outcome, parse_outcomes
+from btcore.xml.models.mock_leaves import GivenOutputs, Outcome, parse_outcomes
 
 Patrol = Callable[..., Harness]
 
