@@ -1,23 +1,22 @@
 """What `btcore run` changes in a tree before its first tick: `--plan`, `--substitute` and `--set`."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 import click
 
-from btcore.blackboard.ports import remapped_key
+from btcore.blackboard.ports import Port, remapped_key
 from btcore.cli import terminal
 from btcore.errors import BlackboardError, ConversionError
 from btcore.json_text import too_deep_at
-from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean, join_names, nearest_name
 from btcore.tree.tree import Tree
 from btcore.values import ValueType
 from btcore.values.numbers import read_json
-from btcore.xml.models.mock_leaves import MockAction, Outcomes, check_outputs, parse_outcomes
+from btcore.xml.models.mock_leaves import MockAction, Outcomes, parse_outcomes
 from btcore.xml.plan.plan import Plans, reachable_trees
 
 _NAMED_OUTCOMES: Final = re.compile(r"(.+?)=([^=]*|[RSFKX|]*\(.*)", re.DOTALL)
@@ -71,20 +70,10 @@ class TreeChanges:
         Raises:
             click.UsageError: There is no such leaf, or it does not have an output port of its outcomes.
         """
-        leaves = _find_mock_leaves(plans) if self._outcomes.leaves else {}
-        for name, outputs in self._outcomes.outputs().items():
-            if name not in leaves:
-                nearest = nearest_name(name, leaves)
-                hint = f"Leaves from a --model: {join_names(leaves) or 'none'}."
-                if nearest is not None:
-                    hint = f"Did you mean '{nearest}'?"
-                raise click.UsageError(
-                    f"--plan {name}=…: the tree has no leaf '{name}' from a --model. {hint}"
-                )
-            try:
-                check_outputs(name, outputs, leaves[name].ports)
-            except ValueError as error:
-                raise click.UsageError(f"--plan {name}=…: {error}.") from error
+        try:
+            self._outcomes.check(_ports_of_mock_leaves(plans) if self._outcomes.leaves else {})
+        except ValueError as error:
+            raise click.UsageError(f"--plan: {error}. Mock leaves are leaves from a --model.") from error
 
     def prepare(self, tree: Tree, plans: Plans) -> None:
         """Write the entries to the blackboard of *tree*, and warn if substitution rules match no node.
@@ -132,16 +121,15 @@ def _parse_outcomes(texts: Sequence[str]) -> Outcomes:
     return Outcomes(leaves=leaves)
 
 
-def _find_mock_leaves(plans: Plans) -> dict[str, Manifest]:
-    """Return the manifests of the leaves that have no code, by name and by ID."""
-    leaves: dict[str, Manifest] = {}
+def _ports_of_mock_leaves(plans: Plans) -> dict[str, Mapping[str, Port]]:
+    """Return the ports of the leaves that have no code, by name and by ID."""
+    leaves: dict[str, Mapping[str, Port]] = {}
     assert plans.main_tree is not None
     for tree in reachable_trees(plans.trees, plans.main_tree):
         for node in tree.nodes():
-            manifest = node.manifest
-            if manifest is not None and issubclass(manifest.cls, MockAction):
-                leaves.setdefault(node.name or node.id, manifest)
-                leaves.setdefault(node.id, manifest)
+            if node.manifest is not None and issubclass(node.manifest.cls, MockAction):
+                for name in (node.name or node.id, node.id):
+                    leaves.setdefault(name, node.manifest.ports)
     return leaves
 
 

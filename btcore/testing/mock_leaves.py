@@ -151,7 +151,7 @@ def with_mock_leaves(nodes: Registry, outputs: GivenOutputs | None = None) -> Re
     for ID, values in (outputs or {}).items():
         manifest = nodes.get(ID) or nodes.get(ID, 3)
         if manifest is not None:
-            check_outputs(ID, values, manifest.ports)
+            check_outputs({ID: values}, {ID: manifest.ports})
     for format in (3, 4):
         for ID, manifest in copy.manifests_of(format).items():
             mock = mocks.get(manifest.type)

@@ -22,7 +22,7 @@ from btcore.blackboard.ports import Direction, Port
 from btcore.clock import SimClock
 from btcore.diagnostic_codes import CONTROL_CHARACTER_IN_NAME, NOT_XML
 from btcore.engine.leaf import SyncAction
-from btcore.engine.node import MUST_COMPLETE
+from btcore.engine.node import MUST_COMPLETE, TreeNode
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.observers import Observer
 from btcore.engine.signature import In
@@ -178,10 +178,7 @@ class RecordedAct(Act):
     """A mock action that records its calls."""
 
     spec = NodeSpec(state_fields=())
-
-    def __init__(self, journal: CallLog) -> None:
-        super().__init__()
-        self.journal = journal
+    journal: CallLog
 
     def on_start(self) -> Status:
         """Record the call, unless the outcomes cannot be read."""
@@ -203,10 +200,7 @@ class RecordedAsk(Ask):
     """A mock condition that records its calls."""
 
     spec = NodeSpec(state_fields=())
-
-    def __init__(self, journal: CallLog) -> None:
-        super().__init__()
-        self.journal = journal
+    journal: CallLog
 
     def tick(self) -> Status:
         """Record the call."""
@@ -214,24 +208,23 @@ class RecordedAsk(Ask):
         return super().tick()
 
 
+def recorded_outcomes(leaf: TreeNode) -> str:
+    """Return the outcomes in the port `plan`. In the recordings, all letters but R, S, F and K raise."""
+    return re.sub("[^RSFK|]", "X", str(leaf.get_input("plan")))
+
+
 class PlanAction(RecordedAct):
     """The action of the recorded cases, whose outcomes are in the port `plan`."""
 
     plan: In[str]
-
-    def own_outcomes(self) -> str:
-        """Return the value of the port. In the recordings, all letters but R, S, F and K raise."""
-        return re.sub("[^RSFK|]", "X", self.plan)
+    own_outcomes = recorded_outcomes
 
 
 class PlanCondition(RecordedAsk):
     """The condition of the recorded cases."""
 
     plan: In[str]
-
-    def own_outcomes(self) -> str:
-        """Return the value of the port. In the recordings, all letters but R, S, F and K raise."""
-        return re.sub("[^RSFK|]", "X", self.plan)
+    own_outcomes = recorded_outcomes
 
 
 class PlanSync(PlanCondition):

@@ -14,7 +14,7 @@ from btcore.blackboard.ports import Output, Port
 from btcore.engine.leaf import StatefulAction
 from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
-from btcore.suggestions import did_you_mean
+from btcore.suggestions import did_you_mean, join_names
 
 if TYPE_CHECKING:
     from btcore.tree.tree import Tree
@@ -99,26 +99,29 @@ def _quoted(value: str) -> str:
     return value if re.fullmatch(r"[^',()\s]+", value) else "'" + value.replace("'", "''") + "'"
 
 
-def check_outputs(name: str, outputs: Iterable[str], ports: Mapping[str, Port]) -> None:
-    """Check that a mock leaf can write output ports.
-
-    Args:
-        name: The name or the ID of the leaf.
-        outputs: The names of the output ports.
-        ports: The ports of the leaf.
-
-    Raises:
-        ValueError: The leaf has no such output port.
-    """
-    known = [port.name for port in ports.values() if port.writes]
-    for output in outputs:
-        if output not in known:
-            hint = did_you_mean(output, known)
-            raise ValueError(f"outputs: '{name}' has no output port '{output}'{hint}")
-
-
 GivenOutputs = Mapping[str, Mapping[str, object]]
 """The values that mock leaves write: by the name or the ID of the leaf, then by the name of the port."""
+
+
+def check_outputs(outputs: Mapping[str, Iterable[str]], ports: Mapping[str, Mapping[str, Port]]) -> None:
+    """Check that mock leaves can write output ports.
+
+    Args:
+        outputs: The names of the output ports, by the name or the ID of the leaf.
+        ports: The ports of the mock leaves, by name and by ID.
+
+    Raises:
+        ValueError: There is no such leaf, or it does not have such an output port.
+    """
+    for name, names in outputs.items():
+        if name not in ports:
+            hint = did_you_mean(name, ports) or f"; it has {join_names(ports) or 'none'}"
+            raise ValueError(f"the tree has no mock leaf '{name}'{hint}")
+        known = [port.name for port in ports[name].values() if port.writes]
+        for output in names:
+            if output not in known:
+                hint = did_you_mean(output, known)
+                raise ValueError(f"outputs: '{name}' has no output port '{output}'{hint}")
 
 
 class Outcomes:
@@ -205,21 +208,27 @@ class Outcomes:
                 f"the tree '{tree.id}' has no mock leaves ('{ordinary[0]}' is an ordinary leaf); "
                 "load it with nodes=with_mock_leaves(nodes)"
             )
-        given = leaves[0].given_outputs if leaves else {}
-        for name, outputs in (*self.outputs().items(), *given.items()):
-            if name not in ports:
-                raise ValueError(f"the tree has no mock leaf '{name}'{did_you_mean(name, ports)}")
-            check_outputs(name, outputs, ports[name])
+        self.check(ports)
+        check_outputs(leaves[0].given_outputs if leaves else {}, ports)
         for leaf in leaves:
             leaf.tree_outcomes = self
         self._restart()
 
-    def outputs(self) -> dict[str, list[str]]:
-        """Return the output ports that the outcomes of single leaves write, by the leaf's name or ID."""
-        return {
-            name: [port for start in parse_outcomes(text) for outcome in start for port, _ in outcome.outputs]
-            for name, text in self.leaves.items()
+    def check(self, ports: Mapping[str, Mapping[str, Port]]) -> None:
+        """Check that the leaves with outcomes of their own exist.
+
+        Args:
+            ports: The ports of the mock leaves of a tree, by the name and by the ID of the leaf.
+
+        Raises:
+            ValueError: There is no such leaf, or it does not have an output port of its outcomes.
+        """
+        starts = {name: parse_outcomes(text) for name, text in self.leaves.items()}
+        outputs = {
+            name: [port for start in given for outcome in start for port, _ in outcome.outputs]
+            for name, given in starts.items()
         }
+        check_outputs(outputs, ports)
 
     def drive(self, tree: "Tree", ticks: int = 10, period: float = 0.01) -> list[Status]:
         """Attach these outcomes to a tree, tick it, and return the results of the root.
