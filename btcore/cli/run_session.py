@@ -30,13 +30,14 @@ if TYPE_CHECKING:
 class RunOptions(TreeOptions):
     """The options of `btcore run` about the tree and its end."""
 
-    stub_results: Annotated[
+    outcomes: Annotated[
         tuple[str, ...],
         option(
-            "Results of a leaf from --model, given by its name or ID: one letter for each tick, R (RUNNING), "
-            "S (SUCCESS), F (FAILURE) or K (SKIPPED), and | between two starts, for example Move=RRS|F. "
-            "Leaves without a plan return SUCCESS. Repeatable.",
-            metavar="NAME=LETTERS",
+            "Outcomes of a leaf from --model, given by its name or ID: a letter for each tick, R (RUNNING), "
+            "S (SUCCESS), F (FAILURE), K (SKIPPED) or X (an exception), and | between two starts, for "
+            "example Move=RRS|F. S(port=value) writes an output port. Other leaves return SUCCESS. "
+            "Repeatable.",
+            metavar="NAME=OUTCOMES",
             name="plan",
         ),
     ] = ()
@@ -266,11 +267,11 @@ def create_session(
 
 def _create_changes(options: RunOptions) -> "TreeChanges | None":
     """Return what the options change in the tree, or None; most runs do not need the module."""
-    if not (options.stub_results or options.substitute or options.set):
+    if not (options.outcomes or options.substitute or options.set):
         return None
     from btcore.cli.tree_changes import TreeChanges
 
-    return TreeChanges(options.stub_results, options.substitute, options.set)
+    return TreeChanges(options.outcomes, options.substitute, options.set)
 
 
 def _print_error(tree: Tree, error: NodeExecutionError) -> None:

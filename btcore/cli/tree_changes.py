@@ -1,33 +1,33 @@
 """What `btcore run` changes in a tree before its first tick: `--plan`, `--substitute` and `--set`."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 import click
 
-from btcore.blackboard.ports import remapped_key
+from btcore.blackboard.ports import Port, remapped_key
 from btcore.cli import terminal
 from btcore.errors import BlackboardError, ConversionError
 from btcore.json_text import too_deep_at
 from btcore.registry.registry import Registry
-from btcore.status import NodeType
-from btcore.suggestions import did_you_mean, join_names, nearest_name
+from btcore.suggestions import did_you_mean, join_names
 from btcore.tree.tree import Tree
 from btcore.values import ValueType
 from btcore.values.numbers import read_json
-from btcore.xml.models.stubs import StubAction, StubCondition, StubResults
+from btcore.xml.models.mock_leaves import MockAction, Outcomes, parse_outcomes
 from btcore.xml.plan.plan import Plans, reachable_trees
 
-_LETTERS: Final = re.compile(r"[RSFK]+(\|[RSFK]+)*")
+_NAMED_OUTCOMES: Final = re.compile(r"(.+?)=([^=]*|[RSFKX|]*\(.*)", re.DOTALL)
+"""Names may contain `=`, and so may the outputs of outcomes."""
 
 
 class TreeChanges:
-    """The results of leaves without code, the substitution rules, and the entries of the blackboard.
+    """The outcomes of leaves without code, the substitution rules, and the entries of the blackboard.
 
     Args:
-        stub_results: The values of `--plan`.
+        outcomes: The values of `--plan`.
         substitute: The values of `--substitute`.
         set: The values of `--set`.
 
@@ -38,11 +38,11 @@ class TreeChanges:
         click.UsageError: A value is invalid.
     """
 
-    def __init__(self, stub_results: Sequence[str], substitute: Sequence[Path], set: Sequence[str]) -> None:
-        self._letters = _parse_letters(stub_results)
+    def __init__(self, outcomes: Sequence[str], substitute: Sequence[Path], set: Sequence[str]) -> None:
+        self._outcomes = _parse_outcomes(outcomes)
         self._rule_files = substitute
         self._entries = _parse_entries(set)
-        self.provided = [StubResults(self._letters)] if self._letters else []
+        self.provided = [self._outcomes] if outcomes else []
 
     def add_rules(self, nodes: Registry) -> None:
         """Add the substitution rules to a registry.
@@ -68,23 +68,12 @@ class TreeChanges:
         """Check that each `--plan` applies to a leaf of the tree that has no code.
 
         Raises:
-            click.UsageError: There is no such leaf, or the letters of a condition contain `|`.
+            click.UsageError: There is no such leaf, or it does not have an output port of its outcomes.
         """
-        kinds = _find_stub_leaves(plans) if self._letters else {}
-        for name, letters in self._letters.items():
-            if name not in kinds:
-                nearest = nearest_name(name, kinds)
-                hint = f"Leaves from a --model: {join_names(kinds) or 'none'}."
-                if nearest is not None:
-                    hint = f"Did you mean '{nearest}'?"
-                raise click.UsageError(
-                    f"--plan {name}=…: the tree has no leaf '{name}' from a --model. {hint}"
-                )
-            if "|" in letters and kinds[name] is NodeType.CONDITION:
-                raise click.UsageError(
-                    f"--plan {name}={letters}: '{name}' is a condition, which uses one letter for each tick "
-                    "and has no starts; remove the |."
-                )
+        try:
+            self._outcomes.check(_ports_of_mock_leaves(plans) if self._outcomes.leaves else {})
+        except ValueError as error:
+            raise click.UsageError(f"--plan: {error}. Mock leaves are leaves from a --model.") from error
 
     def prepare(self, tree: Tree, plans: Plans) -> None:
         """Write the entries to the blackboard of *tree*, and warn if substitution rules match no node.
@@ -108,36 +97,39 @@ class TreeChanges:
         _warn_unused_rules(tree)
 
 
-def _parse_letters(texts: Sequence[str]) -> dict[str, str]:
-    """Return the letters of the results in texts of the form NAME=LETTERS, by the name or ID of the leaf.
+def _parse_outcomes(texts: Sequence[str]) -> Outcomes:
+    """Return the outcomes in texts of the form NAME=OUTCOMES.
 
     Raises:
-        click.UsageError: A text has another form, or a leaf has two plans.
+        click.UsageError: A text has another form, or a leaf has outcomes twice.
     """
-    letters_of: dict[str, str] = {}
+    leaves: dict[str, str] = {}
     for text in texts:
-        name, _, letters = text.rpartition("=")
-        if not name or not _LETTERS.fullmatch(letters):
+        match = _NAMED_OUTCOMES.fullmatch(text)
+        if match is None:
             raise click.UsageError(
-                f"--plan '{text}' is invalid: write NAME=LETTERS, for example Move=RRS|F; the letters are "
-                "R (RUNNING), S (SUCCESS), F (FAILURE) and K (SKIPPED); | separates the starts of the leaf."
+                f"--plan '{text}' is invalid: write NAME=OUTCOMES, for example Move=RRS|F."
             )
-        if name in letters_of:
-            raise click.UsageError(f"--plan: '{name}' has more than one plan.")
-        letters_of[name] = letters
-    return letters_of
+        name, outcomes = match.groups()
+        if name in leaves:
+            raise click.UsageError(f"--plan: '{name}' has outcomes more than once.")
+        try:
+            parse_outcomes(outcomes)
+        except ValueError as error:
+            raise click.UsageError(f"--plan '{text}': {error}.") from error
+        leaves[name] = outcomes
+    return Outcomes(leaves=leaves)
 
 
-def _find_stub_leaves(plans: Plans) -> dict[str, NodeType]:
-    """Return the types of the leaves that have no code, by name and by ID."""
-    leaves: dict[str, NodeType] = {}
+def _ports_of_mock_leaves(plans: Plans) -> dict[str, Mapping[str, Port]]:
+    """Return the ports of the leaves that have no code, by name and by ID."""
+    leaves: dict[str, Mapping[str, Port]] = {}
     assert plans.main_tree is not None
     for tree in reachable_trees(plans.trees, plans.main_tree):
         for node in tree.nodes():
-            manifest = node.manifest
-            if manifest is not None and issubclass(manifest.cls, (StubAction, StubCondition)):
-                leaves.setdefault(node.name or node.id, manifest.type)
-                leaves.setdefault(node.id, manifest.type)
+            if node.manifest is not None and issubclass(node.manifest.cls, MockAction):
+                for name in (node.name or node.id, node.id):
+                    leaves.setdefault(name, node.manifest.ports)
     return leaves
 
 

@@ -1,9 +1,9 @@
 """Tools for testing trees: a harness, assertions, coverage, substitution of nodes, and random trees.
 
-The leaves named Mock… and Plan… return results in the order of a plan.
+Mock leaves return results in the order of their `Outcomes`.
 
-The strategies `trees`, `xml_documents`, `outcomes`, `action_plans`, `sync_plans` and
-`blackboards` require hypothesis; all other names do not.
+The strategies `trees`, `xml_documents`, `outcomes` and `blackboards` require hypothesis; all other
+names do not.
 """
 
 from typing import TYPE_CHECKING
@@ -19,8 +19,7 @@ from btcore.testing.assertions import (
 )
 from btcore.testing.coverage import Coverage
 from btcore.testing.harness import Harness
-from btcore.testing.mock_leaves import MockAction, MockCondition, Outcomes, with_mock_leaves
-from btcore.testing.plan_leaves import CallLog, LeafPlanError, PlanAction, PlanCondition, PlanSync
+from btcore.testing.mock_leaves import with_mock_leaves
 from btcore.testing.substitution_rules import (
     SubstitutionError,
     TestNode,
@@ -28,35 +27,24 @@ from btcore.testing.substitution_rules import (
     load_substitution_rules,
 )
 from btcore.testing.trace import StatusChange, Trace, TraceStep
+from btcore.xml.models.mock_leaves import MockAction, MockCondition, MockLeafError, Outcomes
 
 if TYPE_CHECKING:
-    from btcore.testing.strategies import (
-        action_plans,
-        blackboards,
-        outcomes,
-        sync_plans,
-        trees,
-        xml_documents,
-    )
+    from btcore.testing.strategies import blackboards, outcomes, trees, xml_documents
 
 __all__ = [
-    "CallLog",
     "Coverage",
     "Harness",
-    "LeafPlanError",
     "MockAction",
     "MockCondition",
+    "MockLeafError",
     "Outcomes",
-    "PlanAction",
-    "PlanCondition",
-    "PlanSync",
     "StatusChange",
     "SubstitutionError",
     "TestNode",
     "TestNodeConfig",
     "Trace",
     "TraceStep",
-    "action_plans",
     "assert_ended",
     "assert_halted",
     "assert_never_ran",
@@ -67,7 +55,6 @@ __all__ = [
     "blackboards",
     "load_substitution_rules",
     "outcomes",
-    "sync_plans",
     "trees",
     "with_mock_leaves",
     "xml_documents",

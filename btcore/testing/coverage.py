@@ -15,10 +15,10 @@ from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
 from btcore.lint.possible_results import behaviour_of
 from btcore.status import FAILURE, SKIPPED, SUCCESS, Status
-from btcore.testing.plan_leaves import LETTERS
 from btcore.testing.trace import ResultTracker
 from btcore.tree.drawing import node_depths
 from btcore.tree.tree import Tree
+from btcore.xml.models.mock_leaves import LETTERS
 
 
 @dataclass(slots=True)

@@ -1,8 +1,8 @@
-"""Hypothesis strategies: random trees, plans for their leaves, and blackboards.
+"""Hypothesis strategies: random trees, the outcomes of their leaves, and blackboards.
 
     @given(trees(max_nodes=40), outcomes())
-    def test_halting_leaves_nothing_running(tree, plan):
-        plan.drive(tree, ticks=6)
+    def test_halting_leaves_nothing_running(tree, outcomes):
+        outcomes.drive(tree, ticks=6)
         tree.halt()
         assert all(node.status is IDLE for node in tree)
 
@@ -27,7 +27,7 @@ from btcore.loading.load import loads
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import nearest_name
-from btcore.testing.mock_leaves import Outcomes, with_mock_leaves
+from btcore.testing.mock_leaves import with_mock_leaves
 from btcore.testing.tree_generator import (
     BUILTIN_MANIFESTS,
     SCRIPT_KEYS,
@@ -37,53 +37,42 @@ from btcore.testing.tree_generator import (
     element_to_xml,
 )
 from btcore.tree.tree import Tree
+from btcore.xml.models.mock_leaves import Outcomes
 
 PortTexts: TypeAlias = Mapping[str, Mapping[str, SearchStrategy[str]]]
 """Strategies for the values of ports, by the tag of the node and the name of the port."""
 
 
-def action_plans(skipped: bool = True, raising: bool = False) -> SearchStrategy[str]:
-    """Return a strategy of plans for `PlanAction`: one to three segments of one to six letters.
-
-    The last letter of a segment is never R, so that the action always completes.
-
-    Args:
-        skipped: Whether a segment may end with K.
-        raising: Whether a segment may end with X.
-    """
-    return st.lists(_starts(skipped, raising), min_size=1, max_size=3).map("|".join)
-
-
-def sync_plans(skipped: bool = True) -> SearchStrategy[str]:
-    """Return a strategy of plans for leaves that complete within a tick: one to five letters S, F and K.
-
-    Args:
-        skipped: Whether K may occur.
-    """
-    return st.text("SF" + "K" * skipped, min_size=1, max_size=5)
-
-
 def outcomes(skipped: bool = False, raising: bool = False, max_starts: int = 12) -> SearchStrategy[Outcomes]:
-    """Return a strategy of plans for all leaves of a tree.
+    """Return a strategy of outcomes that all leaves of a tree share.
 
     Args:
         skipped: Whether leaves may be skipped.
         raising: Whether leaves may raise an exception.
-        max_starts: The maximum number of entries of a plan. Each start of a leaf takes the next entry.
+        max_starts: The maximum number of starts. Each start of a leaf takes the next.
     """
-    starts = st.lists(_starts(skipped, raising), min_size=1, max_size=max_starts)
-    return starts.map(lambda entries: Outcomes(*entries))
+    return outcome_texts(skipped, raising, max_starts).map(Outcomes)
 
 
-def _starts(skipped: bool, raising: bool) -> SearchStrategy[str]:
-    ends = "SF" + "K" * skipped + "XXXX" * raising
-    return st.builds(lambda waits, end: "R" * waits + end, st.integers(0, 5), st.sampled_from(ends))
+def outcome_texts(
+    skipped: bool = True, raising: bool = False, max_starts: int = 3, max_running: int = 5
+) -> SearchStrategy[str]:
+    """Return a strategy of outcomes as texts. Every start completes.
+
+    Args:
+        skipped: Whether a start may end with K.
+        raising: Whether a start may end with X.
+        max_starts: The maximum number of starts.
+        max_running: The maximum number of R in a start.
+    """
+    ends = st.sampled_from("SF" + "K" * skipped + "XXXX" * raising)
+    starts = st.builds(lambda waits, end: "R" * waits + end, st.integers(0, max_running), ends)
+    return st.lists(starts, min_size=1, max_size=max_starts).map("|".join)
 
 
 @cache  # drawing from new strategies takes twice as long
-def _with_plans(skipped: bool, raising: bool) -> dict[str, SearchStrategy[str] | None]:
-    quick = sync_plans(skipped)
-    return {"PlanAction": action_plans(skipped, raising), "PlanCondition": quick, "PlanSync": quick}
+def _texts_of_leaves(skipped: bool, raising: bool) -> dict[str, SearchStrategy[str] | None]:
+    return {"Act": outcome_texts(skipped, raising), "Ask": outcome_texts(skipped, max_running=0)}
 
 
 @st.composite
@@ -94,7 +83,7 @@ def xml_documents(
     raising: bool = False,
     timed: bool = False,
     *,
-    own_plans: bool = True,
+    own_outcomes: bool = True,
     format: int = 4,
     max_depth: int = 100,
     subtrees: int = 0,
@@ -106,9 +95,8 @@ def xml_documents(
 ) -> str:
     """Return a strategy of documents as XML text. The nodes are named n1, n2 … in pre-order.
 
-    The leaves are PlanAction, PlanCondition and PlanSync, each with its own plan; load the documents with a
-    registry that contains them, and a `CallLog`. Without *own_plans* the leaves are Act and Ask, which follow
-    an `Outcomes`; load the documents with `with_mock_leaves`.
+    The leaves are Act and Ask, each with its own outcomes, or without *own_outcomes* with those of the tree's
+    `Outcomes`; load the documents with `with_mock_leaves`.
 
     All loops end. But a KeepRunningUntilFailure may keep the tree RUNNING forever, and `tick_once` does not
     return if the branches of a WhileDoElse alternate and wake the tree up each time.
@@ -119,7 +107,7 @@ def xml_documents(
         skipped: Whether nodes may be skipped (format 4 only).
         raising: Whether leaves may raise an exception.
         timed: Whether Delay, Timeout and Sleep may occur.
-        own_plans: Whether each leaf has its own plan.
+        own_outcomes: Whether each leaf has outcomes of its own.
         format: The XML format, 3 or 4.
         max_depth: The maximum number of levels of a tree.
         subtrees: The maximum number of further trees, which are used as subtrees.
@@ -137,7 +125,7 @@ def xml_documents(
     """
     skipped = skipped and format == 4
     allowed = TreeOptions(
-        _with_plans(skipped, raising) if own_plans else {"Act": None, "Ask": None},
+        _texts_of_leaves(skipped, raising) if own_outcomes else {"Act": None, "Ask": None},
         format=format,
         skipped=skipped,
         timed=timed,
@@ -203,9 +191,9 @@ def trees(
         >>> from hypothesis import given
         >>> from btcore import RUNNING
         >>> from btcore.testing import outcomes, trees
-        >>> @given(tree=trees(max_nodes=5), plan=outcomes())
-        ... def test_halt(tree, plan):
-        ...     plan.drive(tree, ticks=2)
+        >>> @given(trees(max_nodes=5), outcomes())
+        ... def test_halt(tree, outcomes):
+        ...     outcomes.drive(tree, ticks=2)
         ...     tree.halt()
         ...     assert not any(node.status is RUNNING for node in tree)
     """
@@ -222,7 +210,7 @@ def trees(
         max_nodes,
         skipped,
         timed=timed,
-        own_plans=False,
+        own_outcomes=False,
         format=format,
         max_depth=max_depth,
         subtrees=subtrees,

@@ -6,16 +6,14 @@ Rules are set in code or read from a file:
     load_substitution_rules(nodes, Path("rules.json"))
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from btcore.clock import NS_PER_MS
-from btcore.engine.context import TreeContext
 from btcore.engine.leaf import StatefulAction
-from btcore.engine.node import TreeNode, attach_to_tree, read_clock
-from btcore.engine.node_config import NodeConfig
+from btcore.engine.node import read_clock
 from btcore.errors import BtcoreError, NodeError, ScriptError
 from btcore.input_files import read_file
 from btcore.json_text import load_json
@@ -74,7 +72,7 @@ class TestNodeConfig:
 
     def manifest(self) -> Manifest:
         """Return a manifest that creates the replacement nodes, for `Registry.substitute`."""
-        return _TestNodeManifest(self)
+        return Manifest("TestNode", type("TestNode", (TestNode,), {"settings": self}), (), (), "btcore")
 
 
 class TestNode(StatefulAction):
@@ -90,8 +88,9 @@ class TestNode(StatefulAction):
 
     __test__: ClassVar[bool] = False
 
-    def __init__(self, settings: TestNodeConfig) -> None:
-        self.settings = settings
+    settings: ClassVar[TestNodeConfig]
+
+    def __init__(self) -> None:
         self.until = 0
         names = {**self.config.enums, **_STATUSES}
         self.result = self._compile("return_status_script", names)
@@ -147,29 +146,6 @@ class TestNode(StatefulAction):
                 f"{join_names(_STATUSES, 'or')}, or its number"
             )
         return Status(int(number))
-
-
-class _TestNodeManifest(Manifest):
-    """A manifest that creates a TestNode in place of each node that a substitution rule replaces."""
-
-    def __init__(self, settings: TestNodeConfig) -> None:
-        super().__init__("TestNode", TestNode, (), (), "btcore")
-        self._settings = settings
-
-    def make(
-        self,
-        config: NodeConfig,
-        context: TreeContext,
-        blackboard: Any,
-        resources: Sequence[object],
-        children: list[TreeNode],
-    ) -> TreeNode:
-        """Create a test node."""
-        # TestNode.__init__ uses the node's configuration, so it must be called last.
-        node = TestNode.__new__(TestNode)
-        attach_to_tree(node, config, context, blackboard)
-        TestNode.__init__(node, self._settings)
-        return node
 
 
 _KEYS: Final = tuple(field.name for field in fields(TestNodeConfig) if field.name != "complete_func")

@@ -20,8 +20,8 @@ from btcore.registry.registry import Registry
 from btcore.status import FAILURE, SKIPPED, SUCCESS, NodeType, PossibleResults
 from btcore.values import BOOL, DOUBLE, FLOAT, INT, INT64, NODE_STATUS, STRING, UINT, ValueType
 
-INSTANT: Final = ("PlanCondition", "Ask")
-"""Planned leaves that complete within a tick, so that they can be the condition of a branch."""
+MOCK_CONDITION: Final = "Ask"
+"""The mock leaf that can be the condition of a branch."""
 SCRIPT_KEYS: Final = ("a", "b", "c")
 """The entries of the root's blackboard that random scripts use; their initial value is 0."""
 
@@ -95,8 +95,8 @@ class TreeOptions:
     """The nodes and attributes that may occur in a random tree, see `xml_documents`.
 
     Attributes:
-        planned: The leaves that follow a plan, by tag, each with a strategy for its port `plan`; None for
-            leaves without this port.
+        mocks: The mock leaves by tag, each with a strategy for its port `outcomes`; None = without outcomes
+            of its own.
         format: The XML format.
         skipped: Whether nodes may be skipped.
         timed: Whether nodes with durations may occur.
@@ -108,7 +108,7 @@ class TreeOptions:
         texts: Strategies for the values of ports, by tag and port name.
     """
 
-    planned: Mapping[str, SearchStrategy[str] | None]
+    mocks: Mapping[str, SearchStrategy[str] | None]
     format: int = 4
     skipped: bool = True
     timed: bool = False
@@ -150,16 +150,15 @@ class TreeGenerator:
         self.manifests = {id: item for id, item in built_in.items() if options.may_occur(item)}
         self.manifests |= options.own
         leaves = [id for id, item in self.manifests.items() if not takes_children(item)]
-        planned = list(options.planned) if options.tags is None or not leaves else []
-        self.leaves = [*planned, *leaves, *(["SubTree"] if subtrees else [])]
-        self.instant = [tag for tag in planned if tag in INSTANT]
+        mocks = list(options.mocks) if options.tags is None or not leaves else []
+        self.leaves = [*mocks, *leaves, *(["SubTree"] if subtrees else [])]
         self.decorators = [id for id, item in self.manifests.items() if item.type is NodeType.DECORATOR]
         self.controls: list[str] = []
         self.branches: list[str] = []
         for id, manifest in self.manifests.items():
             cls = manifest.cls
             if issubclass(cls, ControlNode) and cls.spec.branch_results:
-                self.branches += [id] if self.instant else []
+                self.branches += [id] if mocks else []
             elif manifest.type is NodeType.CONTROL:
                 self.controls.append(id)
 
@@ -198,9 +197,9 @@ class TreeGenerator:
     def leaf(self, depth: int) -> Element:
         """Draw a node without children."""
         tag = self.pick(self.leaves)
-        if tag in self.options.planned:
-            plan = self.options.planned[tag]
-            return Element(tag, {} if plan is None else {"plan": self.draw(plan)}, [])
+        if tag in self.options.mocks:
+            texts = self.options.mocks[tag]
+            return Element(tag, {} if texts is None else {"outcomes": self.draw(texts)}, [])
         if tag == "SubTree":
             return Element(tag, {"ID": self.pick(self.subtrees)}, [])
         return Element(tag, self.ports(tag, 0), [])
@@ -228,13 +227,12 @@ class TreeGenerator:
         """Draw a node whose first child is a condition, which must not be skipped in format 4."""
         self.budget -= 1
         tag = self.pick(self.branches)
-        condition = self.pick(self.instant)
-        plan = self.options.planned[condition]
-        ports = {} if plan is None else {"plan": self.draw(_never_skipped(plan))}
+        texts = self.options.mocks[MOCK_CONDITION]
+        ports = {} if texts is None else {"outcomes": self.draw(_never_skipped(texts))}
         least = self.manifests[tag].cls.spec.child_count[0] - 1
         count = self.draw(cached_integers(least, 2))
         below = [self.element(depth=depth + 1) for done in range(count) if done < least or self.budget > 0]
-        return Element(tag, {}, [Element(condition, ports, []), *below])
+        return Element(tag, {}, [Element(MOCK_CONDITION, ports, []), *below])
 
     def with_conditions(self, element: Element) -> Element:
         """Return *element* with random pre- and post-conditions, if the options allow them."""
@@ -299,8 +297,8 @@ def cached_integers(least: int, most: int) -> SearchStrategy[int]:
 
 
 @cache
-def _never_skipped(plan: SearchStrategy[str]) -> SearchStrategy[str]:
-    return plan.map(lambda text: text.replace("K", "S"))
+def _never_skipped(texts: SearchStrategy[str]) -> SearchStrategy[str]:
+    return texts.map(lambda text: text.replace("K", "S"))
 
 
 def element_to_xml(element: Element, numbers: Iterator[int], indent: str) -> str:

@@ -17,7 +17,7 @@ from btcore.nodes.manual_selector import Prompt
 from btcore.status import NodeType
 from btcore.testing import Harness
 from btcore.testing.trace import TraceStep
-from btcore.xml.models.stubs import StubAction, StubCondition, StubResults
+from btcore.xml.models.mock_leaves import MockAction, MockCondition, Outcomes
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.read import parse_text
 from btcore.xml.render.svg import diagram_to_svg
@@ -65,7 +65,7 @@ class NodeExample:
         self.format = format
         self.fields: dict[str, Any] = fields or {"xml": _usage(id, format, nodes)}
         self.nodes = nodes.copy()
-        for kind, leaf in (("actions", StubAction), ("conditions", StubCondition)):
+        for kind, leaf in (("actions", MockAction), ("conditions", MockCondition)):
             for name in self.fields.get(kind, ()):
                 self.nodes.add(leaf, ID=name)
 
@@ -99,10 +99,10 @@ class NodeExample:
         """Return a picture of the tree."""
         return diagram_to_svg(self.diagram(), self.id, self.format)
 
-    def harness(self, **plans: str) -> Harness:
-        """Return a harness for the tree; *plans* replaces the results of leaves."""
-        letters = {**self.fields.get("actions", {}), **self.fields.get("conditions", {}), **plans}
-        resources = [StubResults(letters), Answers(self.fields.get("answers", []))]
+    def harness(self, **outcomes: str) -> Harness:
+        """Return a harness for the tree; *outcomes* replaces the outcomes of leaves."""
+        leaves = {**self.fields.get("actions", {}), **self.fields.get("conditions", {}), **outcomes}
+        resources = [Outcomes(leaves=leaves), Answers(self.fields.get("answers", []))]
         return Harness.loads(self.xml, nodes=self.nodes, resources=resources)
 
     def tick(self, harness: Harness, times: int) -> None:

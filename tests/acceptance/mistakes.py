@@ -27,7 +27,7 @@ from btcore import NodeExecutionError, SimClock, StatefulAction, Status
 from btcore.engine.leaf import Condition
 from btcore.xml.models.model_file import add_models
 from btcore_proof import Answer, Counterexample, RunTick, assert_holds_in_run, prove
-from btcore_proof.planned_run import planned_ticks
+from btcore_proof.outcome_replay import outcomes_of_ticks
 
 CYCLES = 20
 RANDOM_RUNS = 30
@@ -357,12 +357,12 @@ def check_answer(good: Path, file: Path, answer: Answer, place: str, faults: lis
     run = answer.counterexample
     if run is None:
         return
-    plan = planned_ticks(run)
+    ticks = outcomes_of_ticks(run)
     cycle = None if run.cycle is None else (run.cycle, run.period)
     for tree, fails in ((file, True), (good, False)):
         failed = False
         try:
-            assert_holds_in_run(tree, answer.question, plan, cycle=cycle, nodes=registry(), models=[tree])
+            assert_holds_in_run(tree, answer.question, ticks, cycle=cycle, nodes=registry(), models=[tree])
         except AssertionError:
             failed = True
         except btcore.BtcoreError as error:

@@ -22,8 +22,10 @@ from btcore.blackboard.ports import Direction, Port
 from btcore.clock import SimClock
 from btcore.diagnostic_codes import CONTROL_CHARACTER_IN_NAME, NOT_XML
 from btcore.engine.leaf import SyncAction
+from btcore.engine.node import MUST_COMPLETE, TreeNode
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.observers import Observer
+from btcore.engine.signature import In
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, NodeExecutionError
 from btcore.escaping import escape_controls
 from btcore.json_text import load_json
@@ -31,8 +33,8 @@ from btcore.loading.load import loads
 from btcore.nodes.blackboard_actions import SetBlackboard
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
-from btcore.status import FAILURE, SUCCESS, Status, Transition
-from btcore.testing.plan_leaves import CallLog, PlanAction, PlanCondition, PlanSync
+from btcore.status import FAILURE, SUCCESS, NodeType, Status, Transition
+from btcore.testing.mock_leaves import Act, Ask
 from btcore.tree.tree import Tree
 from btcore.values import ANY_VALUE, INT
 from btcore.xml.read.dialect import EXPLICIT_TAGS
@@ -147,7 +149,89 @@ def conformance_registry() -> Registry:
     """Return the standard registry with the leaves of the recorded cases."""
     nodes = Registry.standard()
     nodes.add(PlanAction, PlanCondition, PlanSync, Inc)
+    nodes.add(RecordedAct, ID="Act")
+    nodes.add(RecordedAsk, ID="Ask")
     return nodes
+
+
+class CallLog:
+    """A log of the calls of leaves, in order. An entry is `NAME:CALL`, for example `n3:start`.
+
+    Attributes:
+        calls: The entries so far.
+    """
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+
+    def record(self, name: str, call: str) -> None:
+        """Record a call of the leaf *name*: `start`, `running`, `halted` or `tick`."""
+        self.calls.append(f"{name}:{call}")
+
+    def take(self) -> list[str]:
+        """Return the calls since the last call of this method."""
+        taken, self.calls = self.calls, []
+        return taken
+
+
+class RecordedAct(Act):
+    """A mock action that records its calls."""
+
+    spec = NodeSpec(state_fields=())
+    journal: CallLog
+
+    def on_start(self) -> Status:
+        """Record the call, unless the outcomes cannot be read."""
+        self.own_outcomes()
+        self.journal.record(self.name, "start")
+        return super().on_start()
+
+    def on_running(self) -> Status:
+        """Record the call."""
+        self.journal.record(self.name, "running")
+        return super().on_running()
+
+    def on_halted(self) -> None:
+        """Record the call."""
+        self.journal.record(self.name, "halted")
+
+
+class RecordedAsk(Ask):
+    """A mock condition that records its calls."""
+
+    spec = NodeSpec(state_fields=())
+    journal: CallLog
+
+    def tick(self) -> Status:
+        """Record the call."""
+        self.journal.record(self.name, "tick")
+        return super().tick()
+
+
+def recorded_outcomes(leaf: TreeNode) -> str:
+    """Return the outcomes in the port `plan`. In the recordings, all letters but R, S, F and K raise."""
+    return re.sub("[^RSFK|]", "X", str(leaf.get_input("plan")))
+
+
+class PlanAction(RecordedAct):
+    """The action of the recorded cases, whose outcomes are in the port `plan`."""
+
+    plan: In[str]
+    own_outcomes = recorded_outcomes
+
+
+class PlanCondition(RecordedAsk):
+    """The condition of the recorded cases."""
+
+    plan: In[str]
+    own_outcomes = recorded_outcomes
+
+
+class PlanSync(PlanCondition):
+    """The action of the recorded cases that completes within a tick."""
+
+    spec = NodeSpec(node_type=NodeType.ACTION)
+    _class_tick_flags = MUST_COMPLETE
 
 
 class Inc(SyncAction):

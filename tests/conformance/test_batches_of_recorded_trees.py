@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from btcore import In, Registry, SimClock, Status, TreeError
+from btcore.xml.models.mock_leaves import LETTERS
 from tests.conformance.recorded_cases import read_cases, recorded_value
 
 np = pytest.importorskip("numpy")
@@ -24,7 +25,6 @@ from btcore_batch import (  # noqa: E402
 )
 
 DATA = Path(__file__).parent / "data"
-LETTERS = {"R": 1, "S": 2, "F": 3, "K": 4}
 
 Case = dict[str, Any]
 

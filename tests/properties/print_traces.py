@@ -14,7 +14,7 @@ from btcore.testing.tree_generator import SCRIPT_KEYS
 NODES = with_mock_leaves(Registry.standard())
 
 
-def trace_of_case(text: str, entries: list[str], ticks: int) -> list[object]:
+def trace_of_case(text: str, outcomes: str, ticks: int) -> list[object]:
     clock = SimClock()
     board = Blackboard(clock=clock)
     for key in SCRIPT_KEYS:
@@ -22,7 +22,7 @@ def trace_of_case(text: str, entries: list[str], ticks: int) -> list[object]:
     harness = Harness(btcore.loads(text, nodes=NODES, blackboard=board, clock=clock))
     told: list[object] = []
     try:
-        Outcomes(*entries).drive(harness.tree, ticks)
+        Outcomes(outcomes).drive(harness.tree, ticks)
     except NodeExecutionError as error:
         told.append(str(error))
     harness.halt()

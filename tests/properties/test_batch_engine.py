@@ -8,11 +8,12 @@ from hypothesis import event, example, given
 from hypothesis import strategies as st
 
 import btcore
-from btcore import Blackboard, NodeExecutionError, Registry, SimClock, Status
+from btcore import Blackboard, NodeExecutionError, Registry, SimClock
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.testing import Outcomes, outcomes, xml_documents
-from btcore.testing.mock_leaves import MockAction, MockCondition
 from btcore.testing.tree_generator import SCRIPT_KEYS, cached_integers, cached_sampled_from
+from btcore.xml.models.mock_leaves import LETTERS, Start
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 np = pytest.importorskip("numpy")
 import btcore_batch as batch  # noqa: E402
@@ -29,61 +30,19 @@ def runs_in_batch(xml: str) -> bool:
     return not any(f"<{id} " in xml for id in refused)
 
 
-class Calls:
-    """The calls of leaves, in order."""
-
-    def __init__(self) -> None:
-        self.made: list[tuple[str, str]] = []
-
-
-class Act(MockAction):
-    """An action with a plan that records its calls."""
-
-    def __init__(self, calls: Calls) -> None:
-        super().__init__()
-        self.calls = calls
-
-    def on_start(self) -> Status:
-        self.calls.made.append((self.name, "start"))
-        self.left = self.outcomes.next_entry()
-        return super().on_running()
-
-    def on_running(self) -> Status:
-        self.calls.made.append((self.name, "running"))
-        return super().on_running()
-
-    def on_halted(self) -> None:
-        self.calls.made.append((self.name, "halted"))
-
-
-class Ask(MockCondition):
-    """A condition with a plan that records its calls."""
-
-    def __init__(self, calls: Calls) -> None:
-        super().__init__()
-        self.calls = calls
-
-    def tick(self) -> Status:
-        self.calls.made.append((self.name, "tick"))
-        return super().tick()
-
-
-NODES = Registry.standard()
-NODES.add(Act, Ask)
+NODES = conformance_registry()
 
 
 class SingleTree:
     """An ordinary tree for one agent."""
 
     def __init__(self, xml: str, plan: Outcomes, values: Sequence[Any], clock: SimClock) -> None:
-        self.calls = Calls()
+        self.calls = CallLog()
         board = Blackboard(clock=clock)
         for key, value in zip(SCRIPT_KEYS, values, strict=False):
             board[key] = value
         self.tree = btcore.loads(xml, nodes=NODES, resources=[self.calls], blackboard=board, clock=clock)
-        for node in self.tree:
-            if isinstance(node, (Act, Ask)):
-                node.outcomes = plan
+        plan.attach(self.tree)
 
     def tick(self) -> tuple[int, bool]:
         try:
@@ -111,10 +70,7 @@ class AgentPlans:
 
     def __init__(self, plans: Sequence[Outcomes]) -> None:
         self.plans = plans
-        self.calls = [Calls() for _ in plans]
-
-
-LETTERS = {"R": 1, "S": 2, "F": 3, "K": 4}
+        self.calls = [CallLog() for _ in plans]
 
 
 class ActForAll(batch.StatefulAction):
@@ -122,11 +78,11 @@ class ActForAll(batch.StatefulAction):
 
     def __init__(self, plans: AgentPlans) -> None:
         self.plans = plans
-        self.left = [""] * self.agents
+        self.left: list[Start] = [()] * self.agents
 
     def on_start(self, mask: batch.Mask) -> object:
         for at in np.flatnonzero(mask):
-            self.left[at] = self.plans.plans[at].next_entry()
+            self.left[at] = self.plans.plans[at].next_start()
         return self._letters(mask, "start")
 
     def on_running(self, mask: batch.Mask) -> object:
@@ -134,15 +90,15 @@ class ActForAll(batch.StatefulAction):
 
     def on_halted(self, mask: batch.Mask) -> None:
         for at in np.flatnonzero(mask):
-            self.plans.calls[at].made.append((self.name, "halted"))
+            self.plans.calls[at].record(self.name, "halted")
 
     def _letters(self, mask: batch.Mask, what: str) -> object:
         found = np.full(self.agents, 77, dtype=np.uint8)
         for at in np.flatnonzero(mask):
-            self.plans.calls[at].made.append((self.name, what))
+            self.plans.calls[at].record(self.name, what)
             left = self.left[at]
             # 0 stands for an exception.
-            found[at] = LETTERS.get(left[0], 0)
+            found[at] = LETTERS.get(left[0].letter, 0)
             self.left[at] = left[1:] or left
         return found
 
@@ -151,8 +107,8 @@ class ActForAll(batch.StatefulAction):
 def ask_for_all(mask: batch.Mask, plans: AgentPlans) -> object:
     found = np.full(len(mask), 77, dtype=np.uint8)
     for at in np.flatnonzero(mask):
-        plans.calls[at].made.append(("Ask", "tick"))
-        found[at] = LETTERS.get(plans.plans[at].next_entry()[-1].replace("K", "F"), 0)
+        plans.calls[at].record("Ask", "tick")
+        found[at] = LETTERS.get(plans.plans[at].next_start(is_condition=True)[0].letter, 0)
     return found
 
 
@@ -226,7 +182,7 @@ def compare(
 ) -> None:
     """Tick the trees and the batch by *masks* (bit i is agent i; agent 0 is always ticked), and compare."""
     clock = SimClock()
-    copies = [Outcomes(*plan.entries) for plan in plans]
+    copies = [Outcomes(plan.shared) for plan in plans]
     singles = [SingleTree(xml, plan, given, clock) for plan, given in zip(plans, values, strict=True)]
     many = AgentBatch(xml, copies, values, clock)
     count = len(plans)
@@ -248,8 +204,8 @@ def compare(
         clock.advance(waits)
 
 
-def calls(made: Calls) -> list[tuple[str, str]]:
-    return [(name if what != "tick" else "Ask", what) for name, what in made.made]
+def calls(made: CallLog) -> list[str]:
+    return [call if not call.endswith(":tick") else "Ask:tick" for call in made.calls]
 
 
 def with_types(boards: dict[str, dict[str, object]]) -> dict[str, dict[str, tuple[type, object]]]:
@@ -273,7 +229,7 @@ HANDLER_THAT_RAISES = """<root BTCPP_format="4"><BehaviorTree ID="Main">
 
 
 @given(
-    xml_documents(own_plans=False, timed=True, subtrees=2, conditions=True, scripts=True).filter(
+    xml_documents(own_outcomes=False, timed=True, subtrees=2, conditions=True, scripts=True).filter(
         runs_in_batch
     ),
     crowds(),

@@ -24,12 +24,12 @@ def drawn_cases() -> list[str]:
 
     @settings(max_examples=TREES, derandomize=True, database=None)
     @given(
-        xml_documents(own_plans=False, timed=True, subtrees=2, conditions=True, scripts=True),
+        xml_documents(own_outcomes=False, timed=True, subtrees=2, conditions=True, scripts=True),
         outcomes(skipped=True, raising=True),
         st.integers(1, 8),
     )
     def draw(text: str, plan: Outcomes, ticks: int) -> None:
-        cases.append(json.dumps([text, plan.entries, ticks]))
+        cases.append(json.dumps([text, plan.shared, ticks]))
 
     draw()
     return cases
@@ -63,7 +63,7 @@ def test_trace_contains_every_tick_and_the_halt() -> None:
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence name="all">'
         '<Act name="a"/><Script name="b" code="@a := 1"/><Act name="c"/></Sequence></BehaviorTree></root>'
     )
-    build, story = run_print_traces([json.dumps([text, ["S", "RRRS"], 2])], pure=True)
+    build, story = run_print_traces([json.dumps([text, "S|RRRS", 2])], pure=True)
     assert build == "pure"
     first, second, end = json.loads(story)
     assert first[0] == "tick 1, at 0 s: RUNNING"

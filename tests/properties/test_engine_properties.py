@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 import btcore
 from btcore import NodeExecutionError, Observer, SimClock, Status, Transition, Transitions, Tree, TreeNode
 from btcore.engine.control import MIN_CHILDREN_FOR_BATCH_RESET
-from btcore.testing import xml_documents
-from btcore.testing.plan_leaves import CallLog, LeafPlanError
-from btcore.testing.strategies import action_plans
+from btcore.testing import MockAction, MockLeafError, xml_documents
+from btcore.testing.strategies import outcome_texts
 from btcore.testing.tree_generator import SCRIPT_KEYS
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 NODES = conformance_registry()
 MANY_CALLS = 500
@@ -103,7 +102,7 @@ def test_halted_tree_is_idle_in_every_node(xml: str, ticks: int) -> None:
     running: list[TreeNode] = []
     while tree.ticks < ticks or (not running and tree.ticks < 12):
         tree.tick_exactly_once()
-        running = [node for node in tree if node.id == "PlanAction" and node.status is Status.RUNNING]
+        running = [node for node in tree.find(MockAction) if node.status is Status.RUNNING]
         tree.sleep(0.01)
     event(f"{min(len(running), 3)} actions halted")
     journal.take()
@@ -177,7 +176,7 @@ BROAD = st.builds(
         ]
     ),
     st.lists(
-        action_plans(), min_size=MIN_CHILDREN_FOR_BATCH_RESET, max_size=2 * MIN_CHILDREN_FOR_BATCH_RESET
+        outcome_texts(), min_size=MIN_CHILDREN_FOR_BATCH_RESET, max_size=2 * MIN_CHILDREN_FOR_BATCH_RESET
     ),
 )
 
@@ -250,7 +249,7 @@ def test_raising_leaf_leaves_the_tree_idle_and_is_named(xml: str, ticks: int, wh
 
     tree, journal = load_with_log(xml)
     journal.left = which
-    journal.fault = LeafPlanError("now")
+    journal.fault = MockLeafError("now")
     with pytest.raises(NodeExecutionError) as raised:  # noqa: PT012
         for _ in range(ticks):
             tree.tick_exactly_once()

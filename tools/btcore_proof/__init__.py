@@ -6,7 +6,7 @@ explains the questions, the models of leaves, and what a proof means.
 
 from btcore_proof.counterexample import Counterexample, LeafTick, RunTick
 from btcore_proof.leaf_models import ModelError
-from btcore_proof.planned_run import PlanError
+from btcore_proof.outcome_replay import OutcomesError
 from btcore_proof.propositions import QuestionError
 from btcore_proof.prover import Answer, Report
 from btcore_proof.tree_files import assert_holds_in_run, assert_proved, prove
@@ -16,7 +16,7 @@ __all__ = [
     "Counterexample",
     "LeafTick",
     "ModelError",
-    "PlanError",
+    "OutcomesError",
     "QuestionError",
     "Report",
     "RunTick",

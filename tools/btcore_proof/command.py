@@ -27,14 +27,14 @@ from btcore.field_options import pass_options
 from btcore.logs.formats import open_log
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
-from btcore.xml.models.stubs import StubAction, StubCondition
+from btcore.xml.models.mock_leaves import MockAction
 from btcore.xml.plan.plan import Plans
 from btcore_proof.answer_text import lines_of_answer
 from btcore_proof.counterexample import RunTick
 from btcore_proof.declarations import SUFFIX, Declarations
 from btcore_proof.declarations_template import template_of
 from btcore_proof.model_leaves import with_model_leaves
-from btcore_proof.planned_run import planned_ticks
+from btcore_proof.outcome_replay import outcomes_of_ticks
 from btcore_proof.prover import PROVED, REFUTED, Answer, Report
 from btcore_proof.saved_counterexamples import TreeReference, file_name, source_of_test
 from btcore_proof.state_graph import StateGraph
@@ -220,7 +220,7 @@ def _has_libraries(tree: Tree, nodes: Registry, plugins: Sequence[str]) -> bool:
     own = {"btcore", *(Path(plugin).stem if plugin.endswith(".py") else plugin for plugin in plugins)}
     manifests = [nodes.get(node.config.id, node.config.format) for node in tree.nodes]
     return any(
-        manifest.distribution not in own and not issubclass(manifest.cls, (StubAction, StubCondition))
+        manifest.distribution not in own and not issubclass(manifest.cls, MockAction)
         for manifest in manifests
         if manifest is not None
     )
@@ -237,7 +237,7 @@ def _save(
     """Write the counterexample of *answer* as a log and as a test."""
     run = answer.counterexample
     assert run is not None
-    plan = planned_ticks(run)
+    ticks = outcomes_of_ticks(run)
     cycle = None if run.cycle is None else (run.cycle, run.period)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -248,7 +248,7 @@ def _save(
         fault = fault_in_run(
             plans,
             answer.question,
-            plan,
+            ticks,
             cycle,
             run.given,
             declared,
@@ -256,10 +256,10 @@ def _save(
             LOGGED_CYCLES,
         )
     if fault is None:
-        # The plan has no place for choices of nodes that are no leaves, such as a ManualSelector.
+        # Nodes that are no leaves, such as a ManualSelector, have no outcomes.
         log.unlink()
         terminal.print_warning(
-            f"'{answer.question}': nothing was saved, because planned leaves do not repeat the run"
+            f"'{answer.question}': nothing was saved, because the leaves' outcomes do not repeat the run"
         )
         return
     target = folder / f"test_{name.replace('-', '_')}.py"

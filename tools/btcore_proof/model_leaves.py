@@ -596,7 +596,7 @@ def _model_class(ID: str, cls: type[TreeNode], model: LeafModel, ports: Iterable
     kind: type[TreeNode]
     if issubclass(cls, DecoratorNode):
         kind = ModelDecorator
-    elif issubclass(cls, Condition):
+    elif cls.spec.node_type is NodeType.CONDITION:
         kind = ModelCondition
     else:
         kind = ModelAction if model.lasts or not issubclass(cls, SyncAction) else ModelSyncAction

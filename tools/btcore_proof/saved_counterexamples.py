@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from btcore_proof.counterexample import Counterexample
-from btcore_proof.planned_run import PlannedResult, PlannedTick, planned_ticks
+from btcore_proof.outcome_replay import TickOutcomes, outcomes_of_ticks
 from btcore_proof.prover import Answer
 
 _LINE: Final = 88
@@ -78,9 +78,9 @@ def source_of_test(name: str, answer: Answer, source: TreeReference, folder: Pat
         "from btcore_proof import assert_holds_in_run",
         "",
         "FOLDER = Path(__file__).parent",
-        "# For each tick its time (s) and the results of the leaves.",
-        "PLAN = [",
-        *(line for tick in planned_ticks(run) for line in _tick_lines(tick)),
+        "# For each tick its time (s) and the outcomes of the leaves, as for `btcore run --plan`.",
+        "TICKS = [",
+        *(line for tick in outcomes_of_ticks(run) for line in _tick_lines(tick)),
         "]",
         "",
         "",
@@ -117,7 +117,7 @@ def _node_lines(source: TreeReference, folder: Path) -> list[str]:
 
 
 def _arguments(answer: Answer, run: Counterexample, source: TreeReference, folder: Path) -> list[str]:
-    arguments = [_place(source.file, folder), _text(answer.question), "PLAN"]
+    arguments = [_place(source.file, folder), _text(answer.question), "TICKS"]
     if run.cycle is not None:
         arguments.append(f"cycle=({run.cycle}, {run.period})")
     if run.given:
@@ -144,21 +144,13 @@ def _place(path: Path, folder: Path) -> str:
     return f"FOLDER / {_text(relative.as_posix())}"
 
 
-def _tick_lines(tick: PlannedTick) -> list[str]:
+def _tick_lines(tick: TickOutcomes) -> list[str]:
     time, leaves = tick
-    items = [f"{_text(name)}: {_results(planned)}" for name, planned in leaves.items()]
+    items = [f"{_text(name)}: {_text(outcomes)}" for name, outcomes in leaves.items()]
     line = f"    ({time}, {{{', '.join(items)}}}),"
     if len(line) <= _LINE:
         return [line]
     return [f"    ({time}, {{", *(f"        {item}," for item in items), "    }),"]
-
-
-def _results(planned: PlannedResult | Sequence[PlannedResult]) -> str:
-    if isinstance(planned, str):
-        return _text(planned)
-    if isinstance(planned, tuple) and len(planned) == 2 and isinstance(planned[1], Mapping):
-        return f"({_text(str(planned[0]))}, {_mapping(planned[1])})"
-    return f"[{', '.join(_results(each) for each in planned if not isinstance(each, Mapping))}]"
 
 
 def _mapping(values: Mapping[str, str]) -> str:

@@ -17,7 +17,7 @@ from btcore_proof.answer_text import lines_of_answer
 from btcore_proof.counterexample import TreeMaker
 from btcore_proof.declarations import Declarations, declarations_beside, read_declarations
 from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
-from btcore_proof.planned_run import CYCLES, PlannedChoices, PlannedTick, run_plan
+from btcore_proof.outcome_replay import CYCLES, ReplayChoices, TickOutcomes, replay_outcomes
 from btcore_proof.propositions import parse_question
 from btcore_proof.prover import PROVED, Prover, Report, beginnings_of, write_entries
 
@@ -165,7 +165,7 @@ def assert_proved(
 def assert_holds_in_run(
     file: File,
     question: str,
-    plan: Sequence[PlannedTick],
+    ticks: Sequence[TickOutcomes],
     *,
     cycle: tuple[int, float] | None = None,
     set_before: Mapping[str, str] | None = None,
@@ -175,20 +175,20 @@ def assert_holds_in_run(
     format: int | None = None,
     declarations: File | None = None,
 ) -> None:
-    """Run a tree with planned results of its leaves, and assert that the run does not violate a question.
+    """Run a tree with given outcomes of its leaves, and assert that the run does not violate a question.
 
-    `btcore prove --save` writes tests with this assertion. A leaf that is ticked when no result is planned
-    for it takes its next planned result. After its last planned result, it repeats this result, unless that
-    is RUNNING. In all other cases, it takes the first result of its model. The run ends when the tree ends.
+    `btcore prove --save` writes tests with this assertion. A leaf that is ticked in a tick without an outcome
+    for it takes its next outcome. After its last outcome, it repeats this outcome, unless that is RUNNING. In
+    all other cases, it takes the first result of its model. The run ends when the tree ends.
 
     Args:
         file: The XML file of the tree.
         question: The question, as in `prove`; or a standard question.
-        plan: For each tick its time (s) and the results of the leaves, by name or path: a status such as
-            "SUCCESS"; a pair of a status and the values that the leaf writes, by port; or a list of these
-            for a leaf that is ticked several times. If time passes within the tick, a list of times: one for
+        ticks: For each tick its time (s) and the outcomes of the leaves, by name or path: "S" (SUCCESS), "F"
+            (FAILURE), "R" (RUNNING) or "K" (SKIPPED), with the values of output ports as in "S(goal=3)"; as
+            many as the leaf is ticked. If time passes within the tick, a list of times: one for
             the start of the tick, and one for each later reading of the clock by a node.
-        cycle: The index of the tick from which the plan is repeated, and the duration of the cycle (s).
+        cycle: The index of the tick from which the ticks are repeated, and the duration of the cycle (s).
         set_before: The values of the entries that the program sets before the first tick, as texts; `?` is
             a value that is not known.
         nodes: As in `prove`, like all following arguments.
@@ -199,7 +199,7 @@ def assert_holds_in_run(
 
     Raises:
         AssertionError: The run violates the question.
-        PlanError: The plan is invalid, or names a leaf that the tree does not have.
+        OutcomesError: The outcomes of a leaf are invalid, or the tree has no such leaf.
         TreeError: The tree or a model has errors.
         ModelError: A declaration is invalid.
         QuestionError: The question is invalid.
@@ -211,15 +211,12 @@ def assert_holds_in_run(
         ...   <ReactiveSequence> <Condition ID="PathFree"/> <Action ID="Drive"/> </ReactiveSequence>
         ... </BehaviorTree></root>'''
         >>> _ = Path("drive.xml").write_text(xml)
-        >>> plan = [
-        ...     (0.0, {"PathFree": "SUCCESS", "Drive": "RUNNING"}),
-        ...     (0.1, {"PathFree": "FAILURE"}),
-        ... ]
-        >>> assert_holds_in_run("drive.xml", "never Drive & PathFree is FAILURE", plan, models=["drive.xml"])
+        >>> ticks = [(0.0, {"PathFree": "S", "Drive": "R"}), (0.1, {"PathFree": "F"})]
+        >>> assert_holds_in_run("drive.xml", "never Drive & PathFree is FAILURE", ticks, models=["drive.xml"])
     """
     declared = declarations_of(Path(file), declarations)
     plans = _plans(file, nodes, models, tree, format, declared)
-    fault = fault_in_run(plans, question, plan, cycle, set_before or {}, declared)
+    fault = fault_in_run(plans, question, ticks, cycle, set_before or {}, declared)
     if fault is not None:
         raise AssertionError(f"{question}: {fault}")
 
@@ -262,19 +259,19 @@ def prover_of(
 def fault_in_run(
     plans: Plans,
     question: str,
-    plan: Sequence[PlannedTick],
+    ticks: Sequence[TickOutcomes],
     cycle: tuple[int, float] | None,
     set_before: Mapping[str, str],
     declared: Declarations,
     attach: Callable[[Tree], object] | None = None,
     cycles: int = CYCLES,
 ) -> str | None:
-    """Return how a planned run violates a question, or None.
+    """Return how a run with given outcomes violates a question, or None.
 
     Args:
         plans: As in `prover_of`.
         question: As in `assert_holds_in_run`, like the following arguments.
-        plan: The plan.
+        ticks: The ticks.
         cycle: The cycle.
         set_before: The entries that the program sets.
         declared: The declarations.
@@ -282,11 +279,11 @@ def fault_in_run(
         cycles: How often the cycle is run.
 
     Raises:
-        PlanError: The plan is invalid.
+        OutcomesError: The outcomes of a leaf are invalid.
         QuestionError: The question is invalid.
     """
-    choices = PlannedChoices(plan, None if cycle is None else cycle[0], declared.entries)
-    return run_plan(_maker(plans, set_before), choices, plan, question, cycle, attach, cycles)
+    choices = ReplayChoices(ticks, None if cycle is None else cycle[0], declared.entries)
+    return replay_outcomes(_maker(plans, set_before), choices, ticks, question, cycle, attach, cycles)
 
 
 def _maker(plans: Plans, set_before: Mapping[str, str]) -> TreeMaker:

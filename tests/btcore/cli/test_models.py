@@ -1,4 +1,4 @@
-"""``--model``: trees whose leaves exist only in C++ are checked, drawn, and run with planned leaves."""
+"""``--model``: trees whose leaves exist only in C++ are checked, drawn, and run with mock leaves."""
 
 import json
 from collections.abc import Callable
@@ -62,7 +62,7 @@ def test_show_draws_nodes_of_models(cli: Cli, tree_file: TreeFile, model: Path) 
     assert "▪ short  Haul  4  goal=a" in shown
 
 
-def test_run_uses_plans_by_name_and_by_id(
+def test_run_uses_outcomes_by_name_and_by_id(
     cli: Cli, tree_file: TreeFile, model: Path, last_json: LastJson
 ) -> None:
     plans = ["--plan", "short=RF", "--plan", "Haul=RRS", "--plan", "IsOk=S"]
@@ -78,14 +78,14 @@ def test_run_uses_plans_by_name_and_by_id(
 @pytest.mark.parametrize(
     ("plans", "said"),
     [
-        (["Hual=S"], "Did you mean 'Haul'?"),
-        (["Sequence=S"], "Leaves from a --model: "),
-        (["Haul=X"], "the letters are R (RUNNING)"),
-        (["Haul="], "write NAME=LETTERS"),
-        (["Haul=S|"], "write NAME=LETTERS"),
-        (["RRS"], "write NAME=LETTERS"),
-        (["Haul=S", "Haul=F"], "'Haul' has more than one plan"),
-        (["IsOk=S|F"], "'IsOk' is a condition"),
+        (["Hual=S"], "--plan: the tree has no mock leaf 'Hual'; did you mean 'Haul'?"),
+        (["Sequence=S"], "it has IsOk, short, Haul, long and Rest."),
+        (["Haul=Z"], "the letters are R (RUNNING)"),
+        (["Haul="], "invalid outcomes ''"),
+        (["Haul=S|"], "invalid outcomes 'S|'"),
+        (["RRS"], "write NAME=OUTCOMES"),
+        (["Haul=S", "Haul=F"], "'Haul' has outcomes more than once"),
+        (["Haul=S(gaol=1)"], "--plan: outputs: 'Haul' has no output port 'gaol'"),
     ],
 )
 def test_invalid_plan_is_refused(
@@ -100,9 +100,8 @@ def test_invalid_plan_is_refused(
 def test_plan_without_a_model_is_refused(cli: Cli, tree_file: TreeFile) -> None:
     result = cli("run", tree_file("<AlwaysSuccess/>"), "--plan", "AlwaysSuccess=F", "--fast")
     assert result.exit_code == 2
-    assert (
-        "the tree has no leaf 'AlwaysSuccess' from a --model. Leaves from a --model: none." in result.stderr
-    )
+    message = "no mock leaf 'AlwaysSuccess'; it has none. Mock leaves are leaves from a --model."
+    assert message in result.stderr
 
 
 @pytest.mark.parametrize("command", ["run", "show", "validate"])

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from btcore import In, NodeExecutionError, Put, SimClock, Status, Tree, action, running, sleep
-from btcore.testing.plan_leaves import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 MakeTree = Callable[..., Tree]
 

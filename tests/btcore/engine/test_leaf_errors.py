@@ -17,7 +17,7 @@ from btcore import (
     Tree,
     action,
 )
-from btcore.testing.plan_leaves import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 MakeTree = Callable[..., Tree]
 

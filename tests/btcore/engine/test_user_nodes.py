@@ -21,7 +21,7 @@ from btcore import (
 )
 from btcore.nodes.result_decorators import Inverter
 from btcore.nodes.sequences_and_fallbacks import Sequence
-from btcore.testing.plan_leaves import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 MakeTree = Callable[..., Tree]
 

@@ -6,36 +6,15 @@ from pathlib import Path
 import pytest
 
 import btcore
-from btcore import Observer, Registry, SimClock, StatefulAction, Status, Transition, Tree
+from btcore import Observer, Registry, SimClock, Transition, Tree
 from btcore.blackboard.ports import Direction, Port
-from btcore.testing.plan_leaves import LETTERS
+from btcore.testing import MockAction, Outcomes
 from btcore.values import DOUBLE, INT
 
-
-class Plans:
-    """The results of each node by path: a text of letters for each start."""
-
-    def __init__(self) -> None:
-        self.of = {
-            "AlwaysFailure::4": ["F", "S", "F"],
-            "cnt": ["RRS", "F"],
-            "Sub::6/Count::9": ["RS", "RS"],
-        }
+OUTCOMES = Outcomes(leaves={"AlwaysFailure": "F|S|F", "cnt": "RRS|F", "Count": "RS"})
 
 
-class Planned(StatefulAction):
-    def __init__(self, plans: Plans) -> None:
-        self.plans = plans.of[self.path]
-
-    def on_start(self) -> Status:
-        self.letters = iter(self.plans.pop(0))
-        return self.on_running()
-
-    def on_running(self) -> Status:
-        return LETTERS[next(self.letters)]
-
-
-class Count(Planned):
+class Count(MockAction):
     @staticmethod
     def provided_ports() -> list[Port]:
         return [
@@ -65,9 +44,9 @@ def sample(recorded_tree: Callable[[str], str]) -> Tree:
     """Build the recorded tree. As in the recording, its AlwaysFailure succeeds the second time."""
     nodes = Registry.standard()
     nodes.add(Count)
-    nodes.replace(AlwaysFailure=Planned)
+    nodes.replace(AlwaysFailure=MockAction)
     source = recorded_tree("""<Script code="loc:='a'"/><Count out="{o2}"/>""")
-    return btcore.loads(source, nodes=nodes, resources=[Plans()], clock=SimClock())
+    return btcore.loads(source, nodes=nodes, resources=[OUTCOMES], clock=SimClock())
 
 
 @pytest.fixture

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 import btcore
 from btcore import NodeExecutionError, Registry, SimClock, Status, Transition, Tree
 from btcore.logs import TraceLog
-from btcore.testing.plan_leaves import CallLog
 from btcore.testing.strategies import xml_documents
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 NODES = conformance_registry()
 

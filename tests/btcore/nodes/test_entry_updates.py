@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from btcore import Status, Tree, TreeError
-from btcore.testing.plan_leaves import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 MakeTree = Callable[..., Tree]
 

@@ -19,7 +19,7 @@ from btcore import (
     action,
     loads,
 )
-from btcore.testing.plan_leaves import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 MakeTree = Callable[..., Tree]
 

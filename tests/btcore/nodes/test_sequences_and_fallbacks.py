@@ -6,7 +6,7 @@ import pytest
 
 from btcore import NodeSpec, Status, Tree
 from btcore.nodes.sequences_and_fallbacks import OrderedNode, ReactiveNode, ReactiveSequence, Sequence
-from btcore.testing.plan_leaves import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 MakeTree = Callable[..., Tree]
 

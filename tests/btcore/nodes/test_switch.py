@@ -6,8 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from btcore import Blackboard, NodeExecutionError, Status, Tree, TreeError
-from btcore.testing.plan_leaves import CallLog
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 MakeTree = Callable[..., Tree]
 

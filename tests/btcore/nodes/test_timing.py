@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from btcore import NodeExecutionError, SimClock, Status, Tree, TreeError, action, sleep
-from btcore.testing.plan_leaves import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 MakeTree = Callable[..., Tree]
 MS = 1_000_000

@@ -24,7 +24,7 @@ def message(failed: pytest.ExceptionInfo[AssertionError]) -> list[str]:
 
 
 def test_ticked_node_ran(patrol: Patrol) -> None:
-    harness = patrol("S", "RS")
+    harness = patrol("S|RS")
     harness.tick()
     assert_ran(harness, "BatteryOk", "out")
     assert_ran(harness.trace, "round/out")
@@ -32,7 +32,7 @@ def test_ticked_node_ran(patrol: Patrol) -> None:
 
 
 def test_the_message_shows_the_ticks_and_the_tree(patrol: Patrol) -> None:
-    harness = patrol("S", "RS")
+    harness = patrol("S|RS")
     harness.tick()
     with pytest.raises(AssertionError) as failed:
         assert_ran(harness, "out", "back")
@@ -56,7 +56,7 @@ def test_the_message_shows_the_ticks_and_the_tree(patrol: Patrol) -> None:
 
 
 def test_long_trace_is_cut_to_its_last_steps(patrol: Patrol) -> None:
-    harness = patrol("S", "R" * 20 + "S")
+    harness = patrol("S|" + "R" * 20 + "S")
     harness.tick(9)
     with pytest.raises(AssertionError, match="never ran in 9 ticks\n4 steps before\ntick 5"):
         assert_ran(harness, "back")
@@ -74,7 +74,7 @@ def test_a_node_that_was_only_skipped_did_not_run() -> None:
 
 
 def test_unexpected_node_is_shown_at_its_first_tick(patrol: Patrol) -> None:
-    harness = patrol("F", "S", "RRRS")
+    harness = patrol("F|S|RRRS")
     harness.tick(3)
     with pytest.raises(AssertionError) as failed:
         assert_never_ran(harness, "out")
@@ -92,14 +92,14 @@ def test_assert_order_compares_the_order_of_starts(patrol: Patrol) -> None:
 
 
 def test_assert_order_fails_for_a_node_that_never_ran(patrol: Patrol) -> None:
-    harness = patrol("S", "F")
+    harness = patrol("S|F")
     harness.tick()
     with pytest.raises(AssertionError, match="'round/back' never ran"):
         assert_order(harness, "out", "back")
 
 
 def test_assert_results_compares_the_results_of_all_ticks(patrol: Patrol) -> None:
-    harness = patrol("S", "RS", "S", "F")
+    harness = patrol("S|RS|S|F")
     harness.tick(2)
     assert_results(harness, "out", [Status.RUNNING, Status.SUCCESS])
     with pytest.raises(AssertionError, match="'out' returned RUNNING, SUCCESS, not nothing"):
@@ -107,7 +107,7 @@ def test_assert_results_compares_the_results_of_all_ticks(patrol: Patrol) -> Non
 
 
 def test_assert_halted_requires_a_halted_running_node(patrol: Patrol) -> None:
-    harness = patrol("S", "RRRS", "F")
+    harness = patrol("S|RRRS|F")
     harness.tick()
     with pytest.raises(AssertionError, match="'out' was never halted in 1 tick"):
         assert_halted(harness, "out")
@@ -118,7 +118,7 @@ def test_assert_halted_requires_a_halted_running_node(patrol: Patrol) -> None:
 
 
 def test_a_halt_by_the_test_counts_without_another_tick(patrol: Patrol) -> None:
-    harness = patrol("S", "RRRS")
+    harness = patrol("S|RRRS")
     harness.tick()
     harness.tree.halt()
     assert_halted(harness, "out")
@@ -137,7 +137,7 @@ def test_assert_never_running_together_names_the_nodes_and_the_tick() -> None:
 
 
 def test_assert_ended_compares_the_last_status(patrol: Patrol) -> None:
-    harness = patrol("S", "F")
+    harness = patrol("S|F")
     with pytest.raises(AssertionError, match="was never ticked"):
         assert_ended(harness, Status.FAILURE)
     harness.tick()

@@ -15,8 +15,8 @@ def tree(patrol: Patrol) -> Tree:
     return patrol("S").tree
 
 
-def tick(tree: Tree, *entries: str, times: int = 1) -> None:
-    Outcomes(*entries).attach(tree)
+def tick(tree: Tree, outcomes: str, times: int = 1) -> None:
+    Outcomes(outcomes).attach(tree)
     for _ in range(times):
         tree.tick_exactly_once()
     tree.halt()
@@ -33,7 +33,7 @@ def test_report_shows_every_node_with_its_results(tree: Tree) -> None:
     coverage = Coverage()
     coverage.watch(tree)
     tick(tree, "F")
-    tick(tree, "S", "RF", "S", times=2)
+    tick(tree, "S|RF|S", times=2)
     assert coverage.report().splitlines() == [
         "Main: 5 of 7 nodes ran",
         "  R·F   ReactiveSequence 'patrol'",
@@ -49,8 +49,8 @@ def test_report_shows_every_node_with_its_results(tree: Tree) -> None:
 
 def test_coverage_adds_up_over_several_trees(patrol: Patrol) -> None:
     coverage = Coverage()
-    for entries in (("F",), ("S",), ("S", "F"), ("S", "S", "F")):
-        tree = patrol().tree if not entries else patrol(*entries).tree
+    for outcomes in ("F", "S", "S|F", "S|S|F"):
+        tree = patrol(outcomes).tree
         coverage.watch(tree)
         tree.tick_exactly_once()
     coverage.require(nodes=1.0, results=1.0)
@@ -70,7 +70,7 @@ def test_node_with_a_single_possible_result_misses_no_other(tree: Tree) -> None:
 def test_insufficient_coverage_fails_with_the_report(tree: Tree) -> None:
     coverage = Coverage()
     coverage.watch(tree)
-    tick(tree, "S", "F")
+    tick(tree, "S|F")
     coverage.require(nodes=0.7)
     with pytest.raises(AssertionError) as failed:
         coverage.require(nodes=0.9, results=0.5)
@@ -86,7 +86,7 @@ def test_node_that_raised_has_no_result(tree: Tree) -> None:
     coverage = Coverage()
     coverage.watch(tree)
     with pytest.raises(NodeExecutionError):
-        tick(tree, "S", "X")
+        tick(tree, "S|X")
     assert coverage.trees["Main"]["round/out"].results == set()
     assert coverage.trees["Main"]["BatteryOk::2"].results == {Status.SUCCESS}
 

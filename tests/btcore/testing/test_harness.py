@@ -7,7 +7,7 @@ import pytest
 
 import btcore
 from btcore import Blackboard, NodeExecutionError, Registry, Status, action, sleep
-from btcore.testing import Harness, LeafPlanError, StatusChange, Trace
+from btcore.testing import Harness, MockLeafError, StatusChange, Trace
 
 Patrol = Callable[..., Harness]
 
@@ -48,7 +48,7 @@ def test_providers_are_open_until_the_harness_is_closed() -> None:
 
 
 def test_tick_ticks_once_and_takes_no_time(patrol: Patrol) -> None:
-    harness = patrol("S", "RRRRS")
+    harness = patrol("S|RRRRS")
     assert harness.tick() is Status.RUNNING
     assert harness.tick() is Status.RUNNING
     assert harness.tick(2) is Status.RUNNING
@@ -145,7 +145,7 @@ def test_result_stays_readable_when_the_node_is_idle_again(patrol: Patrol) -> No
 
 
 def test_step_contains_changes_results_written_entries_and_statuses(patrol: Patrol) -> None:
-    harness = patrol("S", "S", "RF")
+    harness = patrol("S|S|RF")
     harness.tick()
     step = harness.last
     assert (step.tick, step.stamp, step.status) == (1, 0, Status.RUNNING)
@@ -162,7 +162,7 @@ def test_step_contains_changes_results_written_entries_and_statuses(patrol: Patr
 
 
 def test_node_that_stays_running_is_ticked_without_a_change(patrol: Patrol) -> None:
-    harness = patrol("S", "RRRS", "S", "S")
+    harness = patrol("S|RRRS|S|S")
     harness.tick(2)
     assert "round/out" in harness.last.results
     assert "round/out" not in [change.path for change in harness.last.changes]
@@ -170,7 +170,7 @@ def test_node_that_stays_running_is_ticked_without_a_change(patrol: Patrol) -> N
 
 
 def test_halt_between_ticks_is_a_separate_step(patrol: Patrol) -> None:
-    harness = patrol("S", "RRS")
+    harness = patrol("S|RRS")
     harness.wait(0.5)
     harness.tick()
     harness.halt()
@@ -181,10 +181,10 @@ def test_halt_between_ticks_is_a_separate_step(patrol: Patrol) -> None:
 
 
 def test_node_that_raises_ends_the_step_without_a_result(patrol: Patrol) -> None:
-    harness = patrol("S", "X")
+    harness = patrol("S|X")
     with pytest.raises(NodeExecutionError) as raised:
         harness.tick()
-    assert isinstance(raised.value.cause, LeafPlanError)
+    assert isinstance(raised.value.cause, MockLeafError)
     step = harness.last
     assert step.error is raised.value
     assert step.results["BatteryOk::2"] == (Status.SUCCESS,)

@@ -1,4 +1,4 @@
-"""Random trees, plans and blackboards: their content, and how they shrink."""
+"""Random trees, outcomes and blackboards: their content, and how they shrink."""
 
 import re
 from collections.abc import Callable
@@ -25,8 +25,9 @@ from btcore import (
     Tree,
     condition,
 )
-from btcore.testing import CallLog, Outcomes, blackboards, outcomes, trees, xml_documents
-from tests.conformance.recorded_cases import conformance_registry
+from btcore.testing import Outcomes, blackboards, outcomes, trees, xml_documents
+from btcore.xml.models.mock_leaves import parse_outcomes
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 SMALLEST = settings(
     derandomize=True, database=None, max_examples=5000, suppress_health_check=list(HealthCheck)
@@ -59,7 +60,7 @@ def tags(text: str) -> set[str]:
 
 def test_smallest_tree_is_a_single_leaf() -> None:
     (leaf,) = smallest(xml_documents(), lambda _: True)
-    assert leaf.startswith("Plan")
+    assert leaf in ("Act", "Ask")
 
 
 @pytest.mark.parametrize("tag", ["Inverter", "ReactiveFallback", "TryCatch"])
@@ -73,14 +74,14 @@ def test_tree_shrinks_to_the_required_node(tag: str) -> None:
             break  # about one search in twenty stops at a slightly larger tree
     assert found[0] == tag
     assert len(found) == 1 + children
-    assert all(other.startswith("Plan") for other in found[1:])
+    assert set(found[1:]) <= {"Act", "Ask"}
 
 
 def test_subtree_shrinks_away_unless_it_is_required() -> None:
     assert "SubTree" not in smallest(xml_documents(subtrees=3), lambda text: "<Inverter" in text)
     found = smallest(xml_documents(subtrees=3), lambda text: "<SubTree" in text)
     assert found[-3:] == ["SubTree", "BehaviorTree", found[-1]]
-    assert found[-1].startswith("Plan")
+    assert found[-1] in ("Act", "Ask")
 
 
 @given(xml_documents(max_nodes=12, max_depth=3))
@@ -95,8 +96,8 @@ def test_only_chosen_tags_occur(text: str) -> None:
 
 
 @given(xml_documents(tags=["Fallback", "Sequence"]))
-def test_leaves_are_planned_if_no_leaf_is_chosen(text: str) -> None:
-    assert tags(text) <= {"Fallback", "Sequence", "PlanAction", "PlanCondition", "PlanSync"}
+def test_leaves_are_mock_leaves_if_no_leaf_is_chosen(text: str) -> None:
+    assert tags(text) <= {"Fallback", "Sequence", "Act", "Ask"}
 
 
 @pytest.mark.parametrize(
@@ -124,7 +125,7 @@ def test_conditions_of_every_kind_occur(key: str) -> None:
 
 @given(xml_documents(skipped=False, conditions=True))
 def test_skipped_false_generates_no_skips(text: str) -> None:
-    assert not re.search(r'_skipIf|_while|RunOnce|plan="[^"]*K', text)
+    assert not re.search(r'_skipIf|_while|RunOnce|outcomes="[^"]*K', text)
 
 
 @given(xml_documents(max_nodes=40, format=3, timed=True, subtrees=2))
@@ -236,22 +237,22 @@ def test_tag_that_cannot_be_generated_is_refused(tag: str, said: str) -> None:
         find(xml_documents(nodes=OWN, tags=[tag]), lambda _: True)
 
 
-# --- plans and blackboards
+# --- outcomes and blackboards
 
 
 @given(outcomes())
-def test_plan_neither_skips_nor_raises_by_default(plan: Outcomes) -> None:
-    assert 1 <= len(plan.entries) <= 12
-    assert set("".join(plan.entries)) <= set("RSF")
+def test_outcomes_neither_skip_nor_raise_by_default(plan: Outcomes) -> None:
+    assert 1 <= len(parse_outcomes(plan.shared)) <= 12
+    assert set(plan.shared) <= set("RSF|")
 
 
-def test_plan_shrinks_to_a_single_success() -> None:
+def test_outcomes_shrink_to_a_single_success() -> None:
     assert find(outcomes(skipped=True, raising=True), lambda _: True, settings=SMALLEST) == Outcomes("S")
 
 
-def test_a_plan_may_skip_and_raise() -> None:
-    assert find(outcomes(skipped=True), lambda plan: "K" in plan.entries, settings=SMALLEST) == Outcomes("K")
-    assert find(outcomes(raising=True), lambda plan: "X" in plan.entries, settings=SMALLEST) == Outcomes("X")
+def test_outcomes_may_skip_and_raise() -> None:
+    assert find(outcomes(skipped=True), lambda plan: "K" in plan.shared, settings=SMALLEST) == Outcomes("K")
+    assert find(outcomes(raising=True), lambda plan: "X" in plan.shared, settings=SMALLEST) == Outcomes("X")
 
 
 @given(blackboards({"battery": st.floats(0, 1), "goal": str, "tries": int, "armed": bool, "gain": float}))

@@ -22,8 +22,7 @@ from btcore import (
 )
 from btcore.clock import NS_PER_S
 from btcore.nodes.sequences_and_fallbacks import Sequence
-from btcore.testing.plan_leaves import CallLog, PlanAction
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, PlanAction, conformance_registry
 
 MakeTree = Callable[..., Tree]
 

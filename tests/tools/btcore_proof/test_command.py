@@ -292,7 +292,7 @@ def test_saved_test_fails_until_the_tree_is_mended(prove: Callable[..., Result],
     test = folder / "test_08_never_drive_pathfree_ticked.py"
     text = test.read_text(encoding="utf-8")
     assert 'FOLDER / "../../tree.xml"' in text
-    assert '(0.1, {"Drive": "RUNNING"}),' in text
+    assert '(0.1, {"Drive": "R"}),' in text
     outcome = run_test(test)
     assert "'Drive & !PathFree ticked' holds" in outcome.stdout
     mended = DRIVE.replace("Sequence>", "ReactiveSequence>").replace("Fallback>", "ReactiveFallback>")
@@ -332,12 +332,13 @@ def test_saved_tests_pass_ruff_and_name_all_that_the_tree_needs(
     assert "1 failed" in run_test(test).stdout
 
 
-def test_run_that_planned_leaves_cannot_repeat_is_not_saved(
-    prove: Callable[..., Result], tmp_path: Path
-) -> None:
+def test_run_that_outcomes_cannot_repeat_is_not_saved(prove: Callable[..., Result], tmp_path: Path) -> None:
     tree = DRIVE.replace('"4"', '"3"').replace("Fallback>", "ManualSelector>")
     result = prove(tree, "--never", "Stop", "--save", str(tmp_path / "found"))
-    assert "warning: 'never Stop': nothing was saved, because planned leaves do not repeat" in result.stderr
+    assert (
+        "warning: 'never Stop': nothing was saved, because the leaves' outcomes do not repeat"
+        in result.stderr
+    )
     assert not list((tmp_path / "found").glob("*never*"))
 
 

@@ -16,7 +16,6 @@ from btcore.blackboard.ports import PortRole
 from btcore.engine.node import TreeNode, count_ticks
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
-from btcore.testing.plan_leaves import CallLog
 from btcore.testing.strategies import xml_documents
 from btcore.tree.saved_state import state_fields_of
 from btcore.tree.tree import Tree
@@ -24,7 +23,7 @@ from btcore_proof.interrupts import OpaqueStateError
 from btcore_proof.state_graph import StateTable
 from btcore_proof.timer_order import NO_TIMERS, Advance
 from btcore_proof.tree_state import NOW, StateKeeper, TreeState
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 NODES = conformance_registry()
 SAME_TIME = Advance((), NO_TIMERS)

@@ -9,8 +9,8 @@ from btcore import Direction, NodeType, Registry, SimClock, Status, TreeError
 from btcore.entry_points import EntryPoint
 from btcore.errors import RegistrationError
 from btcore.lint.validate import validate_document
+from btcore.xml.models.mock_leaves import Outcomes
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
-from btcore.xml.models.stubs import StubResults
 from btcore.xml.models.tree_nodes_model import write_models
 from btcore.xml.read.read import parse_file, parse_text
 
@@ -138,18 +138,9 @@ def test_stub_succeeds_immediately_or_follows_its_plan(models: Path) -> None:
     nodes = Registry.standard()
     add_models(nodes, models)
     assert btcore.loads(TREE, nodes=nodes).tick_exactly_once() is Status.SUCCESS
-    results = StubResults({"Move": "RS|F", "door": "F"})
+    results = Outcomes(leaves={"Move": "RS|F", "door": "F"})
     tree = btcore.loads(TREE, nodes=nodes, resources=[results], clock=SimClock())
     assert [tree.tick_exactly_once().name for _ in range(4)] == ["RUNNING", "FAILURE", "FAILURE", "RUNNING"]
-
-
-def test_invalid_letter_of_a_plan_raises_when_it_is_reached(models: Path) -> None:
-    nodes = Registry.standard()
-    add_models(nodes, models)
-    tree = btcore.loads(TREE, nodes=nodes, resources=[StubResults({"Move": "RX"})])
-    tree.tick_exactly_once()
-    with pytest.raises(btcore.NodeExecutionError, match=r"invalid letter 'X' in the plan of 'Move'"):
-        tree.tick_exactly_once()
 
 
 def test_file_of_trees_provides_its_models_and_its_explicit_tags(tmp_path: Path) -> None:

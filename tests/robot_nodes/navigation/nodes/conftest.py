@@ -8,7 +8,6 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
-from btcore.testing import CallLog, PlanAction
 from btcore_navigation import nodes as nav2_nodes
 from btcore_navigation.costmap import GlobalCostmap
 from btcore_navigation.planner import Planner, PlannerServer
@@ -17,6 +16,7 @@ from btcore_navigation.smoother import SmootherServer
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import TransformTree
+from tests.conformance.recorded_cases import CallLog, PlanAction
 
 HALF = 5.0  # m from the middle of the hall to its walls
 CELL = 0.05  # m

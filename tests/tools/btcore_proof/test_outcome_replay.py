@@ -1,11 +1,11 @@
-"""Runs with planned results: `assert_holds_in_run`, and which result a leaf takes that has no plan."""
+"""Runs with given outcomes: `assert_holds_in_run`, and which result a leaf takes that has none."""
 
 from pathlib import Path
 
 import pytest
 
-from btcore_proof import PlanError, assert_holds_in_run, assert_proved, prove
-from btcore_proof.planned_run import planned_ticks
+from btcore_proof import OutcomesError, assert_holds_in_run, assert_proved, prove
+from btcore_proof.outcome_replay import outcomes_of_ticks
 from btcore_proof.standard_questions import ENDS
 
 RETRY = """
@@ -32,45 +32,45 @@ def file(tmp_path: Path) -> Path:
 
 def test_run_that_violates_the_question_fails(file: Path) -> None:
     file.write_text(SEQUENCE.format(kind="Sequence"))
-    plan = [(0.0, {"Ready": "SUCCESS", "Grasp": "RUNNING"}), (0.1, {"Grasp": "SUCCESS", "Lift": "RUNNING"})]
+    ticks = [(0.0, {"Ready": "S", "Grasp": "R"}), (0.1, {"Grasp": "S", "Lift": "R"})]
     with pytest.raises(AssertionError, match="never Lift: 'Lift' holds"):
-        assert_holds_in_run(file, "never Lift", plan, models=[file])
+        assert_holds_in_run(file, "never Lift", ticks, models=[file])
     with pytest.raises(AssertionError, match="'Lift' does not hold within 0 ticks"):
-        assert_holds_in_run(file, "Grasp leads to Lift within 0 ticks", plan, models=[file])
-    assert_holds_in_run(file, "Grasp leads to Lift within 1 tick", plan, models=[file])
-    assert_holds_in_run(file, "Grasp before Lift", plan, models=[file])
+        assert_holds_in_run(file, "Grasp leads to Lift within 0 ticks", ticks, models=[file])
+    assert_holds_in_run(file, "Grasp leads to Lift within 1 tick", ticks, models=[file])
+    assert_holds_in_run(file, "Grasp before Lift", ticks, models=[file])
     with pytest.raises(AssertionError, match="'Grasp' holds before 'Lift'"):
-        assert_holds_in_run(file, "Lift before Grasp", plan, models=[file])
+        assert_holds_in_run(file, "Lift before Grasp", ticks, models=[file])
 
 
-def test_leaf_without_a_plan_takes_its_next_result_then_repeats_the_last(file: Path) -> None:
+def test_leaf_without_an_outcome_takes_its_next_result_then_repeats_the_last(file: Path) -> None:
     file.write_text(SEQUENCE.format(kind="ReactiveSequence"))
-    # Ready is planned for the first and the third tick only.
-    plan = [
-        (0.0, {"Ready": "SUCCESS", "Grasp": "RUNNING"}),
-        (0.1, {"Grasp": "RUNNING"}),
-        (0.2, {"Ready": "FAILURE"}),
+    # Ready has outcomes in the first and the third tick only.
+    ticks = [
+        (0.0, {"Ready": "S", "Grasp": "R"}),
+        (0.1, {"Grasp": "R"}),
+        (0.2, {"Ready": "F"}),
     ]
     with pytest.raises(AssertionError, match="'Ready is FAILURE & Grasp halted' holds"):
-        assert_holds_in_run(file, "never Ready is FAILURE & Grasp halted", plan, models=[file])
-    # Beyond its plan, Ready still succeeds, but Grasp does not run forever.
-    plan = [(0.0, {"Ready": "SUCCESS", "Grasp": "RUNNING"}), (0.1, {}), (0.2, {})]
-    assert_holds_in_run(file, "never Ready is FAILURE", plan, models=[file])
+        assert_holds_in_run(file, "never Ready is FAILURE & Grasp halted", ticks, models=[file])
+    # Beyond its outcomes, Ready still succeeds, but Grasp does not run forever.
+    ticks = [(0.0, {"Ready": "S", "Grasp": "R"}), (0.1, {}), (0.2, {})]
+    assert_holds_in_run(file, "never Ready is FAILURE", ticks, models=[file])
     with pytest.raises(AssertionError):
-        assert_holds_in_run(file, "never Grasp is SUCCESS", plan, models=[file])
+        assert_holds_in_run(file, "never Grasp is SUCCESS", ticks, models=[file])
 
 
 def test_cycle_is_repeated_until_the_tree_ends(file: Path) -> None:
     file.write_text(RETRY.format(attempts=-1))
-    # Nothing that is planned lets the endless loop end.
-    plan = [
-        (0.0, {"Ready": "SUCCESS", "Grasp": "RUNNING"}),
-        (0.1, {"Ready": "SUCCESS", "Grasp": ("SUCCESS", {"object": "?"})}),
+    # No outcome lets the endless loop end.
+    ticks = [
+        (0.0, {"Ready": "S", "Grasp": "R"}),
+        (0.1, {"Ready": "S", "Grasp": "S(object=?)"}),
     ]
     with pytest.raises(AssertionError, match="still RUNNING"):
-        assert_holds_in_run(file, ENDS, plan, cycle=(0, 0.2), models=[file])
+        assert_holds_in_run(file, ENDS, ticks, cycle=(0, 0.2), models=[file])
     file.write_text(RETRY.format(attempts=50))
-    assert_holds_in_run(file, ENDS, plan, cycle=(0, 0.2), models=[file])
+    assert_holds_in_run(file, ENDS, ticks, cycle=(0, 0.2), models=[file])
 
 
 def test_action_ends_in_a_cycle_that_halted_it_before_the_tree_was_mended(file: Path) -> None:
@@ -81,36 +81,38 @@ def test_action_ends_in_a_cycle_that_halted_it_before_the_tree_was_mended(file: 
     assert (answer.question, answer.answer) == (ENDS, "refuted")
     assert run is not None
     assert run.cycle is not None
-    plan, cycle = planned_ticks(run), (run.cycle, run.period)
+    ticks, cycle = outcomes_of_ticks(run), (run.cycle, run.period)
     with pytest.raises(AssertionError, match="still RUNNING"):
-        assert_holds_in_run(file, ENDS, plan, cycle=cycle, models=[file])
+        assert_holds_in_run(file, ENDS, ticks, cycle=cycle, models=[file])
     file.write_text(RETRY.format(attempts=1))
-    assert_holds_in_run(file, ENDS, plan, cycle=cycle, models=[file])
+    assert_holds_in_run(file, ENDS, ticks, cycle=cycle, models=[file])
 
 
-def test_plan_of_a_counterexample_repeats_it(file: Path) -> None:
+def test_outcomes_of_a_counterexample_repeat_it(file: Path) -> None:
     file.write_text(RETRY.format(attempts=2))
     question = "Grasp is SUCCESS leads to Ready is SUCCESS & Grasp is FAILURE"
     answer = prove(file, question, models=[file]).answers[-1]
     assert answer.counterexample is not None
-    plan = planned_ticks(answer.counterexample)
+    ticks = outcomes_of_ticks(answer.counterexample)
     with pytest.raises(AssertionError, match="does not follow"):
-        assert_holds_in_run(file, question, plan, models=[file])
+        assert_holds_in_run(file, question, ticks, models=[file])
 
 
 @pytest.mark.parametrize(
-    ("plan", "question", "message"),
+    ("leaves", "question", "message"),
     [
-        ({"Grsp": "SUCCESS"}, "never Lift", "no such leaf; did you mean 'Grasp'"),
-        ({"Grasp": "SUCESS"}, "never Lift", "'SUCESS' is not a result"),
-        ({"Grasp": []}, "never Lift", "the plan of 'Grasp' is empty"),
+        ({"Grsp": "S"}, "never Lift", "no leaf 'Grsp'; did you mean 'Grasp'"),
+        ({"Grasp": "SUCCESS"}, "never Lift", "'Grasp': invalid outcomes 'SUCCESS'"),
+        ({"Grasp": "X"}, "never Lift", "'Grasp': the outcomes 'X' contain X"),
         ({}, "every leaf is ticked, and can succeed and fail", "not a question about a single run"),
     ],
 )
-def test_errors_in_plans(file: Path, plan: dict[str, str], question: str, message: str) -> None:
+def test_invalid_outcomes_are_refused(
+    file: Path, leaves: dict[str, str], question: str, message: str
+) -> None:
     file.write_text(SEQUENCE.format(kind="Sequence"))
-    with pytest.raises(PlanError, match=message):
-        assert_holds_in_run(file, question, [(0.0, plan)], models=[file])
+    with pytest.raises(OutcomesError, match=message):
+        assert_holds_in_run(file, question, [(0.0, leaves)], models=[file])
 
 
 def test_assert_proved_shows_the_counterexample(file: Path) -> None:
@@ -130,7 +132,7 @@ def test_assert_proved_shows_the_counterexample(file: Path) -> None:
         assert_proved(file, "never Lift", models=[file], seconds=1e-9)
 
 
-def test_plan_repeats_the_time_that_passes_within_a_tick(file: Path) -> None:
+def test_ticks_repeat_the_time_that_passes_within_a_tick(file: Path) -> None:
     tree = """<root BTCPP_format="4"> <BehaviorTree ID="T"> <Parallel success_count="2">
         <Sequence> <Sleep msec="{first}"/> <Action ID="Right"/> </Sequence>
         <Sequence> <Condition ID="Ready"/> <Sleep msec="1000"/> <Action ID="Left"/> </Sequence>
@@ -139,11 +141,11 @@ def test_plan_repeats_the_time_that_passes_within_a_tick(file: Path) -> None:
     question = "never Right & !Left"
     run = prove(file, question, models=[file]).answers[-1].counterexample
     assert run is not None
-    plan = planned_ticks(run)
+    ticks = outcomes_of_ticks(run)
     with pytest.raises(AssertionError, match="holds"):
-        assert_holds_in_run(file, question, plan, models=[file])
+        assert_holds_in_run(file, question, ticks, models=[file])
     file.write_text(tree.format(first=2001))
-    assert_holds_in_run(file, question, plan, models=[file])
+    assert_holds_in_run(file, question, ticks, models=[file])
 
 
 COUNTED = """
@@ -192,4 +194,4 @@ def test_an_unknown_value_that_is_written_again_counts_as_an_update(
     run = answer.counterexample
     assert run is not None
     with pytest.raises(AssertionError, match="holds"):
-        assert_holds_in_run(file, question, planned_ticks(run), models=[file])
+        assert_holds_in_run(file, question, outcomes_of_ticks(run), models=[file])

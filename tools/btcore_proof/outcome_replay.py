@@ -1,4 +1,4 @@
-"""Runs in which the leaves follow a plan: a counterexample is run again, also after the tree was changed."""
+"""Runs with given outcomes of the leaves: a counterexample is run again, also after the tree was changed."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
@@ -6,12 +6,14 @@ from typing import Final
 from btcore.clock import NS_PER_S, SimClock
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError
-from btcore.status import RUNNING, Status
+from btcore.status import RUNNING
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
-from btcore_proof.counterexample import Counterexample, LeafTick, TreeMaker, text_of
+from btcore.xml.models.mock_leaves import LETTERS, Outcome, parse_outcomes
+from btcore_proof.counterexample import Counterexample, TreeMaker, text_of
 from btcore_proof.interrupts import UnknownOutcomeError
-from btcore_proof.model_leaves import Choices, Outcome, Writer, counted_entries, model_leaf_model
+from btcore_proof.model_leaves import Choices, Writer, counted_entries, model_leaf_model
+from btcore_proof.model_leaves import Outcome as ModelOutcome
 from btcore_proof.propositions import parse_proposition, parse_question
 from btcore_proof.standard_questions import ENDS, LEAVES, STANDARD_QUESTIONS, state_checks, tick_checks
 from btcore_proof.tick_runner import Tick, TickRunner
@@ -20,98 +22,93 @@ from btcore_proof.tick_times import TickClock
 CYCLES: Final = 100
 """How often the ticks of a cycle are run. A tree that is still RUNNING afterwards counts as endless."""
 
-PlannedResult = str | tuple[str, Mapping[str, str]]
-"""The result of a leaf, such as "SUCCESS"; or the result, and the values that it writes, by port."""
-PlannedTick = tuple[float | Sequence[float], Mapping[str, PlannedResult | Sequence[PlannedResult]]]
-"""The time of a tick (s), and the result of each leaf by its name or path; a list if it is ticked again.
+TickOutcomes = tuple[float | Sequence[float], Mapping[str, str]]
+"""The time of a tick (s), and the outcomes of each leaf by its name or path, such as `S(goal=3)`.
+
+A leaf has an outcome for each time that it is ticked in this tick.
 
 If time passes within the tick, there are several times: one of each reading of the clock.
 """
-_Planned = tuple[str, Mapping[str, str]]
+_LETTER_OF: Final = {status: letter for letter, status in LETTERS.items()}
 
 
-class PlanError(BtcoreError):
-    """A plan for the leaves of a tree is invalid."""
+class OutcomesError(BtcoreError):
+    """The outcomes of the leaves of a tree are invalid."""
 
 
-def planned_ticks(run: Counterexample) -> list[PlannedTick]:
-    """Return the plan with which the leaves repeat a counterexample."""
-    plan: list[PlannedTick] = []
+def outcomes_of_ticks(run: Counterexample) -> list[TickOutcomes]:
+    """Return the outcomes with which the leaves repeat a counterexample."""
+    ticks: list[TickOutcomes] = []
     for tick in run.ticks:
-        leaves: dict[str, list[PlannedResult]] = {}
+        leaves: dict[str, str] = {}
         for leaf in tick.leaves:
-            leaves.setdefault(leaf.name, []).append(_planned_result(leaf))
-        times = tick.times if len(tick.times) > 1 else tick.time
-        plan.append((times, {name: many if many[1:] else many[0] for name, many in leaves.items()}))
-    return plan
+            outcome = Outcome(_LETTER_OF[leaf.result], tuple(leaf.written.items()))
+            leaves[leaf.name] = leaves.get(leaf.name, "") + str(outcome)
+        ticks.append((tick.times if len(tick.times) > 1 else tick.time, leaves))
+    return ticks
 
 
-def _planned_result(leaf: LeafTick) -> PlannedResult:
-    return (leaf.result.name, dict(leaf.written)) if leaf.written else leaf.result.name
+class ReplayChoices(Choices):
+    """Choices that give each leaf its outcomes.
 
-
-class PlannedChoices(Choices):
-    """Choices that give each leaf the results of a plan.
-
-    A leaf takes the result that is planned for the present tick. If there is none, it takes its next planned
-    result; after its last planned result, it repeats this result, unless that is RUNNING. In all other cases,
-    it takes the first result of its model. An action that is not endless ends at the latest after the plan
-    and a further cycle, because a cycle that repeats forever is fair.
+    A leaf takes its outcome of the present tick. If there is none, it takes its next outcome; after its last
+    outcome, it repeats this outcome, unless that is RUNNING. In all other cases, it takes the first result of
+    its model. An action that is not endless ends at the latest after all ticks and a further cycle, because a
+    cycle that repeats forever is fair.
 
     Args:
-        plan: The plan.
-        cycle: The index of the tick from which the plan is repeated; None = it is not repeated.
+        ticks: The ticks.
+        cycle: The index of the tick from which the ticks are repeated; None = they are not repeated.
         domains: The declared values of entries, as texts, by key.
 
     Raises:
-        PlanError: The plan is invalid.
+        OutcomesError: The outcomes of a leaf are invalid.
     """
 
     def __init__(
-        self, plan: Sequence[PlannedTick], cycle: int | None, domains: Mapping[str, tuple[str, ...]]
+        self, ticks: Sequence[TickOutcomes], cycle: int | None, domains: Mapping[str, tuple[str, ...]]
     ) -> None:
         super().__init__(domains)
         self._cycle = cycle
-        self._plan = [
-            {name: _results(name, planned) for name, planned in leaves.items()} for _, leaves in plan
-        ]
+        self._ticks = [{name: _parse(name, text) for name, text in leaves.items()} for _, leaves in ticks]
         self._place = -1
         self._names: dict[int, str] = {}
         self._taken: dict[str, int] = {}
         self._kept: dict[int, int] = {}
 
     def check(self, tree: Tree) -> None:
-        """Look up the leaves of the plan, and the entries whose writes are counted, in *tree*.
+        """Look up the leaves that have outcomes, and the entries whose writes are counted, in *tree*.
 
         Raises:
-            PlanError: The tree has no such leaf.
+            OutcomesError: The tree has no such leaf.
         """
         self.counted = counted_entries(tree)
         leaves = [node for node in tree.nodes if not node.children]
-        for name in dict.fromkeys(name for tick in self._plan for name in tick):
+        for name in dict.fromkeys(name for tick in self._ticks for name in tick):
             try:
                 self._names[tree.node(name).config.uid] = name
             except BtcoreError:
                 hint = did_you_mean(name, [leaf.name for leaf in leaves])
-                raise PlanError(f"the plan names '{name}', but the tree has no such leaf{hint}") from None
+                raise OutcomesError(f"the tree has no leaf '{name}'{hint}") from None
 
     def begin(self, given: Sequence[int]) -> None:
-        """Begin the next tick of the plan."""
+        """Begin the next tick."""
         super().begin(given)
         self._taken.clear()
         self._place += 1
-        if self._place == len(self._plan) and self._cycle is not None:
+        if self._place == len(self._ticks) and self._cycle is not None:
             self._place = self._cycle
 
-    def choose_outcome(self, leaf: TreeNode, options: Sequence[Outcome], writers: Sequence[Writer]) -> int:
-        """Return the number of the outcome that is planned for *leaf*, or of a similar one."""
+    def choose_outcome(
+        self, leaf: TreeNode, options: Sequence[ModelOutcome], writers: Sequence[Writer]
+    ) -> int:
+        """Return the number of the option that is most like the outcome of *leaf*."""
         wanted = self._wanted(self._names.get(leaf.config.uid, leaf.config.path))
         if self._runs_too_long(leaf):
             wanted = None
         number = 0
         if wanted is not None:
-            result, written = wanted
-            number = max(range(len(options)), key=lambda it: _likeness(options[it], writers, result, written))
+            number = max(range(len(options)), key=lambda it: _likeness(options[it], writers, wanted))
         # The choice is also counted, so that a tick without an end is found.
         self.given = [*(chosen for chosen, _ in self.made), number]
         return self.choose(len(options))
@@ -123,75 +120,73 @@ class PlannedChoices(Choices):
         model = model_leaf_model(leaf)
         if self._cycle is None or model is None or model.endless:
             return False
-        return kept > 2 * len(self._plan) - self._cycle
+        return kept > 2 * len(self._ticks) - self._cycle
 
-    def _wanted(self, name: str) -> _Planned | None:
+    def _wanted(self, name: str) -> Outcome | None:
         count = self._taken.get(name, 0)
         self._taken[name] = count + 1
-        now = self._plan[self._place].get(name)
+        now = self._ticks[self._place].get(name)
         if now is not None:
             return now[min(count, len(now) - 1)]
-        later = self._plan[self._place + 1 :]
+        later = self._ticks[self._place + 1 :]
         if self._cycle is not None:
-            later += self._plan[self._cycle : self._place]
+            later += self._ticks[self._cycle : self._place]
         for leaves in later:
             if name in leaves:
                 return leaves[name][0]
-        for leaves in reversed(self._plan[: self._place]):
+        for leaves in reversed(self._ticks[: self._place]):
             if name in leaves:
-                return leaves[name][-1] if leaves[name][-1][0] != RUNNING.name else None
+                return leaves[name][-1] if leaves[name][-1].letter != "R" else None
         return None
 
 
-def _results(name: str, planned: PlannedResult | Sequence[PlannedResult]) -> list[_Planned]:
-    many = [planned] if isinstance(planned, (str, tuple)) else list(planned)
-    results: list[_Planned] = [(it, {}) if isinstance(it, str) else (it[0], it[1]) for it in many]
-    for result, _ in results:
-        if result not in Status.__members__:
-            raise PlanError(f"the plan of '{name}': '{result}' is not a result")
-    if not results:
-        raise PlanError(f"the plan of '{name}' is empty")
-    return results
+def _parse(name: str, text: str) -> list[Outcome]:
+    try:
+        outcomes = [outcome for start in parse_outcomes(text) for outcome in start]
+    except ValueError as error:
+        raise OutcomesError(f"'{name}': {error}") from None
+    if any(outcome.letter not in LETTERS for outcome in outcomes):
+        raise OutcomesError(f"'{name}': the outcomes '{text}' contain X, but leaves of proofs do not raise")
+    return outcomes
 
 
-def _likeness(
-    option: Outcome, writers: Sequence[Writer], result: str, written: Mapping[str, str]
-) -> tuple[bool, int]:
-    """Return how well an outcome agrees with a planned result; the better, the greater."""
+def _likeness(option: ModelOutcome, writers: Sequence[Writer], outcome: Outcome) -> tuple[bool, int]:
+    """Return how well an option of a model agrees with an outcome; the better, the greater."""
     status, picks = option
     values: dict[str, str] = {}
     for writer, pick in zip(writers, picks, strict=False):
         if pick >= 0:
             values[writer.output.name] = text_of(writer.values[pick]) if writer.values else "?"
+    written = dict(outcome.outputs)
     different = sum(values.get(port) != written.get(port) for port in {*values, *written})
-    return status.name == result, -different
+    return status is LETTERS[outcome.letter], -different
 
 
-def run_plan(
+def replay_outcomes(
     make: TreeMaker,
-    choices: PlannedChoices,
-    plan: Sequence[PlannedTick],
+    choices: ReplayChoices,
+    ticks: Sequence[TickOutcomes],
     question: str,
     cycle: tuple[int, float] | None = None,
     attach: Callable[[Tree], object] | None = None,
     cycles: int = CYCLES,
 ) -> str | None:
-    """Run a tree with a plan, on the ordinary engine. Return what is wrong, or None.
+    """Run a tree with given outcomes, on the ordinary engine. Return what is wrong, or None.
 
-    The run ends when the fault occurs, when the tree ends, or after the plan. A cycle is run *cycles* times.
+    The run ends when the fault occurs, when the tree ends, or after the ticks. A cycle is run *cycles* times.
 
     Args:
         make: Loads the tree.
-        choices: The choices with the same plan.
-        plan: The plan.
+        choices: The choices with the same outcomes.
+        ticks: The ticks.
         question: The question that the run may violate.
         cycle: The index of the tick at which a cycle begins, and the duration of the cycle (s).
         attach: Called with the tree before its first tick.
         cycles: How often the cycle is run.
 
     Raises:
-        PlanError: The plan names a leaf that the tree does not have, or the question has no runs or compares
-            a value that is not known.
+        OutcomesError: A leaf is not in the tree, or the question has no runs or compares a value that is not
+            known.
         QuestionError: The question is invalid.
     """
     clock = SimClock()
@@ -203,7 +198,7 @@ def run_plan(
         attach(tree)
     tick_clock = TickClock(tree, clock)
     try:
-        for times in _times(plan, cycle, cycles):
+        for times in _times(ticks, cycle, cycles):
             tick_clock.begin(times)
             tick = runner.run(())
             message = fault.after(tick)
@@ -211,15 +206,15 @@ def run_plan(
                 return message
         return fault.at_end(cycle is not None)
     except UnknownOutcomeError as error:
-        raise PlanError(str(error)) from error
+        raise OutcomesError(str(error)) from error
     finally:
         tree.flush_observers()
 
 
-def _times(plan: Sequence[PlannedTick], cycle: tuple[int, float] | None, cycles: int) -> list[list[int]]:
+def _times(replayed: Sequence[TickOutcomes], cycle: tuple[int, float] | None, cycles: int) -> list[list[int]]:
     """Return the times (ns) of all ticks."""
-    planned = [times if isinstance(times, Sequence) else [times] for times, _ in plan]
-    ticks = [[round(time * NS_PER_S) for time in times] for times in planned]
+    given = [times if isinstance(times, Sequence) else [times] for times, _ in replayed]
+    ticks = [[round(time * NS_PER_S) for time in times] for times in given]
     if cycle is not None:
         start, duration = cycle
         repeated = ticks[start:]
@@ -240,7 +235,7 @@ class _Fault:
         self._occurred = False
         self.watched = []
         if question == LEAVES:
-            raise PlanError(f"'{question}' is not a question about a single run")
+            raise OutcomesError(f"'{question}' is not a question about a single run")
         if question in STANDARD_QUESTIONS:
             self._check = {**tick_checks(tree), **state_checks(tree)}.get(question)
             return
@@ -259,7 +254,7 @@ class _Fault:
             return None
         first, second = self._first(tick), self._second(tick)
         if first is None or second is None:
-            raise PlanError(f"'{question.text}' compares a value that is not known")
+            raise OutcomesError(f"'{question.text}' compares a value that is not known")
         if question.kind == "never":
             return f"'{question.first}' holds" if first else None
         if question.kind == "before":
