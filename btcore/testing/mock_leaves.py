@@ -28,7 +28,7 @@ from btcore.values import (
 from btcore.xml.models.mock_leaves import GivenOutputs, MockAction, MockCondition, check_outputs
 
 # Limits of the values that are drawn for output ports.
-_LARGEST: Final = 100
+_MAX_NUMBER: Final = 100
 _LETTERS: Final = "abc 12"
 _MAX_DEPTH: Final = 4
 """The maximum number of classes and lists inside each other; a class may contain itself."""
@@ -42,9 +42,9 @@ def _draw_value(kind: ValueType, source: Random, depth: int = _MAX_DEPTH) -> obj
     if kind is BOOL:
         return source.random() < 0.5
     if isinstance(kind, IntegerType):
-        return source.randint(max(kind.low, -_LARGEST), min(kind.high, _LARGEST))
+        return source.randint(max(kind.low, -_MAX_NUMBER), min(kind.high, _MAX_NUMBER))
     if isinstance(kind, RealType):
-        return round(source.uniform(-_LARGEST, _LARGEST), 3)
+        return round(source.uniform(-_MAX_NUMBER, _MAX_NUMBER), 3)
     if kind is STRING:
         return "".join(source.choices(_LETTERS, k=source.randint(0, 5)))
     if isinstance(kind, EnumType):

@@ -6,7 +6,7 @@ outcomes is described in `parse_outcomes`.
 
 import re
 from collections.abc import Iterable, Mapping
-from functools import cache
+from functools import lru_cache
 from random import Random
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
 
@@ -50,7 +50,7 @@ Start = tuple[Outcome, ...]
 """The outcomes of a leaf from its start until it completes or is halted, one for each tick."""
 
 
-@cache
+@lru_cache(maxsize=10_000)
 def parse_outcomes(text: str) -> tuple[Start, ...]:
     """Return the outcomes of a text such as `RRS|F`: for each start of a leaf, an outcome for each tick.
 
