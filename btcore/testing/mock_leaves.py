@@ -81,11 +81,13 @@ def _draw_record(cls: type[Any], source: Random, depth: int) -> object:
         return None  # the class rejects the values
 
 
-def _draw_output(leaf: MockAction, name: str, output: Output) -> object:
+def _draw_output(leaf: MockAction, output: Output) -> object:
     """Return the given value of an output port, else a random value of its type, or None."""
-    given = leaf.given_outputs
-    values = {**given.get(leaf.config.id, {}), **given.get(leaf.name, {})}
-    return values[name] if name in values else _draw_value(output.type, leaf.tree_outcomes.source)
+    for name in (leaf.name, leaf.config.id):
+        given = leaf.given_outputs.get(name, {})
+        if output.name in given:
+            return given[output.name]
+    return _draw_value(output.type, leaf.tree_outcomes.source)
 
 
 class Act(MockAction):

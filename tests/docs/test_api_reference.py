@@ -266,7 +266,6 @@ SHOWN_BY = {
     "btcore_recorder.steps": "btcore_recorder.find_divergence",
     "btcore.testing.MockAction": "btcore.testing.Outcomes",
     "btcore.testing.MockCondition": "btcore.testing.Outcomes",
-    "btcore.testing.MockLeafError": "btcore.testing.Outcomes",
     "btcore.testing.StatusChange": "btcore.testing.Trace",
     "btcore.testing.TestNode": "btcore.testing.TestNodeConfig",
     "btcore.testing.TraceStep": "btcore.testing.Trace",

@@ -312,11 +312,11 @@ class MockAction(StatefulAction):
                 continue
             if name in texts:
                 output.write(output.type.from_text(texts[name], self.config.format))
-            elif status is SUCCESS and (value := self.draw_output(name, output)) is not None:
+            elif status is SUCCESS and (value := self.draw_output(output)) is not None:
                 output.write(value)
         return status
 
-    def draw_output(self, name: str, output: Output) -> object:
+    def draw_output(self, output: Output) -> object:
         """Return the value of an output port that an outcome S does not name; None = it is not written."""
         return None
 

@@ -135,8 +135,9 @@ class RunArguments(TreeArguments):
     plans: dict[str, str] = Field(
         {},
         max_length=_MAX_LIST,
-        description="Results of leaves from `models`, by name or ID: a letter for each tick, R (RUNNING), S, "
-        "F or K (SKIPPED), and | between two starts, such as RRS|F.",
+        description="Outcomes of leaves from `models`, by name or ID: a letter for each tick, R (RUNNING), "
+        "S, F, K (SKIPPED) or X (an exception), and | between two starts, such as RRS|F. S(port=value) "
+        "writes an output port.",
     )
     entries: dict[str, Value] = Field(
         {},
