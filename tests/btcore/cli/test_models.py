@@ -37,13 +37,6 @@ def test_validate_accepts_nodes_of_models_and_explicit_tags(
     assert result.exit_code == 0, result.output
 
 
-def test_validate_checks_the_ports_of_a_model(cli: Cli, tree_file: TreeFile, model: Path) -> None:
-    result = cli("validate", tree_file('<Haul gaol="a"/>'), "--model", model)
-    assert result.exit_code == 2
-    assert "E201 <Haul> has no port 'gaol'" in result.stdout
-    assert "goal" in result.stdout
-
-
 def test_explicit_tag_has_only_the_ports_of_its_own_file(
     cli: Cli, tree_file: TreeFile, tmp_path: Path, model: Path
 ) -> None:

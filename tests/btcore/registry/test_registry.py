@@ -29,7 +29,6 @@ from btcore import (
     ThreadedAction,
     TreeNode,
     action,
-    condition,
 )
 from btcore.cli.node_libraries import load_libraries
 from btcore.entry_points import EntryPoint
@@ -344,42 +343,6 @@ def test_removed_node_is_unknown() -> None:
 
 
 # --- types and enums
-
-
-def test_a_type_with_a_text_form_may_be_written_in_the_xml() -> None:
-    class Pose:
-        def __init__(self, x: float) -> None:
-            self.x = x
-
-    @condition
-    def is_at(pose: In[Pose]) -> bool:
-        return pose.x == 2.5
-
-    nodes = Registry.standard()
-    nodes.add_type(Pose, lambda text: Pose(float(text)))
-    nodes.add(is_at)
-    assert status_of('<IsAt pose="2.5"/>', nodes) is Status.SUCCESS
-
-
-def test_enum_names_are_known_to_ports_and_scripts() -> None:
-    class Gear(enum.Enum):
-        PARK = 0
-        DRIVE = 3
-
-    @condition
-    def in_gear(gear: In[Gear]) -> bool:
-        return gear is Gear.DRIVE
-
-    nodes = Registry.standard()
-    nodes.add_enum(Gear)
-    nodes.add(in_gear)
-    assert status_of('<InGear gear="DRIVE"/>', nodes) is Status.SUCCESS
-    assert status_of('<InGear gear="3"/>', nodes) is Status.SUCCESS
-    assert status_of('<InGear gear="PARK"/>', nodes) is Status.FAILURE
-    assert (
-        status_of('<Sequence><Script code="g:=DRIVE"/><InGear gear="{g}"/></Sequence>', nodes)
-        is Status.SUCCESS
-    )
 
 
 # --- node libraries

@@ -102,12 +102,6 @@ def test_validate_reports_errors_that_a_run_finds_only_at_its_first_tick(
     assert cli("run", "--fast", file).exit_code == 3
 
 
-def test_broken_script_is_reported(cli: Cli, tree_file: TreeFile) -> None:
-    result = cli("validate", tree_file('<Script code="a := (1 + "/>'))
-    assert result.exit_code == 2
-    assert "E206" in result.stdout
-
-
 def test_trees_that_the_main_tree_does_not_use_are_checked_too(cli: Cli, tmp_path: Path) -> None:
     file = tmp_path / "two.xml"
     file.write_text(
