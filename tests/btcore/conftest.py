@@ -10,6 +10,8 @@ from btcore import Blackboard, Registry, SimClock, Tree
 from btcore.testing.plan_leaves import CallLog
 from tests.conformance.recorded_cases import conformance_registry
 
+MakeTree = Callable[..., Tree]
+
 
 class TreeFactory:
     """Builds trees of planned leaves and other nodes, on one clock and with one call log."""

@@ -1,16 +1,11 @@
 """``--model``: trees whose leaves exist only in C++ are checked, drawn, and run with planned leaves."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from click.testing import Result
 
-Cli = Callable[..., Result]
-TreeFile = Callable[..., Path]
-LastJson = Callable[[Result], dict[str, Any]]
+from tests.btcore.cli.conftest import Cli, LastJson, TreeFile
 
 BODY = (
     '<Sequence><IsOk/><Fallback name="ways"><Haul name="short" goal="a"/><Haul name="long" goal="b"/>'

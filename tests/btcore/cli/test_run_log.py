@@ -3,16 +3,12 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from click.testing import Result
 
 from btcore.logs import read_log
-
-Cli = Callable[..., Result]
-TreeFile = Callable[..., Path]
+from tests.btcore.cli.conftest import Cli, TreeFile
 
 
 def test_every_requested_log_is_complete_down_to_the_last_halt(

@@ -6,11 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import Result
 
-Cli = Callable[..., Result]
-TreeFile = Callable[..., Path]
-LastJson = Callable[[Result], dict[str, Any]]
+from tests.btcore.cli.conftest import Cli, LastJson, TreeFile
 
 
 @pytest.fixture

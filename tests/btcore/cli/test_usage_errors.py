@@ -1,9 +1,7 @@
 """User errors on the command line: each prints one message without a traceback, and exits with 2."""
 
-import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -11,9 +9,7 @@ import pytest
 from click.testing import Result
 
 from btcore.cli import terminal
-
-Cli = Callable[..., Result]
-TreeFile = Callable[..., Path]
+from tests.btcore.cli.conftest import Cli, TreeFile
 
 
 def assert_refused(result: Result, *expected: str) -> None:
@@ -54,11 +50,6 @@ def test_confined_option_refuses_includes_outside_of_the_folder(
     result = cli(command, "--confined", tree)
     assert result.exit_code == 2
     assert "E007 the included file is outside of the folder" in result.output
-
-
-def test_named_pipe_is_refused_without_waiting(cli: Cli, tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.xml")
-    assert_refused(cli("run", tmp_path / "pipe.xml"), "it is a named pipe, not a regular file")
 
 
 def test_option_sets_the_maximum_size_of_files(

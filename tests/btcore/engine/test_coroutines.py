@@ -1,6 +1,6 @@
 """Generators and `async def` leaves: resumed once per tick, in the tree's time, without an event loop."""
 
-from collections.abc import AsyncIterator, Callable, Generator
+from collections.abc import AsyncIterator, Generator
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -8,8 +8,7 @@ import pytest
 
 from btcore import In, NodeExecutionError, Put, SimClock, Status, Tree, action, running, sleep
 from btcore.testing.plan_leaves import CallLog
-
-MakeTree = Callable[..., Tree]
+from tests.btcore.conftest import MakeTree
 
 
 def statuses(tree: Tree, ticks: int) -> str:

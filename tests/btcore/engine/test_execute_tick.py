@@ -1,7 +1,6 @@
 """`execute_tick`: what it does around the ticks of every node type, including overrides."""
 
 import asyncio
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,8 +20,7 @@ from btcore import (
     TreeNode,
 )
 from btcore.testing.plan_leaves import CallLog
-
-MakeTree = Callable[..., Tree]
+from tests.btcore.conftest import MakeTree
 
 
 class Endless(SyncAction):

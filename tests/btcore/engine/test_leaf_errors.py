@@ -18,8 +18,7 @@ from btcore import (
     action,
 )
 from btcore.testing.plan_leaves import CallLog
-
-MakeTree = Callable[..., Tree]
+from tests.btcore.conftest import MakeTree
 
 
 class Explode(SyncAction):

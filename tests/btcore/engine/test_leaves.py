@@ -1,6 +1,6 @@
 """Leaves as functions and classes: the meaning of their annotations and return values."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Protocol, runtime_checkable
 
@@ -33,8 +33,7 @@ from btcore import (
 )
 from btcore.engine.functions import camel_case
 from btcore.values import INT64, STRING, Int64
-
-MakeTree = Callable[..., Tree]
+from tests.btcore.conftest import MakeTree
 
 
 class Robot:
@@ -585,21 +584,46 @@ def registration_error(*things: Any) -> str:
     return str(caught.value)
 
 
-def test_a_parameter_without_an_annotation_is_refused() -> None:
-    def drive(speed):  # type: ignore[no-untyped-def]
-        return True
-
-    assert "parameter 'speed' of" in registration_error(drive)
-    assert "annotate a port with In[…] or Put[…]" in registration_error(drive)
+def unannotated(speed):  # type: ignore[no-untyped-def]
+    return True
 
 
-@pytest.mark.parametrize("form", [Out, InOut])
-def test_function_with_an_out_annotation_is_refused(form: Any) -> None:
-    def count(n):  # type: ignore[no-untyped-def]
-        return True
+def variadic(*speeds: float) -> bool:
+    return True
 
-    count.__annotations__["n"] = form[int]
-    assert "count can't be assigned: annotate an output with Put[…]" in registration_error(count)
+
+def variadic_by_name(**angles: float) -> bool:
+    return True
+
+
+def has_output(n: Out[int]) -> bool:
+    return True
+
+
+def has_inout(n: InOut[int]) -> bool:
+    return True
+
+
+async def yields():  # type: ignore[no-untyped-def]
+    yield
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        (
+            unannotated,
+            "parameter 'speed' of unannotated has no annotation: annotate a port with In[…] or Put[…]",
+        ),
+        (variadic, "has the variadic parameter *speeds, for which a tree has no arguments"),
+        (variadic_by_name, "angles, for which a tree has no arguments"),
+        (has_output, "has_output can't be assigned: annotate an output with Put[…]"),
+        (has_inout, "has_inout can't be assigned: annotate an output with Put[…]"),
+        (yields, "async def"),
+    ],
+)
+def test_function_that_cannot_be_a_leaf_is_refused(function: Any, said: str) -> None:
+    assert said in registration_error(function)
 
 
 def test_a_port_of_a_function_may_be_of_any_type(make_tree: MakeTree) -> None:
@@ -611,19 +635,6 @@ def test_a_port_of_a_function_may_be_of_any_type(make_tree: MakeTree) -> None:
     tree.blackboard["a"] = [1, 2]
     assert tree.tick_once() is Status.SUCCESS
     assert tree.blackboard["b"] == [1, 2]
-
-
-def test_variadic_parameters_are_refused() -> None:
-    def drive(*speeds: float) -> bool:
-        return True
-
-    def turn(**angles: float) -> bool:
-        return True
-
-    assert "has the variadic parameter *speeds, for which a tree has no arguments" in registration_error(
-        drive
-    )
-    assert "angles, for which a tree has no arguments" in registration_error(turn)
 
 
 @pytest.mark.parametrize("name", ["config", "halt", "tick"])
@@ -664,13 +675,6 @@ def test_port_name_may_contain_non_ascii_letters() -> None:
     nodes = Registry.standard()
     nodes.add(drive)
     assert list(nodes.manifests["Drive"].ports) == ["größe"]
-
-
-def test_an_asynchronous_generator_is_refused() -> None:
-    async def both():  # type: ignore[no-untyped-def]
-        yield
-
-    assert "async def" in registration_error(both)
 
 
 def test_protocol_without_runtime_checkable_is_refused(make_tree: MakeTree) -> None:

@@ -8,8 +8,7 @@ import pytest
 
 from btcore import NodeExecutionError, Observer, SimClock, Status, SyncAction, Transition, Transitions, Tree
 from btcore.tree.hooks import Hook
-
-MakeTree = Callable[..., Tree]
+from tests.btcore.conftest import MakeTree
 
 BODY = '<Sequence name="s"><PlanSync name="a" plan="S"/><PlanAction name="b" plan="RS"/></Sequence>'
 

@@ -1,7 +1,5 @@
 """User-defined control nodes and decorators are classes, and are used from XML like built-in nodes."""
 
-from collections.abc import Callable
-
 import pytest
 
 from btcore import (
@@ -15,15 +13,13 @@ from btcore import (
     RegistrationError,
     Registry,
     Status,
-    Tree,
     TreeError,
     TreeNode,
 )
 from btcore.nodes.result_decorators import Inverter
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from btcore.testing.plan_leaves import CallLog
-
-MakeTree = Callable[..., Tree]
+from tests.btcore.conftest import MakeTree
 
 
 class Shuffle(ControlNode):

@@ -1,14 +1,11 @@
 """Sequences and fallbacks: rules that the recorded cases do not cover."""
 
-from collections.abc import Callable
-
 import pytest
 
-from btcore import NodeSpec, Status, Tree
+from btcore import NodeSpec, Status
 from btcore.nodes.sequences_and_fallbacks import OrderedNode, ReactiveNode, ReactiveSequence, Sequence
 from btcore.testing.plan_leaves import CallLog
-
-MakeTree = Callable[..., Tree]
+from tests.btcore.conftest import MakeTree
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 

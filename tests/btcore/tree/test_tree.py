@@ -3,7 +3,6 @@
 import asyncio
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 
@@ -17,15 +16,13 @@ from btcore import (
     StatefulAction,
     Status,
     SystemClock,
-    Tree,
     action,
 )
 from btcore.clock import NS_PER_S
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from btcore.testing.plan_leaves import CallLog, PlanAction
+from tests.btcore.conftest import MakeTree
 from tests.conformance.recorded_cases import conformance_registry
-
-MakeTree = Callable[..., Tree]
 
 THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
 

@@ -14,8 +14,7 @@ from click.testing import Result
 
 from btcore.logs import read_log
 from btcore_proof import command
-
-Cli = Callable[..., Result]
+from tests.btcore.cli.conftest import Cli
 
 DRIVE = """
 <root BTCPP_format="4">

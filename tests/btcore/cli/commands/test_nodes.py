@@ -1,17 +1,14 @@
 """`btcore nodes`: the available nodes as a table, as a TreeNodesModel, and as JSON."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from click.testing import Result
 
 from btcore import Registry
 from btcore.documentation_site import documentation_url
-
-Cli = Callable[..., Result]
+from tests.btcore.cli.conftest import Cli
 
 
 def test_table_shows_the_description_ports_and_origin_of_a_node(cli: Cli, library: Path) -> None:

@@ -1,16 +1,14 @@
 """`btcore show`: a tree in the terminal or as SVG, and its data flow."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
 
 from btcore.cli.main import main
-
-Cli = Callable[..., Result]
+from tests.btcore.cli.conftest import Cli
 
 
 @pytest.fixture
