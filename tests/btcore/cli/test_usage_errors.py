@@ -20,21 +20,32 @@ def assert_refused(result: Result, *expected: str) -> None:
         assert words in result.stderr
 
 
-def test_missing_file_is_refused(cli: Cli) -> None:
-    assert_refused(cli("run", "nowhere.xml"), "there is no file 'nowhere.xml'")
-
-
-def test_mistyped_file_is_refused_with_a_suggestion(cli: Cli, tree_file: TreeFile) -> None:
-    tree_file("<AlwaysSuccess/>", "patrolling.xml")
-    assert_refused(cli("run", "patroling.xml"), "Did you mean 'patrolling.xml'?")
-
-
-def test_mistyped_bundled_tree_is_refused_with_a_suggestion(cli: Cli) -> None:
-    assert_refused(cli("run", "bumgpo"), "neither a file nor a tree 'bumgpo'", "Did you mean 'bumpgo'?")
-
-
-def test_folder_is_refused(cli: Cli, tmp_path: Path) -> None:
-    assert_refused(cli("run", tmp_path), "is a folder; give the path of a file")
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ("run nowhere.xml", ["there is no file 'nowhere.xml'"]),
+        ("run tere.xml", ["Did you mean 'tree.xml'?"]),
+        ("run bumgpo", ["neither a file nor a tree 'bumgpo'", "Did you mean 'bumpgo'?"]),
+        ("run .", ["is a folder; give the path of a file"]),
+        ("run tree.xml --tree Mian", ["Mian", "Main"]),
+        ("run --tree tree.xml", ["missing argument 'TREE'", "note: --tree takes the ID of a tree in a file"]),
+        ("run tree.xml --rate 0", ["'--rate'"]),
+        ("run tree.xml --rate often", ["'--rate'"]),
+        ("run tree.xml --rate nan", ["'--rate'"]),
+        ("run tree.xml --rate inf", ["'--rate'"]),
+        ("run tree.xml --duration -1", ["'--duration'"]),
+        ("run tree.xml --duration nan", ["'--duration'"]),
+        ("run tree.xml --seed -5", ["'--seed'"]),
+        ("run tree.xml --until doen", ["done"]),
+        ("run tree.xml --sed 3", ["--seed"]),
+        ("vaildate", ["unknown command 'vaildate'", "Did you mean 'validate'?"]),
+    ],
+)
+def test_invalid_arguments_are_refused(
+    cli: Cli, tree_file: TreeFile, arguments: str, expected: list[str]
+) -> None:
+    tree_file("<AlwaysSuccess/>")
+    assert_refused(cli(*arguments.split()), *expected)
 
 
 @pytest.mark.parametrize("command", ["run", "validate", "show"])
@@ -76,15 +87,6 @@ BAD_TREES = {
 def test_invalid_tree_is_refused(cli: Cli, tree_file: TreeFile, command: str, kind: str) -> None:
     body, place, word = BAD_TREES[kind]
     assert_refused(cli(command, tree_file(body)), f"tree.xml{place}", word)
-
-
-def test_unknown_tree_id_is_refused(cli: Cli, tree_file: TreeFile) -> None:
-    assert_refused(cli("run", tree_file("<AlwaysSuccess/>"), "--tree", "Mian"), "Mian", "Main")
-
-
-def test_tree_option_without_a_file_is_explained(cli: Cli) -> None:
-    result = cli("run", "--tree", "patrol.xml")
-    assert_refused(result, "missing argument 'TREE'", "note: --tree takes the ID of a tree in a file")
 
 
 def test_plugin_that_raises_on_import_is_reported_with_exception_and_line(
@@ -146,30 +148,6 @@ def test_robot_options_for_a_tree_without_a_robot_are_reported(cli: Cli, tree_fi
     assert "warning" not in cli("run", tree, "--bind", "127.0.0.1").stderr
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["--rate", "0"], "'--rate'"),
-        (["--rate", "often"], "'--rate'"),
-        (["--rate", "nan"], "'--rate'"),
-        (["--rate", "inf"], "'--rate'"),
-        (["--duration", "-1"], "'--duration'"),
-        (["--duration", "nan"], "'--duration'"),
-        (["--seed", "-5"], "'--seed'"),
-        (["--until", "doen"], "done"),
-        (["--sed", "3"], "--seed"),
-    ],
-)
-def test_invalid_option_is_refused(
-    cli: Cli, tree_file: TreeFile, arguments: list[str], expected: str
-) -> None:
-    assert_refused(cli("run", tree_file("<AlwaysSuccess/>"), *arguments), expected)
-
-
-def test_mistyped_command_is_refused_with_a_suggestion(cli: Cli) -> None:
-    assert_refused(cli("vaildate"), "unknown command 'vaildate'", "Did you mean 'validate'?")
-
-
 def test_debug_variable_shows_the_traceback(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BTCORE_DEBUG", "1")
     result = cli("run", "nowhere.xml")
@@ -213,7 +191,6 @@ def test_option_of_a_missing_extra_is_explained(tree_file: TreeFile) -> None:
     ("arguments", "extra"),
     [
         (("monitor", "tcp://localhost:1667"), "monitor"),
-        (("drive",), "robot"),
         (("world", "office"), "robot"),
     ],
 )

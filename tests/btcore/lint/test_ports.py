@@ -51,15 +51,6 @@ CASES = {
               to use the blackboard entry, write {FAILED}
         """,  # noqa: E501
     ),
-    "a built-in node without its port": (
-        "<Sleep/>",
-        """
-        t.xml:3:5: W202 the port 'msec' of <Sleep> is missing and has no default
-           3 |      <Sleep/>
-             |      ^^^^^^
-              write msec="…"
-        """,
-    ),
     "a fraction for an integer": (
         f'<Repeat num_cycles="3.7">{REPEAT}',
         """
@@ -67,15 +58,6 @@ CASES = {
            3 |      <Repeat num_cycles="3.7"><AlwaysSuccess/></Repeat>
              |                          ^^^
               write 3 if that is the intended value
-        """,
-    ),
-    "a unit": (
-        '<Sleep msec="5s"/>',
-        """
-        t.xml:3:18: W203 the port 'msec' of <Sleep> has the type unsigned int: only '5' of '5s' is read
-           3 |      <Sleep msec="5s"/>
-             |                   ^^
-              write 5 if that is the intended value
         """,
     ),
     "a decimal comma": (
@@ -135,7 +117,6 @@ def test_warning_about_a_port(check: Checker, name: str) -> None:
 RAISING = [
     "a leaf without its port",
     "a leaf without its ports, including an output",
-    "a built-in node without its port",
     "an output without braces",
 ]
 

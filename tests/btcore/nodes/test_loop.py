@@ -161,9 +161,13 @@ def test_literal_value_is_ignored(make_tree: MakeTree) -> None:
         assert ticks(tree, 2) == [R, S]
 
 
+@pytest.mark.parametrize(("queue", "said"), [("", "queue"), ('queue="="', "queue"), ('queue="1;two"', "two")])
+def test_missing_or_invalid_queue_is_a_tree_error(queue: str, said: str, make_tree: MakeTree) -> None:
+    with pytest.raises(TreeError, match=said):
+        make_tree(f'<LoopInt {queue} value="{{v}}"><AlwaysSuccess/></LoopInt>')
+
+
 def test_equals_sign_is_a_list_and_not_the_entry_of_the_port(make_tree: MakeTree, sink: Sink) -> None:
-    with pytest.raises(TreeError, match="queue"):
-        make_tree('<LoopInt queue="=" value="{v}"><AlwaysSuccess/></LoopInt>')
     loop = '<LoopString queue="=" value="{v}"><Take value="{v}"/></LoopString>'
     assert ticks(make_tree(loop, take, resources=[sink]), 2) == [R, S]
     assert sink.got == ["="]
@@ -171,16 +175,6 @@ def test_equals_sign_is_a_list_and_not_the_entry_of_the_port(make_tree: MakeTree
 
 def test_value_port_is_optional(make_tree: MakeTree) -> None:
     assert ticks(make_tree('<LoopInt queue="1"><AlwaysSuccess/></LoopInt>'), 2) == [R, S]
-
-
-def test_missing_queue_is_a_tree_error(make_tree: MakeTree) -> None:
-    with pytest.raises(TreeError, match="queue"):
-        make_tree('<LoopInt value="{v}"><AlwaysSuccess/></LoopInt>')
-
-
-def test_element_that_does_not_convert_is_a_tree_error(make_tree: MakeTree) -> None:
-    with pytest.raises(TreeError, match="two"):
-        make_tree('<LoopInt queue="1;two" value="{v}"><AlwaysSuccess/></LoopInt>')
 
 
 @dataclass

@@ -146,16 +146,11 @@ def test_id_that_groot_cannot_show_is_refused(ID: str) -> None:
         (7, "7 is neither a function nor a node class"),
         ("Wave", "'Wave' is neither a function nor a node class"),
         (Path, "Path is not a node: derive it from StatefulAction"),
+        ([bow, Wave], "is neither a function nor a node class: nodes.add(first, second)"),
     ],
 )
 def test_object_that_is_not_a_node_is_refused(thing: object, said: str) -> None:
     assert said in refused(Registry.standard().add, thing)
-
-
-def test_list_of_nodes_is_refused_with_a_hint() -> None:
-    assert "is neither a function nor a node class: nodes.add(first, second)" in refused(
-        Registry.standard().add, [bow, Wave]
-    )
 
 
 def test_stateful_and_threaded_actions_require_their_methods() -> None:
@@ -252,17 +247,6 @@ def test_adding_the_same_node_twice_is_refused() -> None:
     said = refused(nodes.add, bow)
     assert said.startswith("'Bow' is registered already, from the same place: bow (")
     assert said.endswith("; add it once")
-
-
-def test_built_in_node_added_again_by_a_plugin_is_recognised() -> None:
-    said = refused(Registry.standard().add_plugin, "btcore.nodes.manual_selector")
-    assert said.startswith(
-        "plugin 'btcore.nodes.manual_selector': 'ManualSelector' is registered already, from the same place"
-    )
-
-
-def test_plugin_without_a_name_is_refused() -> None:
-    assert refused(Registry.standard().add_plugin, " ").startswith("a plugin has no name")
 
 
 # --- loading with a registry
@@ -687,12 +671,21 @@ def test_plugin_with_an_invalid_leaf_is_named(library: Path) -> None:
     assert said.startswith("plugin 'gestures': parameter 'speed' of drive has no annotation")
 
 
-def test_missing_plugin_is_named(library: Path) -> None:
-    assert "plugin 'gestured' is not found" in refused(Registry.standard().add_plugin, "gestured")
-    missing = str(library.with_name("nothing.py"))
-    assert refused(Registry.standard().add_plugin, missing) == (
-        f"plugin '{missing}' is not found: there is no such file"
-    )
+@pytest.mark.parametrize(
+    ("plugin", "said"),
+    [
+        (" ", "a plugin has no name"),
+        ("gestured", "plugin 'gestured' is not found"),
+        ("nothing.py", "plugin 'nothing.py' is not found: there is no such file"),
+        ("gestures:brung", "plugin 'gestures': gestures has no function 'brung'"),
+        (
+            "btcore.nodes.manual_selector",
+            "plugin 'btcore.nodes.manual_selector': 'ManualSelector' is registered already, from the same",
+        ),
+    ],
+)
+def test_missing_or_repeated_plugin_is_named(library: Path, plugin: str, said: str) -> None:
+    assert refused(Registry.standard().add_plugin, plugin).startswith(said)
 
 
 def test_a_broken_entry_point_names_its_distribution(library: Path) -> None:
@@ -716,11 +709,6 @@ def test_an_entry_point_may_name_a_function_of_a_module(library: Path) -> None:
     nodes = Registry.standard()
     nodes.add_plugins()
     assert "Pause" in added_ids(nodes)
-
-
-def test_missing_register_function_is_named(library: Path) -> None:
-    said = refused(Registry.standard().add_plugin, "gestures:brung")
-    assert said == "plugin 'gestures': gestures has no function 'brung'"
 
 
 def test_base_classes_of_the_engine_are_not_registered() -> None:

@@ -70,12 +70,6 @@ def test_drawing_consists_of_ascii_characters_where_the_terminal_lacks_unicode(f
     ]
 
 
-def test_no_ports_option_hides_the_ports(cli: Cli, file: Path) -> None:
-    shown = cli("show", "--no-ports", file).stdout
-    assert "bow" in shown
-    assert "msec" not in shown
-
-
 def test_tree_option_selects_the_tree(cli: Cli, file: Path) -> None:
     assert cli("show", file.name, "--tree", "Greet").stdout == (
         "Greet  patrol.xml  format 4\n└── ◷ bow  Sleep  1  msec=200\n"
