@@ -9,6 +9,8 @@ import btcore
 from btcore import Blackboard, Registry, SimClock, Tree
 from tests.conformance.recorded_cases import CallLog, conformance_registry
 
+MakeTree = Callable[..., Tree]
+
 
 class TreeFactory:
     """Builds trees of planned leaves and other nodes, on one clock and with one call log."""

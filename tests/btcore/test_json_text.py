@@ -1,18 +1,12 @@
 """JSON from files and options is read up to a maximum depth."""
 
 import json
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
 from btcore.errors import ConversionError
 from btcore.json_text import load_json, too_deep_at
-from btcore.registry.registry import Registry
-from btcore.testing.substitution_rules import SubstitutionError, load_substitution_rules
 from btcore.values.numbers import read_json
-from btcore_sweep.journal import _read_definition
-from tests.conformance.recorded_cases import read_cases
 
 DEEP = "nested more than 100 levels deep"
 DEEP_TEXTS = ['{"a":' * 101 + "1" + "}" * 101, "[" * 100_000 + "]" * 100_000, "[" * 100_000]
@@ -36,20 +30,3 @@ def test_brackets_in_strings_and_beside_each_other_do_not_count() -> None:
 def test_json_of_a_port_has_a_maximum_depth(text: str) -> None:
     with pytest.raises(ConversionError, match=DEEP):
         read_json(text)
-
-
-@pytest.mark.parametrize(
-    ("read", "error", "message"),
-    [
-        (lambda path: load_substitution_rules(Registry.standard(), path), SubstitutionError, DEEP),
-        (lambda path: list(read_cases(path)), ValueError, DEEP),
-        (_read_definition, Exception, DEEP),
-    ],
-)
-def test_readers_of_files_refuse_deeply_nested_json(
-    tmp_path: Path, read: Callable[[Path], object], error: type[Exception], message: str
-) -> None:
-    path = tmp_path / "deep"
-    path.write_text(DEEP_TEXTS[1])
-    with pytest.raises(error, match=message):
-        read(path)

@@ -11,6 +11,8 @@ from click.testing import CliRunner, Result
 from btcore.cli.main import main
 
 Cli = Callable[..., Result]
+TreeFile = Callable[..., Path]
+LastJson = Callable[[Result], dict[str, Any]]
 
 LIBRARY = '''
 import random

@@ -5,16 +5,14 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import click
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
 
 from btcore.cli.main import OWN_COMMANDS, main
-
-Cli = Callable[..., Result]
+from tests.btcore.cli.conftest import Cli
 
 
 @pytest.mark.parametrize("module", ["click.core", "btcore.errors", "rich.console", "btcore.tree.tree"])

@@ -1,16 +1,11 @@
 """``--model``: trees whose leaves exist only in C++ are checked, drawn, and run with mock leaves."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from click.testing import Result
 
-Cli = Callable[..., Result]
-TreeFile = Callable[..., Path]
-LastJson = Callable[[Result], dict[str, Any]]
+from tests.btcore.cli.conftest import Cli, LastJson, TreeFile
 
 BODY = (
     '<Sequence><IsOk/><Fallback name="ways"><Haul name="short" goal="a"/><Haul name="long" goal="b"/>'
@@ -35,13 +30,6 @@ def test_validate_accepts_nodes_of_models_and_explicit_tags(
     assert cli("validate", tree).stdout.count("E101") == 4
     result = cli("validate", tree, "--model", model)
     assert result.exit_code == 0, result.output
-
-
-def test_validate_checks_the_ports_of_a_model(cli: Cli, tree_file: TreeFile, model: Path) -> None:
-    result = cli("validate", tree_file('<Haul gaol="a"/>'), "--model", model)
-    assert result.exit_code == 2
-    assert "E201 <Haul> has no port 'gaol'" in result.stdout
-    assert "goal" in result.stdout
 
 
 def test_explicit_tag_has_only_the_ports_of_its_own_file(

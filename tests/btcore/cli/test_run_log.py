@@ -3,16 +3,12 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from click.testing import Result
 
 from btcore.logs import read_log
-
-Cli = Callable[..., Result]
-TreeFile = Callable[..., Path]
+from tests.btcore.cli.conftest import Cli, TreeFile
 
 
 def test_every_requested_log_is_complete_down_to_the_last_halt(
@@ -43,8 +39,6 @@ def test_the_json_object_is_the_last_line_after_a_log_on_stdout(cli: Cli, tree_f
     ("names", "said"),
     [
         (["run.btlgo"], "did you mean run.btlog?"),
-        (["run.fbl"], "btcore reads but does not write .fbl, a log of format 3; use run.btlog"),
-        (["nowhere/run.btlog"], "the folder nowhere does not exist"),
         (["run.btlog", "./run.btlog"], "--log './run.btlog' is given more than once"),
         (["-", "-"], "--log '-' is given more than once"),
     ],

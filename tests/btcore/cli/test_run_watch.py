@@ -11,13 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import Result
 
 from btcore.logs import read_log
-
-Cli = Callable[..., Result]
-TreeFile = Callable[..., Path]
-LastJson = Callable[[Result], dict[str, Any]]
+from tests.btcore.cli.conftest import Cli, LastJson, TreeFile
 
 FIRST = '<Sequence><Script code="n := 1"/><Sleep name="first" msec="60000"/></Sequence>'
 SECOND = '<Sequence><ScriptCondition code="n == 1"/><Sleep name="second" msec="60000"/></Sequence>'

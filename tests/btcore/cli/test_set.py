@@ -1,15 +1,10 @@
 """`btcore run --set`: blackboard entries before the first tick."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from click.testing import Result
 
-Cli = Callable[..., Result]
-TreeFile = Callable[..., Path]
-LastJson = Callable[[Result], dict[str, Any]]
+from tests.btcore.cli.conftest import Cli, LastJson, TreeFile
 
 
 def test_value_is_converted_to_the_type_of_the_port(

@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from btcore import NodeExecutionError, StatefulAction, Status, ThreadedAction, Tree, action, running
-
-MakeTree = Callable[..., Tree]
+from tests.btcore.conftest import MakeTree
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 

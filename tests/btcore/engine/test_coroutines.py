@@ -1,16 +1,14 @@
 """Generators and `async def` leaves: resumed once per tick, in the tree's time, without an event loop."""
 
-import asyncio
-from collections.abc import AsyncIterator, Callable, Generator
+from collections.abc import AsyncIterator, Generator
 from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
 
 from btcore import In, NodeExecutionError, Put, SimClock, Status, Tree, action, running, sleep
+from tests.btcore.conftest import MakeTree
 from tests.conformance.recorded_cases import CallLog
-
-MakeTree = Callable[..., Tree]
 
 
 def statuses(tree: Tree, ticks: int) -> str:
@@ -55,14 +53,6 @@ def test_coroutine_without_await_completes_in_its_first_tick(make_tree: MakeTree
         return Status.SUCCESS
 
     assert make_tree("<AtOnce/>", at_once).tick_exactly_once() is Status.SUCCESS
-
-
-def test_coroutine_restarts_after_completion(make_tree: MakeTree) -> None:
-    async def twice() -> bool:
-        await running()
-        return True
-
-    assert statuses(make_tree("<Twice/>", twice), 6) == "RSRSRS"
 
 
 def test_awaited_function_may_await_too(make_tree: MakeTree) -> None:
@@ -131,17 +121,6 @@ def test_sleep_of_zero_is_running_for_one_tick(make_tree: MakeTree, clock: SimCl
 
     assert statuses(make_tree("<Nap/>", nap), 2) == "RS"
     assert clock.now() == 0
-
-
-def test_tick_during_a_sleep_does_not_end_it(make_tree: MakeTree, clock: SimClock) -> None:
-    async def nap() -> bool:
-        await sleep(1.0)
-        return True
-
-    tree = make_tree("<Nap/>", nap)
-    assert statuses(tree, 5) == "RRRRR"
-    tree.tick_while_running(period=0.3)
-    assert clock.now() == 1_000_000_000
 
 
 # --- halting
@@ -325,15 +304,6 @@ def test_foreign_awaitable_raises_an_error_that_names_the_supported_awaitables(m
     assert "a leaf can await btcore.running() and btcore.sleep()" in str(error)
     assert "'a promise'" in str(error)
     assert foreign.closed
-
-
-def test_await_that_needs_an_event_loop_raises(make_tree: MakeTree) -> None:
-    @action
-    async def waits() -> bool:
-        await asyncio.sleep(0.1)
-        return True
-
-    assert "await tree.run()" in str(tick_raises(make_tree("<Waits/>", waits)))
 
 
 @pytest.mark.parametrize("result", [None, 7, "SUCCESS"])

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import pytest
 
-from btcore import In, Out, Put, RegistrationError, Registry, Status, SyncAction, Tree, action
+from btcore import In, Out, Put, RegistrationError, Registry, Status, SyncAction, action
+from tests.btcore.conftest import MakeTree
 
 if TYPE_CHECKING:
     from fractions import Fraction
-
-MakeTree = Callable[..., Tree]
 
 
 class Pose:

@@ -35,8 +35,8 @@ from btcore import (
     builds,
 )
 from btcore.values import ValueType
+from tests.btcore.conftest import MakeTree
 
-MakeTree = Callable[..., Tree]
 T = TypeVar("T")
 
 
@@ -81,21 +81,6 @@ def test_assigning_an_attribute_of_the_engine_raises(make_tree: MakeTree) -> Non
         make_tree("<Bold/>", Bold)
 
 
-def test_new_may_be_overridden(make_tree: MakeTree) -> None:
-    class Made(SyncAction):
-        made: int
-
-        def __new__(cls) -> "Made":
-            one = super().__new__(cls)
-            one.made = 1
-            return one
-
-        def tick(self) -> bool:
-            return self.made == 1
-
-    assert make_tree("<Made/>", Made).tick_once() is Status.SUCCESS
-
-
 @pytest.mark.parametrize("options", [{}, {"eq": False}, {"slots": True}, {"kw_only": True}, {"order": True}])
 def test_dataclass_with_any_options_is_a_leaf(options: dict[str, bool], make_tree: MakeTree) -> None:
     @dataclass(**options)
@@ -117,20 +102,6 @@ def test_a_frozen_dataclass_is_rejected() -> None:
 
     with pytest.raises(RegistrationError, match=r"<Ice>: .*Ice is a frozen dataclass, but a node changes"):
         Registry.standard().add(Ice)
-
-
-def test_slots_are_kept(make_tree: MakeTree) -> None:
-    class Narrow(SyncAction):
-        __slots__ = ("left",)
-
-        def __init__(self) -> None:
-            self.left = 1
-
-        def tick(self) -> bool:
-            self.left -= 1
-            return self.left == 0
-
-    assert make_tree("<Narrow/>", Narrow).tick_once() is Status.SUCCESS
 
 
 # --- base classes
@@ -163,28 +134,6 @@ def test_a_mixin_may_have_an_init_a_tick_and_ports(make_tree: MakeTree) -> None:
     assert (node.ticks, node.limit) == (["Both"], 4)
 
 
-def test_mixin_may_follow_the_leaf_in_the_bases(make_tree: MakeTree) -> None:
-    class Behind(SyncAction, Remembers):
-        def tick(self) -> bool:
-            return not self.ticks
-
-    assert make_tree("<Behind/>", Behind).tick_once() is Status.SUCCESS
-
-
-def test_a_protocol_may_be_among_the_bases(make_tree: MakeTree) -> None:
-    class Measures(Protocol):
-        def measured(self) -> int: ...
-
-    class Gauge(SyncAction, Measures):
-        def measured(self) -> int:
-            return 2
-
-        def tick(self) -> bool:
-            return self.measured() == 2
-
-    assert make_tree("<Gauge/>", Gauge).tick_once() is Status.SUCCESS
-
-
 def test_a_leaf_may_be_generic(make_tree: MakeTree) -> None:
     class Compare(SyncAction, Generic[T]):
         expected: ClassVar[Any]
@@ -212,12 +161,56 @@ class Sensor(SyncAction, abc.ABC):
         return self.measure() > 1
 
 
-def test_leaf_may_implement_an_abstract_leaf(make_tree: MakeTree) -> None:
-    class Sonar(Sensor):
-        def measure(self) -> int:
-            return 2
+class Made(SyncAction):
+    made: int
 
-    assert make_tree("<Sonar/>", Sonar).tick_once() is Status.SUCCESS
+    def __new__(cls) -> "Made":
+        one = super().__new__(cls)
+        one.made = 1
+        return one
+
+    def tick(self) -> bool:
+        return self.made == 1
+
+
+class Narrow(SyncAction):
+    __slots__ = ("left",)
+
+    def __init__(self) -> None:
+        self.left = 1
+
+    def tick(self) -> bool:
+        self.left -= 1
+        return self.left == 0
+
+
+class MixinBehind(SyncAction, Remembers):
+    def tick(self) -> bool:
+        return not self.ticks
+
+
+class Measures(Protocol):
+    def measured(self) -> int: ...
+
+
+class Gauge(SyncAction, Measures):
+    def measured(self) -> int:
+        return 2
+
+    def tick(self) -> bool:
+        return self.measured() == 2
+
+
+class Sonar(Sensor):
+    def measure(self) -> int:
+        return 2
+
+
+@pytest.mark.parametrize("leaf", [Made, Narrow, MixinBehind, Gauge, Sonar], ids=lambda leaf: leaf.__name__)
+def test_class_with_an_own_new_slots_a_mixin_a_protocol_or_an_abstract_base_is_a_leaf(
+    leaf: type[SyncAction], make_tree: MakeTree
+) -> None:
+    assert make_tree(f"<{leaf.__name__}/>", leaf).tick_once() is Status.SUCCESS
 
 
 def test_abstract_leaf_is_refused_with_its_missing_methods() -> None:

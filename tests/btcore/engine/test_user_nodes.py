@@ -1,7 +1,5 @@
 """User-defined control nodes and decorators are classes, and are used from XML like built-in nodes."""
 
-from collections.abc import Callable
-
 import pytest
 
 from btcore import (
@@ -15,15 +13,13 @@ from btcore import (
     RegistrationError,
     Registry,
     Status,
-    Tree,
     TreeError,
     TreeNode,
 )
 from btcore.nodes.result_decorators import Inverter
 from btcore.nodes.sequences_and_fallbacks import Sequence
+from tests.btcore.conftest import MakeTree
 from tests.conformance.recorded_cases import CallLog
-
-MakeTree = Callable[..., Tree]
 
 
 class Shuffle(ControlNode):
@@ -116,11 +112,6 @@ def test_a_decorator_decides_when_its_child_is_ticked(make_tree: MakeTree, journ
     assert tree.blackboard["u"] == 2
 
 
-def test_the_completed_child_of_a_decorator_is_reset(make_tree: MakeTree) -> None:
-    tree = make_tree('<AtMost ticks="5" used="{u}"><PlanAction name="a" plan="S"/></AtMost>', AtMost)
-    assert [tree.tick_once() for _ in range(2)] == [Status.SUCCESS, Status.SUCCESS]
-
-
 def test_child_set_by_an_overridden_set_children_is_reset(make_tree: MakeTree) -> None:
     class Taking(DecoratorNode):
         def set_children(self, children: list[TreeNode]) -> None:
@@ -171,15 +162,6 @@ def test_node_without_a_tick_raises_an_error_that_names_it(make_tree: MakeTree) 
         make_tree("<Idler><AlwaysSuccess/></Idler>", Idler).tick_once()
 
 
-def test_node_that_returns_idle_raises_an_error_that_names_it(make_tree: MakeTree) -> None:
-    class Lazy(DecoratorNode):
-        def tick(self) -> Status:
-            return Status.IDLE
-
-    with pytest.raises(NodeExecutionError, match=r"'Lazy::1' <Lazy>.*not IDLE"):
-        make_tree("<Lazy><AlwaysSuccess/></Lazy>", Lazy).tick_once()
-
-
 def test_built_in_control_node_can_be_subclassed(make_tree: MakeTree, journal: CallLog) -> None:
     class Polite(Sequence):
         """A Sequence that records its results."""
@@ -219,17 +201,3 @@ def test_port_that_hides_an_attribute_of_a_parent_node_is_refused(base: type[Tre
     message = f"port '{name}' of Hiding would hide the attribute '{name}' of {base.__name__}"
     with pytest.raises(RegistrationError, match=message):
         Registry.standard().add(hiding)
-
-
-def test_attributes_can_be_set_without_super_init(make_tree: MakeTree) -> None:
-    class Counted(ControlNode):
-        def __init__(self) -> None:
-            self.number = len(self.children)
-
-        def tick(self) -> Status:
-            return Status.SUCCESS if self.number == 2 else Status.FAILURE
-
-    assert (
-        make_tree("<Counted><AlwaysSuccess/><AlwaysSuccess/></Counted>", Counted).tick_once()
-        is Status.SUCCESS
-    )

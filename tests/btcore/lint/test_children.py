@@ -1,16 +1,13 @@
 """Warnings about children: never reached, too many or too few, or halted by each other."""
 
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 
 import btcore
 from btcore import NodeSpec, Registry, StatefulAction, Status, SyncAction
+from tests.btcore.lint.conftest import Checker
 from tests.btcore.lint.documents import children, dedented, tree
-
-Check = Callable[..., str]
-
 
 # --- W105: never reached
 
@@ -44,7 +41,7 @@ Check = Callable[..., str]
          "the children before it never fail"),
     ],
 )  # fmt: skip
-def test_unreachable_child_is_reported(check: Check, body: str, line: int, tag: str, why: str) -> None:
+def test_unreachable_child_is_reported(check: Checker, body: str, line: int, tag: str, why: str) -> None:
     assert check(body, given=["x"]) == dedented(
         f"""
         t.xml:{line}:7: W105 <{tag}> is never ticked: {why}
@@ -74,11 +71,11 @@ def test_unreachable_child_is_reported(check: Check, body: str, line: int, tag: 
         children("Fallback", '<Timeout msec="5"><Sleep msec="9"/></Timeout>', "<Drive/>"),
     ],
 )  # fmt: skip
-def test_reachable_child_is_not_reported(check: Check, body: str) -> None:
+def test_reachable_child_is_not_reported(check: Checker, body: str) -> None:
     assert check(body) == ""
 
 
-def test_possible_results_of_a_subtree_are_considered(check: Check) -> None:
+def test_possible_results_of_a_subtree_are_considered(check: Checker) -> None:
     body = children("Sequence", '<SubTree ID="Doomed"/>', "<Drive/>")
     assert check(body, tree("Doomed", "<AlwaysFailure/>")).startswith(
         't.xml:5:7: W105 <Drive> is never ticked: <SubTree ID="Doomed"> before it (line 4) never succ'
@@ -86,7 +83,7 @@ def test_possible_results_of_a_subtree_are_considered(check: Check) -> None:
     assert check(body, tree("Doomed", "<BatteryOk/>")) == ""
 
 
-def test_replaced_built_in_node_has_unknown_results(check: Check, palette: Registry) -> None:
+def test_replaced_built_in_node_has_unknown_results(check: Checker, palette: Registry) -> None:
     class AlwaysFailure(SyncAction):
         def tick(self) -> Status:
             return Status.SUCCESS
@@ -114,7 +111,7 @@ def test_replaced_built_in_node_has_unknown_results(check: Check, palette: Regis
     ],
 )  # fmt: skip
 def test_wrong_number_of_children_is_an_error_but_the_tree_can_be_loaded(
-    check: Any, palette: Registry, document: Callable[..., str], body: str, has: str
+    check: Checker, palette: Registry, document: Callable[..., str], body: str, has: str
 ) -> None:
     told = [one for one in check.found(body) if one.is_error]
     assert [(one.code, one.line, one.message) for one in told] == [("E119", 3, has)]
@@ -124,7 +121,7 @@ def test_wrong_number_of_children_is_an_error_but_the_tree_can_be_loaded(
 
 
 def test_in_format_3_a_decorator_in_the_tag_of_a_leaf_loads_without_a_child(
-    check: Any, palette: Registry, document: Callable[..., str]
+    check: Checker, palette: Registry, document: Callable[..., str]
 ) -> None:
     body = '<Action ID="Inverter"/>'
     told = [(one.code, one.message) for one in check.found(body, format=3) if one.is_error]
@@ -137,7 +134,7 @@ def test_in_format_3_a_decorator_in_the_tag_of_a_leaf_loads_without_a_child(
 
 
 def test_children_of_a_subtree_plus_are_checked_but_ignored(
-    check: Any, palette: Registry, document: Callable[..., str]
+    check: Checker, palette: Registry, document: Callable[..., str]
 ) -> None:
     others = '<BehaviorTree ID="Inner"><AlwaysSuccess/></BehaviorTree>'
     body = '<SubTreePlus ID="Inner">{}</SubTreePlus>'
@@ -149,7 +146,7 @@ def test_children_of_a_subtree_plus_are_checked_but_ignored(
     assert "E101" in [one.code for one in check.found(body.format("<Unknown/>"), others, format=3)]
 
 
-def test_in_format_3_while_do_else_needs_both_branches_and_reactive_may_be_empty(check: Any) -> None:
+def test_in_format_3_while_do_else_needs_both_branches_and_reactive_may_be_empty(check: Checker) -> None:
     while_do = children("WhileDoElse", "<BatteryOk/>", "<Drive/>")
     assert [one.message for one in check.found(while_do, format=3)] == [
         "<WhileDoElse> has 2 children; it needs 3: a condition, and two branches"
@@ -170,14 +167,14 @@ def test_in_format_3_while_do_else_needs_both_branches_and_reactive_may_be_empty
         '<Sequence><Script code="n := 9"/><Parallel success_count="{n}"><Drive/></Parallel></Sequence>',
     ],
 )
-def test_correct_number_of_children_is_not_reported(check: Check, body: str) -> None:
+def test_correct_number_of_children_is_not_reported(check: Checker, body: str) -> None:
     assert check(body) == ""
 
 
 # --- W106: asynchronous children of reactive nodes
 
 
-def test_second_asynchronous_child_of_a_reactive_node_is_reported(check: Check) -> None:
+def test_second_asynchronous_child_of_a_reactive_node_is_reported(check: Checker) -> None:
     assert check(children("ReactiveSequence", "<BatteryOk/>", "<Drive/>", "<Grasp/>")) == dedented(
         """
         t.xml:6:7: W106 <Grasp> is a second asynchronous child of <ReactiveSequence>: each tick begins with <Drive> (line 5), which halts <Grasp> unless it completes at once
@@ -206,7 +203,7 @@ def test_second_asynchronous_child_of_a_reactive_node_is_reported(check: Check) 
     ],
 )
 def test_nodes_that_may_run_are_asynchronous(
-    check: Check, node: str, first: str, second: str, line_of_second: int
+    check: Checker, node: str, first: str, second: str, line_of_second: int
 ) -> None:
     found = check(children(node, first, second), tree("Inner", "<Grasp/>") if "Inner" in second else "")
     label = second.replace("/>", ">")
@@ -229,11 +226,13 @@ def test_nodes_that_may_run_are_asynchronous(
         children("Sequence", "<Drive/>", "<Grasp/>"),
     ],
 )
-def test_valid_reactive_nodes_are_not_reported(check: Check, body: str) -> None:
+def test_valid_reactive_nodes_are_not_reported(check: Checker, body: str) -> None:
     assert check(body) == ""
 
 
-def test_asynchronous_leaf_may_declare_that_it_may_complete_on_start(check: Check, palette: Registry) -> None:
+def test_asynchronous_leaf_may_declare_that_it_may_complete_on_start(
+    check: Checker, palette: Registry
+) -> None:
     class WaitForScan(StatefulAction):
         spec = NodeSpec(may_complete_on_start=True)
 

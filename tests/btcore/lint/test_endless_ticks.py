@@ -1,12 +1,9 @@
 """W110: loops that never end a tick."""
 
-from collections.abc import Callable
-
 import pytest
 
+from tests.btcore.lint.conftest import Checker
 from tests.btcore.lint.documents import tree
-
-Check = Callable[..., str]
 
 REPEAT = '<Repeat num_cycles="-1">{}</Repeat>'
 RETRY = '<RetryUntilSuccessful num_attempts="-1">{}</RetryUntilSuccessful>'
@@ -26,13 +23,15 @@ RETRY = '<RetryUntilSuccessful num_attempts="-1">{}</RetryUntilSuccessful>'
          "<Repeat> does not end a tick until <Repeat> is skipped"),
     ],
 )  # fmt: skip
-def test_loop_that_never_ends_a_tick_is_reported(check: Check, body: str, message: str, format: int) -> None:
+def test_loop_that_never_ends_a_tick_is_reported(
+    check: Checker, body: str, message: str, format: int
+) -> None:
     found = check(body, format=format)
     assert f"W110 {message}, and no node below it can be RUNNING" in found
     assert found.count("W110") == 1
 
 
-def test_loop_that_never_ends_a_tick_is_reported_in_a_subtree(check: Check) -> None:
+def test_loop_that_never_ends_a_tick_is_reported_in_a_subtree(check: Checker) -> None:
     inner = tree("Inner", REPEAT.format("<AlwaysSuccess/>"))
     assert check('<Sequence><SubTree ID="Inner"/></Sequence>', more=inner).count("W110") == 1
 
@@ -56,11 +55,11 @@ def test_loop_that_never_ends_a_tick_is_reported_in_a_subtree(check: Check) -> N
         f'<Sequence _while="x==1">{REPEAT.format("<AlwaysSuccess/>")}</Sequence>',
     ],
 )
-def test_loop_that_may_end_a_tick_is_not_reported(check: Check, body: str) -> None:
+def test_loop_that_may_end_a_tick_is_not_reported(check: Checker, body: str) -> None:
     assert "W110" not in check(body, given=["x"])
 
 
 @pytest.mark.parametrize("format", [3, 4])
-def test_timeout_cannot_halt_a_loop_of_format_3(check: Check, format: int) -> None:
+def test_timeout_cannot_halt_a_loop_of_format_3(check: Checker, format: int) -> None:
     found = check(f'<Timeout msec="100">{REPEAT.format("<AlwaysSuccess/>")}</Timeout>', format=format)
     assert ("W110" in found) is (format == 3)

@@ -1,13 +1,11 @@
 """Values that do not fit the types of entries."""
 
-from collections.abc import Callable
-
 import pytest
 
 from btcore import NodeExecutionError, Registry
+from tests.btcore.lint.conftest import Checker
 from tests.btcore.lint.documents import dedented, load_main, sequence, tree
 
-Check = Callable[..., str]
 REPEAT = '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>'
 
 CASES = {
@@ -124,7 +122,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_warning_about_a_type(check: Check, name: str) -> None:
+def test_warning_about_a_type(check: Checker, name: str) -> None:
     body, more, expected = CASES[name]
     assert check(body, more) == dedented(expected)
 
@@ -173,16 +171,16 @@ FINE = {
 
 
 @pytest.mark.parametrize("name", FINE)
-def test_valid_values_are_not_reported(check: Check, name: str) -> None:
+def test_valid_values_are_not_reported(check: Checker, name: str) -> None:
     assert check(FINE[name]) == ""
 
 
-def test_type_of_a_given_key_is_unknown(check: Check) -> None:
+def test_type_of_a_given_key_is_unknown(check: Checker) -> None:
     body, _, _ = CASES["a text for an entry of a port without a type"]
     assert check(body, given=["q"]) == ""
 
 
-def test_text_for_an_entry_without_a_type_is_normal_in_format_3(check: Check) -> None:
+def test_text_for_an_entry_without_a_type_is_normal_in_format_3(check: Checker) -> None:
     body = sequence(
         '<SetBlackboard value="1" output_key="n"/>', '<SetBlackboard value="{n}" output_key="m"/>'
     )
@@ -190,7 +188,7 @@ def test_text_for_an_entry_without_a_type_is_normal_in_format_3(check: Check) ->
     assert "W213" in check(body)
 
 
-def test_copy_of_an_integer_that_the_program_may_have_written_is_not_reported(check: Check) -> None:
+def test_copy_of_an_integer_that_the_program_may_have_written_is_not_reported(check: Checker) -> None:
     body, _, _ = CASES["a script's integer copied to an entry of doubles"]
     assert check(body, given=["e"]) == ""
     assert check(body.replace("e := 1", "e := 1.5")) == ""

@@ -1,13 +1,10 @@
 """Scripts that always raise, and assignments in conditions."""
 
-from collections.abc import Callable
-
 import pytest
 
 from btcore import NodeExecutionError, Registry
+from tests.btcore.lint.conftest import Checker
 from tests.btcore.lint.documents import dedented, load_main
-
-Check = Callable[..., str]
 
 CASES = {
     "an empty condition": (
@@ -65,7 +62,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_warning_about_a_script(check: Check, name: str) -> None:
+def test_warning_about_a_script(check: Checker, name: str) -> None:
     body, expected = CASES[name]
     assert check(body, given=["x", "a"]) == dedented(expected)
 
@@ -100,5 +97,5 @@ def test_tree_with_a_warning_raises_when_ticked(palette: Registry, name: str) ->
         "<Script code=\"n := 'a' + 'b'\"/>",
     ],
 )
-def test_valid_scripts_are_not_reported(check: Check, body: str) -> None:
+def test_valid_scripts_are_not_reported(check: Checker, body: str) -> None:
     assert check(body, given=["x"]) == ""

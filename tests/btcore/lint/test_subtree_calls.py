@@ -1,13 +1,10 @@
 """Keys that are passed to subtrees without effect, and trees that no tree calls."""
 
-from collections.abc import Callable
-from typing import Any
-
 import pytest
 
+from tests.btcore.lint.conftest import Checker
 from tests.btcore.lint.documents import dedented, sequence, tree
 
-Check = Callable[..., str]
 REPEAT = '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>'
 
 CASES = {
@@ -49,7 +46,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_warning_about_a_passed_key(check: Check, name: str) -> None:
+def test_warning_about_a_passed_key(check: Checker, name: str) -> None:
     body, more, expected = CASES[name]
     assert check(body, more) == dedented(expected)
 
@@ -66,12 +63,12 @@ def test_warning_about_a_passed_key(check: Check, name: str) -> None:
         ('<SubTree ID="Inner" word="{door}"/>', '<SubTree ID="Deep" _autoremap="true"/>'),
     ],
 )
-def test_keys_passed_to_subtrees_are_not_reported(check: Check, call: str, inner: str) -> None:
+def test_keys_passed_to_subtrees_are_not_reported(check: Checker, call: str, inner: str) -> None:
     deep = tree("Deep", '<Say text="{word}"/>') if "Deep" in inner else ""
     assert check(sequence('<Look found="{door}"/>', call), tree("Inner", inner) + deep) == ""
 
 
-def test_braces_in_a_subtree_of_format_3_are_reported(check: Check) -> None:
+def test_braces_in_a_subtree_of_format_3_are_reported(check: Checker) -> None:
     body = sequence('<Look found="{door}"/>', '<SubTree ID="Inner" door="{door}"/>')
     assert check(body, tree("Inner", '<Say text="{door}"/>'), format=3) == dedented(
         """
@@ -92,12 +89,12 @@ def test_braces_in_a_subtree_of_format_3_are_reported(check: Check) -> None:
         '<SubTree ID="Inner" __shared_blackboard="true"/>',
     ],
 )
-def test_keys_passed_in_format_3_are_not_reported(check: Check, call: str) -> None:
+def test_keys_passed_in_format_3_are_not_reported(check: Checker, call: str) -> None:
     body = sequence('<Look found="{door}"/>', call)
     assert check(body, tree("Inner", '<Say text="{door}"/>'), format=3) == ""
 
 
-def test_equals_sign_as_the_default_of_a_model_is_reported(check: Check) -> None:
+def test_equals_sign_as_the_default_of_a_model_is_reported(check: Checker) -> None:
     models = (
         '<TreeNodesModel><SubTree ID="Inner"><input_port name="n" default="{=}"/></SubTree></TreeNodesModel>'
     )
@@ -109,7 +106,7 @@ def test_equals_sign_as_the_default_of_a_model_is_reported(check: Check) -> None
 # --- W104: unused trees
 
 
-def test_unused_tree_is_reported(check: Check) -> None:
+def test_unused_tree_is_reported(check: Checker) -> None:
     assert check("<AlwaysSuccess/>", tree("Left")) == dedented(
         """
         t.xml:5:21: W104 the tree 'Left' is unused: 'Main' doesn't call it, directly or indirectly
@@ -120,16 +117,16 @@ def test_unused_tree_is_reported(check: Check) -> None:
     )
 
 
-def test_first_of_unused_trees_that_call_each_other_is_reported(check: Check) -> None:
+def test_first_of_unused_trees_that_call_each_other_is_reported(check: Checker) -> None:
     found = check("<AlwaysSuccess/>", tree("Left", '<SubTree ID="Right"/>') + tree("Right"))
     assert [line for line in found.splitlines() if "W104" in line] == [
         "t.xml:5:21: W104 the tree 'Left' is unused: 'Main' doesn't call it, directly or indirectly"
     ]
 
 
-def test_called_trees_are_not_reported(check: Check) -> None:
+def test_called_trees_are_not_reported(check: Checker) -> None:
     assert check('<SubTree ID="Left"/>', tree("Left", '<SubTree ID="Right"/>') + tree("Right")) == ""
 
 
-def test_library_of_trees_is_not_reported(check: Any) -> None:
+def test_library_of_trees_is_not_reported(check: Checker) -> None:
     assert check.found_in(f'<root BTCPP_format="4">\n{tree("A")}{tree("B")}</root>') == []

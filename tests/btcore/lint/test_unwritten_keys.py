@@ -1,14 +1,11 @@
 """Keys that are read but never written, and assignments to entries that are never created."""
 
-from collections.abc import Callable
-from typing import Any
-
 import pytest
 
 from btcore import NodeExecutionError, Registry
+from tests.btcore.lint.conftest import Checker
 from tests.btcore.lint.documents import dedented, load_main, sequence, tree
 
-Check = Callable[..., str]
 REPEAT = '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>'
 
 CASES = {
@@ -96,7 +93,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_warning_about_a_key(check: Check, name: str) -> None:
+def test_warning_about_a_key(check: Checker, name: str) -> None:
     body, more, expected = CASES[name]
     assert check(body, more) == dedented(expected)
 
@@ -133,22 +130,22 @@ FINE = {
 
 
 @pytest.mark.parametrize("name", FINE)
-def test_valid_keys_are_not_reported(check: Check, name: str) -> None:
+def test_valid_keys_are_not_reported(check: Checker, name: str) -> None:
     assert check(FINE[name]) == ""
 
 
-def test_key_written_by_a_subtree_is_known_to_its_caller(check: Check) -> None:
+def test_key_written_by_a_subtree_is_known_to_its_caller(check: Checker) -> None:
     body = sequence('<SubTree ID="Inner" place="{door}"/>', '<Say text="{door}"/>')
     assert check(body, tree("Inner", '<Look found="{place}"/>')) == ""
 
 
-def test_given_keys_are_not_reported(check: Check) -> None:
+def test_given_keys_are_not_reported(check: Checker) -> None:
     body = sequence('<Say text="{goal}"/>', '<Script code="x += 1"/>')
     assert check(body, given=["goal", "x"]) == ""
     assert "W201" in check(body, given=["x"])
 
 
-def test_script_on_the_blackboard_must_exist_when_the_tree_is_built(check: Check) -> None:
+def test_script_on_the_blackboard_must_exist_when_the_tree_is_built(check: Checker) -> None:
     # The writes of the script are unknown, so {door} is not reported.
     body = sequence('<Script code="{code}"/>', '<Say text="{door}"/>')
     assert check(body, given=["code"]) == ""
@@ -162,7 +159,7 @@ def test_script_on_the_blackboard_must_exist_when_the_tree_is_built(check: Check
     )
 
 
-def test_given_keys_are_unknown_in_a_subtree(check: Check) -> None:
+def test_given_keys_are_unknown_in_a_subtree(check: Checker) -> None:
     assert check('<SubTree ID="Inner"/>', tree("Inner", '<Say text="{goal}"/>'), given=["goal"]) == dedented(
         """
         t.xml:6:16: W201 the port 'text' of <Say> reads {goal}, which is never written
@@ -173,7 +170,7 @@ def test_given_keys_are_unknown_in_a_subtree(check: Check) -> None:
     )
 
 
-def test_subtree_model_provides_its_ports(check: Any) -> None:
+def test_subtree_model_provides_its_ports(check: Checker) -> None:
     text = (
         '<root BTCPP_format="4">'
         '<TreeNodesModel><SubTree ID="Greet"><input_port name="who"/></SubTree></TreeNodesModel>'
@@ -185,26 +182,26 @@ def test_subtree_model_provides_its_ports(check: Any) -> None:
     ]
 
 
-def test_tree_that_is_called_twice_is_reported_once(check: Any) -> None:
+def test_tree_that_is_called_twice_is_reported_once(check: Checker) -> None:
     found = check.found(
         sequence('<SubTree ID="Inner"/>', '<SubTree ID="Inner"/>'), tree("Inner", '<Say text="{door}"/>')
     )
     assert [one.code for one in found] == ["W201"]
 
 
-def test_tree_with_unknown_nodes_may_use_any_key(check: Any) -> None:
+def test_tree_with_unknown_nodes_may_use_any_key(check: Checker) -> None:
     found = check.found('<SubTree ID="Inner" door="shut"/>', tree("Inner", '<Knock on="{door}"/>'))
     assert [one.code for one in found] == ["E101"]
 
 
-def test_warning_names_the_call_that_lacks_a_key(check: Check) -> None:
+def test_warning_names_the_call_that_lacks_a_key(check: Checker) -> None:
     body = sequence('<SubTree ID="Inner" door="shut"/>', '<SubTree ID="Inner"/>')
     assert "in the SubTree of 'Inner' in line 5 write door=" in check(
         body, tree("Inner", '<Say text="{door}"/>')
     )
 
 
-def test_key_not_passed_in_format_3_is_reported(check: Check) -> None:
+def test_key_not_passed_in_format_3_is_reported(check: Checker) -> None:
     found = check(
         sequence('<Look found="{door}"/>', '<SubTree ID="Inner"/>'),
         tree("Inner", '<Say text="{door}"/>'),

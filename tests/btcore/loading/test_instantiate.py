@@ -7,7 +7,6 @@ import pytest
 
 from btcore import In, Registry, Status, action, load, loads, required_resources
 from btcore.blackboard.blackboard import Blackboard
-from btcore.clock import SimClock
 from btcore.errors import TreeError
 from btcore.tree.tree import Tree
 
@@ -92,10 +91,6 @@ def test_node_has_its_position_in_the_file(tmp_path: Path) -> None:
 # --- choice of tree and format
 
 
-def test_tree_option_selects_the_tree() -> None:
-    assert load_tree("<AlwaysSuccess/>", sub("<AlwaysFailure/>"), tree="Sub").root.id == "AlwaysFailure"
-
-
 def test_only_tree_needs_no_id() -> None:
     tree = loads('<root BTCPP_format="4"><BehaviorTree><AlwaysSuccess/></BehaviorTree></root>')
     assert tree.tick_once() is Status.SUCCESS
@@ -156,12 +151,6 @@ def test_defaults_are_filled_in() -> None:
     }
 
 
-def test_unescaped_less_than_reaches_the_script() -> None:
-    tree = load_tree('<Script code="a := 1 < 2 && 3 < 4"/>')
-    tree.tick_once()
-    assert tree.blackboard["a"] == 1
-
-
 # --- SubTree
 
 
@@ -187,30 +176,6 @@ def test_in_format_4_braces_remap_and_other_values_are_constants() -> None:
     ]
 
 
-def test_autoremap_shares_every_key_except_private_keys_and_constants() -> None:
-    tree = load_tree(
-        '<SubTree ID="Sub" _autoremap="true" n="1"/>', sub('<Script code="a := 1; _b := 2; n := 3"/>')
-    )
-    tree.tick_once()
-    assert sorted(tree.blackboard) == ["a"]
-
-
-def test_model_of_a_subtree_provides_defaults() -> None:
-    models = """<TreeNodesModel><SubTree ID="Sub">
-      <input_port name="n" default="7"/><inout_port name="out" default="{result}"/>
-    </SubTree></TreeNodesModel>"""
-    tree = load_tree('<SubTree ID="Sub"/>', sub('<Script code="out := n"/>') + models)
-    tree.tick_once()
-    assert tree.blackboard["result"] == 7
-
-
-def test_in_format_3_a_subtree_is_isolated_and_remaps_keys_without_braces() -> None:
-    body = '<SetBlackboard value="1" output_key="key"/>'
-    tree = load_tree('<SubTree ID="Sub" key="outer"/>', sub(body), root="")
-    tree.tick_once()
-    assert sorted(tree.blackboard) == ["outer"]
-
-
 @pytest.mark.parametrize("written", ["", ' ID=""'])
 def test_tree_without_an_id_among_several_is_refused(written: str) -> None:
     with pytest.raises(TreeError, match="missing ID of the <BehaviorTree>"):
@@ -230,17 +195,6 @@ def test_in_format_3_a_blackboard_may_be_shared() -> None:
     assert sorted(tree.blackboard) == ["key"]
 
 
-def test_subtree_plus_takes_constants_and_remaps_inner_keys() -> None:
-    body = '<SetBlackboard value="{in}" output_key="{name}"/>'
-    more = sub(f"<Sequence>{body}</Sequence>")
-    outer = load_tree('<SubTreePlus ID="Sub" in="hello" name="{word}" __autoremap="true"/>', more, root="")
-    board = inner(outer)
-    assert board["in"] == "hello"
-    outer.blackboard["word"] = "greeting"
-    outer.tick_once()
-    assert board["greeting"] == "hello"
-
-
 def test_subtrees_may_be_nested_thousands_of_levels_deep() -> None:
     levels = 3000
     calls = [sub(f'<SubTree ID="T{n + 1}" name="s"/>', f"T{n}") for n in range(levels)]
@@ -250,18 +204,6 @@ def test_subtrees_may_be_nested_thousands_of_levels_deep() -> None:
 
 
 # --- files
-
-
-def test_included_file_is_searched_beside_the_including_file(tmp_path: Path) -> None:
-    (tmp_path / "lib").mkdir()
-    (tmp_path / "lib" / "a.xml").write_text(root_of('<include path="b.xml"/>', sub("<AlwaysSuccess/>", "A")))
-    (tmp_path / "lib" / "b.xml").write_text(root_of(sub("<AlwaysFailure/>", "B")))
-    body = '<Fallback><SubTree ID="B"/><SubTree ID="A"/></Fallback>'
-    main = tmp_path / "main.xml"
-    main.write_text(root_of('<include path="lib/a.xml"/><include path="lib/b.xml"/>', sub(body, "M")))
-    tree = load(main)
-    assert [one.id for one in tree.subtrees] == ["M", "B", "A"]
-    assert tree.tick_once() is Status.SUCCESS
 
 
 def test_a_package_is_found_by_the_resolver(tmp_path: Path) -> None:
@@ -281,24 +223,11 @@ def nodes() -> Registry:
     return registry
 
 
-def test_resources_are_passed_to_leaves(nodes: Registry) -> None:
-    tree = load_tree('<Drive speed="1.5"/>', nodes=nodes, resources=[SimClock(), Robot()])
-    assert tree.tick_once() is Status.SUCCESS
-    assert isinstance(tree.clock, SimClock)
-
-
 def test_required_resources_are_known_before_the_tree_is_built(nodes: Registry, tmp_path: Path) -> None:
     path = tmp_path / "t.xml"
     path.write_text(root_of(sub("<AlwaysSuccess/>", "M"), sub('<Drive speed="1"/>', "D")))
     assert required_resources(path, nodes=nodes) == []
     assert required_resources(path, nodes=nodes, tree="D") == [Robot]
-
-
-def test_two_trees_may_share_a_blackboard() -> None:
-    board = Blackboard()
-    load_tree("<Script code='a := 1'/>", blackboard=board).tick_once()
-    second = load_tree("<ScriptCondition code='a == 1'/>", blackboard=board)
-    assert second.tick_once() is Status.SUCCESS
 
 
 @pytest.mark.parametrize("enabled", [True, False])

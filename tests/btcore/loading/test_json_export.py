@@ -116,12 +116,6 @@ def test_a_subtree_without_data_is_refused() -> None:
         import_tree(new_tree(), {"Main": {}})
 
 
-def test_unknown_type_is_reported_with_its_key() -> None:
-    tree = new_tree()
-    with pytest.raises(BlackboardError, match=r"\[goal\] can't be imported: unknown type 'Twist'"):
-        import_blackboard(tree.blackboard, {"goal": {"__type": "Twist"}}, tree.registry.types)
-
-
 def test_blackboard_without_entries_is_null_in_a_tree() -> None:
     tree = btcore.loads(
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>'

@@ -124,30 +124,6 @@ def test_transitions_to_idle_can_be_left_out(sample: Tree, tmp_path: Path) -> No
     assert IDLE not in {change.status for change in read_btlog(tmp_path / "run.btlog").transitions}
 
 
-def test_truncated_file_is_read_up_to_the_cut_with_a_warning(captures: Path, tmp_path: Path) -> None:
-    data = (captures / "v4_sample.btlog").read_bytes()
-    whole = read_btlog(captures / "v4_sample.btlog").transitions
-    first = HEADER + XML + 8
-    path = tmp_path / "cut.btlog"
-    for cut in range(first, len(data)):
-        path.write_bytes(data[:cut])
-        recording = read_btlog(path)
-        count, rest = divmod(cut - first, 9)
-        assert recording.transitions == whole[:count]
-        assert bool(recording.damage) == bool(rest)
-    assert recording.damage == (
-        "the file is truncated within a transition, 8 bytes after the last complete transition"
-    )
-
-
-@pytest.mark.parametrize("cut", [0, 5, 18, 20, 22, 23, 4000, HEADER + XML, HEADER + XML + 7])
-def test_file_truncated_in_its_header_raises(captures: Path, tmp_path: Path, cut: int) -> None:
-    path = tmp_path / "cut.btlog"
-    path.write_bytes((captures / "v4_sample.btlog").read_bytes()[:cut])
-    with pytest.raises(LogError, match=r"this log ends in its header|this is not a \.btlog file"):
-        read_btlog(path)
-
-
 def test_transition_of_an_unknown_node_ends_the_reading(captures: Path, tmp_path: Path) -> None:
     data = bytearray((captures / "v4_sample.btlog").read_bytes())
     second = HEADER + XML + 8 + 9

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from btcore import SimClock, Status, Tree
+from btcore import Status, Tree
 from btcore.logs import BtLog, LogError, LoggedTransition, SqliteLog, read_btlog, read_log, read_sqlite
 from btcore.logs.btlog import BtLogWriter
 from btcore.logs.sqlite import SqliteWriter
@@ -101,13 +101,14 @@ def test_btlog_cut_at_any_byte_gives_its_beginning(
     path.write_bytes(whole[:cut])
     head = len(whole) - RECORD * len(rows)
     if cut < head:
-        with pytest.raises(LogError):
+        with pytest.raises(LogError, match=r"this log ends in its header|this is not a \.btlog file"):
             read_btlog(path)
         return
     recording = read_btlog(path)
     count, rest = divmod(cut - head, RECORD)
     assert recording.transitions == changes(rows)[:count]
-    assert bool(recording.damage) == bool(rest)
+    said = f"the file is truncated within a transition, {rest} bytes after the last complete transition"
+    assert recording.damage == (said if rest else "")
 
 
 @pytest.fixture(scope="module")
@@ -193,16 +194,3 @@ def test_new_log_does_not_keep_the_gaps_of_the_previous_log(small_tree: Tree, tm
     assert not beside.exists()
     beside.write_text("0 something is missing\nnonsense\n9999 beyond the end\n")
     assert read_btlog(tmp_path / "run.btlog").gaps == ((0, "something is missing"),)
-
-
-def test_session_is_selected_by_a_suffix_of_the_file_name(small: Callable[..., Tree], tmp_path: Path) -> None:
-    path = tmp_path / "run.db3"
-    for ticks in (1, 2):
-        clock = SimClock()
-        tree = small("<Sequence><AlwaysSuccess/></Sequence>", clock=clock)
-        with SqliteLog(tree, path, append=True):
-            for _ in range(ticks):
-                tree.tick_exactly_once()
-    assert len(read_log(path).transitions) == 2 * len(read_log(f"{path}#1").transitions)
-    with pytest.raises(LogError, match="this log has no session 3; it has 1 and 2"):
-        read_log(f"{path}#3")

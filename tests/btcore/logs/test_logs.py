@@ -167,13 +167,6 @@ def test_closed_log_records_nothing_more(small: Callable[..., Tree], tmp_path: P
     assert statuses_in(tmp_path / name) == before != []
 
 
-def test_a_tree_may_have_several_logs(small: Callable[..., Tree], tmp_path: Path) -> None:
-    tree = small("<AlwaysSuccess/>")
-    with open_log(tree, tmp_path / "a.btlog"), open_log(tree, tmp_path / "b.btlog"):
-        tree.tick_once()
-    assert statuses_in(tmp_path / "a.btlog") == statuses_in(tmp_path / "b.btlog") == ["SUCCESS", "IDLE"]
-
-
 def test_log_that_fails_during_the_run_ends_with_a_warning(
     small: Callable[..., Tree], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -1,14 +1,11 @@
 """UnsetBlackboard and SetBlackboard."""
 
-from collections.abc import Callable
-
 import pytest
 
 from btcore import NodeExecutionError, Status, Tree
 from btcore.tree.saved_state import restore_state, save_state
 from btcore.values import INT64
-
-MakeTree = Callable[..., Tree]
+from tests.btcore.conftest import MakeTree
 
 S, F = Status.SUCCESS, Status.FAILURE
 
@@ -58,13 +55,6 @@ def test_missing_key_raises_at_the_tick(make_tree: MakeTree) -> None:
 # --- SetBlackboard with a typed entry
 
 
-def test_text_is_converted_to_the_type_of_the_entry(make_tree: MakeTree) -> None:
-    tree = make_tree('<SetBlackboard value="42" output_key="x"/>')
-    tree.blackboard["x"] = 7
-    tree.tick_once()
-    assert tree.blackboard["x"] == 42
-
-
 def test_remapping_to_a_key_of_the_root_scope_reads_one_entry_and_writes_another(make_tree: MakeTree) -> None:
     inner = '<BehaviorTree ID="Sub"><SetBlackboard value="42" output_key="x"/></BehaviorTree>'
     tree = make_tree('<SubTree ID="Sub" x="{@y}"/>', others=inner)
@@ -74,23 +64,12 @@ def test_remapping_to_a_key_of_the_root_scope_reads_one_entry_and_writes_another
     assert entries == {"y": 7, "@y": 42}
 
 
-def test_text_that_does_not_convert_raises(make_tree: MakeTree) -> None:
-    tree = make_tree('<SetBlackboard value="many" output_key="x"/>')
-    tree.blackboard["x"] = 7
-    with pytest.raises(NodeExecutionError, match="many"):
-        tree.tick_once()
-
-
 def test_pointer_copies_any_value(make_tree: MakeTree) -> None:
     something = object()
     tree = make_tree('<SetBlackboard value="{a}" output_key="b"/>')
     tree.blackboard["a"] = something
     tree.tick_once()
     assert tree.blackboard["b"] is something
-
-
-def test_empty_entry_cannot_be_copied(make_tree: MakeTree) -> None:
-    assert make_tree('<SetBlackboard value="{a}" output_key="b"/>').tick_once() is F
 
 
 def test_copy_to_an_entry_of_another_type_raises(make_tree: MakeTree) -> None:
@@ -140,30 +119,6 @@ def test_type_of_a_value_is_part_of_a_saved_state(make_tree: MakeTree) -> None:
     entry = copied.blackboard.find("e")
     assert entry is not None
     assert entry.type_of_value() is INT64
-
-
-def test_copied_text_is_converted_to_the_type_of_the_entry(make_tree: MakeTree) -> None:
-    tree = make_tree('<SetBlackboard value="{a}" output_key="b"/>')
-    tree.blackboard["a"] = "7"
-    tree.blackboard["b"] = 1
-    assert tree.tick_once() is S
-    assert tree.blackboard["b"] == 7
-
-
-def test_text_leaves_an_untyped_entry_untyped(make_tree: MakeTree) -> None:
-    tree = make_tree('<SetBlackboard value="x" output_key="s"/>')
-    tree.blackboard["s"] = "y"
-    assert tree.tick_once() is S
-    assert tree.blackboard["s"] == "x"
-    tree.blackboard["s"] = 7
-    assert tree.blackboard["s"] == 7
-
-
-def test_integer_port_keeps_the_float_that_a_script_created(make_tree: MakeTree) -> None:
-    tree = make_tree('<Sequence><Script code="t := 2.5"/><Inc in="1" out="{t}"/></Sequence>')
-    for _ in range(3):
-        assert tree.tick_once() is S
-        assert repr(tree.blackboard["t"]) == "2.0"
 
 
 def test_equals_sign_in_braces_copies_the_entry_with_this_name(make_tree: MakeTree) -> None:

@@ -1,13 +1,10 @@
 """SkipUnlessUpdated, WaitValueUpdate and WasEntryUpdated."""
 
-from collections.abc import Callable
-
 import pytest
 
-from btcore import Status, Tree, TreeError
+from btcore import Status, TreeError
+from tests.btcore.conftest import MakeTree
 from tests.conformance.recorded_cases import CallLog
-
-MakeTree = Callable[..., Tree]
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
@@ -35,15 +32,6 @@ def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
     tree.blackboard["x"] = 1
     assert tree.tick_once() is F
     assert journal.calls == ["p:tick", "p:tick"]
-
-
-@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_entry_written_before_the_first_check_counts_as_updated(
-    tag: str, otherwise: Status, make_tree: MakeTree
-) -> None:
-    tree = make_tree(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
-    tree.blackboard["x"] = 1
-    assert tree.tick_once() is S
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
@@ -109,10 +97,17 @@ def test_result_of_the_child_is_returned(tag: str, otherwise: Status, make_tree:
 
 
 @pytest.mark.parametrize("entry", ["", 'entry=""'])
-@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_entry_port_is_required(tag: str, otherwise: Status, entry: str, make_tree: MakeTree) -> None:
+@pytest.mark.parametrize(
+    "node",
+    [
+        "<SkipUnlessUpdated {}><AlwaysSuccess/></SkipUnlessUpdated>",
+        "<WaitValueUpdate {}><AlwaysSuccess/></WaitValueUpdate>",
+        "<WasEntryUpdated {}/>",
+    ],
+)
+def test_entry_port_is_required(node: str, entry: str, make_tree: MakeTree) -> None:
     with pytest.raises(TreeError, match="entry"):
-        make_tree(f"<{tag} {entry}><AlwaysSuccess/></{tag}>")
+        make_tree(node.format(entry))
 
 
 def test_two_nodes_check_independently(make_tree: MakeTree) -> None:
@@ -134,11 +129,6 @@ def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_chec
     assert [tree.tick_once(), tree.tick_once()] == [S, F]
 
 
-def test_was_entry_updated_sees_writes_of_scripts(make_tree: MakeTree) -> None:
-    tree = make_tree('<Sequence><Script code="x := 1"/><WasEntryUpdated entry="{x}"/></Sequence>')
-    assert [tree.tick_once(), tree.tick_once()] == [S, S]
-
-
 def test_was_entry_updated_follows_the_remapping_of_a_subtree(make_tree: MakeTree) -> None:
     inner = '<BehaviorTree ID="Sub"><WasEntryUpdated entry="{inside}"/></BehaviorTree>'
     tree = make_tree('<SubTree ID="Sub" inside="{outside}"/>', others=inner)
@@ -157,8 +147,3 @@ def test_was_entry_updated_keeps_the_last_seen_write_after_a_halt(make_tree: Mak
     assert tree.tick_once() is S
     tree.halt()
     assert tree.tick_once() is F
-
-
-def test_was_entry_updated_requires_its_entry_port(make_tree: MakeTree) -> None:
-    with pytest.raises(TreeError, match="entry"):
-        make_tree("<WasEntryUpdated/>")

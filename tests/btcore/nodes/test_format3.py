@@ -1,13 +1,10 @@
 """Nodes and rules of format 3 only: BlackboardCheck…, SubTreePlus, and differences in reading."""
 
-from collections.abc import Callable
-
 import pytest
 
-from btcore import NodeExecutionError, Status, SyncAction, Tree, TreeError, action
+from btcore import NodeExecutionError, Status, SyncAction, TreeError, action
+from tests.btcore.conftest import MakeTree
 from tests.conformance.recorded_cases import CallLog
-
-MakeTree = Callable[..., Tree]
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
@@ -41,14 +38,6 @@ def test_the_child_is_ticked_if_both_values_are_equal_as_that_type(
     tree = make_tree(check(kind, a, b), format=3)
     assert tree.tick_once() is (S if equal else F)
     assert journal.calls == (["a:start"] if equal else [])
-
-
-def test_values_are_read_from_the_blackboard_at_every_tick(make_tree: MakeTree) -> None:
-    tree = make_tree(check("Int", "{x}", "3"), format=3)
-    tree.blackboard["x"] = 3
-    assert tree.tick_once() is S
-    tree.blackboard["x"] = 4
-    assert tree.tick_once() is F
 
 
 @pytest.mark.parametrize("written", ["SUCCESS", "FAILURE", "RUNNING"])
@@ -95,11 +84,6 @@ def test_values_are_checked_while_the_child_runs_and_a_mismatch_halts_it(
     assert tree.tick_once() is F
     assert journal.calls == ["a:start", "a:running", "a:halted"]
     assert {node.status for node in tree} == {Status.IDLE}
-
-
-def test_format_4_has_no_blackboard_checks(make_tree: MakeTree) -> None:
-    with pytest.raises(TreeError, match="BlackboardCheckInt"):
-        make_tree(check("Int", "1", "1"))
 
 
 # --- SubTreePlus
@@ -184,11 +168,6 @@ def test_subtree_plus_node_has_the_name_of_its_tree(make_tree: MakeTree) -> None
     assert tree.root.name == "Count"
 
 
-def test_format_4_has_no_subtree_plus(make_tree: MakeTree) -> None:
-    with pytest.raises(TreeError, match="SubTreePlus"):
-        make_tree('<SubTreePlus ID="Count"/>', others=COUNT)
-
-
 # --- other differences of format 3
 
 
@@ -221,18 +200,6 @@ def test_equals_sign_in_braces_copies_the_entry_with_this_name(make_tree: MakeTr
     tree.blackboard["="] = 7
     assert tree.tick_once() is S
     assert tree.blackboard["b"] == 7
-
-
-def test_output_key_may_be_written_without_braces(make_tree: MakeTree) -> None:
-    tree = make_tree('<Inc in="1" out="n"/>', format=3)
-    tree.tick_once()
-    assert tree.blackboard["n"] == 2
-
-
-def test_repeat_completes_in_a_single_tick(make_tree: MakeTree, journal: CallLog) -> None:
-    tree = make_tree('<Repeat num_cycles="3"><PlanSync name="p" plan="S"/></Repeat>', format=3)
-    assert tree.tick_exactly_once() is S
-    assert journal.calls == ["p:tick"] * 3
 
 
 def test_while_do_else_requires_exactly_three_children(make_tree: MakeTree) -> None:

@@ -1,7 +1,6 @@
 """LoopInt, LoopBool, LoopDouble, LoopString and loops of a user's type: one element per tick."""
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,9 +18,8 @@ from btcore import (
     action,
     loads,
 )
+from tests.btcore.conftest import MakeTree
 from tests.conformance.recorded_cases import CallLog
-
-MakeTree = Callable[..., Tree]
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
@@ -148,15 +146,11 @@ def test_list_or_text_entry_is_read_at_each_activation_and_left_unchanged(
     assert sink.got == [1, 2, 7, 8]
 
 
-def test_queue_that_was_never_written_raises(make_tree: MakeTree) -> None:
+@pytest.mark.parametrize("removed", [False, True])
+def test_queue_without_a_value_raises(removed: bool, make_tree: MakeTree) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
-    with pytest.raises(NodeExecutionError, match=r"\{q\}, which has no value"):
-        tree.tick_once()
-
-
-def test_queue_that_was_removed_raises(make_tree: MakeTree) -> None:
-    tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
-    tree.blackboard.unset("q")
+    if removed:
+        tree.blackboard.unset("q")
     with pytest.raises(NodeExecutionError, match=r"\{q\}, which has no value"):
         tree.tick_once()
 
@@ -167,9 +161,13 @@ def test_literal_value_is_ignored(make_tree: MakeTree) -> None:
         assert ticks(tree, 2) == [R, S]
 
 
+@pytest.mark.parametrize(("queue", "said"), [("", "queue"), ('queue="="', "queue"), ('queue="1;two"', "two")])
+def test_missing_or_invalid_queue_is_a_tree_error(queue: str, said: str, make_tree: MakeTree) -> None:
+    with pytest.raises(TreeError, match=said):
+        make_tree(f'<LoopInt {queue} value="{{v}}"><AlwaysSuccess/></LoopInt>')
+
+
 def test_equals_sign_is_a_list_and_not_the_entry_of_the_port(make_tree: MakeTree, sink: Sink) -> None:
-    with pytest.raises(TreeError, match="queue"):
-        make_tree('<LoopInt queue="=" value="{v}"><AlwaysSuccess/></LoopInt>')
     loop = '<LoopString queue="=" value="{v}"><Take value="{v}"/></LoopString>'
     assert ticks(make_tree(loop, take, resources=[sink]), 2) == [R, S]
     assert sink.got == ["="]
@@ -177,16 +175,6 @@ def test_equals_sign_is_a_list_and_not_the_entry_of_the_port(make_tree: MakeTree
 
 def test_value_port_is_optional(make_tree: MakeTree) -> None:
     assert ticks(make_tree('<LoopInt queue="1"><AlwaysSuccess/></LoopInt>'), 2) == [R, S]
-
-
-def test_missing_queue_is_a_tree_error(make_tree: MakeTree) -> None:
-    with pytest.raises(TreeError, match="queue"):
-        make_tree('<LoopInt value="{v}"><AlwaysSuccess/></LoopInt>')
-
-
-def test_element_that_does_not_convert_is_a_tree_error(make_tree: MakeTree) -> None:
-    with pytest.raises(TreeError, match="two"):
-        make_tree('<LoopInt queue="1;two" value="{v}"><AlwaysSuccess/></LoopInt>')
 
 
 @dataclass
@@ -226,11 +214,6 @@ def test_loop_of_a_users_type_takes_its_values_from_an_entry(sink: Sink) -> None
     assert tree.tick_once() is R
     with pytest.raises(NodeExecutionError, match=r"port \[value\] takes Pose: 3 is not a valid Pose"):
         tree.tick_once()
-
-
-def test_loop_of_a_users_type_refuses_a_text_of_another_form(sink: Sink) -> None:
-    with pytest.raises(TreeError, match="'here' is not a valid Pose"):
-        tree_of_poses("1,2;here", sink)
 
 
 def test_port_of_a_users_loop_stays_optional() -> None:

@@ -1,12 +1,9 @@
 """Script, ScriptCondition and Precondition: empty scripts."""
 
-from collections.abc import Callable
-
 import pytest
 
-from btcore import NodeExecutionError, Status, Tree, TreeError
-
-MakeTree = Callable[..., Tree]
+from btcore import NodeExecutionError, Status, TreeError
+from tests.btcore.conftest import MakeTree
 
 S = Status.SUCCESS
 

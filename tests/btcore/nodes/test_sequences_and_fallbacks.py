@@ -1,14 +1,11 @@
 """Sequences and fallbacks: rules that the recorded cases do not cover."""
 
-from collections.abc import Callable
-
 import pytest
 
-from btcore import NodeSpec, Status, Tree
+from btcore import NodeSpec, Status
 from btcore.nodes.sequences_and_fallbacks import OrderedNode, ReactiveNode, ReactiveSequence, Sequence
+from tests.btcore.conftest import MakeTree
 from tests.conformance.recorded_cases import CallLog
-
-MakeTree = Callable[..., Tree]
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 

@@ -1,13 +1,11 @@
 """Sleep, Delay and Timeout: they follow the tree's clock, which the tree reads when a tick begins."""
 
-from collections.abc import Callable
-
 import pytest
 
 from btcore import NodeExecutionError, SimClock, Status, Tree, TreeError, action, sleep
+from tests.btcore.conftest import MakeTree
 from tests.conformance.recorded_cases import CallLog
 
-MakeTree = Callable[..., Tree]
 MS = 1_000_000
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
@@ -126,14 +124,6 @@ def test_child_running_at_the_limit_is_halted_and_timeout_fails(
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_child_is_not_ticked_again_at_the_limit(
-    make_tree: MakeTree, clock: SimClock, journal: CallLog
-) -> None:
-    tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RS"/></Timeout>')
-    assert after(tree, clock, 0, 100) == [R, F]
-    assert "a:running" not in journal.calls
-
-
 def test_timeout_wakes_the_tree_at_the_limit(make_tree: MakeTree, clock: SimClock) -> None:
     assert (
         make_tree('<Timeout msec="70"><PlanAction plan="R"/></Timeout>').tick_while_running(period=60.0) is F
@@ -179,10 +169,6 @@ def test_node_halted_by_its_parent_while_waiting_causes_no_wake_up(
     assert after(tree, clock, 0, 10) == [R, R]
     assert tree.sleep(1.0) is False
     assert clock.now() == 1010 * MS
-
-
-def test_skipped_child_makes_timeout_skipped(make_tree: MakeTree, clock: SimClock) -> None:
-    assert after(make_tree('<Timeout msec="100"><PlanAction plan="K"/></Timeout>'), clock, 0) == [K]
 
 
 def test_child_not_running_at_the_limit_is_not_halted_and_has_no_limit(

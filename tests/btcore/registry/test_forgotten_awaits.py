@@ -1,16 +1,16 @@
 """A leaf that does not await sleep() or running() is refused, with the place of the call."""
 
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from typing import Any
 
 import pytest
 
 import btcore
-from btcore import NodeExecutionError, RegistrationError, Registry, Status, Tree, running, sleep
+from btcore import NodeExecutionError, RegistrationError, Registry, Status, running, sleep
 from btcore.engine.coroutine import CoroutineAction
+from tests.btcore.conftest import MakeTree
 
-MakeTree = Callable[..., Tree]
 pause_for = sleep
 
 

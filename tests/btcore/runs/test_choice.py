@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import btcore
 from btcore import (
     OutputError,
     ProviderError,
@@ -24,7 +23,7 @@ from btcore import (
     provider,
 )
 from btcore.clock import Clock, SimClock
-from btcore.errors import BtcoreError, TreeError
+from btcore.errors import BtcoreError
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.providers import Provider
 from btcore.runs.run import TreelessProgram
@@ -311,15 +310,7 @@ def test_a_provider_that_raises_is_named_with_its_line_and_the_others_are_closed
     assert closed == []  # as with contextlib.contextmanager, the exception was raised at its yield
 
 
-def test_an_error_after_the_yield_is_named_and_an_incomplete_output_is_passed_on() -> None:
-    @provider
-    def arm() -> Iterator[Arm]:
-        yield Arm()
-        raise ValueError("no power")
-
-    with pytest.raises(ProviderError, match="provider arm"), run_with(arm, want=[Arm]):
-        pass
-
+def test_an_incomplete_output_is_passed_on() -> None:
     @provider
     def hand() -> Iterator[Hand]:
         yield Hand()
@@ -351,27 +342,6 @@ def test_a_provider_without_types_is_explained() -> None:
 
     with pytest.raises(ProviderError, match=r"the parameter 'hand' of the provider arm .* has no type"):
         run_with(arm, want=[Arm]).__enter__()
-
-
-def test_leaves_get_what_providers_provide(tmp_path: Path) -> None:
-    @provider
-    def arm() -> Arm:
-        return Arm()
-
-    @btcore.condition
-    def HasArm(arm: Arm) -> bool:
-        return isinstance(arm, Arm)
-
-    nodes = btcore.Registry.standard()
-    nodes.add(HasArm)
-    file = tmp_path / "tree.xml"
-    file.write_text('<root BTCPP_format="4"><BehaviorTree ID="Main"><HasArm/></BehaviorTree></root>')
-    with Run(file, nodes=nodes, providers=[arm], settings=[FAST]) as run:
-        run.until_done()
-    assert run.status is btcore.SUCCESS
-    assert run.exit_code == 0
-    with pytest.raises(TreeError, match="HasArm"):
-        Run(file, nodes=nodes, settings=[FAST]).__enter__()
 
 
 # --- random sets of providers

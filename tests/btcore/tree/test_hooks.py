@@ -151,12 +151,6 @@ def test_hook_with_once_fires_once_and_is_removed(bench: Bench) -> None:
     assert bench.worked == ["first", "second"]
 
 
-def test_disabled_hook_does_nothing(bench: Bench) -> None:
-    bench.inject("first", Status.FAILURE, enabled=False)
-    bench.tree.tick_once()
-    assert bench.worked == ["first", "second"]
-
-
 def test_pre_condition_takes_precedence_over_a_hook() -> None:
     tree = tree_of(body_of('<AlwaysSuccess _failureIf="true"/>'))
     tree.hooks.insert(Hook(1, HookPosition.PRE, HookMode.REPLACE, Status.SUCCESS))
@@ -217,14 +211,6 @@ def test_hooks_are_listed_with_pre_hooks_first(bench: Bench) -> None:
     bench.inject("second", Status.SUCCESS)
     places = [(hook.uid, hook.position) for hook in bench.tree.hooks.all()]
     assert places == [(bench.uid("second"), HookPosition.PRE), (bench.uid("first"), HookPosition.POST)]
-
-
-def test_removed_hook_leaves_the_node_unchanged(bench: Bench) -> None:
-    node = bench.tree.node("first")
-    bench.inject("first", Status.FAILURE)
-    bench.tree.hooks.remove(node.uid)
-    bench.tree.tick_once()
-    assert bench.worked == ["first", "second"]
 
 
 def test_tick_counts_continue_beside_hooks(bench: Bench) -> None:

@@ -65,11 +65,6 @@ def test_tick_limit_names_a_leaf_that_always_requests_another_tick() -> None:
     assert caught.value.path == "hasty"
 
 
-def test_tick_limit_applies_to_a_single_tick_of_format_3() -> None:
-    with pytest.raises(NodeExecutionError, match="tick limit"):
-        limited(ENDLESS["repeat"], 3).tick_exactly_once()
-
-
 def test_tick_limit_does_not_stop_ticks_that_pause() -> None:
     tree = limited(
         '<Repeat num_cycles="50"><Sequence><Sleep msec="100"/><AlwaysSuccess/></Sequence></Repeat>',
@@ -80,7 +75,7 @@ def test_tick_limit_does_not_stop_ticks_that_pause() -> None:
 
 
 def test_time_at_a_breakpoint_does_not_count_for_the_tick_limit() -> None:
-    tree = limited('<Repeat num_cycles="3"><AlwaysSuccess name="stop"/></Repeat>', limit=2.0)
+    tree = limited('<Repeat num_cycles="3"><AlwaysSuccess name="stop"/></Repeat>', limit=1.0)
     uid = tree.node("stop").uid
     tree.hooks.insert(Hook(uid))
     reached = threading.Semaphore(0)
@@ -89,7 +84,7 @@ def test_time_at_a_breakpoint_does_not_count_for_the_tick_limit() -> None:
     def release() -> None:
         for _ in range(3):
             assert reached.acquire(timeout=SOON)
-            time.sleep(0.8)
+            time.sleep(0.4)
             tree.hooks.unlock(uid)
 
     thread = threading.Thread(target=release)

@@ -3,7 +3,6 @@
 import asyncio
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 
@@ -17,14 +16,12 @@ from btcore import (
     StatefulAction,
     Status,
     SystemClock,
-    Tree,
     action,
 )
 from btcore.clock import NS_PER_S
 from btcore.nodes.sequences_and_fallbacks import Sequence
+from tests.btcore.conftest import MakeTree
 from tests.conformance.recorded_cases import CallLog, PlanAction, conformance_registry
-
-MakeTree = Callable[..., Tree]
 
 THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
 
@@ -152,14 +149,6 @@ def test_skipped_ends_every_tick_method(make_tree: MakeTree) -> None:
     assert tree.root.status is Status.IDLE
 
 
-def test_sequence_with_only_skipped_children_returns_skipped_and_stays_running(
-    make_tree: MakeTree,
-) -> None:
-    tree = make_tree('<Sequence><AlwaysSuccess _skipIf="true"/></Sequence>')
-    assert tree.tick_once() is Status.SKIPPED
-    assert tree.root.status is Status.RUNNING
-
-
 # --- time
 
 
@@ -201,11 +190,6 @@ def moments(clock: SimClock, works: list[float], period: float) -> list[float]:
 def test_first_clock_resource_is_the_clock_of_the_tree(clock: SimClock) -> None:
     assert moments(clock, [0.0], 0.01) == [0.0, 10.0]
     assert clock.now() == 10_000_000
-
-
-def test_tree_without_a_clock_resource_uses_the_system_clock() -> None:
-    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>'
-    assert isinstance(btcore.loads(xml).clock, SystemClock)
 
 
 def test_ticks_come_every_period_regardless_of_their_duration(clock: SimClock) -> None:
@@ -382,15 +366,6 @@ def test_a_halt_ticks_the_handler_of_a_try_catch_if_its_port_is_true(
     assert journal.calls == ["a:start", "a:halted", *(["handler:tick"] if handled else [])]
 
 
-def test_a_halted_tree_starts_again(make_tree: MakeTree, journal: CallLog) -> None:
-    tree = make_tree('<Sequence><PlanAction name="a" plan="S"/><PlanAction name="b" plan="RS"/></Sequence>')
-    tree.tick_once()
-    tree.halt()
-    journal.take()
-    tree.tick_once()
-    assert journal.take() == ["a:start", "b:start"]
-
-
 def test_tree_is_a_context_manager_that_halts_it(make_tree: MakeTree, journal: CallLog) -> None:
     with make_tree('<PlanAction name="a" plan="R"/>') as tree:
         tree.tick_once()
@@ -400,26 +375,6 @@ def test_tree_is_a_context_manager_that_halts_it(make_tree: MakeTree, journal: C
 # --- inspecting
 
 SUBTREES = '<BehaviorTree ID="Sub"><Sequence name="again"><PlanSync plan="S"/></Sequence></BehaviorTree>'
-
-
-def test_paths_and_uids_match_behaviortree_cpp(make_tree: MakeTree) -> None:
-    tree = make_tree(
-        '<Sequence><SubTree ID="Sub" name="inst"/><SubTree ID="Sub"/><AlwaysSuccess name="nm"/></Sequence>',
-        others=SUBTREES,
-    )
-    assert [(node.uid, node.path) for node in tree] == [
-        (1, "Sequence::1"),
-        (2, "inst"),
-        (3, "inst/again"),
-        (4, "inst/PlanSync::4"),
-        (5, "Sub::5"),
-        (6, "Sub::5/again"),
-        (7, "Sub::5/PlanSync::7"),
-        (8, "nm"),
-    ]
-    assert [(one.id, one.path) for one in tree.subtrees] == [("Main", ""), ("Sub", "inst"), ("Sub", "Sub::5")]
-    assert [node.uid for node in tree.subtrees[0].nodes] == [1, 2, 5, 8]
-    assert tree.subtrees[1].root is tree.nodes[2]
 
 
 def test_node_is_found_by_its_path_or_by_a_unique_name(make_tree: MakeTree) -> None:
@@ -508,15 +463,3 @@ def test_two_trees_may_share_a_blackboard(make_tree: MakeTree) -> None:
     writer.tick_once()
     reader.tick_once()
     assert writer.blackboard["x"] == 42
-
-
-def test_types_of_a_given_blackboard_are_checked_when_the_tree_is_built(make_tree: MakeTree) -> None:
-    shared = Blackboard()
-    shared["plan"] = 7
-    with pytest.raises(btcore.TreeError, match="plan"):
-        make_tree('<PlanSync plan="{plan}"/>', blackboard=shared)
-
-
-def test_deep_tree_can_be_ticked(make_tree: MakeTree) -> None:
-    tree = make_tree("<Inverter>" * 200 + "<AlwaysSuccess/>" + "</Inverter>" * 200)
-    assert tree.tick_once() is Status.SUCCESS

@@ -3,16 +3,14 @@
 import asyncio
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 
 import btcore
-from btcore import SimClock, StatefulAction, Status, Tree
+from btcore import SimClock, StatefulAction, Status
 from btcore.clock import NS_PER_S
 from btcore.engine.context import TreeContext
-
-MakeTree = Callable[..., Tree]
+from tests.btcore.conftest import MakeTree
 
 SOON = 100.0  # s, long enough for a busy machine
 

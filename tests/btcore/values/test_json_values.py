@@ -1,14 +1,12 @@
 """Values written as `json:…` in ports and on the blackboard."""
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
 
-from btcore import In, NodeExecutionError, Tree, TreeError, action
-
-MakeTree = Callable[..., Tree]
+from btcore import In, NodeExecutionError, TreeError, action
+from tests.btcore.conftest import MakeTree
 
 
 @dataclass

@@ -1,14 +1,12 @@
 """Ports whose type is an enum."""
 
 import enum
-from collections.abc import Callable
 
 import pytest
 
-from btcore import In, NodeExecutionError, Registry, Status, Tree, TreeError, condition
+from btcore import In, NodeExecutionError, Registry, Status, condition
+from tests.btcore.conftest import MakeTree
 from tests.conformance.recorded_cases import conformance_registry
-
-MakeTree = Callable[..., Tree]
 
 F, S = Status.FAILURE, Status.SUCCESS
 
@@ -52,16 +50,6 @@ def test_script_may_set_an_enum_by_a_registered_name(nodes: Registry, make_tree:
     nodes.add_enum(Gear)
     tree = make_tree('<Sequence><Script code="g := DRIVE"/><Drives gear="{g}"/></Sequence>', nodes=nodes)
     assert tree.tick_once() is S
-
-
-def test_name_registered_for_a_number_is_accepted_by_ports(nodes: Registry, make_tree: MakeTree) -> None:
-    nodes.add_enum({"FORWARD": 3})
-    assert make_tree('<Drives gear="FORWARD"/>', nodes=nodes).tick_once() is S
-
-
-def test_unknown_member_raises_an_error_that_lists_the_members(nodes: Registry, make_tree: MakeTree) -> None:
-    with pytest.raises((TreeError, NodeExecutionError), match="PARK or DRIVE"):
-        make_tree('<Drives gear="REVERSE"/>', nodes=nodes).tick_once()
 
 
 @pytest.mark.parametrize("value", ["7", 7])

@@ -1,12 +1,9 @@
 """The ports of a SubTree that a TreeNodesModel declares."""
 
-from collections.abc import Callable
-
 import pytest
 
-from btcore import Status, Tree, TreeError
-
-MakeTree = Callable[..., Tree]
+from btcore import Status, TreeError
+from tests.btcore.conftest import MakeTree
 
 INNER = '<BehaviorTree ID="Sub"><Script code="out := n"/></BehaviorTree>'
 
@@ -16,12 +13,12 @@ def with_model(*ports: str) -> str:
     return f'{INNER}<TreeNodesModel><SubTree ID="Sub">{"".join(ports)}</SubTree></TreeNodesModel>'
 
 
-def test_missing_port_gets_the_default(make_tree: MakeTree) -> None:
-    tree = make_tree(
-        '<SubTree ID="Sub" out="{result}"/>', others=with_model('<input_port name="n" default="7"/>')
-    )
+@pytest.mark.parametrize(("attribute", "value"), [("", 7), ('n="8"', 8)])
+def test_missing_port_gets_the_default(attribute: str, value: int, make_tree: MakeTree) -> None:
+    models = with_model('<input_port name="n" default="7"/>')
+    tree = make_tree(f'<SubTree ID="Sub" {attribute} out="{{result}}"/>', others=models)
     assert tree.tick_once() is Status.SUCCESS
-    assert tree.blackboard["result"] == 7
+    assert tree.blackboard["result"] == value
 
 
 def test_the_default_may_be_an_entry(make_tree: MakeTree) -> None:
@@ -40,13 +37,6 @@ def test_equals_sign_in_braces_is_a_key_in_a_default_but_not_in_an_attribute(mak
     tree.blackboard["="] = 5
     tree.tick_once()
     assert tree.blackboard["out"] == 5
-
-
-def test_given_value_takes_precedence_over_the_default(make_tree: MakeTree) -> None:
-    body = '<SubTree ID="Sub" n="8" out="{result}"/>'
-    tree = make_tree(body, others=with_model('<input_port name="n" default="7"/>'))
-    tree.tick_once()
-    assert tree.blackboard["result"] == 8
 
 
 @pytest.mark.parametrize("kind", ["input_port", "output_port", "inout_port"])

@@ -1,27 +1,22 @@
 """The answers of the prover about small trees, each of which shows one rule of the search."""
 
+from typing import Any
+
 import pytest
 
 import btcore
 from btcore import NodeSpec
-from btcore.clock import Clock
-from btcore.tree.tree import Tree
-from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
-from btcore_proof.propositions import parse_question
-from btcore_proof.prover import PROVED, REFUTED, UNKNOWN_ANSWER, Answer, Prover
+from btcore_proof.prover import PROVED, REFUTED, UNKNOWN_ANSWER, Answer
 from btcore_proof.standard_questions import ENDS, EXCEPTIONS, INPUTS, LEAVES, RESOURCES
+from tests.tools.btcore_proof.trees import ConditionLeaf, InstantLeaf, LastingLeaf, answers_of, prover_of
 
 
-class Check(btcore.Condition):
-    def tick(self) -> bool:
-        raise NotImplementedError
+class Check(ConditionLeaf):
+    pass
 
 
-class Act(btcore.StatefulAction):
-    def on_start(self) -> bool:
-        raise NotImplementedError
-
-    on_running = on_start
+class Act(LastingLeaf):
+    pass
 
 
 class Move(Act):
@@ -32,29 +27,15 @@ class Turn(Act):
     spec = NodeSpec(uses=frozenset({"base"}))
 
 
-class Use(btcore.SyncAction):
+class Use(InstantLeaf):
     value: btcore.In[int]
 
-    def tick(self) -> bool:
-        raise NotImplementedError
 
-
-def answers(body: str, *questions: str, format: int = 4, instant_leaves: bool = False) -> dict[str, Answer]:
+def answers(body: str, *questions: str, **options: Any) -> dict[str, Answer]:
     """Return the answers about the tree *body*, by question."""
-    nodes = btcore.Registry.standard()
-    for leaf in (Check, Act, Move, Turn, Use):
-        nodes.add(leaf)
-    models = with_model_leaves(nodes, {"Act": {"at_once": False}, "Turn": {"results": ["SUCCESS"]}})
-    root = f'<root BTCPP_format="{format}" main_tree_to_execute="T">'
-    xml = f'{root}<BehaviorTree ID="T">{body}</BehaviorTree></root>'
-
-    def make(choices: Choices, clock: Clock) -> Tree:
-        resources = [choices, ModelPrompt(choices)]
-        return btcore.loads(xml, nodes=models, resources=resources, clock=clock)
-
-    parsed = [parse_question(question) for question in questions]
-    report = Prover(make, parsed, instant_leaves=instant_leaves).answer()
-    return {answer.question: answer for answer in report.answers}
+    declared = {"Act": {"at_once": False}, "Turn": {"results": ["SUCCESS"]}}
+    leaves = (Check, Act, Move, Turn, Use)
+    return answers_of(prover_of(body, *questions, leaves=leaves, declared=declared, **options))
 
 
 def test_a_status_and_an_equal_number_are_different_states() -> None:

@@ -12,8 +12,7 @@ from click.testing import Result
 
 from btcore.logs import read_log
 from btcore_proof import command
-
-Cli = Callable[..., Result]
+from tests.btcore.cli.conftest import Cli
 
 DRIVE = """
 <root BTCPP_format="4">
@@ -98,7 +97,6 @@ def test_json_holds_answers_and_counterexamples(prove: Callable[..., Result]) ->
 @pytest.mark.parametrize(
     ("words", "declarations", "message"),
     [
-        (("--never", "Drve"), "", "'Drve': the tree has no node 'Drve'; did you mean 'Drive'?"),
         (("--never", "Drive &"), "", "is missing at the end"),
         (("--never", "(" * 300), "", "a proposition has more than 200 words and signs"),
         (("--ask", "sometimes Drive"), "", "'sometimes Drive' is not a question: write 'never A'"),
@@ -106,7 +104,7 @@ def test_json_holds_answers_and_counterexamples(prove: Callable[..., Result]) ->
         ((), "[leaves.Drive]\nresult = ['SUCCESS']", "unknown key 'result'; did you mean 'results'?"),
         (("--save", "-", "--declarations", "missing.toml"), "", "missing.toml"),
     ],
-    ids=["node", "proposition", "long proposition", "question", "TOML", "key", "file"],
+    ids=["proposition", "long proposition", "question", "TOML", "key", "file"],
 )
 def test_errors_of_users_give_exit_code_2(
     prove: Callable[..., Result], words: tuple[str, ...], declarations: str, message: str

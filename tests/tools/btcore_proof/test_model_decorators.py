@@ -2,13 +2,10 @@
 
 from typing import Annotated
 
-from btcore import DecoratorNode, In, Out, Registry, Status, SyncAction, loads
-from btcore.clock import Clock
-from btcore.tree.tree import Tree
-from btcore_proof.model_leaves import Choices, with_model_leaves
-from btcore_proof.propositions import parse_question
-from btcore_proof.prover import PROVED, REFUTED, UNKNOWN_ANSWER, Prover
+from btcore import DecoratorNode, In, Out, Status
+from btcore_proof.prover import PROVED, REFUTED, UNKNOWN_ANSWER
 from btcore_proof.standard_questions import ENDS, INPUTS, LEAVES
+from tests.tools.btcore_proof.trees import InstantLeaf, answers_of, prover_of
 
 
 class Robot:
@@ -28,35 +25,19 @@ class WhenClose(DecoratorNode):
         raise AssertionError
 
 
-class Grip(SyncAction):
-    """Closes the gripper."""
-
+class Grip(InstantLeaf):
     place: Annotated[In[str], "The place."]
-
-    def tick(self) -> bool:
-        """Never called in a proof."""
-        raise AssertionError
-
-
-XML = """<root BTCPP_format="4"><BehaviorTree ID="T">
-  <WhenClose place="{place}"><Grip place="{place}"/></WhenClose>
-</BehaviorTree></root>"""
 
 
 def test_a_model_decorator_holds_its_child_back_but_not_forever():
-    nodes = Registry.standard()
-    nodes.add(WhenClose)
-    nodes.add(Grip)
-    models = with_model_leaves(nodes, {})
-
-    def make(choices: Choices, clock: Clock) -> Tree:
-        return loads(XML, nodes=models, resources=[choices], clock=clock)
-
-    questions = [
-        parse_question("WhenClose leads to Grip ticked"),
-        parse_question("never WhenClose & !Grip ticked"),
-    ]
-    answers = {answer.question: answer for answer in Prover(make, questions).answer().answers}
+    answers = answers_of(
+        prover_of(
+            '<WhenClose place="{place}"><Grip place="{place}"/></WhenClose>',
+            "WhenClose leads to Grip ticked",
+            "never WhenClose & !Grip ticked",
+            leaves=(WhenClose, Grip),
+        )
+    )
     assert answers[ENDS].answer == PROVED
     assert answers[INPUTS].answer == PROVED  # the decorator has written {place} before its child is ticked
     assert answers["WhenClose leads to Grip ticked"].answer == PROVED
@@ -77,32 +58,17 @@ class IfLonger(DecoratorNode):
         return self.child.execute_tick() if is_long else Status.SUCCESS
 
 
-class Find(SyncAction):
-    """Finds something."""
-
+class Find(InstantLeaf):
     value: Annotated[Out[str], "The value."]
-
-    def tick(self) -> bool:
-        """Never called in a proof."""
-        raise AssertionError
 
 
 def answers_about(declared: dict[str, dict[str, object]]) -> dict[str, str]:
-    nodes = Registry.standard()
-    for node in (IfLonger, Find, Grip):
-        nodes.add(node)
-    models = with_model_leaves(nodes, declared)
-    xml = """<root BTCPP_format="4"><BehaviorTree ID="T"><Sequence>
-      <Find value="{v}"/><IfLonger value="{v}"><Grip place="{v}"/></IfLonger>
-    </Sequence></BehaviorTree></root>"""
-
-    def make(choices: Choices, clock: Clock) -> Tree:
-        return loads(xml, nodes=models, resources=[choices], clock=clock)
-
-    questions = [
-        parse_question(f"never {text}") for text in ("Grip ticked", "IfLonger is SUCCESS", "IfLonger")
-    ]
-    return {answer.question: answer.answer for answer in Prover(make, questions).answer().answers}
+    body = '<Find value="{v}"/><IfLonger value="{v}"><Grip place="{v}"/></IfLonger>'
+    questions = [f"never {text}" for text in ("Grip ticked", "IfLonger is SUCCESS", "IfLonger")]
+    prover = prover_of(
+        f"<Sequence>{body}</Sequence>", *questions, leaves=(IfLonger, Find, Grip), declared=declared
+    )
+    return {question: answer.answer for question, answer in answers_of(prover).items()}
 
 
 def test_code_that_looks_at_an_unknown_value_makes_answers_unknown():

@@ -1,14 +1,10 @@
 """Propositions of questions."""
 
-from collections.abc import Callable
-
 import pytest
 
-from btcore import Tree
 from btcore_proof.propositions import parse_proposition
 from btcore_proof.tick_runner import Tick
-
-MakeTree = Callable[..., Tree]
+from tests.btcore.conftest import MakeTree
 
 SETS = (
     '<Sequence><SetBlackboard value="15" output_key="battery"/><SetBlackboard value="low" output_key="mode"/>'

@@ -2,63 +2,34 @@
 
 import pytest
 
-from btcore import Condition, DecoratorNode, NodeSpec, Registry, StatefulAction, Status, SyncAction, loads
-from btcore.clock import Clock
+from btcore import DecoratorNode, NodeSpec
 from btcore.tree.drawing import to_text
-from btcore.tree.tree import Tree
 from btcore_proof import ModelError
 from btcore_proof.answer_text import lines_of_answer
-from btcore_proof.model_leaves import Choices, with_model_leaves
-from btcore_proof.prover import PROVED, REFUTED, Answer, Prover
+from btcore_proof.prover import PROVED, REFUTED, Answer
 from btcore_proof.standard_questions import RESOURCES
+from tests.tools.btcore_proof.trees import ConditionLeaf, InstantLeaf, LastingLeaf, answers_of, prover_of
 
 
-class BatteryLow(Condition):
-    """Checks the battery."""
-
-    def tick(self) -> bool:
-        """Never called in a proof."""
-        raise AssertionError
+class BatteryLow(ConditionLeaf):
+    pass
 
 
-class Charge(StatefulAction):
-    """Drives to the charger."""
-
+class Charge(LastingLeaf):
     spec = NodeSpec(uses=frozenset({"wheels"}))
-
-    def on_start(self) -> Status:
-        """Never called in a proof."""
-        raise AssertionError
-
-    on_running = on_start
 
 
 class Drive(Charge):
-    """Drives."""
+    pass
 
 
-class Brake(SyncAction):
-    """Stops the wheels."""
-
+class Brake(InstantLeaf):
     spec = NodeSpec(uses=frozenset({"wheels"}))
-
-    def tick(self) -> Status:
-        """Never called in a proof."""
-        raise AssertionError
 
 
 def answer_about(body: str, declared: dict[str, dict[str, object]] | None = None) -> Answer:
-    nodes = Registry.standard()
-    for leaf in (BatteryLow, Charge, Drive, Brake):
-        nodes.add(leaf)
-    models = with_model_leaves(nodes, declared or {})
-
-    def make(choices: Choices, clock: Clock) -> Tree:
-        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
-        return loads(text, nodes=models, resources=[choices], clock=clock)
-
-    answers = {answer.question: answer for answer in Prover(make).answer().answers}
-    return answers[RESOURCES]
+    prover = prover_of(body, leaves=(BatteryLow, Charge, Drive, Brake), declared=declared)
+    return answers_of(prover)[RESOURCES]
 
 
 HAND_OVER = "<ReactiveFallback><Sequence><BatteryLow/><Charge/></Sequence><Drive/></ReactiveFallback>"
@@ -115,10 +86,6 @@ def test_leaves_use_resources_from_their_start_to_their_end(
 
 
 def test_a_decorator_cannot_use_resources():
-    class Keep(DecoratorNode):
-        """Ticks its child."""
-
-    nodes = Registry.standard()
-    nodes.add(Keep)
+    keep = type("Keep", (DecoratorNode,), {})
     with pytest.raises(ModelError, match="a decorator uses no resources"):
-        with_model_leaves(nodes, {"Keep": {"uses": ["wheels"]}})
+        prover_of("<AlwaysSuccess/>", leaves=[keep], declared={"Keep": {"uses": ["wheels"]}})

@@ -1,49 +1,22 @@
 """A leaf that completes and is started again within one tick does not count as a leaf that kept running."""
 
-from btcore import NodeSpec, Registry, Status, loads
-from btcore.clock import Clock
-from btcore.engine.leaf import StatefulAction, SyncAction
-from btcore.tree.tree import Tree
-from btcore_proof.model_leaves import Choices, with_model_leaves
-from btcore_proof.propositions import parse_question
-from btcore_proof.prover import PROVED, REFUTED, Prover
+from btcore import NodeSpec
+from btcore_proof.prover import PROVED, REFUTED
 from btcore_proof.standard_questions import RESOURCES
+from tests.tools.btcore_proof.trees import InstantLeaf, LastingLeaf, answers_of, prover_of
 
 
-class Drive(StatefulAction):
-    """Drives; it lasts at least until the second tick."""
-
+class Drive(LastingLeaf):
     spec = NodeSpec(uses=frozenset({"base"}), may_complete_on_start=False)
 
-    def on_start(self) -> Status:
-        """Never called in a proof."""
-        raise AssertionError
 
-    on_running = on_start
-
-
-class Turn(SyncAction):
-    """Turns."""
-
+class Turn(InstantLeaf):
     spec = NodeSpec(uses=frozenset({"base"}))
-
-    def tick(self) -> Status:
-        """Never called in a proof."""
-        raise AssertionError
 
 
 def answers(xml: str, *questions: str) -> dict[str, str]:
-    nodes = Registry.standard()
-    nodes.add(Drive)
-    nodes.add(Turn)
-    models = with_model_leaves(nodes, {})
-
-    def make(choices: Choices, clock: Clock) -> Tree:
-        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{xml}</BehaviorTree></root>'
-        return loads(text, nodes=models, resources=[choices], clock=clock)
-
-    prover = Prover(make, [parse_question(question) for question in questions])
-    return {answer.question: answer.answer for answer in prover.answer().answers}
+    found = answers_of(prover_of(xml, *questions, leaves=(Drive, Turn)))
+    return {question: answer.answer for question, answer in found.items()}
 
 
 def test_a_leaf_that_is_started_again_after_another_leaf_does_not_run_beside_it():

@@ -8,16 +8,13 @@ from typing import Annotated
 import pytest
 
 import btcore_proof.search
-from btcore import Condition, In, Out, Registry, StatefulAction, Status, SyncAction, loads
-from btcore.clock import Clock
-from btcore.tree.tree import Tree
+from btcore import In, Out
 from btcore.values import ValueType
-from btcore_proof.model_leaves import Choices, with_model_leaves
-from btcore_proof.propositions import parse_question
 from btcore_proof.prover import Prover
 from btcore_proof.search_processes import CAN_FORK, SearchProcesses
 from btcore_proof.state_graph import StateGraph
 from btcore_proof.tree_state import TreeState
+from tests.tools.btcore_proof.trees import ConditionLeaf, InstantLeaf, LastingLeaf, prover_of
 
 pytestmark = pytest.mark.skipif(not CAN_FORK, reason="a search has one process on this system")
 
@@ -35,36 +32,20 @@ TREE = """<Parallel failure_count="2">
 </Parallel>"""
 
 
-class Check(Condition):
-    """A condition."""
-
-    def tick(self) -> bool:
-        """Never called in a proof."""
-        raise AssertionError
+class Check(ConditionLeaf):
+    pass
 
 
-class Move(StatefulAction):
-    """An action that lasts."""
-
-    def on_start(self) -> Status:
-        """Never called in a proof."""
-        raise AssertionError
-
-    on_running = on_start
+class Move(LastingLeaf):
+    pass
 
 
-class Dock(Move):
-    """Another action that lasts."""
+class Dock(LastingLeaf):
+    pass
 
 
-class Write(SyncAction):
-    """Writes a number."""
-
+class Write(InstantLeaf):
     number: Annotated[Out[int], "The number."]
-
-    def tick(self) -> bool:
-        """Never called in a proof."""
-        raise AssertionError
 
 
 class Handle:
@@ -82,19 +63,11 @@ class HandleType(ValueType):
         return Handle()
 
 
-class Connect(SyncAction):
-    """Writes a handle."""
-
+class Connect(InstantLeaf):
     handle: Out[Annotated[Handle, HandleType()]]
 
-    def tick(self) -> bool:
-        """Never called in a proof."""
-        raise AssertionError
 
-
-class Use(Move):
-    """Uses a handle."""
-
+class Use(LastingLeaf):
     handle: In[Annotated[Handle, HandleType()]]
 
 
@@ -103,20 +76,11 @@ def _processes_from_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(btcore_proof.search, "_FEW_STATES", 1)
 
 
-def prover_of(xml: str = TREE, *questions: str) -> Prover:
-    nodes = Registry.standard()
-    for node in (Check, Move, Dock, Write, Connect, Use):
-        nodes.add(node)
-    models = with_model_leaves(nodes, {})
-
-    def make(choices: Choices, clock: Clock) -> Tree:
-        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{xml}</BehaviorTree></root>'
-        tree = loads(text, nodes=models, resources=[choices], clock=clock)
-        if "{n}" in xml:
-            tree.blackboard.set("n", 0)
-        return tree
-
-    return Prover(make, [*map(parse_question, questions)], {"n": ("0", "1"), "h": ("first", "second")})
+def prover_for(xml: str = TREE, *questions: str) -> Prover:
+    entries = {"n": 0} if "{n}" in xml else {}
+    domains = {"n": ("0", "1"), "h": ("first", "second")}
+    leaves = (Check, Move, Dock, Write, Connect, Use)
+    return prover_of(xml, *questions, leaves=leaves, entries=entries, domains=domains)
 
 
 def states_of(prover: Prover) -> set[TreeState]:
@@ -127,7 +91,7 @@ def states_of(prover: Prover) -> set[TreeState]:
 
 @pytest.mark.parametrize("jobs", [2, 3])
 def test_answers_do_not_depend_on_the_number_of_processes(jobs: int) -> None:
-    first, second = prover_of(TREE, *QUESTIONS), prover_of(TREE, *QUESTIONS)
+    first, second = prover_for(TREE, *QUESTIONS), prover_for(TREE, *QUESTIONS)
     alone, together = first.answer(), second.answer(jobs=jobs)
     assert len(states_of(first)) > 150
     assert states_of(second) == states_of(first)
@@ -136,10 +100,10 @@ def test_answers_do_not_depend_on_the_number_of_processes(jobs: int) -> None:
 
 
 def test_bounds_apply_to_all_processes() -> None:
-    alone, together = prover_of().answer(most_ticks=3), prover_of().answer(most_ticks=3, jobs=2)
+    alone, together = prover_for().answer(most_ticks=3), prover_for().answer(most_ticks=3, jobs=2)
     assert together.answers == alone.answers
     assert together.answers[0].detail == "runs of more than 3 ticks were not searched"
-    detail = prover_of().answer(memory=1 << 20, jobs=2).answers[0].detail
+    detail = prover_for().answer(memory=1 << 20, jobs=2).answers[0].detail
     assert detail == "the memory limit of 1 MB was reached"
 
 
@@ -156,7 +120,7 @@ def test_one_process_ends_the_search_if_values_are_equal_only_to_themselves(
     monkeypatch.setattr(SearchProcesses, "close", record)
     later = '<Delay delay_msec="10"><Connect handle="{h}"/></Delay>'
     tree = f'<Sequence>{later}{later}<Use handle="{{h}}"/></Sequence>'
-    alone, together = prover_of(tree).answer(), prover_of(tree).answer(jobs=2)
+    alone, together = prover_for(tree).answer(), prover_for(tree).answer(jobs=2)
     assert together.answers == alone.answers
     assert {answer.answer for answer in alone.answers} == {"proved"}
     assert len(waiting) == 1
@@ -173,7 +137,7 @@ def test_an_interrupted_search_ends_its_processes() -> None:
             assert len(children()) == 2
             raise KeyboardInterrupt
 
-    answers = prover_of().answer(progress=interrupt, jobs=2).answers
+    answers = prover_for().answer(progress=interrupt, jobs=2).answers
     assert {answer.detail for answer in answers} == {"the search was interrupted"}
     assert not children()
 
@@ -183,7 +147,7 @@ def test_a_process_that_is_killed_makes_the_answers_unknown() -> None:
         for process in children():
             os.kill(process, signal.SIGKILL)
 
-    answers = prover_of().answer(progress=kill, jobs=2).answers
+    answers = prover_for().answer(progress=kill, jobs=2).answers
     assert {answer.answer for answer in answers} == {"unknown"}
     assert answers[0].detail == "a process of the search has ended, perhaps for lack of memory"
     assert not children()

@@ -6,62 +6,34 @@ from typing import Annotated
 import pytest
 
 from btcore import (
-    Condition,
     ControlNode,
     DecoratorNode,
     In,
     InOut,
     NodeSpec,
     Out,
-    Registry,
-    StatefulAction,
     Status,
-    SyncAction,
-    loads,
 )
-from btcore.clock import Clock
-from btcore.tree.tree import Tree
-from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
-from btcore_proof.prover import Prover
 from btcore_proof.search import search
 from btcore_proof.state_graph import Outcome
 from btcore_proof.tick_progress import TickProgress
+from tests.tools.btcore_proof.trees import ConditionLeaf, InstantLeaf, LastingLeaf, prover_of
 
 
-class Check(Condition):
-    """Checks something."""
-
-    def tick(self) -> bool:
-        """Never called in a proof."""
-        raise AssertionError
+class Check(ConditionLeaf):
+    pass
 
 
-class Do(SyncAction):
-    """Does something at once."""
-
-    def tick(self) -> bool:
-        """Never called in a proof."""
-        raise AssertionError
+class Do(InstantLeaf):
+    pass
 
 
-class Count(SyncAction):
-    """Writes a number."""
-
+class Count(InstantLeaf):
     number: Annotated[Out[int], "The number."]
 
-    def tick(self) -> bool:
-        """Never called in a proof."""
-        raise AssertionError
 
-
-class Act(StatefulAction):
-    """Lasts."""
-
-    def on_start(self) -> Status:
-        """Never called in a proof."""
-        raise AssertionError
-
-    on_running = on_start
+class Act(LastingLeaf):
+    pass
 
 
 class CountFailures(ControlNode):
@@ -166,19 +138,9 @@ TREES = {
 
 def ticks_of(xml: str) -> set[tuple[Hashable, Hashable, int]]:
     """Return all ticks of a tree: the state before, the state after or the result, and what happened."""
-    nodes = Registry.standard()
-    for node in (Check, Do, Count, Act, CountFailures, AgainIfIdle, ThirdTime, ThirdTimeByEntry):
-        nodes.add(node)
-    models = with_model_leaves(nodes, {})
-
-    def make(choices: Choices, clock: Clock) -> Tree:
-        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{xml}</BehaviorTree></root>'
-        tree = loads(text, nodes=models, resources=[choices, ModelPrompt(choices)], clock=clock)
-        tree.blackboard.set("m", 0)
-        tree.blackboard.set("n", 1)
-        return tree
-
-    explorer = Prover(make, domains={"n": ("0", "1", "2")}).explorer
+    leaves = (Check, Do, Count, Act, CountFailures, AgainIfIdle, ThirdTime, ThirdTimeByEntry)
+    entries = {"m": 0, "n": 1}
+    explorer = prover_of(xml, leaves=leaves, entries=entries, domains={"n": ("0", "1", "2")}).explorer
     explorer.start()
     search(explorer)
     graph, known = explorer.graph, dict[int, set[Outcome]]()

@@ -5,63 +5,41 @@ import pytest
 import btcore
 import btcore_proof.search
 from btcore.blackboard.ports import Direction, Port
-from btcore.clock import Clock
-from btcore.tree.tree import Tree
 from btcore.values import INT64
 from btcore_proof.answer_text import lines_of_answer
-from btcore_proof.model_leaves import Choices, with_model_leaves
-from btcore_proof.propositions import parse_question
-from btcore_proof.prover import POSSIBLE, PROVED, REFUTED, UNKNOWN_ANSWER, Answer, Prover
+from btcore_proof.prover import POSSIBLE, PROVED, REFUTED, UNKNOWN_ANSWER, Answer
 from btcore_proof.search_processes import CAN_FORK
 from btcore_proof.standard_questions import ENDS, EXCEPTIONS, LEAVES
+from tests.tools.btcore_proof.trees import ConditionLeaf, InstantLeaf, answers_of, prover_of
 
 
-class Measure(btcore.SyncAction):
+class Measure(InstantLeaf):
     level: btcore.Out[float]
 
-    def tick(self) -> bool:
-        raise NotImplementedError
 
-
-class Count(btcore.SyncAction):
+class Count(InstantLeaf):
     @classmethod
     def provided_ports(cls) -> list[Port]:
         return [Port("count", Direction.OUT, type=INT64)]
 
-    def tick(self) -> bool:
-        raise NotImplementedError
 
-
-class Listen(btcore.SyncAction):
+class Listen(InstantLeaf):
     word: btcore.Out[str]
 
-    def tick(self) -> bool:
-        raise NotImplementedError
+
+class Left(ConditionLeaf):
+    pass
 
 
-class Left(btcore.Condition):
-    def tick(self) -> bool:
-        raise NotImplementedError
-
-
-class Right(Left):
+class Right(ConditionLeaf):
     pass
 
 
 def answers(body: str, *questions: str, jobs: int = 1) -> dict[str, Answer]:
     """Return the answers about the tree *body*, by question."""
-    nodes = btcore.Registry.standard()
-    for leaf in (Measure, Count, Listen, Left, Right):
-        nodes.add(leaf)
-    succeeds = {"results": ["SUCCESS"]}
-    models = with_model_leaves(nodes, dict.fromkeys(("Measure", "Count", "Listen"), succeeds))
-    xml = f'<root BTCPP_format="4"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
-
-    def make(choices: Choices, clock: Clock) -> Tree:
-        return btcore.loads(xml, nodes=models, resources=[choices], clock=clock)
-
-    report = Prover(make, [parse_question(question) for question in questions]).answer(jobs=jobs)
-    return {answer.question: answer for answer in report.answers}
+    declared = {ID: {"results": ["SUCCESS"]} for ID in ("Measure", "Count", "Listen")}
+    leaves = (Measure, Count, Listen, Left, Right)
+    return answers_of(prover_of(body, *questions, leaves=leaves, declared=declared), jobs)
 
 
 @pytest.mark.parametrize(

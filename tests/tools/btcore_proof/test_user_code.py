@@ -14,10 +14,8 @@ import btcore
 from btcore import NodeSpec, Status
 from btcore.clock import NS_PER_S, Clock
 from btcore.status import FAILURE, SUCCESS
-from btcore.tree.tree import Tree
-from btcore_proof.model_leaves import Choices, with_model_leaves
-from btcore_proof.propositions import parse_question
-from btcore_proof.prover import PROVED, REFUTED, UNKNOWN_ANSWER, Answer, Prover
+from btcore_proof.prover import PROVED, REFUTED, UNKNOWN_ANSWER, Answer
+from tests.tools.btcore_proof.trees import ConditionLeaf, InstantLeaf, answers_of, prover_of
 
 LOG: list[int] = []
 MISSING = object()
@@ -25,21 +23,19 @@ GENERATOR = random.Random(1)
 QUESTION = "never Right is SUCCESS"
 
 
-class Ready(btcore.Condition):
-    def tick(self) -> bool:
-        raise NotImplementedError
-
-
-class Left(btcore.SyncAction):
-    def tick(self) -> bool:
-        raise NotImplementedError
-
-
-class Right(Left):
+class Ready(ConditionLeaf):
     pass
 
 
-class Sense(Left):
+class Left(InstantLeaf):
+    pass
+
+
+class Right(InstantLeaf):
+    pass
+
+
+class Sense(InstantLeaf):
     value: btcore.Out[int]
 
 
@@ -67,16 +63,7 @@ def answer_about(decorator: type[btcore.TreeNode], body: str = "", question: str
 
 def answer_about_tree(decorator: type[btcore.TreeNode], tree: str, question: str) -> Answer:
     """Return the answer about a whole tree."""
-    nodes = btcore.Registry.standard()
-    for cls in (Ready, Left, Right, Sense, decorator):
-        nodes.add(cls)
-    models = with_model_leaves(nodes, {})
-    xml = f'<root BTCPP_format="4"><BehaviorTree ID="T">{tree}</BehaviorTree></root>'
-
-    def make(choices: Choices, clock: Clock) -> Tree:
-        return btcore.loads(xml, nodes=models, resources=[choices], clock=clock)
-
-    return Prover(make, [parse_question(question)]).answer().answers[-1]
+    return answers_of(prover_of(tree, question, leaves=(Ready, Left, Right, Sense, decorator)))[question]
 
 
 class Decorator(btcore.DecoratorNode):

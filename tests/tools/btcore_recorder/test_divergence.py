@@ -30,16 +30,10 @@ def test_different_trees_diverge_at_the_first_different_node(captures: Path) -> 
     assert (found.common, found.first.path, found.second.path) == (1, "Script::2", "SetBlackboard::2")
 
 
-def test_different_status_is_a_divergence() -> None:
+def test_different_status_or_order_or_a_shorter_run_is_a_divergence() -> None:
     other = [A[0], A[1]._replace(status=FAILURE), A[2]]
     assert find_divergence(A, other) == Divergence(1, A[1], other[1])
-
-
-def test_different_order_is_a_divergence() -> None:
     assert find_divergence(A, [A[0], A[2], A[1]]) == Divergence(1, A[1], A[2])
-
-
-def test_shorter_run_diverges_at_its_end() -> None:
     assert find_divergence(A, A[:2]) == Divergence(2, A[2], None)
     assert find_divergence([], A) == Divergence(0, None, A[0])
 

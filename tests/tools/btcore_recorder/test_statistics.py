@@ -55,10 +55,3 @@ def test_node_running_at_the_end_is_timed_until_the_end(captures: Path) -> None:
     recorded = by_path(read_fbl(captures / "v3_sample.fbl"))
     assert recorded["root_seq"].running
     assert recorded["root_seq"].total == 456326_000
-
-
-def test_nodes_with_the_same_path_are_distinguished(small: Callable[..., Tree], tmp_path: Path) -> None:
-    tree = small('<Sequence><AlwaysSuccess name="same"/><AlwaysSuccess name="same"/></Sequence>')
-    with BtLog(tree, tmp_path / "run.btlog"):
-        tree.tick_once()
-    assert list(by_path(read_btlog(tmp_path / "run.btlog"))) == list(tree.nodes_by_path())

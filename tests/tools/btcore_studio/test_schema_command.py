@@ -6,7 +6,7 @@ from pathlib import Path
 from click.testing import Result
 from lxml import etree
 
-Cli = Callable[..., Result]
+from tests.btcore.cli.conftest import Cli
 
 
 def schema_of(result: Result) -> etree.XMLSchema:

@@ -10,19 +10,18 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
+from tests.btcore.cli.conftest import LastJson
 
 psutil = pytest.importorskip("psutil")
 pytest.importorskip("distributed")
 
 Sweep = Callable[..., Result]
 Tree = Callable[[str], str]
-LastJson = Callable[[Result], dict[str, Any]]
 
 PATIENCE = 120.0  # s, on a slow machine
 

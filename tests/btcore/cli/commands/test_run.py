@@ -8,20 +8,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
 import pytest
-from click.testing import Result
 
 from btcore import Tree, builds
 from btcore.cli.commands.run import run as run_command
 from btcore.testing import Harness
-
-Cli = Callable[..., Result]
-TreeFile = Callable[..., Path]
-LastJson = Callable[[Result], dict[str, Any]]
+from tests.btcore.cli.conftest import Cli, LastJson, TreeFile
 
 KEYS = ["status", "ticks", "time_s", "real_time_factor", "nodes"]
 

@@ -1,16 +1,14 @@
 """`btcore show`: a tree in the terminal or as SVG, and its data flow."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
 
 from btcore.cli.main import main
-
-Cli = Callable[..., Result]
+from tests.btcore.cli.conftest import Cli
 
 
 @pytest.fixture
@@ -70,12 +68,6 @@ def test_drawing_consists_of_ascii_characters_where_the_terminal_lacks_unicode(f
         "        `-- AlwaysFailure  5",
         "",
     ]
-
-
-def test_no_ports_option_hides_the_ports(cli: Cli, file: Path) -> None:
-    shown = cli("show", "--no-ports", file).stdout
-    assert "bow" in shown
-    assert "msec" not in shown
 
 
 def test_tree_option_selects_the_tree(cli: Cli, file: Path) -> None:

@@ -1,13 +1,9 @@
 """`btcore validate`: all errors with their places, as text and as JSON."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
-from click.testing import Result
-
-Cli = Callable[..., Result]
-TreeFile = Callable[..., Path]
+from tests.btcore.cli.conftest import Cli, TreeFile
 
 
 def test_valid_tree_exits_with_0(cli: Cli, tree_file: TreeFile) -> None:
@@ -100,39 +96,6 @@ def test_validate_reports_errors_that_a_run_finds_only_at_its_first_tick(
     assert validated.exit_code == 2
     assert "tree.xml:3:5: E119 <IfThenElse> has 1 child; it needs 2 or 3" in validated.stdout
     assert cli("run", "--fast", file).exit_code == 3
-
-
-def test_broken_script_is_reported(cli: Cli, tree_file: TreeFile) -> None:
-    result = cli("validate", tree_file('<Script code="a := (1 + "/>'))
-    assert result.exit_code == 2
-    assert "E206" in result.stdout
-
-
-def test_trees_that_the_main_tree_does_not_use_are_checked_too(cli: Cli, tmp_path: Path) -> None:
-    file = tmp_path / "two.xml"
-    file.write_text(
-        '<root BTCPP_format="4" main_tree_to_execute="A">\n'
-        '<BehaviorTree ID="A"><AlwaysSuccess/></BehaviorTree>\n'
-        '<BehaviorTree ID="B"><Delay delay_msec="soon"><AlwaysSuccess/></Delay></BehaviorTree>\n</root>'
-    )
-    result = cli("validate", file)
-    assert result.exit_code == 2
-    assert "two.xml:3:41: E202" in result.stdout
-
-
-def test_a_file_of_subtrees_needs_no_main_tree(cli: Cli, tmp_path: Path) -> None:
-    file = tmp_path / "parts.xml"
-    file.write_text(
-        '<root BTCPP_format="4"><BehaviorTree ID="A"><AlwaysSuccess/></BehaviorTree>'
-        '<BehaviorTree ID="B"><AlwaysSuccess/></BehaviorTree></root>'
-    )
-    assert cli("validate", file).exit_code == 0
-
-
-def test_plugins_provide_nodes(cli: Cli, tree_file: TreeFile, library: Path) -> None:
-    file = tree_file("<BatteryOk/>")
-    assert cli("validate", file).exit_code == 2
-    assert cli("validate", file, "--plugin", library).exit_code == 0
 
 
 def test_json_lists_the_diagnostics(cli: Cli, tree_file: TreeFile) -> None:

@@ -252,14 +252,6 @@ def test_enum_texts_are_checked_when_the_tree_is_loaded(text: str) -> None:
         btcore.loads(xml, nodes=nodes, format=4)
 
 
-@pytest.mark.parametrize("attribute", ['c="RED"', 'c="1"', 'c="{color}"', ""])
-def test_valid_enum_texts_are_loaded(attribute: str) -> None:
-    xml, nodes = colors(f"<Shows {attribute}/>")
-    board = Blackboard()
-    board["color"] = "RED"
-    assert btcore.loads(xml, nodes=nodes, format=4, blackboard=board).tick_once() is btcore.Status.SUCCESS
-
-
 def test_default_of_an_enum_with_a_converter_is_not_converted() -> None:
     xml, _ = colors('<Sequence><Shows/><Shows c="rot"/></Sequence>')
     nodes = Registry.standard()

@@ -1,12 +1,10 @@
 """`btcore convert`: format 4 on stdout or in a file, and the list of changes on stderr."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from click.testing import Result
 
-Cli = Callable[..., Result]
+from tests.btcore.cli.conftest import Cli
 
 OLD = """<root main_tree_to_execute="Main">
   <BehaviorTree ID="Main">
@@ -128,10 +126,3 @@ def test_usage_errors_show_no_traceback(cli: Cli, old: Path, arguments: tuple[st
     assert result.exit_code == 2
     assert said in " ".join(result.stderr.split())
     assert "Traceback" not in result.stderr
-
-
-def test_invalid_xml_is_reported_with_its_position(cli: Cli, old: Path) -> None:
-    old.write_text("<root><BehaviorTree></root>")
-    result = cli("convert", old.name)
-    assert result.exit_code == 2
-    assert "old.xml:1:21: E002" in result.stderr

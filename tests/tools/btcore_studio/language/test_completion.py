@@ -249,15 +249,6 @@ def test_paths_of_includes_and_ids_of_explicit_tags(
     assert "Sequence" not in actions
 
 
-def test_everything_in_a_real_file_can_be_typed_again(items: Completer) -> None:
-    """Each tag, attribute and key of a correct file is offered where it is written."""
-    text = (ROOT / "trees" / "patrolling_skipping.xml").read_text(encoding="utf-8")
-    for written in ("RetryUntilSuccessful", "num_attempts", "wp}", "skipped ="):
-        at = text.index(written) + 1
-        label = written.rstrip("} =")
-        assert label in items(text[:at] + CURSOR + text[at:]), written
-
-
 def test_snippets_contain_the_ports_that_validate_misses() -> None:
     @btcore.action
     def paint(colour: btcore.In[str], level: btcore.Put[float], fast: btcore.In[list[str]] = []) -> bool:  # noqa: B006

@@ -97,17 +97,6 @@ def test_names_from_documents_are_escaped(description: Describer) -> None:
     assert "(http" not in description(f'<root BTCPP_format="4">{model}</TreeNodesModel><BehaviorTree><A¦/>')
 
 
-def test_every_tag_and_port_of_a_real_file_is_described(project: Project) -> None:
-    path = ROOT / "trees" / "patrolling_skipping.xml"
-    document = project.open("untitled:a", path.read_text(encoding="utf-8"), 1)
-    for element in document.scan.elements:
-        assert hover(project, document, element.tag_start) is not None, element.tag
-        for attribute in element.attributes:
-            if element.tag not in ("root", "BehaviorTree") and attribute.name != "name":
-                assert hover(project, document, attribute.start) is not None, attribute.name
-                assert hover(project, document, attribute.value_start + 1) is not None, attribute.value
-
-
 @pytest.mark.parametrize("path", sorted((ROOT / "trees").rglob("*.xml")), ids=lambda path: path.name)
 def test_writers_and_readers_are_those_of_the_analysis(project: Project, path: Path) -> None:
     """The entries of the scanned text are the entries that the dry run of the tree finds."""

@@ -102,11 +102,16 @@ def test_keys_are_offered_after_they_were_named(project: Project, document: Sour
 
 def test_every_place_is_described(project: Project, document: SourceDocument) -> None:
     for element in chosen(nodes_of(document), document, 8):
-        if is_call(element) or project.registry.get(element.tag, file_symbols(project, document).format):
+        manifest = project.registry.get(element.tag, file_symbols(project, document).format)
+        if is_call(element) or manifest:
             found = hover(project, document, element.tag_start)
             assert found is not None
             assert found.range is not None
             assert text_at(document, found.range) == element.tag
+        for attribute in element.attributes:
+            if manifest is not None and attribute.name in manifest.ports:
+                assert hover(project, document, attribute.start) is not None, attribute.name
+                assert hover(project, document, attribute.value_start + 1) is not None, attribute.value
 
 
 # --- navigation

@@ -86,7 +86,6 @@ def test_request_of_another_origin_changes_nothing(
     [
         (b"{", 400),
         (b"\xff", 400),
-        (b"[" * 5000, 400),
         (b"[]", 400),
         (b'{"folded": [1]}', 400),
         (b'{"folded": {"a": 1}}', 400),

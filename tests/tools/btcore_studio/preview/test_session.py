@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from queue import Queue
 from typing import Any
 
-import pytest
-
 from btcore.errors import BtcoreError
 from btcore_monitor.events import ObservedNode
 from btcore_monitor.preview_extension import RobotState
@@ -110,8 +108,3 @@ def test_page_shows_why_the_tree_can_never_be_watched(tree_file: TreeFile) -> No
             break
     assert (data["connection"], data["detail"]) == ("lost", "the robot does not know this key")
     session.close()
-
-
-def test_without_the_monitor_the_page_explains_what_is_missing(tree_file: TreeFile) -> None:
-    with pytest.raises(BtcoreError, match=r"pip install 'btcore\[monitor\]'"):
-        PreviewSession(tree_file).watch("somewhere")
