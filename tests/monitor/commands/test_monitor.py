@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 from btcore.cli.main import main
 
 ROOT = Path(__file__).parents[3]
-SECOND = 10**9
+NEEDS_LINUX = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
 
 
 def environment(**changes: str) -> dict[str, str]:
@@ -48,6 +48,7 @@ def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.Comple
         (["x.rrd", "--find", "Dock*"], "--find has no effect on a recording"),
         (["--palette", "rainbow"], "'rainbow' is not one of 'groot', 'colour-blind'"),
         (["--screenshot", "x.png", "--size", "big"], "'big' is not a size: use WIDTHxHEIGHT"),
+        pytest.param(["127.0.0.1:1"], "there is no display here. Use --serve-web", marks=NEEDS_LINUX),
     ],
 )
 def test_a_usage_error_is_reported_with_exit_code_2(arguments, said):
@@ -56,14 +57,6 @@ def test_a_usage_error_is_reported_with_exit_code_2(arguments, said):
     assert result.exit_code == 2
     assert isinstance(result.exception, SystemExit)
     assert said in result.stderr
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
-def test_the_error_without_a_display_lists_the_alternatives():
-    result = monitor("127.0.0.1:1")
-    assert result.returncode == 2
-    assert "there is no display here" in result.stderr
-    assert all(option in result.stderr for option in ("--serve-web", "--save", "--screenshot"))
 
 
 def test_the_error_without_rerun_names_the_package_to_install():
@@ -138,10 +131,10 @@ def _cpu_seconds(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def test_a_thousand_ticks_of_bumpgo_are_recorded_without_a_missing_transition(tmp_path):
+def test_all_ticks_of_bumpgo_are_recorded_without_a_missing_transition(tmp_path):
     pytest.importorskip("pybullet")
     path = tmp_path / "bumpgo.rrd"
-    command = ["run", "bumpgo", "--fast", "--duration", "100", "--seed", "3", "--json", "--save", str(path)]
+    command = ["run", "bumpgo", "--fast", "--duration", "40", "--seed", "3", "--json", "--save", str(path)]
     result = subprocess.run(
         [sys.executable, "-m", "btcore", *command],
         capture_output=True,
@@ -164,7 +157,7 @@ def test_a_thousand_ticks_of_bumpgo_are_recorded_without_a_missing_transition(tm
             ticks += len(batch)
         elif chunk.entity_path == "/tree/pills" and chunk.is_static:
             names = dict(enumerate(batch.column("path").to_pylist()[0], start=1))
-    assert ticks == report["ticks"] == 1000
+    assert ticks == report["ticks"] == 400
     assert sorted(numbers) == list(range(1, len(numbers) + 1))
     for uid, path_of_node in names.items():
         counts = report["nodes"][path_of_node]

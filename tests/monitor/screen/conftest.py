@@ -132,7 +132,7 @@ def _run(ticks: int, scene: bool, tree_id: str) -> Iterator[Event]:
     yield ConnectionEvent("ended", "")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def run():
     """``run(ticks, scene=True, tree_id=…)``: the events of a bump-and-go run at 10 Hz."""
 
@@ -173,13 +173,13 @@ class Recording:
         return next(entity for entity, _ in self.rows if entity.endswith(f"_{name}"))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def read():
     """``read(path)``: a recording's rows."""
     return Recording
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def recorded():
     """``recorded(events, path, …)``: the rows of the recording that the screen makes of *events*.
 

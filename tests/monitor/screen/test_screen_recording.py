@@ -23,10 +23,10 @@ IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 ROOT, AVOID, CLEAR, OBSTACLE, ESCAPE, BACK, TURN, FORWARD = range(1, 9)
 
 
-@pytest.fixture
-def thousand(run, tmp_path, recorded):
+@pytest.fixture(scope="module")
+def thousand(run, tmp_path_factory, recorded):
     events = run(1000)
-    return events, recorded(events, tmp_path / "run.rrd")
+    return events, recorded(events, tmp_path_factory.mktemp("thousand") / "run.rrd")
 
 
 def test_no_numbered_transition_of_a_thousand_ticks_is_missing(thousand):

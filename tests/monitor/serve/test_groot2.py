@@ -270,14 +270,6 @@ def writing() -> Iterator[btcore.Tree]:
     assert turns[0] > 100
 
 
-def test_blackboards_are_consistent_while_the_tree_writes_them(writing, window):
-    with serve(writing, groot2_port=0) as publisher:
-        groot = window(publisher)
-        for _ in range(30):
-            board = (msgpack.unpackb(groot.ask("B", b"M")) or {}).get("M") or {"row": []}
-            assert len(set(board["row"])) <= 1
-
-
 def test_the_tracker_can_read_blackboards_while_the_tree_ticks(writing):
     tracker = BlackboardTracker(writing)
     for _ in range(500):
@@ -292,15 +284,6 @@ def test_values_written_from_outside_are_shown_without_a_tick(sample, window):
         assert msgpack.unpackb(groot.ask("B", b"Main"))["Main"]["x"] == 7
 
 
-def test_the_port_is_free_again_after_closing(sample, window):
-    with serve(sample, groot2_port=0) as publisher:
-        port = publisher.port
-        window(publisher).ask("S")
-    with serve(sample, groot2_port=port) as publisher:
-        assert publisher.port == port
-        assert len(window(publisher).statuses()) == 10
-
-
 def test_without_run_channel_its_port_stays_free(sample):
     with (
         serve(sample, groot2_port=0, run_channel=False) as first,
@@ -312,23 +295,7 @@ def test_without_run_channel_its_port_stays_free(sample):
 
 def test_two_trees_are_published_by_one_process(sample, endless, window):
     with serve(sample, groot2_port=0) as first, serve(endless, groot2_port=0) as second:
+        assert abs(first.port - second.port) >= 3
+        assert first.address == f"tcp://127.0.0.1:{first.port}"
         assert len(window(first).statuses()) == 10
         assert len(window(second).statuses()) == 7
-
-
-def test_the_publisher_works_after_a_node_raised(window):
-    registry = btcore.Registry.standard()
-
-    @btcore.action
-    def explode() -> bool:
-        raise ValueError("boom")
-
-    registry.add(explode)
-    tree = btcore.loads(
-        '<root BTCPP_format="4"><BehaviorTree ID="M"><Inverter><Explode/></Inverter></BehaviorTree></root>',
-        nodes=registry,
-    )
-    with serve(tree, groot2_port=0) as publisher:
-        with pytest.raises(btcore.NodeExecutionError):
-            tree.tick_exactly_once()
-        assert len(window(publisher).statuses()) == 2

@@ -271,16 +271,6 @@ def test_a_hook_for_an_unknown_node_is_accepted_and_ignored(sample, control):
     assert window.dump() == []
 
 
-def test_hooks_are_disabled_unless_control_is_allowed(sample):
-    with serve(sample, groot2_port=0) as publisher:
-        window = Window(publisher)
-        try:
-            assert window.refused("I", BREAKPOINT) == "hooks are disabled"
-            assert window.refused("D") == "hooks are disabled"
-        finally:
-            window.close()
-
-
 # --- effects of hooks
 
 

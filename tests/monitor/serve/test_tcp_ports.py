@@ -6,6 +6,8 @@ import zmq
 from btcore_monitor.serve import PortInUseError, ServeError, serve
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
+PORTS = {"groot2": "port", "groot1": "groot1_port"}
+"""The attributes of a publisher with the first ports of the protocols."""
 
 
 def test_a_port_in_use_is_reported_with_alternatives(sample):
@@ -17,24 +19,32 @@ def test_a_port_in_use_is_reported_with_alternatives(sample):
     assert raised.value.port == first.port
 
 
-@pytest.mark.parametrize(("offset", "bind"), [(1, "127.0.0.1"), (2, "127.0.0.1"), (1, "*")])
-def test_a_neighbour_port_in_use_is_reported_and_lower_ports_are_released(sample, offset, bind):
-    with serve(sample, groot2_port=0) as publisher:
-        port = publisher.port
+@pytest.mark.parametrize(
+    ("protocols", "offset", "bind", "needed"),
+    [
+        (("groot2",), 1, "127.0.0.1", r" \({0} to {2} are needed"),
+        (("groot2",), 2, "127.0.0.1", r" \({0} to {2} are needed"),
+        (("groot2",), 1, "*", r" \({0} to {2} are needed"),
+        (("groot1",), 0, "127.0.0.1", ""),
+        (("groot1",), 1, "127.0.0.1", ""),
+        (("groot1",), 3, "127.0.0.1", ""),
+        (("groot2", "groot1"), 0, "127.0.0.1", ""),
+    ],
+)
+def test_a_port_in_use_is_reported_and_the_other_ports_are_released(sample, protocols, offset, bind, needed):
+    with serve(sample, **{"groot2_port": None, **{f"{name}_port": 0 for name in protocols}}) as publisher:
+        ports = {
+            "groot2_port": None,
+            **{f"{name}_port": getattr(publisher, PORTS[name]) for name in protocols},
+        }
+    first = ports[f"{protocols[-1]}_port"]
+    message = f"port {first + offset} is in use{needed.format(first, 0, first + 2)}"
     with zmq.Context() as context, context.socket(zmq.REP) as other:
-        other.bind(f"tcp://127.0.0.1:{port + offset}")
-        with pytest.raises(
-            PortInUseError, match=rf"port {port + offset} is in use \({port} to {port + 2} are needed"
-        ):
-            serve(sample, groot2_port=port, bind=bind)
-    with serve(sample, groot2_port=port) as publisher:
-        assert publisher.port == port
-
-
-def test_free_ports_are_chosen_for_0(sample, endless):
-    with serve(sample, groot2_port=0) as first, serve(endless, groot2_port=0) as second:
-        assert abs(first.port - second.port) >= 3
-        assert first.address == f"tcp://127.0.0.1:{first.port}"
+        other.bind(f"tcp://127.0.0.1:{first + offset}")
+        with pytest.raises(PortInUseError, match=message):
+            serve(sample, **ports, bind=bind)
+    with serve(sample, **ports) as publisher:
+        assert getattr(publisher, PORTS[protocols[0]]) == ports[f"{protocols[0]}_port"]
 
 
 def test_a_publisher_without_a_protocol_is_rejected(sample):
@@ -47,10 +57,17 @@ def test_an_unknown_interface_is_reported(sample):
         serve(sample, groot2_port=0, bind="203.0.113.9")
 
 
-@pytest.mark.parametrize("port", [-1, 65534, 70000])
-def test_a_port_without_two_above_it_is_out_of_range(sample, port):
-    with pytest.raises(ServeError, match="out of range"):
-        serve(sample, groot2_port=port)
+@pytest.mark.parametrize(
+    ("ports", "message"),
+    [
+        ({"groot2_port": -1}, "out of range"),
+        ({"groot2_port": 65534}, "out of range"),
+        ({"groot2_port": None, "groot1_port": 65533}, "choose one from 1 to 65532"),
+    ],
+)
+def test_a_port_without_free_ports_above_it_is_out_of_range(sample, ports, message):
+    with pytest.raises(ServeError, match=message):
+        serve(sample, **ports)
 
 
 def test_all_interfaces_are_reached_on_this_machine_by_loopback(sample):

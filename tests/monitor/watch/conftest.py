@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 import zmq
 
-from btcore_monitor.events import Event
+from btcore_monitor.events import ConnectionEvent, Event, TickEvent, TransitionEvent
 from btcore_monitor.watch.feed import Feed
 
 CAPTURES = Path(__file__).parents[1] / "captures"
@@ -165,15 +165,16 @@ class CppRobot:
 
 
 class Watcher:
-    """Collects a feed's events on its own thread.
+    """Collects a feed's events on its own thread; *pause* (s) after each tick makes it slow.
 
     With *reply_within* (s), the robot has this time for each reply. The second that it has otherwise is too
     short for a machine that stops for a second.
     """
 
-    def __init__(self, address: str, reply_within: float = 0.0, **options) -> None:
+    def __init__(self, address: str, reply_within: float = 0.0, pause: float = 0.0, **options) -> None:
         self.events: list[Event] = []
         self.feed = Feed(address, **options)
+        self._pause = pause
         if reply_within:
             client = self.feed._groot2_client
             client.timeout = client.max_timeout = client._min_timeout = reply_within
@@ -184,9 +185,22 @@ class Watcher:
         with self.feed:
             for event in self.feed:
                 self.events.append(event)
+                if self._pause and isinstance(event, TickEvent):
+                    time.sleep(self._pause)
 
     def of(self, kind: type) -> list:
         return [event for event in self.events if isinstance(event, kind)]
+
+    @property
+    def links(self) -> list[str]:
+        return [link.state for link in self.of(ConnectionEvent)]
+
+    @property
+    def steps(self) -> list[tuple[int, int, int]]:
+        return [(one.uid, one.previous, one.status) for one in self.of(TransitionEvent)]
+
+    def ended(self) -> bool:
+        return "ended" in self.links
 
     def stop(self) -> None:
         self.feed.stop()
@@ -215,8 +229,8 @@ def cpp_robot() -> Iterator[Callable[..., CppRobot]]:
 
 
 @pytest.fixture
-def watch_cpp() -> Iterator[Callable[..., Watcher]]:
-    """``watch_cpp(address, record=…, blackboard_rate=…)``: a feed on a thread of its own."""
+def watch() -> Iterator[Callable[..., Watcher]]:
+    """``watch(address, record=…, blackboard_rate=…)``: a feed on a thread of its own."""
     watchers: list[Watcher] = []
 
     def watch(address: str, **options) -> Watcher:

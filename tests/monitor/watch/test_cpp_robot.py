@@ -35,10 +35,6 @@ OTHER_TREE = (
 )
 
 
-def changes(viewer) -> list[tuple[int, int, int]]:
-    return [(one.uid, one.previous, one.status) for one in viewer.of(TransitionEvent)]
-
-
 def with_previous(*steps: tuple[int, int]) -> list[tuple[int, int, int]]:
     now: dict[int, int] = {}
     found = []
@@ -89,16 +85,16 @@ def test_the_stand_in_answers_like_the_captured_robot(cpp_robot, capture):
 # --- recorded transitions
 
 
-def test_every_recorded_transition_is_seen_with_its_time(cpp_robot, watch_cpp, until):
+def test_every_recorded_transition_is_seen_with_its_time(cpp_robot, watch, until):
     robot = cpp_robot()
     began = time.time_ns()
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     for _ in range(60):
         robot.change(*ROUND)
     expected = with_previous(*ROUND * 60)
-    until(lambda: len(changes(viewer)) >= len(expected), "all transitions")
-    assert changes(viewer) == expected
+    until(lambda: len(viewer.steps) >= len(expected), "all transitions")
+    assert viewer.steps == expected
     assert [one.number for one in viewer.of(TransitionEvent)] == list(range(1, len(expected) + 1))
     assert not viewer.of(MissingDataEvent)
     assert len(viewer.of(TreeEvent)) == 1
@@ -111,23 +107,23 @@ def test_every_recorded_transition_is_seen_with_its_time(cpp_robot, watch_cpp, u
     assert [one.stamp for one in viewer.of(TransitionEvent)] == [wall - seen.wall for wall in walls]
 
 
-def test_transitions_before_the_first_request_are_shown_as_statuses(cpp_robot, watch_cpp, until):
+def test_transitions_before_the_first_request_are_shown_as_statuses(cpp_robot, watch, until):
     robot = cpp_robot()
     robot.change(*TICK_1)
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     assert viewer.of(TreeEvent)[0].statuses == dict.fromkeys(range(1, 11), IDLE) | dict(TICK_1)
     robot.change((5, SUCCESS), (4, IDLE), (5, IDLE))
-    until(lambda: len(changes(viewer)) == 3, "what came after")
-    assert changes(viewer) == [(5, RUNNING, SUCCESS), (4, FAILURE, IDLE), (5, SUCCESS, IDLE)]
+    until(lambda: len(viewer.steps) == 3, "what came after")
+    assert viewer.steps == [(5, RUNNING, SUCCESS), (4, FAILURE, IDLE), (5, SUCCESS, IDLE)]
 
 
-def test_data_that_the_protocol_lacks_is_reported_as_unavailable(cpp_robot, watch_cpp, until):
+def test_data_that_the_protocol_lacks_is_reported_as_unavailable(cpp_robot, watch, until):
     robot = cpp_robot()
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*TICK_1)
-    until(lambda: len(changes(viewer)) == 5, "a tick")
+    until(lambda: len(viewer.steps) == 5, "a tick")
     assert not viewer.of(TreeEvent)[0].has_transition_numbers
     assert source(viewer).name == "Groot 2, recorded"
     assert source(viewer).unavailable == {
@@ -139,12 +135,12 @@ def test_data_that_the_protocol_lacks_is_reported_as_unavailable(cpp_robot, watc
     assert {one.tick for one in viewer.of(TransitionEvent)} == {0}
 
 
-def test_more_transitions_than_the_robot_keeps_are_reported_as_a_gap(cpp_robot, watch_cpp, until):
+def test_more_transitions_than_the_robot_keeps_are_reported_as_a_gap(cpp_robot, watch, until):
     robot = cpp_robot()
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*ROUND * 200, (4, RUNNING))
-    until(lambda: changes(viewer)[-1:] == [(4, IDLE, RUNNING)], "the last transition that the robot kept")
+    until(lambda: viewer.steps[-1:] == [(4, IDLE, RUNNING)], "the last transition that the robot kept")
     (gap,) = viewer.of(MissingDataEvent)
     assert gap.kind == "transitions"
     assert gap.reason == (
@@ -154,19 +150,19 @@ def test_more_transitions_than_the_robot_keeps_are_reported_as_a_gap(cpp_robot, 
     again = viewer.of(TreeEvent)[1]
     assert again.tree is viewer.of(TreeEvent)[0].tree
     assert again.stamp == gap.stamp
-    assert len(changes(viewer)) == 1000, "of 1,201"
+    assert len(viewer.steps) == 1000, "of 1,201"
     robot.change((4, SUCCESS), (4, IDLE))
-    until(lambda: len(changes(viewer)) == 1002, "what comes after the gap")
-    assert changes(viewer)[-2:] == [(4, RUNNING, SUCCESS), (4, SUCCESS, IDLE)]
+    until(lambda: len(viewer.steps) == 1002, "what comes after the gap")
+    assert viewer.steps[-2:] == [(4, RUNNING, SUCCESS), (4, SUCCESS, IDLE)]
     assert not viewer.of(LostTransitionsEvent)
 
 
 @pytest.mark.parametrize("request_before", ["S", "t"])
 def test_statuses_that_changed_within_a_gap_are_corrected_without_another_gap(
-    cpp_robot, watch_cpp, until, request_before
+    cpp_robot, watch, until, request_before
 ):
     robot = cpp_robot()
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     robot.stall_at = request_before
     assert robot.stalled.wait(60)
@@ -175,9 +171,9 @@ def test_statuses_that_changed_within_a_gap_are_corrected_without_another_gap(
     requests = robot.asked["t"]
     until(lambda: robot.asked["t"] > requests + 3, "a batch after the gap")
     robot.change((7, SUCCESS), (8, IDLE))
-    until(lambda: (8, SUCCESS, IDLE) in changes(viewer), "what comes after the gap")
-    assert changes(viewer)[-2:] == [(7, RUNNING, SUCCESS), (8, SUCCESS, IDLE)]
-    assert ((7, IDLE, RUNNING) in changes(viewer)) == (request_before == "t"), "after the gap"
+    until(lambda: (8, SUCCESS, IDLE) in viewer.steps, "what comes after the gap")
+    assert viewer.steps[-2:] == [(7, RUNNING, SUCCESS), (8, SUCCESS, IDLE)]
+    assert ((7, IDLE, RUNNING) in viewer.steps) == (request_before == "t"), "after the gap"
     assert viewer.of(TreeEvent)[1].statuses[7] == (RUNNING if request_before == "S" else IDLE)
     assert len(viewer.of(MissingDataEvent)) == 1
     times = [
@@ -189,7 +185,7 @@ def test_statuses_that_changed_within_a_gap_are_corrected_without_another_gap(
 
 
 def test_a_big_tree_that_changes_in_bursts_is_requested_more_often_and_received_completely(
-    cpp_robot, watch_cpp, until, monkeypatch
+    cpp_robot, watch, until, monkeypatch
 ):
     nodes = "".join(f'<AlwaysSuccess name="node {uid}" _uid="{uid}"/>' for uid in range(2, 902))
     robot = cpp_robot(
@@ -198,14 +194,14 @@ def test_a_big_tree_that_changes_in_bursts_is_requested_more_often_and_received_
             f"{nodes}</Sequence></BehaviorTree></root>"
         ).encode()
     )
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     ticks = 3
     for _ in range(ticks):
         for status in (SUCCESS, IDLE):
             robot.change(*((uid, status) for uid in range(2, 902)))
             until(lambda: not robot._recorded, "a request before the second half of the tick")
-    until(lambda: len(changes(viewer)) == 2 * 900 * ticks, "all transitions")
+    until(lambda: len(viewer.steps) == 2 * 900 * ticks, "all transitions")
     assert not viewer.of(MissingDataEvent)
     # Requests stay frequent for a while: by the default, sixty would take an hour now.
     monkeypatch.setattr(groot2_feed, "_SLOWER_AFTER_S", 1000.0)
@@ -236,9 +232,9 @@ def another_reader(robot) -> Iterator[None]:
         thread.join()
 
 
-def test_a_recording_that_another_client_reads_is_left_to_that_client(cpp_robot, watch_cpp, until):
+def test_a_recording_that_another_client_reads_is_left_to_that_client(cpp_robot, watch, until):
     robot = cpp_robot()
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     with another_reader(robot):
         until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
@@ -252,14 +248,14 @@ def test_a_recording_that_another_client_reads_is_left_to_that_client(cpp_robot,
     assert source(viewer).name == "Groot 2, sampled"
     drained = robot.asked["t"]
     robot.change((7, RUNNING))
-    until(lambda: changes(viewer) and changes(viewer)[-1] == (7, IDLE, RUNNING), "a sampled change")
+    until(lambda: viewer.steps and viewer.steps[-1] == (7, IDLE, RUNNING), "a sampled change")
     assert robot.asked["t"] == drained
 
 
-def test_a_recording_is_read_again_after_another_client_has_left(cpp_robot, watch_cpp, until, monkeypatch):
+def test_a_recording_is_read_again_after_another_client_has_left(cpp_robot, watch, until, monkeypatch):
     monkeypatch.setattr(groot2_feed, "RETRY_AFTER_S", 0.2)
     robot = cpp_robot()
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     with another_reader(robot):
         until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
@@ -270,16 +266,16 @@ def test_a_recording_is_read_again_after_another_client_has_left(cpp_robot, watc
     )
     gaps = len(viewer.of(MissingDataEvent))
     robot.change(*ROUND * 20)
-    until(lambda: changes(viewer)[-1:] == [(5, FAILURE, IDLE)], "all transitions")
-    assert [step[::2] for step in changes(viewer)[1 - len(ROUND) * 20 :]] == (ROUND * 20)[1:]
+    until(lambda: viewer.steps[-1:] == [(5, FAILURE, IDLE)], "all transitions")
+    assert [step[::2] for step in viewer.steps[1 - len(ROUND) * 20 :]] == (ROUND * 20)[1:]
     assert len(viewer.of(MissingDataEvent)) == gaps
     times = [event.stamp for event in viewer.of(TransitionEvent)]
     assert times == sorted(times)
 
 
-def test_a_lost_reply_with_transitions_is_not_blamed_on_another_client(cpp_robot, watch_cpp, until):
+def test_a_lost_reply_with_transitions_is_not_blamed_on_another_client(cpp_robot, watch, until):
     robot = cpp_robot()
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     robot.drop_reply_to = "t"
     robot.change((4, RUNNING), (5, RUNNING))
@@ -287,14 +283,14 @@ def test_a_lost_reply_with_transitions_is_not_blamed_on_another_client(cpp_robot
     (gap,) = viewer.of(MissingDataEvent)
     assert gap.reason == "a reply of the robot with its recorded transitions did not arrive"
     robot.change((4, SUCCESS))
-    until(lambda: (4, RUNNING, SUCCESS) in changes(viewer), "the next transition")
+    until(lambda: (4, RUNNING, SUCCESS) in viewer.steps, "the next transition")
     assert viewer.of(TreeEvent)[-1].statuses[5] == RUNNING
     assert source(viewer).name == "Groot 2, recorded"
 
 
-def test_a_recording_that_another_client_restarts_is_left_to_that_client(cpp_robot, watch_cpp, until):
+def test_a_recording_that_another_client_restarts_is_left_to_that_client(cpp_robot, watch, until):
     robot = cpp_robot()
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     began = time.monotonic()
     until(lambda: time.monotonic() - began > 1.5, "a time that tells the two recordings apart")
@@ -306,24 +302,24 @@ def test_a_recording_that_another_client_restarts_is_left_to_that_client(cpp_rob
     until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
     # The change comes with the tree that is seen again, or with a sample after it.
     until(
-        lambda: viewer.of(TreeEvent)[-1].statuses[4] == RUNNING or (4, IDLE, RUNNING) in changes(viewer),
+        lambda: viewer.of(TreeEvent)[-1].statuses[4] == RUNNING or (4, IDLE, RUNNING) in viewer.steps,
         "the changed status",
     )
     assert robot.recording, "the other client's recording goes on"
 
 
-def test_a_robot_that_changes_faster_than_it_can_be_polled_is_recorded_with_gaps(cpp_robot, watch_cpp, until):
+def test_a_robot_that_changes_faster_than_it_can_be_polled_is_recorded_with_gaps(cpp_robot, watch, until):
     robot = cpp_robot()
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     for count in range(1, 6):
         robot.change(*ROUND * 200)
         until(lambda count=count: len(viewer.of(MissingDataEvent)) == count, "a gap")
     robot.change((4, RUNNING))
-    until(lambda: changes(viewer)[-1] == (4, IDLE, RUNNING), "the next transition")
+    until(lambda: viewer.steps[-1] == (4, IDLE, RUNNING), "the next transition")
     assert source(viewer).name == "Groot 2, recorded"
     # The first of the 1,000 transitions leads to the known status.
-    assert len(changes(viewer)) == 5 * 999 + 1
+    assert len(viewer.steps) == 5 * 999 + 1
     assert all("the robot keeps only the last ones" in gap.reason for gap in viewer.of(MissingDataEvent))
     assert len(viewer.of(MissingDataEvent)) == 5
 
@@ -347,32 +343,32 @@ def test_record_prints_one_line_for_each_gap(cpp_robot, command, until):
     assert "2 gaps are marked" in recorder.stderr_text
 
 
-def test_no_record_leaves_the_robots_buffer_to_other_clients(cpp_robot, watch_cpp, until):
+def test_no_record_leaves_the_robots_buffer_to_other_clients(cpp_robot, watch, until):
     robot = cpp_robot()
-    viewer = watch_cpp(robot.address, record=False)
+    viewer = watch(robot.address, record=False)
     until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*TICK_1)
-    until(lambda: len(changes(viewer)) == 5, "the tick")
+    until(lambda: len(viewer.steps) == 5, "the tick")
     assert (robot.asked["r"], robot.asked["t"]) == (0, 0)
     assert source(viewer).unavailable["transitions"] == (
         "statuses are requested 20 times a second (--no-record): short changes are not seen"
     )
 
 
-def test_a_robot_that_cannot_record_is_sampled(cpp_robot, watch_cpp, until):
+def test_a_robot_that_cannot_record_is_sampled(cpp_robot, watch, until):
     robot = cpp_robot()
     robot.refused["r"] = "Request not recognized"
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     assert "refuses TOGGLE_RECORDING: Request not recognized" in source(viewer).unavailable["transitions"]
     robot.change((4, RUNNING), (4, SUCCESS), (4, IDLE))
-    until(lambda: len(changes(viewer)) == 2, "what an idle node says that it was")
-    assert changes(viewer) == [(4, IDLE, SUCCESS), (4, SUCCESS, IDLE)]
+    until(lambda: len(viewer.steps) == 2, "what an idle node says that it was")
+    assert viewer.steps == [(4, IDLE, SUCCESS), (4, SUCCESS, IDLE)]
 
 
-def test_a_monitor_that_leaves_stops_the_recording_that_it_began(cpp_robot, watch_cpp, until):
+def test_a_monitor_that_leaves_stops_the_recording_that_it_began(cpp_robot, watch, until):
     robot = cpp_robot()
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: robot.recording, "the recording")
     until(lambda: viewer.of(TreeEvent), "the tree")
     viewer.stop()
@@ -382,38 +378,38 @@ def test_a_monitor_that_leaves_stops_the_recording_that_it_began(cpp_robot, watc
 # --- robots that come and go
 
 
-def test_a_feed_waits_for_a_robot_that_starts_later(cpp_robot, watch_cpp, until):
+def test_a_feed_waits_for_a_robot_that_starts_later(cpp_robot, watch, until):
     gone = cpp_robot()
     gone.close()
-    viewer = watch_cpp(gone.address, reply_within=30.0)
+    viewer = watch(gone.address, reply_within=30.0)
     until(lambda: viewer.of(ConnectionEvent), "a word")
     assert viewer.of(ConnectionEvent)[0].state == "waiting"
     cpp_robot(port=gone.port)
     until(lambda: viewer.of(TreeEvent), "the tree")
-    assert [link.state for link in viewer.of(ConnectionEvent)] == ["waiting", "connected"]
+    assert viewer.links == ["waiting", "connected"]
     assert viewer.of(ConnectionEvent)[1].detail == f"{gone.address}, by Groot 2's protocol"
 
 
-def test_a_restarted_robot_shows_its_new_tree(cpp_robot, watch_cpp, until):
+def test_a_restarted_robot_shows_its_new_tree(cpp_robot, watch, until):
     first = cpp_robot()
-    viewer = watch_cpp(first.address)
+    viewer = watch(first.address)
     until(lambda: viewer.of(TreeEvent), "the first tree")
     first.change(*TICK_1)
-    until(lambda: len(changes(viewer)) == 5, "a tick")
+    until(lambda: len(viewer.steps) == 5, "a tick")
     first.close()
     second = cpp_robot(port=first.port, xml=OTHER_TREE)
     until(lambda: len(viewer.of(TreeEvent)) == 2, "the second tree")
     second.change((1, SUCCESS), (1, IDLE))
-    until(lambda: len(changes(viewer)) == 7, "what it does")
+    until(lambda: len(viewer.steps) == 7, "what it does")
     assert [one.tree.name for one in viewer.of(TreeEvent)] == ["Main", "Other"]
     assert [one.tree.tree_id for one in viewer.of(TreeEvent)] == [first.tree_id.hex(), second.tree_id.hex()]
     assert [one.number for one in viewer.of(TransitionEvent)][5:] == [1, 2]
     assert not viewer.of(MissingDataEvent)
 
 
-def test_a_tree_with_a_new_id_is_noticed_without_a_lost_connection(cpp_robot, watch_cpp, until):
+def test_a_tree_with_a_new_id_is_noticed_without_a_lost_connection(cpp_robot, watch, until):
     robot = cpp_robot()
-    viewer = watch_cpp(robot.address, reply_within=30.0)
+    viewer = watch(robot.address, reply_within=30.0)
     until(lambda: viewer.of(TreeEvent), "the first tree")
     with robot.lock:
         robot.tree_id = bytes(16)
@@ -423,22 +419,22 @@ def test_a_tree_with_a_new_id_is_noticed_without_a_lost_connection(cpp_robot, wa
     until(lambda: len(viewer.of(TreeEvent)) == 2, "the second tree")
     assert viewer.of(TreeEvent)[1].statuses == {1: RUNNING}
     until(lambda: robot.recording, "a recording of it")
-    assert [link.state for link in viewer.of(ConnectionEvent)] == ["waiting", "connected"]
+    assert viewer.links == ["waiting", "connected"]
 
 
-def test_transitions_recorded_during_a_short_silence_are_not_lost(cpp_robot, watch_cpp, until):
+def test_transitions_recorded_during_a_short_silence_are_not_lost(cpp_robot, watch, until):
     robot = cpp_robot()
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*TICK_1)
-    until(lambda: len(changes(viewer)) == 5, "a tick")
+    until(lambda: len(viewer.steps) == 5, "a tick")
     robot.stall_at = "S"
     until(lambda: viewer.of(ConnectionEvent)[-1].state == "lost", "the silence")
     robot.change((5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
     robot.resume()
-    until(lambda: len(changes(viewer)) == 8 + len(ROUND) * 20, "what happened meanwhile")
-    assert changes(viewer) == with_previous(*TICK_1, (5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
-    assert [link.state for link in viewer.of(ConnectionEvent)] == [
+    until(lambda: len(viewer.steps) == 8 + len(ROUND) * 20, "what happened meanwhile")
+    assert viewer.steps == with_previous(*TICK_1, (5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
+    assert viewer.links == [
         "waiting",
         "connected",
         "lost",
@@ -448,27 +444,27 @@ def test_transitions_recorded_during_a_short_silence_are_not_lost(cpp_robot, wat
     assert len(viewer.of(TreeEvent)) == 1
 
 
-def test_a_reply_may_take_longer_than_the_first_timeout(cpp_robot, watch_cpp, until):
+def test_a_reply_may_take_longer_than_the_first_timeout(cpp_robot, watch, until):
     robot = cpp_robot()
     robot.delay = 1.2
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: robot.asked["S"], "that the tree was taken in, and the next question")
     robot.delay = 0.1
     until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*TICK_1)
-    until(lambda: len(changes(viewer)) == 5, "the tick")
+    until(lambda: len(viewer.steps) == 5, "the tick")
     # Later, a machine that stops for a second loses the connection, because the reply is late.
-    states = [link.state for link in viewer.of(ConnectionEvent)]
+    states = viewer.links
     assert (states[:2], states[-1]) == (["waiting", "connected"], "connected")
 
 
-def test_several_robots_are_followed_at_once(cpp_robot, watch_cpp, until):
+def test_several_robots_are_followed_at_once(cpp_robot, watch, until):
     robots = [cpp_robot() for _ in range(3)]
-    viewers = [watch_cpp(robot.address) for robot in robots]
+    viewers = [watch(robot.address) for robot in robots]
     until(lambda: all(one.of(TreeEvent) for one in viewers), "the trees")
     for number, robot in enumerate(robots, start=1):
         robot.change(*ROUND * number)
-    until(lambda: [len(changes(one)) for one in viewers] == [6, 12, 18], "what each does")
+    until(lambda: [len(one.steps) for one in viewers] == [6, 12, 18], "what each does")
 
 
 # --- blackboards
@@ -478,10 +474,10 @@ def test_several_robots_are_followed_at_once(cpp_robot, watch_cpp, until):
     ("rate", "said"),
     [(20.0, "requested 20 times a second: short changes are not seen"), (0, "not requested")],
 )
-def test_blackboards_are_requested_at_the_given_rate(cpp_robot, watch_cpp, until, capture, rate, said):
+def test_blackboards_are_requested_at_the_given_rate(cpp_robot, watch, until, capture, rate, said):
     robot = cpp_robot()
     robot.boards = capture("blackboard_after.rep")[1]
-    viewer = watch_cpp(robot.address, blackboard_rate=rate)
+    viewer = watch(robot.address, blackboard_rate=rate)
     until(lambda: robot.asked["S"] > 20, "a second of looks")
     assert source(viewer).unavailable["blackboard"] == said
     assert robot.asked["B"] <= rate * 2
@@ -497,10 +493,10 @@ def test_blackboards_are_requested_at_the_given_rate(cpp_robot, watch_cpp, until
         }
 
 
-def test_blackboards_that_are_refused_together_are_requested_one_by_one(cpp_robot, watch_cpp, until):
+def test_blackboards_that_are_refused_together_are_requested_one_by_one(cpp_robot, watch, until):
     robot = cpp_robot()
     robot.refused["B"] = "two different root blackboards"
-    viewer = watch_cpp(robot.address, reply_within=30.0, blackboard_rate=50)
+    viewer = watch(robot.address, reply_within=30.0, blackboard_rate=50)
     until(lambda: len(viewer.of(MissingDataEvent)) == 2, "a word on each")
     assert robot.names == []
     for hole, name in zip(viewer.of(MissingDataEvent), ("Main", "Sub::6"), strict=True):
@@ -509,26 +505,26 @@ def test_blackboards_that_are_refused_together_are_requested_one_by_one(cpp_robo
         assert "two different root blackboards" in hole.reason
     asked = robot.asked["B"]
     robot.change((4, RUNNING))
-    until(lambda: changes(viewer), "that the rest goes on")
+    until(lambda: viewer.steps, "that the rest goes on")
     assert robot.asked["B"] == asked == 3
-    assert [link.state for link in viewer.of(ConnectionEvent)] == ["waiting", "connected"]
+    assert viewer.links == ["waiting", "connected"]
 
 
-def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch_cpp, until, capture):
+def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch, until, capture):
     robot = cpp_robot()
     robot.boards = capture("blackboard_after.rep")[1]
     robot.delay = 0.1
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(BlackboardEvent), "a blackboard, though looks are always overdue")
 
 
 # --- a btcore robot without its run channel
 
 
-def test_a_btcore_robot_can_be_followed_through_groot_2(endless, watch_cpp, until, changes):
+def test_a_btcore_robot_can_be_followed_through_groot_2(endless, watch, until, changes):
     told = changes(endless)
     with serve(endless, groot2_port=0, run_channel=False) as publisher:
-        viewer = watch_cpp(publisher.address)
+        viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeEvent), "the tree")
         for tick in range(1, 21):
             endless.tick_exactly_once()

@@ -2,7 +2,6 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,6 @@ import zmq
 
 from btcore_monitor.events import (
     ConnectionEvent,
-    Event,
     MissingDataEvent,
     TickEvent,
     TransitionEvent,
@@ -18,7 +16,6 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.address import parse_address
-from btcore_monitor.watch.feed import Feed
 from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
 from btcore_monitor.wire.groot1 import WireTransition, encode_update
 from btcore_monitor.wire.groot1_tree import WireModel, WireNode, WireTree, encode_tree
@@ -105,47 +102,6 @@ class Robot:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-class Watcher:
-    """Collects a feed's events on its own thread."""
-
-    def __init__(self, address: str) -> None:
-        self.events: list[Event] = []
-        self.feed = Feed(address)
-        self.thread = threading.Thread(target=self._run)
-        self.thread.start()
-
-    def _run(self) -> None:
-        with self.feed:
-            for event in self.feed:
-                self.events.append(event)
-
-    def of(self, kind: type) -> list:
-        return [event for event in self.events if isinstance(event, kind)]
-
-    @property
-    def links(self) -> list[str]:
-        return [link.state for link in self.of(ConnectionEvent)]
-
-    @property
-    def steps(self) -> list[tuple[int, int, int]]:
-        return [(one.uid, one.previous, one.status) for one in self.of(TransitionEvent)]
-
-
-@pytest.fixture
-def watch() -> Iterator[Callable[[str], Watcher]]:
-    watchers: list[Watcher] = []
-
-    def watch(address: str) -> Watcher:
-        watchers.append(Watcher(address))
-        return watchers[-1]
-
-    yield watch
-    for one in watchers:
-        one.feed.stop()
-    for one in watchers:
-        one.thread.join()
 
 
 def test_a_robot_of_version_3_is_detected_and_every_transition_is_shown(watch, until):

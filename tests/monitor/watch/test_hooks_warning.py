@@ -18,11 +18,11 @@ def left_over(capture) -> bytes:
 
 
 def test_left_over_hooks_are_reported_once_with_the_command_that_removes_them(
-    cpp_robot, watch_cpp, until, left_over
+    cpp_robot, watch, until, left_over
 ):
     robot = cpp_robot()
     robot.hooks = left_over
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(HooksEvent), "the warning")
     (tree,) = viewer.of(TreeEvent)
     (found,) = viewer.of(HooksEvent)
@@ -34,13 +34,13 @@ def test_left_over_hooks_are_reported_once_with_the_command_that_removes_them(
 
 
 def test_disabled_hooks_are_reported_because_the_next_request_after_a_silence_enables_them(
-    cpp_robot, watch_cpp, until
+    cpp_robot, watch, until
 ):
     robot = cpp_robot()
     robot.hooks = encode_dump(
         [WireHook(uid, position=1, mode=1, desired_status="FAILURE", enabled=False) for uid in (4, 99)]
     )
-    viewer = watch_cpp(robot.address, record=False)
+    viewer = watch(robot.address, record=False)
     until(lambda: viewer.of(HooksEvent), "the warning")
     path = viewer.of(TreeEvent)[0].tree.by_uid[4].path
     expected = f"injects after {path} FAILURE (disabled), injects after node 99 FAILURE (disabled)"
@@ -48,21 +48,21 @@ def test_disabled_hooks_are_reported_because_the_next_request_after_a_silence_en
 
 
 @pytest.mark.parametrize("refusal", ["", "Request not recognized"])
-def test_a_robot_without_hooks_or_without_control_gets_no_warning(cpp_robot, watch_cpp, until, refusal):
+def test_a_robot_without_hooks_or_without_control_gets_no_warning(cpp_robot, watch, until, refusal):
     robot = cpp_robot()
     if refusal:
         robot.refused["D"] = refusal
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: robot.asked["D"], "the request for hooks")
     robot.change((4, RUNNING))
     until(lambda: viewer.of(TransitionEvent), "the next transition")
     assert not viewer.of(HooksEvent)
 
 
-def test_an_invalid_list_of_hooks_is_reported_and_the_robot_is_followed(cpp_robot, watch_cpp, until):
+def test_an_invalid_list_of_hooks_is_reported_and_the_robot_is_followed(cpp_robot, watch, until):
     robot = cpp_robot()
     robot.hooks = json.dumps([{"uid": 4}]).encode()
-    viewer = watch_cpp(robot.address)
+    viewer = watch(robot.address)
     until(lambda: viewer.of(HooksEvent), "the warning")
     assert "list of hooks is invalid" in viewer.of(HooksEvent)[0].warning
     robot.change((4, RUNNING))

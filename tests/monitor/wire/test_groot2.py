@@ -188,6 +188,7 @@ def tree_of(inside: bytes) -> bytes:
     return b'<root><BehaviorTree ID="M" _fullpath="">' + inside + b"</BehaviorTree></root>"
 
 
+MANY = b"".join(b'<A _uid="%d"/>' % uid for uid in range(2, 65_537))
 BOMB = b'<!DOCTYPE r [<!ENTITY a "aaaa">]>' + tree_of(b'<X _uid="1" name="&a;"/>')
 
 
@@ -205,7 +206,13 @@ BOMB = b'<!DOCTYPE r [<!ENTITY a "aaaa">]>' + tree_of(b'<X _uid="1" name="&a;"/>
         (tree_of(b'<SubTree ID="S" _fullpath="s" _uid="1"/>'), "_fullpath 's'"),
         (tree_of(b'<SubTree ID="M" _fullpath="" _uid="1"/>'), "got two"),
         (tree_of(b'<Inverter _uid="1"><A _uid="1"/></Inverter>'), "unique values of _uid .* <A> has 1"),
+        (tree_of(b'<A _uid="%s"/>' % (b"9" * 1_000_000)), "_uid of <A>"),
+        (tree_of(b'<A name="%s" _uid="1"/>' % (b"n" * 1001)), "names of at most 1000 characters"),
+        (tree_of(b'<%s _uid="1"/>' % (b"n" * 1001)), "names of at most 1000 characters"),
+        (tree_of(b'<SubTree _fullpath="%s" _uid="1"/>' % (b"n" * 4001)), "paths of at most 4000 characters"),
+        (tree_of(b'<S _uid="1">%s</S>' % MANY), "a full tree of at most 65535 nodes, and got more"),
     ],
+    ids=lambda one: one if isinstance(one, str) else "",
 )
 def test_an_invalid_full_tree_is_refused_with_its_reason(xml, said):
     with pytest.raises(ProtocolError, match=said):
@@ -227,14 +234,21 @@ def test_a_tree_of_a_thousand_levels_is_read():
         (RequestHeader.decode, b"\x02T\x00", "6 bytes, and got 3 bytes"),
         (groot2.decode_statuses, b"\x01\x00", "3 bytes each"),
         (groot2.decode_statuses, b"\x01\x00\x07", "node 1, and got 7"),
+        (groot2.decode_statuses, b"\1\0\1" * 100_000, "3 bytes each"),
         (groot2.decode_transitions, b"\x00" * 8, "9 bytes each"),
         (groot2.decode_transitions, b"\x00" * 8 + b"\x0b", "and got 11"),
+        (groot2.decode_transitions, bytes(9 * 200_000), "9 bytes each"),
         (groot2.decode_recording_start, b"soon", "decimal digits"),
+        (groot2.decode_recording_start, b"9" * 19, "decimal digits"),
         (decode_boards, b"\xc1", "MessagePack"),
         (decode_boards, b"\x93\x01\x02", "MessagePack"),
         (decode_boards, b"\x01", "as a map"),
         (decode_boards, b"\x81\x01\x02", "text as keys"),
+        (decode_boards, b"\x81\xa1M\x91\x01", "'M' as a map"),
+        (decode_boards, b"\x81\xa1M\x81\xa1x" + b"\x91" * 1000 + b"\xc0", "at most 64 levels"),
+        (decode_boards, b"\x81\xa1M\xdd\x00\x98\x96\x80" + b"\x90" * 10_000_000, "at most 8388608 bytes"),
     ],
+    ids=lambda one: one if isinstance(one, str) else "",
 )
 def test_invalid_bytes_are_reported(decode, data, said):
     with pytest.raises(ProtocolError, match=said):

@@ -1,5 +1,6 @@
 """The run channel's messages: encoding and decoding, and errors in invalid messages."""
 
+import functools
 from contextlib import suppress
 from dataclasses import fields
 
@@ -48,6 +49,9 @@ MESSAGES = [
 ]
 
 
+NESTED: list[object] = functools.reduce(lambda inner, _: [inner], range(900), [])
+
+
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
 def test_a_message_is_unchanged_after_encoding_and_decoding(message):
     assert decode(encode(message)) == message
@@ -84,11 +88,29 @@ def test_a_missing_or_invalid_field_is_reported(message):
             decode(msgpack.packb(whole | {field.name: 1.5}))
 
 
-@pytest.mark.parametrize("row", [[1, 2, 3], "row", [1, 2, 3, 4, 5, "6"], [1, 2, 3, 4, 5, True]])
-def test_a_transition_has_six_integers(row):
-    whole = msgpack.unpackb(encode(TICKS))
-    with pytest.raises(ProtocolError, match="six integers"):
-        decode(msgpack.packb(whole | {"transitions": [row]}))
+@pytest.mark.parametrize(
+    ("message", "changed", "said"),
+    [
+        (TICKS, {"transitions": [[1, 2, 3]]}, "six integers"),
+        (TICKS, {"transitions": ["row"]}, "six integers"),
+        (TICKS, {"transitions": [[1, 2, 3, 4, 5, "6"]]}, "six integers"),
+        (TICKS, {"transitions": [[1, 2, 3, 4, 5, True]]}, "six integers"),
+        (TICKS, {"transitions": [[1, 2, 3, 4, 0, 5]]}, "statuses 0–4 in a transition, and got 0 and 5"),
+        (TICKS, {"status": -1}, "'status' of a 'ticks' message from 0 to 4, and got -1"),
+        (TICKS, {"first": 2**64 - 1}, "'first' of a 'ticks' message to be int"),
+        (TICKS, {"v": [[1]]}, "expected a version of the run channel, and got list"),
+        (MESSAGES[0], {"statuses": [[1, 5]]}, r"expected \[uid, status\] in 'statuses'"),
+        (MESSAGES[0], {"statuses": NESTED}, r"expected \[uid, status\] in 'statuses'"),
+        (MESSAGES[3], {"data": {"more": NESTED}}, "at most 64 levels"),
+        (MESSAGES[4], {"boards": {"": 5}}, "the blackboard '' as a map, and got int"),
+        (MESSAGES[4], {"boards": [1]}, "'boards' of a 'blackboard' message to be dict"),
+        (MESSAGES[4], {"boards": {"": {"x": NESTED}}}, "at most 64 levels"),
+    ],
+)
+def test_an_invalid_value_is_reported(message, changed, said):
+    whole = msgpack.unpackb(encode(message), strict_map_key=False)
+    with pytest.raises(ProtocolError, match=said):
+        decode(msgpack.packb(whole | changed))
 
 
 @given(st.binary(max_size=200))

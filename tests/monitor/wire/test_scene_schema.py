@@ -1,5 +1,6 @@
 """The data of a scene on the wire: valid data is transmitted, and invalid data is reported."""
 
+import math
 import zlib
 from contextlib import suppress
 from dataclasses import asdict, replace
@@ -159,7 +160,9 @@ def test_unknown_fields_are_passed_on():
         ("grids", [{**GRID, "kind": "soup"}], "'kind' of 'grids' .* occupancy or costs, and got 'soup'"),
         ("grids", [{**GRID, "size": [40, 31]}], "expected 1240 bytes of 'cells' for 'global_costmap'"),
         ("grids", [{**GRID, "size": [0, 31]}], "got 0 times 31"),
+        ("grids", [{**GRID, "size": [-2, -2]}], "got -2 times -2"),
         ("grids", [{**GRID, "size": [1 << 20, 1 << 20]}], "expected at most 33554432 cells and pixels"),
+        ("grids", [{**GRID, "size": [5000, 5000]}] * 2, "expected at most 33554432 cells and pixels"),
         ("grids", [{**GRID, "resolution": "fine"}], "'resolution' of 'grids' .* a number, and got 'fine'"),
         ("grids", [{**GRID, "coding": "morse"}], "coded by zlib, and got 'morse'"),
         ("grids", [{**GRID, "coding": "zlib"}], "expected compressed 'cells' for 'global_costmap'"),
@@ -168,14 +171,17 @@ def test_unknown_fields_are_passed_on():
         ("poses", [{"name": "path", "rows": ROWS}], "expected 'kind' of 'poses' .* got nothing"),
         ("scan", {"ranges": b"123"}, "float32, and got 3 bytes"),
         ("pictures", [{**PICTURE, "size": [5, 2]}], "expected 30 bytes of 'data' for 'camera', and got 24"),
+        ("pictures", [{**PICTURE, "size": [1 << 20, 1 << 20]}], "expected at most 33554432 cells and pixels"),
         ("frames", [["odom", "map", [0, 0], [0, 0, 0, 1]]], "the position in 'frames' .* 3 values"),
         ("arrows", [{"name": "push", "start": [0, 0, 0]}], "expected 'end' of 'arrows'"),
+        ("arrows", [{"name": "a", "start": [0] * 3, "end": [1] * 3, "color": [256] * 4}], "from 0 to 255"),
         ("battery", "full", "'battery' of a 'moving' message to be a number, and got 'full'"),
         ("notes", {"goal": 3}, "'notes' of a 'moving' message to be text, and got 3"),
         ("parts", [{"kind": "box", "position": [0, 0, 0]}], "expected 'size' of one of 'parts'"),
         ("meshes", [{**SURFACE, "normals": b""}], "expected a normal for each of the 3 vertices"),
         ("meshes", [{**SURFACE, "triangles": b"\3" + bytes(11)}], "triangles of 3 vertices, and got .* 3"),
         ("meshes", [{**SURFACE, "triangles": bytes(8)}], "rows of three uint32, and got 8 bytes"),
+        ("parts", [{"kind": "box", "position": [0] * 3, "size": [math.nan] * 3}], "a number of a usual size"),
         ("parts", [{"kind": "blob"}], "box or cylinder or sphere, and got 'blob'"),
     ],
 )  # fmt: skip

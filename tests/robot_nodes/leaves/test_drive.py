@@ -26,28 +26,19 @@ def tick(tree: Tree, robot, times: int) -> Status:
     return status
 
 
-def test_turn_ends_after_some_thirty_commands(robot):
-    assert tick(tree_of("Turn", robot), robot, 100) is Status.SUCCESS
+@pytest.mark.parametrize(
+    ("leaf", "times", "status", "direction"),
+    [
+        ("Turn", 100, Status.SUCCESS, (0, 1)),
+        ("Back", 100, Status.SUCCESS, (-1, 0)),
+        ("Forward", 30, Status.RUNNING, (1, 0)),
+    ],
+)
+def test_a_leaf_sends_some_thirty_commands_in_its_direction(robot, leaf: str, times: int, status, direction):
+    assert tick(tree_of(leaf, robot), robot, times) is status
     assert len(robot.commands) == pytest.approx(30, abs=1)
-    v, w = robot.commands[0]
-    assert w > 0.1
-    assert v == pytest.approx(0.0, abs=1e-7)
-
-
-def test_back_ends_after_some_thirty_commands(robot):
-    assert tick(tree_of("Back", robot), robot, 100) is Status.SUCCESS
-    assert len(robot.commands) == pytest.approx(30, abs=1)
-    v, w = robot.commands[0]
-    assert v < -0.1
-    assert w == pytest.approx(0.0, abs=1e-7)
-
-
-def test_forward_keeps_running(robot):
-    assert tick(tree_of("Forward", robot), robot, 30) is Status.RUNNING
-    assert len(robot.commands) == pytest.approx(30, abs=1)
-    v, w = robot.commands[0]
-    assert v > 0.1
-    assert w == pytest.approx(0.0, abs=1e-7)
+    for speed, sign in zip(robot.commands[0], direction, strict=True):
+        assert speed * sign > 0.1 if sign else speed == pytest.approx(0.0, abs=1e-7)
 
 
 @pytest.mark.parametrize(

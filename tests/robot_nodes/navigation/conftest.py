@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from btcore_navigation.behaviours import (
     AssistedTeleopBehaviour,
@@ -43,6 +44,21 @@ Box = tuple[float, float, float, float]
 LASER_AHEAD = 0.202  # m from the base's middle
 PERSON = 0.25  # m, the radius of a person
 POLITE = 0.5  # m, the distance that a person keeps from a robot
+
+
+def box_distances(
+    boxes: Sequence[Box], x: float, y: float, angles: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the distance (m) from (*x*, *y*) to the nearest box in each direction, or infinity."""
+    cos, sin = np.cos(angles), np.sin(angles)
+    ranges = np.full(len(angles), np.inf)
+    with np.errstate(divide="ignore"):
+        for xmin, ymin, xmax, ymax in boxes:
+            tx = np.sort(np.stack(((xmin - x) / cos, (xmax - x) / cos)), axis=0)
+            ty = np.sort(np.stack(((ymin - y) / sin, (ymax - y) / sin)), axis=0)
+            enters, leaves = np.maximum(tx[0], ty[0]), np.minimum(tx[1], ty[1])
+            ranges = np.where((enters <= leaves) & (enters > 0.0), np.minimum(ranges, enters), ranges)
+    return ranges
 
 
 @dataclass(slots=True)
@@ -172,14 +188,7 @@ class FloorRobot(Robot):
         cos, sin = np.cos(angles), np.sin(angles)
         x = self.pose.x + LASER_AHEAD * math.cos(self.pose.yaw)
         y = self.pose.y + LASER_AHEAD * math.sin(self.pose.yaw)
-        ranges = np.full(info.rays, np.inf)
-        with np.errstate(divide="ignore"):
-            for xmin, ymin, xmax, ymax in self.boxes:
-                tx = np.sort(np.stack(((xmin - x) / cos, (xmax - x) / cos)), axis=0)
-                ty = np.sort(np.stack(((ymin - y) / sin, (ymax - y) / sin)), axis=0)
-                enters, leaves = np.maximum(tx[0], ty[0]), np.minimum(tx[1], ty[1])
-                hit = (enters <= leaves) & (enters > 0.0)
-                ranges = np.where(hit, np.minimum(ranges, enters), ranges)
+        ranges = box_distances(self.boxes, x, y, angles)
         for one in self.people:
             ahead = (one.x - x) * cos + (one.y - y) * sin
             beside = (one.x - x) * sin - (one.y - y) * cos

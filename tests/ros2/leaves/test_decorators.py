@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from planned_server import Answer, End, Plan, ServerProcess, planned_server
+from planned_server import Answer, End, Plan, ServerProcess
 from std_msgs.msg import String
 from test_msgs.action import Fibonacci
 from test_msgs.srv import BasicTypes
@@ -78,12 +78,6 @@ def say(text: In[str] = "hello") -> Any:
 @ros_subscriber(String, "words", latch=True)
 def heard(message: Any, expected: In[str] = "hello") -> bool:
     return message is not None and message.data == expected
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[ServerProcess]:
-    with planned_server() as process:
-        yield process
 
 
 @pytest.fixture(scope="module")

@@ -4,14 +4,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy")
 
-from planned_server import End, Plan, ServerProcess, planned_server
+from planned_server import End, Plan, ServerProcess
 
 LIMIT_S = 60
 LEAVES = """
@@ -29,12 +28,6 @@ class Send(RosAction):
     def make_goal(self):
         return self.action_type.Goal(order=self.order)
 """
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[ServerProcess]:
-    with planned_server() as process:
-        yield process
 
 
 def start(folder: Path, plan: Plan) -> "subprocess.Popen[str]":

@@ -3,7 +3,6 @@
 import math
 import subprocess
 import sys
-import textwrap
 from unittest.mock import Mock
 
 import numpy as np
@@ -185,28 +184,45 @@ def test_server_timeout_is_respected_above_a_second(bench):
     assert bench.session.wait_for(lambda: "late/spin canceled" in bench.names(), LIMIT)
 
 
-def test_a_server_that_starts_late_gets_the_goal(bench):
-    code = textwrap.dedent("""
-        import time, rclpy
-        from nav2_msgs.action import Wait
-        from rclpy.action import ActionServer
-        def execute(goal):
-            goal.succeed()
-            return Wait.Result()
-        rclpy.init()
-        node = rclpy.create_node("late_node")
-        server = ActionServer(node, Wait, "new/wait", execute)
-        while not node.count_clients("new/wait/_action/send_goal"):
-            time.sleep(0.01)  # an answer to an unknown client is lost
-        rclpy.spin(node)
-    """)
-    tree = bench.tree('<Wait server_name="new/wait" server_timeout="120000"/>')
+def wait_server(name: str, execute: str) -> "subprocess.Popen[bytes]":
+    """Start a process with a plain server of the action Wait, which executes a goal by the code *execute*."""
+    code = f"""
+import time, rclpy
+from nav2_msgs.action import Wait
+from rclpy.action import ActionServer
+def execute(goal):
+    {execute}
+    return Wait.Result()
+rclpy.init()
+node = rclpy.create_node("wait_server")
+server = ActionServer(node, Wait, "{name}", execute)
+while not node.count_clients("{name}/_action/send_goal"):
+    time.sleep(0.01)  # an answer to an unknown client is lost
+rclpy.spin(node)
+server.destroy()
+node.destroy_node()
+"""
+    return subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize(
+    ("execute", "result", "reason"),
+    [
+        ("goal.succeed()", Status.SUCCESS, ""),
+        ("rclpy.shutdown()", Status.FAILURE, " disappeared while it worked on the goal"),
+    ],
+    ids=["starts late", "ends"],
+)
+def test_a_server_starts_late_and_may_end_while_it_works(bench, execute, result, reason):
+    name = f"{result.name.lower()}/wait"
+    tree = bench.tree(f'<Wait server_name="{name}" server_timeout="120000" error_msg="{{why}}"/>')
     assert tree.tick_exactly_once() is Status.RUNNING
-    with subprocess.Popen([sys.executable, "-c", code]) as process:
+    with wait_server(name, execute) as process:
         try:
-            assert bench.run(tree) is Status.SUCCESS
+            assert bench.run(tree) is result
         finally:
             process.kill()
+    assert tree.blackboard["why"] == (f"the action server '{name}'{reason}" if reason else "")
 
 
 def test_the_time_for_the_discovery_of_a_server_is_a_parameter():
@@ -238,31 +254,6 @@ def test_move_waits_for_the_discovery_of_the_navigator():
         assert tree.tick_while_running(period=0.01) is Status.FAILURE
         assert session.clock.now() - began >= 1_300_000_000
     assert tree.blackboard["why"].startswith("no action server 'navigate_to_pose'")
-
-
-def test_a_server_that_ends_aborts_its_goal(bench):
-    code = textwrap.dedent("""
-        import signal, time, rclpy
-        from nav2_msgs.action import Wait
-        from rclpy.action import ActionServer
-        def execute(goal):
-            rclpy.shutdown()
-        rclpy.init()
-        node = rclpy.create_node("mortal")
-        server = ActionServer(node, Wait, "mortal/wait", execute)
-        while not node.count_clients("mortal/wait/_action/send_goal"):
-            time.sleep(0.01)  # an answer to an unknown client is lost
-        rclpy.spin(node)
-        server.destroy()
-        node.destroy_node()
-    """)
-    tree = bench.tree('<Wait server_name="mortal/wait" server_timeout="120000" error_msg="{why}"/>')
-    with subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL) as process:
-        try:
-            assert bench.run(tree) is Status.FAILURE
-        finally:
-            process.kill()
-    assert tree.blackboard["why"] == "the action server 'mortal/wait' disappeared while it worked on the goal"
 
 
 @pytest.mark.parametrize(("recovery", "result"), [("true", Status.FAILURE), ("false", Status.SUCCESS)])

@@ -125,7 +125,7 @@ def start_robot() -> Iterator[Callable[..., PointRobotProcess]]:
 @pytest.fixture
 def fresh_robot(point_robot: PointRobotProcess) -> PointRobotProcess:
     """The robot of the module, with the settings with which it was started."""
-    point_robot.send(silent=[], offset=1_000_000.0, odd_ranges=False, percentage=0.75, commands=[])
+    point_robot.send(silent=[], offset=1_000_000.0, commands=[])
     point_robot.send(repeating=[], disorder=False)
     return point_robot
 

@@ -41,8 +41,6 @@ class PointRobot(Node):
         self.factor = 1.0  # of simulated time
         self.sim_time = False
         self.stamped = False
-        self.percentage = 0.75
-        self.odd_ranges = False
         self.paused = False  # simulated time stands still, and only /clock is published
         self.repeating: list[str] = []  # topics on which the last message is repeated
         self.disorder = False  # each message arrives twice, and after or before it an old message
@@ -158,15 +156,12 @@ class PointRobot(Node):
             self.makers[topic].publish(each)
 
     def scan(self, stamp: object) -> LaserScan:
-        ranges = [WALL] * 90
-        if self.odd_ranges:
-            ranges[:7] = [0.0, math.nan, math.inf, 11.0, 0.01, -1.0, -math.inf]
         message = LaserScan(
             angle_min=-1.5, angle_max=1.5, angle_increment=3.0 / 89, range_min=0.05, range_max=10.0
         )
         message.header.frame_id = "laser"
         message.header.stamp = stamp
-        message.ranges = array.array("f", ranges)
+        message.ranges = array.array("f", [WALL] * 90)
         return message
 
     def odometry(self, stamp: object) -> Odometry:
@@ -192,7 +187,7 @@ class PointRobot(Node):
         return message
 
     def battery(self, stamp: object) -> BatteryState:
-        message = BatteryState(percentage=self.percentage)
+        message = BatteryState(percentage=0.75)
         message.header.stamp = stamp
         return message
 

@@ -58,15 +58,14 @@ def test_topic_that_stops(session: RosSession, fresh_robot: PointRobotProcess, t
     assert session.wait_for(drives, LIMIT)
 
 
-@pytest.mark.parametrize(("offset", "message"), [(1_000_060.0, "ahead by "), (999_940.0, "back by ")])
 def test_jump_of_the_robots_clock(
-    session: RosSession, fresh_robot: PointRobotProcess, tmp_path: Path, offset: float, message: str
+    session: RosSession, fresh_robot: PointRobotProcess, tmp_path: Path
 ) -> None:
     process = fresh_robot
     robot = RosRobot(session, describe(tmp_path))
     wait(robot, 2.2)
-    process.send(offset=offset)
-    assert f"its stamps jumped {message}" in drive_until_error(robot)
+    process.send(offset=999_940.0)
+    assert "its stamps jumped back by " in drive_until_error(robot)
     assert stopped(process, session)
 
 
@@ -83,18 +82,6 @@ def test_last_command_is_zero_when_the_robot_is_closed(
     # The last command of an earlier test may still arrive, on the other topic.
     assert session.wait_for(lambda: len(commands()) == 2, LIMIT)
     assert [command[1:] == [0.0, 0.0] for command in commands()] == [False, True]
-
-
-def test_odd_readings(session: RosSession, fresh_robot: PointRobotProcess, tmp_path: Path) -> None:
-    fresh_robot.send(odd_ranges=True, percentage=float("nan"))
-    text = DESCRIPTION + "battery: {topic: /battery}\n"
-    robot = RosRobot(session, describe(tmp_path, text))
-    wait(robot, 0.2)
-    scan = robot.scan()
-    assert scan is not None
-    far, near = float("inf"), float("-inf")
-    assert scan.ranges[:8].tolist() == [far, far, far, far, near, far, near, 3.0]
-    assert robot.battery() is None
 
 
 def test_messages_that_arrive_twice_or_late_do_not_replace_newer_ones(

@@ -36,10 +36,10 @@ def wait_for(robot: RosRobot, condition: Callable[[], object]) -> None:
         wait(robot, 0.02)
 
 
-def test_head_torso_camera_and_sonar(
+def test_head_torso_camera_sonar_and_battery(
     session: RosSession, point_robot: PointRobotProcess, tmp_path: Path
 ) -> None:
-    robot = RosRobot(session, describe(tmp_path, DESCRIPTION + PARTS))
+    robot = RosRobot(session, describe(tmp_path, f"{DESCRIPTION}{PARTS}battery: {{topic: /battery}}\n"))
     for check in (check_info, check_scan, check_frames):
         check(robot)
     robot.move_head(0.5, -2.0)
@@ -56,6 +56,11 @@ def test_head_torso_camera_and_sonar(
     check_camera(robot)
     assert [sonar.range for sonar in robot.sonars()] == [np.inf]
     check_sonars(robot)
+    assert session.wait_for(robot.battery, LIMIT)
+    battery = robot.battery()
+    assert battery is not None
+    assert battery.level == 75.0
+    assert 0 <= robot.clock.now() - battery.stamp < LIMIT * NS_PER_S
 
 
 def test_command_expires_without_a_new_command(
@@ -99,15 +104,6 @@ def test_scene_of_a_robot_without_a_model(
     assert "map" not in [frame.parent for frame in second.frames]
     assert robot.laser.frame in [frame.child for frame in second.frames]
     assert "/image" not in [subscription.topic_name for subscription in session.node.subscriptions]
-
-
-def test_battery_in_percent(session: RosSession, point_robot: PointRobotProcess, tmp_path: Path) -> None:
-    robot = RosRobot(session, describe(tmp_path, DESCRIPTION + "battery: {topic: /battery}\n"))
-    assert session.wait_for(robot.battery, LIMIT)
-    battery = robot.battery()
-    assert battery is not None
-    assert battery.level == 75.0
-    assert 0 <= robot.clock.now() - battery.stamp < LIMIT * NS_PER_S
 
 
 def test_a_missing_camera_matters_only_when_it_is_used(

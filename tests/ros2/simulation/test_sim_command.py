@@ -57,7 +57,6 @@ def test_duration_and_options_of_the_simulator_apply(start: Callable[..., SimPro
         (["--world", "hous"], {}, "house"),
         (["--ros-args", "-r scan"], {}, "remap rule: '-r scan'"),
         ([], {"ROS_DOMAIN_ID": "999"}, "no domain 999"),
-        ([], {"ROS_DOMAIN_ID": "mine"}, "no domain mine"),
         (["--ros2", "tiago"], {}, "--ros2 does not belong here"),
     ],
 )

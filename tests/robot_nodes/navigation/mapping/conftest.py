@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -13,19 +12,16 @@ from btcore_navigation.mapping.key_scan import KeyScan, LocalisedScan, key_scan
 from btcore_navigation.mapping.mapper import SCANS_PER_KEY, Mapper
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import (
-    CMD_VEL,
-    BaseInfo,
     LaserInfo,
     LaserScan,
     Odometry,
     Pose2D,
-    Robot,
-    RobotClock,
-    Schedule,
     TransformStamped,
     Twist2D,
 )
 from btcore_robot.transforms import TransformTree
+from tests.robot_nodes.conftest import RecordingRobot
+from tests.robot_nodes.navigation.conftest import box_distances
 
 Box = tuple[float, float, float, float]
 RAYS = 666
@@ -56,15 +52,8 @@ def look(
     """Return a scan with noise, of a robot at *pose*."""
     half = math.radians(110.0)
     angles = np.linspace(-half, half, RAYS) + pose.yaw
-    cos, sin = np.cos(angles), np.sin(angles)
     x, y = pose.x + AHEAD * math.cos(pose.yaw), pose.y + AHEAD * math.sin(pose.yaw)
-    ranges = np.full(RAYS, np.inf)
-    with np.errstate(divide="ignore"):
-        for xmin, ymin, xmax, ymax in boxes:
-            along = np.sort(np.stack(((xmin - x) / cos, (xmax - x) / cos)), axis=0)
-            up = np.sort(np.stack(((ymin - y) / sin, (ymax - y) / sin)), axis=0)
-            enters, leaves = np.maximum(along[0], up[0]), np.minimum(along[1], up[1])
-            ranges = np.where((enters <= leaves) & (enters > 0.0), np.minimum(ranges, enters), ranges)
+    ranges = box_distances(boxes, x, y, angles)
     ranges = ranges + sigma * random.standard_normal(RAYS)
     ranges = np.where(ranges < 0.05, -np.inf, ranges)
     return LaserScan(
@@ -72,60 +61,23 @@ def look(
     )
 
 
-@dataclass
-class LedRobot(Robot):
+class LedRobot(RecordingRobot):
     """A robot that the test moves along a path; the test also sets its odometry."""
 
-    reported: Odometry = field(default_factory=lambda: Odometry(Pose2D(0.0, 0.0, 0.0), Twist2D(0.3, 0.0), 0))
-    seen: LaserScan | None = None
-
-    @property
-    def clock(self) -> RobotClock:
-        raise NotImplementedError
-
-    @property
-    def schedule(self) -> Schedule:
-        raise NotImplementedError
-
-    @property
-    def base(self) -> BaseInfo:
-        return BaseInfo(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
+    def __init__(self) -> None:
+        super().__init__()
+        self.reported = Odometry(Pose2D(0.0, 0.0, 0.0), Twist2D(0.3, 0.0), 0)
 
     @property
     def laser(self) -> LaserInfo:
         half = math.radians(110.0)
         return LaserInfo(RAYS, -half, 2 * half / (RAYS - 1), 0.05, 25.0, 10.0, 0.06, "base_laser_link")
 
-    @property
-    def head_info(self) -> None:
-        return None
-
-    def frames(self) -> Sequence[TransformStamped]:
-        return ()
-
-    def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:
-        raise NotImplementedError
-
-    def stop(self) -> None:
-        raise NotImplementedError
-
-    def commanded_velocity(self) -> Twist2D:
-        return Twist2D(0.0, 0.0)
-
-    def scan(self) -> LaserScan | None:
-        return self.seen
+    def frames(self) -> list[TransformStamped]:
+        return []
 
     def odometry(self) -> Odometry:
         return self.reported
-
-    def move_head(self, pan: float, tilt: float) -> None:
-        raise NotImplementedError
-
-    def head(self) -> None:
-        return None
-
-    def camera(self) -> None:
-        return None
 
 
 class MappingRig:
