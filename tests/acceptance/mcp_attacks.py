@@ -171,7 +171,7 @@ def paths(secret: Path) -> list[Attack]:
 
 def contents(folder: Path) -> list[Attack]:
     """Return attacks by the contents of trees."""
-    secret = folder / "secret.xml"
+    secret, target = folder / "secret.xml", folder / "written.yaml"
     laughs = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 12))
     entity = f'<!DOCTYPE root [<!ENTITY x SYSTEM "file://{secret}">]>'
     pose = f'<NavigateToPose goal="1;0;0" behavior_tree="{secret}"/>'
@@ -203,6 +203,17 @@ def contents(folder: Path) -> list[Attack]:
             xml=tree("<AlwaysSuccess/>", f"<!DOCTYPE r [<!ENTITY a0 'x'>{laughs}]>"),
         ),
         call("tree of a navigation", "run", None, xml=tree(pose), duration=3.0),
+        call("write a map outside", "run", None, xml=tree(f'<SaveMap file="{target}"/>'), duration=3.0),
+        call(
+            "write a map by ..",
+            "run",
+            None,
+            xml=tree('<SaveMap file="../../../written.yaml"/>'),
+            duration=3.0,
+        ),
+        call(
+            "a map in a sweep", "sweep", None, xml=tree(f'<SaveMap file="{target}"/>'), seeds=1, duration=2.0
+        ),
         call("write a map here", "run", None, xml=tree('<SaveMap file="written.yaml"/>'), duration=3.0),
         call("a ROS leaf", "run", xml=tree(publish)),
         call("a sweep with a ROS leaf", "sweep", None, xml=tree(publish), seeds=1),
