@@ -40,15 +40,20 @@ def _limit_process(data: int, file: int, seconds: int) -> None:
         highest = resource.getrlimit(kind)[1]
         least = value if highest == resource.RLIM_INFINITY else min(value, highest)
         resource.setrlimit(kind, (least, least))
-    if sys.platform == "linux":
-        _write_only_in(".", "/dev")
+    _write_only_in(".", "/dev")
+
+
+def landlock_version() -> int:
+    """Return the version of Landlock that the kernel has; 0 = none."""
+    if sys.platform != "linux":
+        return 0
+    return max(0, ctypes.CDLL(None).syscall(_CREATE_RULESET, None, 0, _GET_VERSION))
 
 
 def _write_only_in(*folders: str) -> None:
     """Let this process write files in *folders* only. A kernel without Landlock does not restrict it."""
-    libc = ctypes.CDLL(None)
-    version = libc.syscall(_CREATE_RULESET, None, 0, _GET_VERSION)
-    if version < 1:
+    libc, version = ctypes.CDLL(None), landlock_version()
+    if not version:
         return
     handled = _WRITING | sum(access for since, access in _WRITING_SINCE.items() if since <= version)
     rules = libc.syscall(_CREATE_RULESET, struct.pack("=Q", handled), 8, 0)

@@ -174,17 +174,22 @@ def test_a_sample_of_the_hostile_calls_does_no_harm(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such limits")
 def test_a_command_has_the_limits_of_its_call(tmp_path: Path) -> None:
-    plugin, found = tmp_path / "leaves.py", tmp_path / "limits"
+    plugin, outside, work = tmp_path / "leaves.py", tmp_path / "outside", tmp_path / "work"
     code = f"""import pathlib, resource
 kinds = (resource.RLIMIT_DATA, resource.RLIMIT_FSIZE, resource.RLIMIT_CPU, resource.RLIMIT_CORE)
-pathlib.Path({str(found)!r}).write_text(str([resource.getrlimit(kind) for kind in kinds]))
+pathlib.Path("limits").write_text(str([resource.getrlimit(kind) for kind in kinds]))
+pathlib.Path({str(outside)!r}).write_text("")
 """
     plugin.write_text(code, encoding="utf-8")
+    work.mkdir()
     program = [sys.executable, "-m", limited_command.__name__, "1000000000", "9000", "60"]
-    done = subprocess.run([*program, "nodes", "--plugin", plugin], capture_output=True, text=True)
-    assert "it has no nodes" in done.stderr
+    command = [*program, "nodes", "--plugin", plugin]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=work, check=False)
     limits = [(1_000_000_000,) * 2, (9000,) * 2, (60,) * 2, (0,) * 2]
-    assert found.read_text(encoding="utf-8") == str(limits)
+    assert (work / "limits").read_text(encoding="utf-8") == str(limits)
+    if limited_command.landlock_version():
+        assert "Permission denied" in done.stderr
+        assert not outside.exists()
 
 
 BIG = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Parallel>{}</Parallel></BehaviorTree>
