@@ -91,7 +91,7 @@ def test_a_missing_or_invalid_field_is_reported(message):
 @pytest.mark.parametrize(
     ("message", "changed", "said"),
     [
-        (TICKS, {"transitions": [[1, 2, 3]]}, "six integers"),
+        (TICKS, {"transitions": [[1, 2, 3, 4, 0]]}, "six integers"),
         (TICKS, {"transitions": ["row"]}, "six integers"),
         (TICKS, {"transitions": [[1, 2, 3, 4, 5, "6"]]}, "six integers"),
         (TICKS, {"transitions": [[1, 2, 3, 4, 5, True]]}, "six integers"),
@@ -105,6 +105,7 @@ def test_a_missing_or_invalid_field_is_reported(message):
         (MESSAGES[4], {"boards": {"": 5}}, "the blackboard '' as a map, and got int"),
         (MESSAGES[4], {"boards": [1]}, "'boards' of a 'blackboard' message to be dict"),
         (MESSAGES[4], {"boards": {"": {"x": NESTED}}}, "at most 64 levels"),
+        (MESSAGES[8], {"messages": ["text"]}, "messages as bytes in a 'piece' message"),
     ],
 )
 def test_an_invalid_value_is_reported(message, changed, said):
