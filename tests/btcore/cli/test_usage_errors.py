@@ -24,6 +24,7 @@ def assert_refused(result: Result, *expected: str) -> None:
     ("arguments", "expected"),
     [
         ("run nowhere.xml", ["there is no file 'nowhere.xml'"]),
+        ("show nowhere.xml", ["there is no file 'nowhere.xml'"]),
         ("run tere.xml", ["Did you mean 'tree.xml'?"]),
         ("run bumgpo", ["neither a file nor a tree 'bumgpo'", "Did you mean 'bumpgo'?"]),
         ("run .", ["is a folder; give the path of a file"]),

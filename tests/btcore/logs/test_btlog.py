@@ -160,6 +160,7 @@ def test_damaged_file_gives_a_recording_or_a_log_error(captures: Path, tmp_path:
         (b"BTCPP4-FileLogger2\x01\x03\0\0\0<a>" + bytes(8), "the tree in this log is not valid XML"),
         (b"BTCPP4-FileLogger2\x01\x04\0\0\0<a/>" + bytes(8), "has no main tree"),
         (b"SQLite format 3", "it does not begin with BTCPP4-FileLogger2"),
+        (b"BTCPP4-FileLogger2\x01", "this log ends in its header, after 19 bytes"),
     ],
 )
 def test_file_that_is_not_a_btlog_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
