@@ -185,7 +185,7 @@ class Measure(SyncAction):
         return S
 
 
-class Ask(SyncAction):
+class Say(SyncAction):
     answer: Out[bool]
 
     def tick(self) -> Status:
@@ -193,19 +193,19 @@ class Ask(SyncAction):
         return S
 
 
-EMPTY_OUTPUTS = '<Sequence>\n<Measure length=""/>\n<Ask answer=""/></Sequence>'
+EMPTY_OUTPUTS = '<Sequence>\n<Measure length=""/>\n<Say answer=""/></Sequence>'
 
 
 def test_cpp_716_empty_output_ports_are_refused_at_load_with_name_and_place(make_tree: MakeTree) -> None:
     with pytest.raises(PortError) as refused:
-        make_tree(EMPTY_OUTPUTS, Measure, Ask)
+        make_tree(EMPTY_OUTPUTS, Measure, Say)
     assert [(one.line, one.column) for one in refused.value.diagnostics] == [(3, 17), (4, 13)]
     assert "the port 'length' of <Measure>" in str(refused.value)
-    assert "the port 'answer' of <Ask>" in str(refused.value)
+    assert "the port 'answer' of <Say>" in str(refused.value)
 
 
 def test_cpp_716_in_format_3_writing_an_empty_port_raises_with_its_name(make_tree: MakeTree) -> None:
-    tree = make_tree(EMPTY_OUTPUTS, Measure, Ask, format=3)
+    tree = make_tree(EMPTY_OUTPUTS, Measure, Say, format=3)
     with pytest.raises(NodeExecutionError, match=r"<Measure>.*port \[length\].*not a blackboard entry"):
         tree.tick_once()
     assert list(tree.blackboard) == []
