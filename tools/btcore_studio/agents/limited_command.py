@@ -47,7 +47,8 @@ def landlock_version() -> int:
     """Return the version of Landlock that the kernel has; 0 = none."""
     if sys.platform != "linux":
         return 0
-    return max(0, ctypes.CDLL(None).syscall(_CREATE_RULESET, None, 0, _GET_VERSION))
+    version: int = ctypes.CDLL(None).syscall(_CREATE_RULESET, None, 0, _GET_VERSION)
+    return max(0, version)
 
 
 def _write_only_in(*folders: str) -> None:
