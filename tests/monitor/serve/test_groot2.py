@@ -270,6 +270,14 @@ def writing() -> Iterator[btcore.Tree]:
     assert turns[0] > 100
 
 
+def test_blackboards_are_consistent_while_the_tree_writes_them(writing, window):
+    with serve(writing, groot2_port=0) as publisher:
+        groot = window(publisher)
+        for _ in range(30):
+            board = (msgpack.unpackb(groot.ask("B", b"M")) or {}).get("M") or {"row": []}
+            assert len(set(board["row"])) <= 1
+
+
 def test_the_tracker_can_read_blackboards_while_the_tree_ticks(writing):
     tracker = BlackboardTracker(writing)
     for _ in range(500):
