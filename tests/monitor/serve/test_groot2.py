@@ -292,6 +292,15 @@ def test_values_written_from_outside_are_shown_without_a_tick(sample, window):
         assert msgpack.unpackb(groot.ask("B", b"Main"))["Main"]["x"] == 7
 
 
+def test_the_port_is_free_again_after_closing(sample, window):
+    with serve(sample, groot2_port=0) as publisher:
+        port = publisher.port
+        window(publisher).ask("S")
+    with serve(sample, groot2_port=port) as publisher:
+        assert publisher.port == port
+        assert len(window(publisher).statuses()) == 10
+
+
 def test_without_run_channel_its_port_stays_free(sample):
     with (
         serve(sample, groot2_port=0, run_channel=False) as first,
