@@ -270,6 +270,14 @@ def writing() -> Iterator[btcore.Tree]:
     assert turns[0] > 100
 
 
+def test_blackboards_are_consistent_while_the_tree_writes_them(writing, window):
+    with serve(writing, groot2_port=0) as publisher:
+        groot = window(publisher)
+        for _ in range(30):
+            board = (msgpack.unpackb(groot.ask("B", b"M")) or {}).get("M") or {"row": []}
+            assert len(set(board["row"])) <= 1
+
+
 def test_the_tracker_can_read_blackboards_while_the_tree_ticks(writing):
     tracker = BlackboardTracker(writing)
     for _ in range(500):
@@ -282,6 +290,15 @@ def test_values_written_from_outside_are_shown_without_a_tick(sample, window):
         groot = window(publisher)
         sample.blackboard["x"] = 7
         assert msgpack.unpackb(groot.ask("B", b"Main"))["Main"]["x"] == 7
+
+
+def test_the_port_is_free_again_after_closing(sample, window):
+    with serve(sample, groot2_port=0) as publisher:
+        port = publisher.port
+        window(publisher).ask("S")
+    with serve(sample, groot2_port=port) as publisher:
+        assert publisher.port == port
+        assert len(window(publisher).statuses()) == 10
 
 
 def test_without_run_channel_its_port_stays_free(sample):
