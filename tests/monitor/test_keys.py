@@ -125,3 +125,12 @@ def test_zeromq_without_curve_is_reported(tmp_path, secret, monkeypatch):
         with pytest.raises(KeyFileError, match="has no CURVE, which keys need: pip install"):
             use()
     assert not (tmp_path / "new").exists()
+
+
+def test_the_secret_key_is_private_even_with_a_permissive_umask(tmp_path):
+    before = os.umask(0)
+    try:
+        create_keys(tmp_path / "desk")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "desk").stat().st_mode) == 0o600

@@ -342,3 +342,19 @@ def test_stamps_are_the_first_wall_time_plus_the_trees_elapsed_time(tmp_path: Pa
     recording = read_btlog(tmp_path / "run.btlog")
     assert recording.start == WALL
     assert recording.transitions[0].stamp == WALL + 250 * MS
+
+
+def test_a_recorded_bag_of_ros_contains_every_transition(endless, record, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    with serve(endless, groot2_port=0) as publisher, BtLog(endless, tmp_path / "own.btlog"):
+        recorder = record(publisher.address, "--bag", "run.mcap", "--until-end")
+        assert publisher.wait_for_clients(1, 60)
+        for _ in range(50):
+            endless.tick_exactly_once()
+        endless.halt()
+        publisher.end_stream()
+        assert recorder.end() == 0, recorder.stderr_text
+    own, recording = read_btlog(tmp_path / "own.btlog"), read_log(tmp_path / "run.mcap")
+    assert len(own.transitions) > 300
+    assert find_divergence(steps(own), steps(recording)) is None
+    assert (recording.gaps, recording.xml, recording.nodes) == ((), own.xml, own.nodes)

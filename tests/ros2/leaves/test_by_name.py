@@ -324,3 +324,10 @@ def test_example_of_nav2_is_loaded(session: RosSession) -> None:
     goal = leaf.make_goal()
     assert isinstance(goal.pose, PoseStamped)
     assert goal.pose.header.stamp.sec > 0
+
+
+def test_missing_service_fails_with_a_reason(session: RosSession) -> None:
+    body = SWITCH.replace('"switch"', '"swich" wait_for_server_timeout="300"')
+    tree = tree_of(body, session)
+    assert tree.tick_while_running() is Status.FAILURE
+    assert "no service 'swich' (std_srvs/srv/SetBool)" in tree.blackboard["error"]

@@ -96,6 +96,12 @@ NODES = (Planned, Impatient, Unknown, Stops, Unnamed, Unfinished, WrongGoal, Mis
 
 
 @pytest.fixture(scope="module")
+def server() -> Iterator[ServerProcess]:
+    with planned_server() as process:
+        yield process
+
+
+@pytest.fixture(scope="module")
 def session(server: ServerProcess) -> Iterator[RosSession]:
     with RosSession("leaves") as made:
         tree = load(made, '<Planned order="0"/>')  # its client is used by all trees
@@ -305,6 +311,44 @@ def test_halt_cancels_in_the_background(
     assert caplog.messages.count(message) == 1
 
 
+def test_halt_before_the_goal_is_accepted(server: ServerProcess, session: RosSession) -> None:
+    tag = next(TAGS)
+    plan = Plan(answer_slots=10, end=End.NEVER, tag=tag)
+    tree = load(session, f'<Planned order="{plan.order}"/>')
+    tick_until(session, tree, lambda: "goal" in server.of(tag))
+    tree.halt()
+    assert session.wait_for(lambda: "canceled" in server.of(tag), LIMIT_S)
+
+
+def test_goal_whose_acceptance_was_lost_is_cancelled(
+    server: ServerProcess, session: RosSession, caplog: pytest.LogCaptureFixture
+) -> None:
+    from rclpy.task import Future
+
+    caplog.set_level(logging.INFO)
+    tag = next(TAGS)
+    tree = load(session, f'<Impatient order="{Plan(end=End.NEVER, tag=tag).order}"/>')
+    leaf = leaf_of(tree)
+    while leaf._goal is None:
+        assert tree.tick_once() is R
+    leaf._goal._acceptance = Future()  # as if ROS had dropped the answer
+    assert tree.tick_while_running(period=0.01) is F
+    assert leaf.errors == [ActionErrorCode.SEND_GOAL_TIMEOUT]
+    assert session.wait_for(lambda: "canceled" in server.of(tag), LIMIT_S)
+    message = "Impatient::1: the goal on 'planned' was cancelled: it ended as CANCELED"
+    assert session.wait_for(lambda: message in caplog.messages, LIMIT_S)
+
+
+def test_cancellation_of_a_goal_that_the_server_does_not_know_yet(
+    server: ServerProcess, session: RosSession
+) -> None:
+    tag = next(TAGS)
+    # The answer arrives after the goal was first cancelled by its ID.
+    status, _ = run(session, Plan(answer_slots=100, end=End.NEVER, tag=tag), "Impatient")
+    assert status is F
+    assert session.wait_for(lambda: "canceled" in server.of(tag), LIMIT_S)
+
+
 def test_session_is_closed_after_the_cancellation_was_sent(server: ServerProcess) -> None:
     tag = next(TAGS)
     plan = Plan(answer_slots=5, end=End.NEVER, tag=tag)
@@ -381,6 +425,14 @@ def test_clean_shutdown_of_the_server_is_seen_at_once(session: RosSession) -> No
         assert tree.tick_while_running(period=0.01) is F
         assert leaf_of(tree).errors == [ActionErrorCode.SERVER_UNREACHABLE]
         assert time.monotonic() - began < 15  # the DDS lease of a killed process takes 20 s
+
+
+def test_timeout_ends_a_goal_that_never_ends(server: ServerProcess, session: RosSession) -> None:
+    tag = next(TAGS)
+    plan = Plan(end=End.NEVER, tag=tag)
+    tree = load(session, f'<Timeout msec="500"><Planned order="{plan.order}"/></Timeout>')
+    assert tree.tick_while_running(period=0.01) is F
+    assert session.wait_for(lambda: "canceled" in server.of(tag), LIMIT_S)
 
 
 def test_leaf_under_an_event_loop(server: ServerProcess, session: RosSession) -> None:

@@ -36,6 +36,7 @@ from btcore_robot.occupancy_map import OccupancyMap, save_map
 from btcore_ros2.interfaces import load_interface
 from btcore_ros2.session import RosSession
 from tests.ros2.action_client import LIMIT_S, ClientProcess
+from tests.ros2.nav2.conftest import PATIENT
 from tests.ros2.nav2.rviz_displays import DISPLAYS, Qos
 
 SUCCEEDED, CANCELED, ABORTED = (
@@ -590,3 +591,22 @@ def test_goal_pose_and_interrupt(navigation: NavigationProcess) -> None:
         assert time.monotonic() < end, navigation.client.events[-5:]
         time.sleep(0.01)
     assert results()[0]["value"]["error_msg"] == "the server was ended"
+
+
+def test_default_tree_of_nav2_in_another_process(navigation: NavigationProcess) -> None:
+    """Nav2's default tree, with its nodes as clients, reaches its goal through the navigation."""
+    tree = subprocess.Popen(
+        [
+            *(sys.executable, "-c", PATIENT, "run", "--nav2", "--set", "goal=0.2;-0.2;0.0"),
+            *("navigation/navigate_to_pose_w_replanning_and_recovery", "--duration", str(LIMIT_S)),
+        ],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "NO_COLOR": "1"},
+    )
+    navigation.wait(lambda: tree.poll() is not None)
+    _, text = tree.communicate()
+    assert tree.returncode == 0, text
+    assert "SUCCESS" in text
+    x, y, _ = navigation.pose()
+    assert math.hypot(x - 0.2, y + 0.2) < 0.4
