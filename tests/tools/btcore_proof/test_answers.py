@@ -33,7 +33,7 @@ class Use(InstantLeaf):
 
 def answers(body: str, *questions: str, **options: Any) -> dict[str, Answer]:
     """Return the answers about the tree *body*, by question."""
-    declared = {"Act": {"at_once": False}, "Turn": {"results": ["SUCCESS"]}}
+    declared: dict[str, dict[str, object]] = {"Act": {"at_once": False}, "Turn": {"results": ["SUCCESS"]}}
     leaves = (Check, Act, Move, Turn, Use)
     return answers_of(prover_of(body, *questions, leaves=leaves, declared=declared, **options))
 

@@ -29,7 +29,7 @@ class Search(LastingLeaf):
 
 
 def prover_for(xml: str, optional: list[str], *questions: str, early: bool = False) -> Prover:
-    declared = {"Check": {"optional": optional}, "Search": {"early": early}}
+    declared: dict[str, dict[str, object]] = {"Check": {"optional": optional}, "Search": {"early": early}}
     return prover_of(xml, *questions, leaves=(Plan, Check, Follow, Search), declared=declared)
 
 
