@@ -121,6 +121,15 @@ def test_type_of_a_value_is_part_of_a_saved_state(make_tree: MakeTree) -> None:
     assert entry.type_of_value() is INT64
 
 
+def test_text_leaves_an_untyped_entry_untyped(make_tree: MakeTree) -> None:
+    tree = make_tree('<SetBlackboard value="x" output_key="s"/>')
+    tree.blackboard["s"] = "y"
+    assert tree.tick_once() is S
+    assert tree.blackboard["s"] == "x"
+    tree.blackboard["s"] = 7
+    assert tree.blackboard["s"] == 7
+
+
 def test_equals_sign_in_braces_copies_the_entry_with_this_name(make_tree: MakeTree) -> None:
     tree = make_tree('<SetBlackboard value="{=}" output_key="b"/>')
     tree.blackboard["="] = 7
