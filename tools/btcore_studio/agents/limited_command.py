@@ -53,9 +53,10 @@ def landlock_version() -> int:
 
 def _write_only_in(*folders: str) -> None:
     """Let this process write files in *folders* only. A kernel without Landlock does not restrict it."""
-    libc, version = ctypes.CDLL(None), landlock_version()
-    if not version:
+    version = landlock_version()
+    if sys.platform != "linux" or not version:
         return
+    libc = ctypes.CDLL(None)
     handled = _WRITING | sum(access for since, access in _WRITING_SINCE.items() if since <= version)
     rules = libc.syscall(_CREATE_RULESET, struct.pack("=Q", handled), 8, 0)
     for folder in folders:
