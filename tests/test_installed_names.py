@@ -55,7 +55,6 @@ def test_user_modules_and_btcore_packages_are_imported_side_by_side(project: Pat
         ("monitor", "--help"),
         ("drive", "--help"),
         ("map", "--help"),
-        ("bench", "--list"),
     ],
     ids=lambda arguments: arguments[0],
 )

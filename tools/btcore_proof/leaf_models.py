@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import Port
 from btcore.clock import Clock
-from btcore.engine.leaf import SyncAction
+from btcore.engine.leaf import Condition, SyncAction
 from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import declared_fields
 from btcore.errors import BtcoreError, ConversionError
@@ -20,6 +20,7 @@ from btcore.registry.manifest import Manifest, is_tree_state
 from btcore.status import ANY_RESULT, FAILURE, SKIPPED, SUCCESS, NodeType, Status
 from btcore.suggestions import did_you_mean, join_names
 from btcore.values import BOOL, EnumType
+from btcore.xml.models.mock_leaves import MockCondition
 
 RESULTS: Final = {"SUCCESS": SUCCESS, "FAILURE": FAILURE, "SKIPPED": SKIPPED}
 _NAMES: Final = ("uses", "optional", "writes", "on_halt")
@@ -80,7 +81,7 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
     cls = manifest.cls
     declared_results = cls.spec.may_return
     results = {SUCCESS, FAILURE} if declared_results is ANY_RESULT else set(declared_results)
-    lasts = manifest.type is not NodeType.CONDITION and not issubclass(cls, SyncAction)
+    lasts = not issubclass(cls, (Condition, SyncAction, MockCondition))
     uses = cls.spec.uses
     if uses is None:
         uses = resources_of(manifest) if manifest.type is NodeType.ACTION else frozenset()
