@@ -505,6 +505,25 @@ def test_absent_servers(navigation: NavigationProcess) -> None:
     assert not {f"/{name}/_action/status" for name in absent} & names
 
 
+def test_default_tree_of_nav2_in_another_process(navigation: NavigationProcess) -> None:
+    """Nav2's default tree, with its nodes as clients, reaches its goal through the navigation."""
+    tree = subprocess.Popen(
+        [
+            *(sys.executable, "-c", PATIENT, "run", "--nav2", "--set", "goal=0.2;-0.2;0.0"),
+            *("navigation/navigate_to_pose_w_replanning_and_recovery", "--duration", str(LIMIT_S)),
+        ],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "NO_COLOR": "1"},
+    )
+    navigation.wait(lambda: tree.poll() is not None)
+    _, text = tree.communicate()
+    assert tree.returncode == 0, text
+    assert "SUCCESS" in text
+    x, y, _ = navigation.pose()
+    assert math.hypot(x - 0.2, y + 0.2) < 0.4
+
+
 def test_displays_of_rviz(navigation: NavigationProcess) -> None:
     """RViz's default configuration for Nav2 receives what it displays, with the frames of Nav2."""
     pytest.importorskip("map_msgs")
@@ -591,22 +610,3 @@ def test_goal_pose_and_interrupt(navigation: NavigationProcess) -> None:
         assert time.monotonic() < end, navigation.client.events[-5:]
         time.sleep(0.01)
     assert results()[0]["value"]["error_msg"] == "the server was ended"
-
-
-def test_default_tree_of_nav2_in_another_process(navigation: NavigationProcess) -> None:
-    """Nav2's default tree, with its nodes as clients, reaches its goal through the navigation."""
-    tree = subprocess.Popen(
-        [
-            *(sys.executable, "-c", PATIENT, "run", "--nav2", "--set", "goal=0.2;-0.2;0.0"),
-            *("navigation/navigate_to_pose_w_replanning_and_recovery", "--duration", str(LIMIT_S)),
-        ],
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "NO_COLOR": "1"},
-    )
-    navigation.wait(lambda: tree.poll() is not None)
-    _, text = tree.communicate()
-    assert tree.returncode == 0, text
-    assert "SUCCESS" in text
-    x, y, _ = navigation.pose()
-    assert math.hypot(x - 0.2, y + 0.2) < 0.4
