@@ -20,7 +20,7 @@ _TAG: Final = re.compile(rf"<{_SPACE}(/?)({_NAME})")
 _ATTRIBUTE: Final = re.compile(rf"({_NAME}){_SPACE}(?:(=){_SPACE}(?:\"([^\"]*)\"|'([^']*)')?)?")
 # Characters that XML does not allow, written as such or as a reference.
 _CONTROL: Final = re.compile(r"[\x01-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
-_NUMBER: Final = re.compile(r"&#(?:x([0-9a-fA-F]*)|([0-9]*));")
+_NUMBER: Final = re.compile(r"&#(?:x([0-9a-fA-F]{0,20})|([0-9]{0,20}));")  # as in REFERENCE
 _BARE: Final = re.compile(rf"<|(?!{REFERENCE})&")
 _BARE_AMPERSAND: Final = re.compile(rf"(?!{REFERENCE})&")
 _DECLARED: Final = re.compile(rf"xmlns:({_NAME}){_SPACE}=")

@@ -363,3 +363,11 @@ def test_utf_8_byte_order_mark_is_accepted(tmp_path: Path) -> None:
     path = tmp_path / "marked.xml"
     path.write_bytes(b"\xef\xbb\xbf<root/>")
     assert parse_file(path).root.tag == "root"
+
+
+def test_a_reference_with_thousands_of_digits_is_text() -> None:
+    name = f"a < &#{'1' * 5000};"
+    tree = btcore.loads(
+        f'<root BTCPP_format="4"><BehaviorTree ID="M"><AlwaysSuccess name="{name}"/></BehaviorTree></root>'
+    )
+    assert tree.root.name == name
