@@ -7,7 +7,7 @@ from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUS
 from btcore.errors import Fix, Hint
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.suggestions import join_names, nearest_name
-from btcore.xml.plan.key_uses import OF_THE_ELEMENT, TreeKeys
+from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES, TreeKeys
 from btcore.xml.plan.plan import Plans, reachable_trees
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 from btcore.xml.read.read import Document
@@ -49,7 +49,7 @@ def check_remappings(
     used = tree_keys.keys_of(call.tree_id)
     declared = models.get(call.tree_id, {})
     for key, text in call.port_texts.items():
-        if key in OF_THE_ELEMENT:
+        if key in NON_KEY_ATTRIBUTES:
             continue
         if node.id == "SubTree" and call.remaps.get(key) == text and remapped_key(text, key, 3) is not None:
             message = f"in format 3 {node_label(node)} takes keys without braces: '{key}' has no effect"

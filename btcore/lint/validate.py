@@ -128,7 +128,7 @@ def _check_nodes(
     bounded = not any(error.code in _UNBOUNDED for error in reporter.collector.errors)
     results = ResultAnalysis(plans, bounded)
     enums = plans.registry.types.enums
-    tree_keys = TreeKeys(plans, enums, bounded)
+    tree_keys = TreeKeys(plans, bounded)
     for tree in plans.trees.values():
         document = tree.definition.document
         for node in tree.nodes():

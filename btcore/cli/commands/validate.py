@@ -25,7 +25,6 @@ from btcore.field_options import pass_options
 from btcore.input_files import read_file, real_path
 from btcore.lint.validate import validate_document
 from btcore.xml.edit.fixes import FixMaker, fix_text
-from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.read import parse_file, read
 
 MAX_ROUNDS: Final = 10
@@ -48,10 +47,8 @@ class _FixedFile(NamedTuple):
 @assumed_keys_option
 @click.option("--strict", is_flag=True, help="Treat warnings as errors.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
-@click.option(
-    "--fix", "fix", is_flag=True, help="Correct the files, as far as no decision of a person is needed."
-)
-@click.option("--diff", "diff", is_flag=True, help="Print what --fix would change, and change nothing.")
+@click.option("--fix", is_flag=True, help="Correct the files, as far as no decision of a person is needed.")
+@click.option("--diff", is_flag=True, help="Print what --fix would change, and change nothing.")
 def validate(
     sources: Sequence[str],
     options: TreeOptions,
@@ -182,22 +179,21 @@ def _print(
 
 def _as_data(diagnostics: Iterable[Diagnostic]) -> list[dict[str, object]]:
     """Return *diagnostics* as JSON data."""
-    makers: dict[str, tuple[FixMaker, LineIndex]] = {}
+    makers: dict[str, FixMaker] = {}
     data: list[dict[str, object]] = []
     for diagnostic in diagnostics:
         fixes: list[dict[str, object]] = []
         if diagnostic.fixes and diagnostic.file and Path(diagnostic.file).is_file():
             if diagnostic.file not in makers:
-                text = read_file(diagnostic.file).decode("utf-8-sig", "replace")
-                makers[diagnostic.file] = FixMaker(text), LineIndex(text)
-            maker, lines = makers[diagnostic.file]
+                makers[diagnostic.file] = FixMaker(read_file(diagnostic.file).decode("utf-8-sig", "replace"))
+            maker = makers[diagnostic.file]
+            place = maker.lines.place
             fixes = [
                 {
                     "title": title,
                     "safe": is_safe,
                     "edits": [
-                        {"start": lines.place(start), "end": lines.place(end), "text": text}
-                        for start, end, text in edits
+                        {"start": place(start), "end": place(end), "text": text} for start, end, text in edits
                     ],
                 }
                 for title, edits, is_safe in maker.fixes_of(diagnostic)

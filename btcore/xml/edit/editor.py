@@ -74,8 +74,7 @@ class DocumentEditor:
             EditError: There is no such attribute.
         """
         attribute = self._attribute(element, name)
-        start = len(self.text[: attribute.start].rstrip())
-        return Edit(start, attribute.end, "")
+        return Edit(self._before_space(attribute.start), attribute.end, "")
 
     def _attribute(self, element: ScannedElement, name: str) -> ScannedAttribute:
         attribute = element.attribute(name)
@@ -171,12 +170,12 @@ class DocumentEditor:
             indent = own + self.step()
             inner = self.line_break + indent + self._indented(fragment, indent) + self.line_break + own
         if parent.is_empty:
-            slash = len(text[: parent.start_tag_end - 2].rstrip())
+            slash = self._before_space(parent.start_tag_end - 2)
             return Edit(slash, parent.start_tag_end, f">{inner}</{parent.tag}>")
         start = parent.start_tag_end
         end = parent.end_tag_start if parent.end_tag_start >= 0 else start
         if text[start:end].strip():  # a comment or a text, which remains
-            end = len(text[:end].rstrip())
+            end = self._before_space(end)
             return Edit(end, end, inner.rstrip())
         return Edit(start, end, inner)
 
@@ -254,7 +253,7 @@ class DocumentEditor:
         start = element.start_tag_end
         while text[start].isspace():
             start += 1
-        end = len(text[: element.end_tag_start].rstrip())
+        end = self._before_space(element.end_tag_start)
         edits = [Edit(element.start, start, ""), Edit(end, element.end, "")]
         own, inner = self.indent(element), self.indent_at(start)
         if own is not None and inner is not None:
@@ -269,6 +268,12 @@ class DocumentEditor:
         return Edit(at, at, "".join(line + self.line_break for line in lines))
 
     # --- layout
+
+    def _before_space(self, offset: int) -> int:
+        """Return the start of the white space before *offset*."""
+        while offset and self.text[offset - 1].isspace():
+            offset -= 1
+        return offset
 
     def indent(self, element: ScannedElement) -> str | None:
         """Return the white space before an element that begins its line; None for any other element."""

@@ -35,6 +35,12 @@ def apply_edits(text: str, edits: Iterable[Edit]) -> str:
     return "".join([*pieces, text[done:]])
 
 
+def edited_part(text: str, start: int, end: int, edits: Iterable[Edit]) -> str:
+    """Return the part of *text* from *start* to *end* after *edits* inside of it."""
+    shifted = (Edit(edit.start - start, edit.end - start, edit.text) for edit in edits)
+    return apply_edits(text[start:end], shifted)
+
+
 def invert_edits(text: str, edits: Iterable[Edit]) -> list[Edit]:
     """Return the edits of the result of `apply_edits` that restore *text*.
 

@@ -13,7 +13,7 @@ from btcore.xml.edit.edits import Edit, apply_edits, escape_value
 from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.scan import Place, ScannedElement, scan
-from btcore.xml.read.tinyxml2_compat import REFERENCE
+from btcore.xml.read.tinyxml2_compat import BARE_MARKUP_CHARACTER
 
 MAX_FIXES: Final = 20
 """Maximum number of fixes of one diagnostic."""
@@ -21,7 +21,6 @@ MAX_TITLE: Final = 60
 """Maximum length of a text in the title of a fix."""
 
 _ASSIGNMENT: Final = re.compile(r"\s*(=)")
-_BARE: Final = re.compile(rf"<|(?!{REFERENCE})&")
 
 
 class TextFix(NamedTuple):
@@ -39,21 +38,25 @@ class TextFix(NamedTuple):
 
 
 class FixMaker:
-    """Makes the fixes of the diagnostics of one text."""
+    """Makes the fixes of the diagnostics of one text.
+
+    Attributes:
+        lines: The lines of the text.
+    """
 
     def __init__(self, text: str) -> None:
         self._editor = DocumentEditor(scan(text))
-        self._lines = LineIndex(text)
+        self.lines = LineIndex(text)
 
     def fixes_of(self, diagnostic: Diagnostic) -> list[TextFix]:
         """Return the fixes of *diagnostic*, which must be about the text; the best fix comes first."""
         if not diagnostic.fixes or not diagnostic.line:
             return []
-        start = self._lines.offset(diagnostic.line, max(1, diagnostic.column))
-        place = _Place(self._editor, start, start + diagnostic.width)
+        start = self.lines.offset(diagnostic.line, max(1, diagnostic.column))
+        problem = _Problem(self._editor, start, start + diagnostic.width)
         found: dict[str, TextFix] = {}
         for fix in diagnostic.fixes:
-            for title, edits in _OPERATIONS[fix.operation](place, *fix.arguments):
+            for title, edits in _OPERATIONS[fix.operation](problem, *fix.arguments):
                 found.setdefault(title, TextFix(title, tuple(edits), fix.is_safe))
         return list(found.values())[:MAX_FIXES]
 
@@ -80,7 +83,7 @@ def _overlap(one: Edit, other: Edit) -> bool:
     return one.start <= other.end and other.start <= one.end
 
 
-class _Place:
+class _Problem:
     """What a diagnostic marks.
 
     Attributes:
@@ -113,7 +116,7 @@ class _Place:
         return place.kind == "value" and self.start == place.start and is_whole
 
 
-_Made = Iterator[tuple[str, Sequence[Edit]]]
+_TitledEdits = Iterator[tuple[str, Sequence[Edit]]]
 
 
 def _shown(text: str) -> str:
@@ -123,7 +126,7 @@ def _shown(text: str) -> str:
 # --- names and values
 
 
-def _rename(problem: _Place, name: str) -> _Made:
+def _rename(problem: _Problem, name: str) -> _TitledEdits:
     """Replace the marked name: a tag, an attribute, an ID, or a key in braces or in a script."""
     place, title = problem.place, f"Change to '{_shown(name)}'"
     if place.kind == "tag":
@@ -137,39 +140,41 @@ def _rename(problem: _Place, name: str) -> _Made:
         yield title, [Edit(start, end, escape_value(f"{{{name}}}" if is_entry else name))]
 
 
-def _rename_element(problem: _Place, name: str) -> _Made:
+def _rename_element(problem: _Problem, name: str) -> _TitledEdits:
     if problem.element is not None:
         yield f"Change to <{_shown(name)}>", problem.editor.rename_element(problem.element, name)
 
 
-def _rename_attribute(problem: _Place, name: str) -> _Made:
+def _rename_attribute(problem: _Problem, name: str) -> _TitledEdits:
     """Rename the marked attribute, unless the element has an attribute *name*."""
     attribute, element = problem.place.attribute, problem.element
     if attribute is not None and element is not None and element.attribute(name) is None:
         yield f"Write {name} instead of {attribute.name}", [Edit(attribute.start, attribute.name_end, name)]
 
 
-def _replace(problem: _Place, text: str) -> _Made:
+def _replace(problem: _Problem, text: str) -> _TitledEdits:
     """Replace the marked characters by *text*, which is escaped already."""
     yield f"Write {_shown(text)}", [Edit(problem.start, problem.end, text)]
 
 
-def _insert(problem: _Place, text: str) -> _Made:
+def _insert(problem: _Problem, text: str) -> _TitledEdits:
     """Insert *text* before the marked characters."""
     yield f"Insert '{_shown(text)}'", [Edit(problem.start, problem.start, text)]
 
 
-def _escape(problem: _Place) -> _Made:
+def _escape(problem: _Problem) -> _TitledEdits:
     """Escape all markup characters in the marked value."""
     attribute = problem.place.attribute
     if attribute is not None:
-        found = _BARE.finditer(problem.editor.text, attribute.value_start, attribute.value_end)
+        found = BARE_MARKUP_CHARACTER.finditer(
+            problem.editor.text, attribute.value_start, attribute.value_end
+        )
         edits = [Edit(*match.span(), escape_value(match[0])) for match in found]
         names = " and ".join(dict.fromkeys(edit.text for edit in edits))
         yield f"Write {names}", edits
 
 
-def _write_value(problem: _Place, *values: str) -> _Made:
+def _write_value(problem: _Problem, *values: str) -> _TitledEdits:
     """Replace the marked value. Of several values, the most similar comes first."""
     attribute = problem.place.attribute
     if attribute is not None and attribute.is_closed:
@@ -178,7 +183,7 @@ def _write_value(problem: _Place, *values: str) -> _Made:
             yield f"Write {_shown(value)}", [problem.editor.set_value(attribute, value)]
 
 
-def _write(problem: _Place, *pairs: str) -> _Made:
+def _write(problem: _Problem, *pairs: str) -> _TitledEdits:
     """Give attributes of the marked element values; *pairs* are names and values in turn."""
     element = problem.element
     if element is not None:
@@ -188,21 +193,21 @@ def _write(problem: _Place, *pairs: str) -> _Made:
         yield f"Write {_shown(written)}", edits
 
 
-def _create_entry(problem: _Place) -> _Made:
+def _create_entry(problem: _Problem) -> _TitledEdits:
     """Change the assignment after the marked key, which creates the entry then."""
     assignment = _ASSIGNMENT.match(problem.editor.text, problem.end)
     if assignment is not None:
         yield "Create the entry with :=", [Edit(*assignment.span(1), ":=")]
 
 
-def _set_format(problem: _Place, format: str) -> _Made:
+def _set_format(problem: _Problem, format: str) -> _TitledEdits:
     root = next(iter(problem.editor.scan.roots), None)
     if root is not None:
         edit = problem.editor.set_attribute(root, "BTCPP_format", format)
         yield f'Write BTCPP_format="{format}"', [edit]
 
 
-def _name_tree(problem: _Place) -> _Made:
+def _name_tree(problem: _Problem) -> _TitledEdits:
     """Give the marked <BehaviorTree> an ID that no tree of the text has."""
     trees = (element for root in problem.editor.scan.roots for element in root.iter("BehaviorTree"))
     known = {tree.get("ID") for tree in trees}
@@ -210,7 +215,7 @@ def _name_tree(problem: _Place) -> _Made:
     yield from _write(problem, "ID", f"Tree{number}")
 
 
-def _remove(problem: _Place) -> _Made:
+def _remove(problem: _Problem) -> _TitledEdits:
     """Remove the marked attribute or element."""
     attribute = problem.place.attribute
     if attribute is not None:
@@ -225,7 +230,7 @@ def _remove(problem: _Place) -> _Made:
 # --- trees
 
 
-def _call_tree(problem: _Place) -> _Made:
+def _call_tree(problem: _Problem) -> _TitledEdits:
     """Make the marked element a SubTree element that calls the tree with its name."""
     element = problem.element
     if element is not None:
@@ -234,7 +239,7 @@ def _call_tree(problem: _Place) -> _Made:
         yield f"Change to <{_shown(call)}>", [start._replace(text=call), *end]
 
 
-def _connect(problem: _Place, index: str, tree: str, key: str, value: str) -> _Made:
+def _connect(problem: _Problem, index: str, tree: str, key: str, value: str) -> _TitledEdits:
     """Connect *key* in the element with the number *index*, which calls *tree*."""
     elements = problem.editor.scan.elements
     if int(index) < len(elements) and elements[int(index)].get("ID") == tree:
@@ -242,7 +247,7 @@ def _connect(problem: _Place, index: str, tree: str, key: str, value: str) -> _M
         yield f"Connect {_shown(key)} in the SubTree of '{_shown(tree)}'", [edit]
 
 
-def _declare_node(problem: _Place, id: str) -> _Made:
+def _declare_node(problem: _Problem, id: str) -> _TitledEdits:
     """Add a model of the node of the marked element, with its attributes as ports."""
     element, editor = problem.element, problem.editor
     if element is None:
@@ -273,7 +278,7 @@ def _declare_node(problem: _Place, id: str) -> _Made:
         yield title, [editor.append_lines(root, lines)]
 
 
-def _create_tree(problem: _Place, id: str) -> _Made:
+def _create_tree(problem: _Problem, id: str) -> _TitledEdits:
     """Add a tree *id* with one node to the document."""
     if problem.element is not None:
         root, step = _root_and_step(problem)
@@ -282,7 +287,7 @@ def _create_tree(problem: _Place, id: str) -> _Made:
         yield f"Create the tree '{_shown(id)}'", [problem.editor.append_lines(root, lines)]
 
 
-def _root_and_step(problem: _Place) -> tuple[ScannedElement, str]:
+def _root_and_step(problem: _Problem) -> tuple[ScannedElement, str]:
     """Return the root of the document, and the indentation of its children."""
     assert problem.element is not None
     root = [problem.element, *problem.element.ancestors()][-1]
@@ -293,7 +298,7 @@ def _root_and_step(problem: _Place) -> tuple[ScannedElement, str]:
 # --- children
 
 
-def _add_children(problem: _Place, count: str) -> _Made:
+def _add_children(problem: _Problem, count: str) -> _TitledEdits:
     if problem.element is not None:
         title = "Add a child" if count == "1" else f"Add {count} children"
         separator = "" if problem.editor.indent(problem.element) is None else "\n"
@@ -302,12 +307,12 @@ def _add_children(problem: _Place, count: str) -> _Made:
         yield title, [problem.editor.insert(problem.element, index, children)]
 
 
-def _remove_children(problem: _Place) -> _Made:
+def _remove_children(problem: _Problem) -> _TitledEdits:
     if problem.element is not None and problem.element.children:
         yield "Remove the children", [problem.editor.remove_children(problem.element)]
 
 
-def _wrap_children(problem: _Place, tag: str, first: str) -> _Made:
+def _wrap_children(problem: _Problem, tag: str, first: str) -> _TitledEdits:
     """Put the children from the index *first* into a new element."""
     if problem.element is not None:
         children = problem.element.children[int(first) :]
@@ -318,7 +323,7 @@ def _wrap_children(problem: _Place, tag: str, first: str) -> _Made:
 # --- tags
 
 
-def _end_tag(problem: _Place, name: str) -> _Made:
+def _end_tag(problem: _Problem, name: str) -> _TitledEdits:
     """Write the end tag of *name* instead of the marked end tag, or before it."""
     end_tag = f"</{name}>"
     if not problem.marked.startswith("</"):  # a start tag whose end tag is missing
@@ -331,7 +336,7 @@ def _end_tag(problem: _Place, name: str) -> _Made:
     yield from (insert, change) if problem.element is not None else (change, insert)
 
 
-def _inserted_end_tag(problem: _Place, name: str) -> Edit:
+def _inserted_end_tag(problem: _Problem, name: str) -> Edit:
     """Return the edit that inserts an end tag before the marked tag, in a line of its own if that fits."""
     editor, at = problem.editor, problem.start
     inside = problem.element.iter(name) if problem.element is not None else ()
@@ -344,7 +349,7 @@ def _inserted_end_tag(problem: _Place, name: str) -> Edit:
     return Edit(line_start, line_start, f"{own}</{name}>{editor.line_break}")
 
 
-def _close_tag(problem: _Place) -> _Made:
+def _close_tag(problem: _Problem) -> _TitledEdits:
     """Close the marked tag, which is cut off."""
     element = problem.element
     if problem.marked.startswith("</"):
@@ -355,7 +360,7 @@ def _close_tag(problem: _Place) -> _Made:
             yield f"Close the tag with {ending}", [Edit(end, end, ending)]
 
 
-_OPERATIONS: Final[dict[FixOperation, Callable[..., _Made]]] = {
+_OPERATIONS: Final[dict[FixOperation, Callable[..., _TitledEdits]]] = {
     "add_children": _add_children,
     "call_tree": _call_tree,
     "close_tag": _close_tag,

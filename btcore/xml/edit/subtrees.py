@@ -7,7 +7,7 @@ from btcore.blackboard.ports import SCRIPT_ROLES, remapped_key
 from btcore.names import port_name_error
 from btcore.script import lexer
 from btcore.xml.edit.editor import DocumentEditor
-from btcore.xml.edit.edits import Edit, EditError, apply_edits, escape_value
+from btcore.xml.edit.edits import Edit, EditError, edited_part, escape_value
 from btcore.xml.plan.key_uses import TreeKeys, find_name_uses, port_uses
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
@@ -35,7 +35,7 @@ def extract_subtree(plans: Plans, element: Element, id: str) -> list[Edit]:
         raise EditError("in format 3, a SubTree element changes when the nodes of its tree are halted")
     if id in plans.definitions.by_id:
         raise EditError(f"there is a tree '{id}' already")
-    keys = TreeKeys(plans, plans.registry.types.enums, bounded=True).keys_in(_branch(node))
+    keys = TreeKeys(plans, bounded=True).keys_in(_branch(node))
     if keys is None:
         raise EditError("a node of the branch may use any key, or is unknown")
     calls = [each.subtree_call for each in _branch(node) if each.subtree_call is not None]
@@ -52,15 +52,13 @@ def extract_subtree(plans: Plans, element: Element, id: str) -> list[Edit]:
     branch, around = source.scanned(element), source.scanned(tree.definition.element)
     call = Edit(branch.start, branch.end, f'<SubTree ID="{escape_value(id)}"{connections}/>')
     own, line_break, step = editor.indent(around), editor.line_break, editor.step()
-    xml = editor.text[branch.start : branch.end]
     if own is None:
-        separator, body = "", xml
+        separator, body = "", editor.text[branch.start : branch.end]
     else:
-        before = editor.indent_at(branch.start) or ""
-        moved = editor.reindent(branch.start, branch.end, before, own + step)
-        shifted = [Edit(start - branch.start, end - branch.start, text) for start, end, text in moved]
+        moved = editor.reindent(branch.start, branch.end, editor.indent(branch) or "", own + step)
+        xml = edited_part(editor.text, branch.start, branch.end, moved)
         separator = line_break + own
-        body = f"{separator}{step}{apply_edits(xml, shifted)}{separator}"
+        body = f"{separator}{step}{xml}{separator}"
     new_tree = f'{separator}<BehaviorTree ID="{escape_value(id)}">{body}</BehaviorTree>'
     edits = [call, Edit(around.end, around.end, new_tree)]
     root = source.scan.roots[0]
@@ -98,7 +96,7 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
         raise EditError("the SubTree element connects a key with a key of the main tree ('@')")
     if call.constants:
         raise EditError(f"the SubTree element sets '{next(iter(call.constants))}' to a constant")
-    tree_keys = TreeKeys(plans, plans.registry.types.enums, bounded=True)
+    tree_keys = TreeKeys(plans, bounded=True)
     inner, outer = tree_keys.keys_of(called.id), tree_keys.keys_of(tree.id)
     if inner is None or outer is None:
         raise EditError("a node of one of the trees may use any key, or is unknown")
@@ -108,21 +106,25 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
         names[key] = call.remaps.get(key) or (key if is_shared else _free_name(called.id, key, outer))
     editor = DocumentEditor(called.definition.document.source_map.scan)
     top = called.definition.document.source_map.scanned(called.root.element)
-    edits = [edit for each in called.nodes() for edit in _rename_keys(plans, each, names, editor, called)]
+    enums = plans.registry.types.enums
+    edits = [
+        edit
+        for each in called.nodes()
+        for edit in _rename_keys(each, names, enums, tree_keys, editor, called)
+    ]
     if node.conditions and called.root.conditions:
         raise EditError(f"the SubTree element and the root of '{called.id}' have conditions")
     for attribute, text in node.conditions.items():
         at = top.attributes[-1].end if top.attributes else top.tag_end
         edits.append(Edit(at, at, f' {attribute}="{escape_value(text)}"'))
     source = tree.definition.document.source_map
-    place, own = source.scanned(element), DocumentEditor(source.scan).indent(source.scanned(element))
+    place = source.scanned(element)
+    own = DocumentEditor(source.scan).indent(place)
     if own is not None:
         changed = {(edit.start, edit.end) for edit in edits}
         lines = editor.reindent(top.start, top.end, editor.indent(top) or "", own)
         edits += [edit for edit in lines if (edit.start, edit.end) not in changed]
-    xml = editor.text[top.start : top.end]
-    shifted = [Edit(start - top.start, end - top.start, text) for start, end, text in edits]
-    return Edit(place.start, place.end, apply_edits(xml, shifted))
+    return Edit(place.start, place.end, edited_part(editor.text, top.start, top.end, edits))
 
 
 def _find(plans: Plans, element: Element) -> tuple[TreePlan, NodePlan]:
@@ -149,7 +151,12 @@ def _free_name(tree_id: str, key: str, taken: set[str]) -> str:
 
 
 def _rename_keys(
-    plans: Plans, node: NodePlan, names: Mapping[str, str], editor: DocumentEditor, tree: TreePlan
+    node: NodePlan,
+    names: Mapping[str, str],
+    enums: Mapping[str, int],
+    tree_keys: TreeKeys,
+    editor: DocumentEditor,
+    tree: TreePlan,
 ) -> Iterator[Edit]:
     """Yield the edits that give the keys of a node the new *names*."""
     scanned = tree.definition.document.source_map.scanned(node.element)
@@ -160,17 +167,17 @@ def _rename_keys(
             is_braced = remapped_key(text, port.name) is not None
             texts[port.name] = f"{{{names[key]}}}" if is_braced else names[key]
         elif port.role in SCRIPT_ROLES:
-            texts[port.name] = _renamed_script(text, plans.registry.types.enums, names)
+            texts[port.name] = _renamed_script(text, enums, names)
     for attribute, text in node.conditions.items():
         if attribute in SCRIPT_ATTRIBUTES:
-            texts[attribute] = _renamed_script(text, plans.registry.types.enums, names)
+            texts[attribute] = _renamed_script(text, enums, names)
     call = node.subtree_call
     if call is not None:
         texts |= {
             inner: f"{{{names[outer]}}}" for inner, outer in call.remaps.items() if names[outer] != outer
         }
         if call.autoremap:
-            nested = TreeKeys(plans, plans.registry.types.enums, bounded=True).keys_of(call.tree_id) or set()
+            nested = tree_keys.keys_of(call.tree_id) or set()
             for key in sorted(nested - call.remaps.keys() - call.constants.keys()):
                 if names.get(key, key) != key and not key.startswith(("_", "@")):
                     texts[key] = f"{{{names[key]}}}"

@@ -45,9 +45,7 @@ READING = (AccessKind.READS, AccessKind.READS_AS_KEY, AccessKind.UPDATES)
 WRITING = (AccessKind.WRITES, AccessKind.ASSIGNS, AccessKind.UPDATES)
 """The kinds of access that write the entry."""
 _ASSIGNMENTS = {":=": AccessKind.WRITES, "=": AccessKind.ASSIGNS}
-
-
-OF_THE_ELEMENT: Final = ("name", "_description")
+NON_KEY_ATTRIBUTES: Final = ("name", "_description")
 """Attributes of a SubTree element that are no keys of the called tree."""
 
 
@@ -163,11 +161,11 @@ class TreeKeys:
     *bounded* must be False if trees are recursive or too large: then SubTree calls are not followed.
     """
 
-    def __init__(self, plans: Plans, enums: Mapping[str, int], bounded: bool) -> None:
+    def __init__(self, plans: Plans, bounded: bool) -> None:
         self._plans = plans
         self._bounded = bounded
         self._format = plans.dialect.format
-        self._enums = enums
+        self._enums = plans.registry.types.enums
         self._known: dict[str, set[str] | None] = {}
 
     def keys_of(self, tree: str) -> set[str] | None:
@@ -214,7 +212,7 @@ class TreeKeys:
         return {use.name for use in find_name_uses(text, self._enums)}
 
     def _call_keys(self, call: SubtreeCall) -> set[str] | None:
-        keys = {outer for key, outer in call.remaps.items() if key not in OF_THE_ELEMENT}
+        keys = {outer for key, outer in call.remaps.items() if key not in NON_KEY_ATTRIBUTES}
         if call.shares_blackboard or call.autoremap:
             inner = self.keys_of(call.tree_id) if self._bounded else None
             if inner is None:

@@ -11,18 +11,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
-from btcore.xml.read.tinyxml2_compat import OPAQUE, START_TAG, WRITTEN_CHARACTER, decode
+from btcore.xml.read.tinyxml2_compat import OPAQUE, SPACE, START_TAG, WRITTEN_CHARACTER, decode
 
-_SPACE: Final = r"[ \t\n\r\v\f]*+"
 # More than XML allows, so that a name with a wrong character is found as a whole.
 _NAME: Final = r"[^\s<>/!?=\"'&]++"
-_GAP: Final = re.compile(_SPACE)
-_TAG: Final = re.compile(rf"<{_SPACE}({_NAME})")
-_END_TAG: Final = re.compile(rf"<{_SPACE}/{_SPACE}({_NAME})?{_SPACE}(>)?")
-_ATTRIBUTE: Final = re.compile(rf"({_NAME})(?:{_SPACE}={_SPACE}(?:(\")([^\"]*+)(\")?|(')([^']*+)(')?)?)?")
+_GAP: Final = re.compile(SPACE)
+_TAG: Final = re.compile(rf"<{SPACE}({_NAME})")
+_END_TAG: Final = re.compile(rf"<{SPACE}/{SPACE}({_NAME})?{SPACE}(>)?")
+_ATTRIBUTE: Final = re.compile(rf"({_NAME})(?:{SPACE}={SPACE}(?:(\")([^\"]*+)(\")?|(')([^']*+)(')?)?)?")
 # What can follow the closing quote of a value: white space, the end of the tag or the next attribute.
-_AFTER_VALUE: Final = re.compile(rf"\s|/?>|\Z|{_NAME}{_SPACE}=")
-_TAG_ON_NEW_LINE: Final = re.compile(rf"[\n\r]{_SPACE}<(?:!--|/?{_NAME}(?=[\s/>]))")
+_AFTER_VALUE: Final = re.compile(rf"\s|/?>|\Z|{_NAME}{SPACE}=")
+_TAG_ON_NEW_LINE: Final = re.compile(rf"[\n\r]{SPACE}<(?:!--|/?{_NAME}(?=[\s/>]))")
 _END_OF_OPEN_VALUE: Final = re.compile(r"[\n\r<>]|/>")
 
 PlaceKind = Literal["tag", "attribute", "value", "in_tag", "end_tag", "text", "comment"]

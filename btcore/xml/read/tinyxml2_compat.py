@@ -21,6 +21,10 @@ REFERENCE: Final = r"&(?:lt|gt|amp|quot|apos|#[0-9]{0,20}|#x[0-9a-fA-F]{0,20});"
 
 Without digits, `&#;` is `&#0;`.
 """
+BARE_MARKUP_CHARACTER: Final = re.compile(rf"<|(?!{REFERENCE})&")
+"""The pattern of a character in a value that XML requires to be written as a reference."""
+SPACE: Final = r"[ \t\n\r\v\f]*+"
+"""The pattern of white space between the parts of a tag."""
 # tinyxml2 reads each of these as one line feed.
 _LINE_BREAK: Final = r"\r\n?|\n\r?"
 WRITTEN_CHARACTER: Final = re.compile(rf"{REFERENCE}|{_LINE_BREAK}")

@@ -11,19 +11,24 @@ from btcore.diagnostic_codes import BARE_MARKUP, LENIENT_XML, NOT_XML, Diagnosti
 from btcore.errors import Fix, Hint, XmlSyntaxError
 from btcore.xml.read.element import EXAMPLE, MAX_LEVELS, Element
 from btcore.xml.read.positions import span_at
-from btcore.xml.read.tinyxml2_compat import OPEN_TAG, REFERENCE, START_TAG, decode
+from btcore.xml.read.tinyxml2_compat import (
+    BARE_MARKUP_CHARACTER,
+    OPEN_TAG,
+    REFERENCE,
+    SPACE,
+    START_TAG,
+    decode,
+)
 
-_SPACE: Final = r"[ \t\n\r\v\f]*+"
 _NAME: Final = r"[A-Za-z_:\x80-\U0010ffff][A-Za-z0-9_:.\-\x80-\U0010ffff]*+"
-_GAP: Final = re.compile(_SPACE)
-_TAG: Final = re.compile(rf"<{_SPACE}(/?)({_NAME})")
-_ATTRIBUTE: Final = re.compile(rf"({_NAME}){_SPACE}(?:(=){_SPACE}(?:\"([^\"]*)\"|'([^']*)')?)?")
+_GAP: Final = re.compile(SPACE)
+_TAG: Final = re.compile(rf"<{SPACE}(/?)({_NAME})")
+_ATTRIBUTE: Final = re.compile(rf"({_NAME}){SPACE}(?:(=){SPACE}(?:\"([^\"]*)\"|'([^']*)')?)?")
 # Characters that XML does not allow, written as such or as a reference.
 _CONTROL: Final = re.compile(r"[\x01-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
 _NUMBER: Final = re.compile(r"&#(?:x([0-9a-fA-F]{0,20})|([0-9]{0,20}));")  # as in REFERENCE
-_BARE: Final = re.compile(rf"<|(?!{REFERENCE})&")
 _BARE_AMPERSAND: Final = re.compile(rf"(?!{REFERENCE})&")
-_DECLARED: Final = re.compile(rf"xmlns:({_NAME}){_SPACE}=")
+_DECLARED: Final = re.compile(rf"xmlns:({_NAME}){SPACE}=")
 
 MAX_FINDINGS: Final = 50_000
 """Maximum number of warnings about one document."""
@@ -303,9 +308,11 @@ class _Parser:
         text = self._text
         group = 4 if attribute[3] is None else 3
         start, end = attribute.span(group)
-        bare = _BARE.search(text, start, end)
+        bare = BARE_MARKUP_CHARACTER.search(text, start, end)
         if bare is not None:
-            escaped = _BARE.sub(lambda found: "&lt;" if found[0] == "<" else "&amp;", attribute[group])
+            escaped = BARE_MARKUP_CHARACTER.sub(
+                lambda found: "&lt;" if found[0] == "<" else "&amp;", attribute[group]
+            )
             message = f"unescaped '{bare[0]}' in an attribute value is read as text"
             written = f"{text[attribute.start() : start]}{escaped}{text[end]}"
             hint = f"other XML tools reject it; write {written}"
