@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
+from btcore.xml.read.element import Element
 from btcore.xml.read.tinyxml2_compat import OPAQUE, SPACE, START_TAG, WRITTEN_CHARACTER, decode
 
 # More than XML allows, so that a name with a wrong character is found as a whole.
@@ -104,6 +105,11 @@ class ScannedElement:
         """Return the value of the attribute *name*, or None if it has no value."""
         attribute = self.attribute(name)
         return attribute.value if attribute is not None else None
+
+    def parsed(self) -> Element:
+        """Return the element as the parser returns it, but without children and line."""
+        attributes = {attribute.name: attribute.value or "" for attribute in reversed(self.attributes)}
+        return Element(self.tag, dict(reversed(attributes.items())), 0)
 
     def ancestors(self) -> "Iterator[ScannedElement]":
         """Return the elements around this element, from the inside to the outside."""
