@@ -14,6 +14,7 @@ from pygls import uris
 from btcore.errors import TreeError
 from btcore.input_files import read_file, real_path
 from btcore.registry.registry import Registry
+from btcore.xml.edit.edits import Edit
 from btcore.xml.read.read import Document, parse_file, parse_text
 from btcore.xml.read.scan import Scan, scan
 from btcore_studio.language.diagnostics import Report
@@ -98,6 +99,10 @@ class SourceDocument:
     def positions(self) -> TextPositions:
         """The lines of the text, to convert offsets and positions."""
         return TextPositions(self.text)
+
+    def text_edits(self, edits: Iterable[Edit]) -> list[types.TextEdit]:
+        """Return *edits* of the text as edits of the protocol."""
+        return [types.TextEdit(self.positions.range(start, end), text) for start, end, text in edits]
 
     def apply(
         self, changes: Iterable[types.TextDocumentContentChangeEvent], version: int
