@@ -14,7 +14,7 @@ from btcore.input_files import read_error, read_stream
 from btcore.options import option
 from btcore.registry.registry import Registry
 from btcore.xml.plan.plan import Plans, define_and_plan
-from btcore.xml.read.read import Document, parse_bytes, parse_file, read
+from btcore.xml.read.read import Document, parse_bytes, parse_file
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -130,7 +130,7 @@ class TreeSource:
         self.path = path
         self.options = options
         self.libraries = libraries or load_libraries(
-            options.plugins, options.models, options.confined, partial=True
+            options.plugins, options.models, options.confined, own_packages=False
         )
 
     @property
@@ -153,11 +153,7 @@ class TreeSource:
         """
         try:
             document = parse_source(self.path, self.options.confined)
-            sources = read(document, self.libraries.nodes.documents)
-            if self.libraries.load_missing(sources.documents):
-                # A library may have registered trees, which are among the sources.
-                sources = read(document, self.libraries.nodes.documents)
-            nodes = self.libraries.nodes_for(document)
+            sources, nodes = self.libraries.read(document)
             if substitute is not None:
                 nodes = substitute(nodes)
             plans = define_and_plan(sources, nodes, self.options.tree, self.options.format)

@@ -18,7 +18,14 @@ from btcore.engine.context import TreeContext
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.tick_extras import TickCounts, TickExtras
-from btcore.errors import BlackboardError, ConversionError, LiteralProblem, NodeError, NodeExecutionError
+from btcore.errors import (
+    BlackboardError,
+    ConversionError,
+    LiteralProblem,
+    NodeError,
+    NodeExecutionError,
+    TickInterrupt,
+)
 from btcore.status import (
     ANY_RESULT,
     FAILURE,
@@ -427,7 +434,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     except NodeExecutionError as error:
         add_to_backtrace(node, error)
         raise
-    except KeyboardInterrupt:  # also `UndecidedOperandError` of proofs
+    except (KeyboardInterrupt, TickInterrupt):
         raise
     except BaseException as error:
         raise execution_error(node, error, "ticking") from error
@@ -565,7 +572,7 @@ def halt_node(node: TreeNode) -> None:
         reset_status(node)
         add_to_backtrace(node, error)
         raise
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, TickInterrupt):
         raise
     except BaseException as error:
         reset_status(node)

@@ -52,7 +52,7 @@ def nodes(
     if as_xml:
         terminal.print_xml(write_models(manifests, options.format))
     elif as_json:
-        data = {manifest.id: _as_data(manifest) for manifest in manifests}
+        data = {manifest.id: _to_json_data(manifest) for manifest in manifests}
         terminal.print_json(data, indent=2)
     else:
         _print(manifests)
@@ -96,7 +96,7 @@ def _format_port(port: Port) -> Text:
     return text
 
 
-def _as_data(manifest: Manifest) -> dict[str, object]:
+def _to_json_data(manifest: Manifest) -> dict[str, object]:
     """Return *manifest* as JSON data."""
     return {
         "type": manifest.type.name,
