@@ -22,7 +22,7 @@ import inspect
 import json
 import sys
 import typing
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType, NoneType, UnionType
@@ -76,13 +76,8 @@ class Report(dict[str, object]):
         self[heading] = {**before, **values} if isinstance(before, dict) else values
 
 
-ATTRIBUTES_OF_RUN: Final[Mapping[Any, str]] = {
-    Clock: "clock",
-    Tree: "tree",
-    Report: "report",
-    Resources: "resources",
-}
-"""The types of parameters that every run has, and the attributes of `Run` with their values."""
+TYPES_OF_RUN: Final = (Clock, Tree, Report, Resources)
+"""The types of parameters whose objects are those of the run itself."""
 
 
 class Need(NamedTuple):
