@@ -422,7 +422,15 @@ class UndecidedOperandError(TickInterrupt):
 
 
 class SettingsError(BtcoreError, ValueError):
-    """Options contradict each other, or the value of one cannot be used; the message names them."""
+    """Options contradict each other, or the value of one cannot be used; the message names them.
+
+    Attributes:
+        setting: The field of the settings whose value cannot be used, such as "port"; "" = several, or none.
+    """
+
+    def __init__(self, message: str, setting: str = "") -> None:
+        super().__init__(message)
+        self.setting = setting
 
 
 class ProviderError(BtcoreError):
