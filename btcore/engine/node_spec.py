@@ -42,6 +42,8 @@ class NodeSpec:
         never_pauses: Whether a tick only ticks children and, while a child is RUNNING, only this child. When
             such a node is RUNNING, a child is RUNNING or the node has requested the next tick at once.
         skips_alone: Whether a tick may return SKIPPED although no child was skipped.
+        is_endless: Whether the node may run forever by design, so that proofs do not expect its end. A port
+            with the role REPETITIONS and the value −1 has the same effect.
         child_count: The minimum and maximum number of children with which a node can be ticked; None = no
             limit.
         child_count_at_load: The minimum and maximum number of children with which a tree is loaded. It
@@ -78,6 +80,7 @@ class NodeSpec:
     may_complete_on_start: bool = INHERITED
     never_pauses: bool = INHERITED
     skips_alone: bool = INHERITED
+    is_endless: bool = INHERITED
     child_count: tuple[int, int | None] = INHERITED
     child_count_at_load: tuple[int, int | None] = INHERITED
     child_roles: str = INHERITED

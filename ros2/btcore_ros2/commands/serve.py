@@ -11,15 +11,8 @@ from btcore import Registry, Run, RunSettings, Tree
 from btcore.errors import SettingsError
 from btcore.escaping import escape_controls
 from btcore.extras import install_command
-from btcore.program_runner import (
-    CommandRun,
-    FiniteRange,
-    ProviderCommand,
-    TreelessProgram,
-    add_options,
-    load_nodes,
-    pass_options,
-)
+from btcore.field_options import FiniteRange, add_options, pass_options
+from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, load_nodes
 from btcore.suggestions import did_you_mean
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
