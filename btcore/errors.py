@@ -17,18 +17,18 @@ FixOperation = Literal[
     "declare_node",
     "end_tag",
     "escape",
-    "insert",
+    "insert_text",
     "name_tree",
     "remove",
     "remove_children",
     "rename",
     "rename_attribute",
     "rename_element",
-    "replace",
+    "replace_text",
+    "set_attributes",
     "set_format",
+    "set_value",
     "wrap_children",
-    "write",
-    "write_value",
 ]
 """The operations of `Fix`; btcore/xml/edit/fixes.py describes each of them."""
 
@@ -44,7 +44,7 @@ class Fix(NamedTuple):
     """
 
     operation: FixOperation
-    arguments: tuple[str, ...] = ()
+    arguments: tuple[str | int, ...] = ()
     is_safe: bool = False
 
 

@@ -63,7 +63,7 @@ def _fixes(cls: type[TreeNode], count: int) -> tuple[Fix, ...]:
     """Return the fixes for a node of *cls* with *count* children."""
     least, most = cls.spec.child_count
     if count < least:
-        return (Fix("add_children", (str(least - count),)),)
+        return (Fix("add_children", (least - count,)),)
     return wrapping_fixes(most) if most is not None and 0 < most < count else ()
 
 

@@ -93,7 +93,7 @@ def check_missing_ports(node: NodePlan, document: Document, reporter: LintReport
         message = f"the ports {names} of <{node.id}> are missing and have no default"
     examples = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
     written = [text for port in missing for text in (port.name, f"{{{port.name}}}")]
-    hint = Hint("write " + " ".join(examples), (Fix("write", tuple(written)),))
+    hint = Hint("write " + " ".join(examples), (Fix("set_attributes", tuple(written)),))
     reporter.report(EMPTY_PORT, message, document, node, hint=hint)
 
 
@@ -139,7 +139,7 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
             message = f"the output {label} has no entry: '{text}' is only a text"
             key = f"{{{text}}}" if text.isidentifier() else f"{{{port.name}}}"
             shown = key if text.isidentifier() else "{…}"
-            hint = Hint(f'write {port.name}="{shown}"', (Fix("write_value", (key,)),))
+            hint = Hint(f'write {port.name}="{shown}"', (Fix("set_value", (key,)),))
             reporter.report(UNCONNECTED_OUTPUT, message, document, node, port.name, hint)
         else:
             for item, part, kind in partly_read(text, _literal_type(node, port), format):
@@ -246,8 +246,8 @@ def _number_hint(text: str, item: str, part: str, kind: str) -> Hint:
     """Return the hint for *item*, a number in *text* of which only *part* is read."""
     with_point = item.replace(",", ".", 1)
     if kind in ("double", "float") and whole_float(with_point) is not None:
-        return Hint(f"write {with_point}", (Fix("write_value", (text.replace(item, with_point, 1),)),))
-    fix = Fix("write_value", (text.replace(item, part, 1),))
+        return Hint(f"write {with_point}", (Fix("set_value", (text.replace(item, with_point, 1),)),))
+    fix = Fix("set_value", (text.replace(item, part, 1),))
     return Hint(f"write {part} if that is the intended value", (fix,))
 
 
@@ -258,4 +258,4 @@ def entry_hint(purpose: str, key: str) -> Hint:
         purpose: What the value with braces does, such as "use the entry".
         key: The key.
     """
-    return Hint(f"to {purpose}, write {{{key}}}", (Fix("write_value", (f"{{{key}}}",)),))
+    return Hint(f"to {purpose}, write {{{key}}}", (Fix("set_value", (f"{{{key}}}",)),))

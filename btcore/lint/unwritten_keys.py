@@ -170,12 +170,12 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
         return Hint(
             f"{{{use.key}}} must hold the name of the entry to write; "
             f'to write the entry {use.key} itself, use {use.attribute}="{use.key}"',
-            (Fix("write_value", (use.key,)),),
+            (Fix("set_value", (use.key,)),),
         )
     known = keys.written_in(board)
     if key.strip() in known:
         correct = f"{{{key.strip()}}}"
-        fix = Fix("write_value", (correct,))
+        fix = Fix("set_value", (correct,))
         return Hint(f"spaces inside the braces are part of the key: write {correct}", (fix,))
     near = keys.guess(key, known)
     if near is not None:
@@ -198,4 +198,4 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
     if entrance.document is not use.document:
         return hint
     index = entrance.document.source_map.index(entrance.node.element)
-    return Hint(hint, (Fix("connect", (str(index), entrance.key, key, value.replace("…", key))),))
+    return Hint(hint, (Fix("connect", (index, entrance.key, key, value.replace("…", key))),))

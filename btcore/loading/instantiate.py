@@ -315,7 +315,7 @@ class NodeCreator:
         for port in missing:
             if port.role in LOAD_TIME_ROLES:
                 written += (port.name, _EXAMPLES.get(port.role, f"{{{port.name}}}"))
-        hint = Hint("", (Fix("write", tuple(written)),) if written else ())
+        hint = Hint("", (Fix("set_attributes", tuple(written)),) if written else ())
         self._report(code, str(error), node_plan, draft, hint=hint)
 
     def _report(

@@ -87,7 +87,7 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         format = parse_format(written)
         if format is None:
             message = f"unknown BTCPP_format '{written}'"
-            fixes = (Fix("set_format", ("4",)), Fix("set_format", ("3",)))
+            fixes = (Fix("set_format", (4,)), Fix("set_format", (3,)))
             hint = Hint('write BTCPP_format="4", or "3" for a tree of Groot 1', fixes)
             collector.add(
                 main_document.diagnostic(

@@ -43,7 +43,7 @@ class UnknownNodeHints:
         other = 7 - self._format
         if self._registry.get(name, other) is not None:
             hint = f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
-            return Hint(hint, (Fix("set_format", (str(other),)),))
+            return Hint(hint, (Fix("set_format", (other,)),))
         if declared_in is not None:
             model = f"--model {declared_in or 'FILE'}"
             return Hint(
@@ -99,7 +99,7 @@ def literals_of(kind: ValueType) -> list[str]:
 def value_hint(kind: ValueType) -> Hint:
     """Return the hint, without a text, for a literal that is not of the type *kind*."""
     literals = literals_of(kind)
-    return Hint("", (Fix("write_value", tuple(literals)),) if literals else ())
+    return Hint("", (Fix("set_value", tuple(literals)),) if literals else ())
 
 
 def port_hint(manifest: Manifest, name: str) -> Hint:

@@ -51,7 +51,7 @@ def count_text(count: int) -> str:
 def _one_child_hint(count: int) -> Hint:
     """Return the hint for a decorator or a tree that has *count* children instead of one."""
     if not count:
-        return Hint("", (Fix("add_children", ("1",)),))
+        return Hint("", (Fix("add_children", (1,)),))
     return Hint("put them into a <Sequence>", wrapping_fixes(1))
 
 
@@ -61,7 +61,7 @@ def wrapping_fixes(most: int) -> tuple[Fix, ...]:
     Args:
         most: The maximum number of children.
     """
-    return tuple(Fix("wrap_children", (tag, str(most - 1))) for tag in ("Sequence", "Fallback"))
+    return tuple(Fix("wrap_children", (tag, most - 1)) for tag in ("Sequence", "Fallback"))
 
 
 def outline_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
@@ -261,7 +261,7 @@ class _TreeOutliner:
                     roles = manifest.spec.child_roles if least > 1 else ""
                     # More children may be needed at the first tick than to load the tree.
                     needed = least if is_stub(manifest.cls) else max(least, manifest.spec.child_count[0])
-                hint = Hint(roles, (Fix("add_children", (str(needed - count),)),))
+                hint = Hint(roles, (Fix("add_children", (needed - count,)),))
                 self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
             elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
                 self._check_asynchronous(children)
@@ -296,7 +296,7 @@ class _TreeOutliner:
         if element.get("ID") is None or (not id and self._dialect.format == 4):
             message = f"the ID of the tree is missing in <{tag}>"
             trees = [known for known in self._tag_cache.first_trees if known != self._own_id]
-            fixes = [Fix("write", ("ID", known)) for known in trees]
+            fixes = [Fix("set_attributes", ("ID", known)) for known in trees]
             self._report(MISSING_ID, message, element, hint=Hint(f'write <{tag} ID="…"/>', tuple(fixes)))
         elif self._dialect.checks_names:
             self._check_not_a_node(id, element)

@@ -160,7 +160,7 @@ def define_and_plan(
         if avoided > 0:
             count = "1 error" if avoided == 1 else f"{avoided} errors"
             message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
-            hint = Hint('write <root BTCPP_format="4">', (Fix("set_format", ("4",)),))
+            hint = Hint('write <root BTCPP_format="4">', (Fix("set_format", (4,)),))
             cause = sources.main_document.diagnostic(UNKNOWN_FORMAT, message, root, hint=hint)
             return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
     return plans

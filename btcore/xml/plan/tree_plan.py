@@ -426,10 +426,10 @@ class TreePlanner:
         hint = value_hint(kind)
         if binding.key is not None:
             key = "{=}" if "=" in text else text.strip()
-            fix = Fix("write_value", (key,), is_safe=True)
+            fix = Fix("set_value", (key,), is_safe=True)
             hint = Hint(f"write {key}" + (" without surrounding spaces" if key != "{=}" else ""), (fix,))
         elif is_port_name(text):
-            fix = Fix("write_value", (f"{{{text}}}",))
+            fix = Fix("set_value", (f"{{{text}}}",))
             hint = Hint(f"to use the blackboard entry, write {{{text}}}", (*hint.fixes, fix))
         message = f"the port '{port.name}' of <{node.id}> has the type {kind.name}: {error}"
         self._report(INCONVERTIBLE_TEXT, message, node.element, port.name, hint)
@@ -488,6 +488,6 @@ class TreePlanner:
             if self._collector.is_full(MISSING_SUBTREE_PORT):
                 break
             message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
-            fix = Fix("write", (port, f"{{{port}}}"))
+            fix = Fix("set_attributes", (port, f"{{{port}}}"))
             hint = Hint(f'write {port}="…", or declare a default in <TreeNodesModel>', (fix,))
             self._report(MISSING_SUBTREE_PORT, message, element, "", hint)

@@ -258,7 +258,7 @@ def _unreadable(path: Path, error: OSError) -> Diagnostic:
     else:
         message = f"can't be read: {read_error(error)}"
     # An include of the file names one of these files instead.
-    fixes = tuple(Fix("write_value", (name,)) for name in files)
+    fixes = tuple(Fix("set_value", (name,)) for name in files)
     return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint, fixes=fixes)
 
 
@@ -412,7 +412,7 @@ def _add_errors(
             continue
         message = f"the included file '{cause.file}': {cause.message}"
         written = posixpath.dirname((element.get("path") or "").rstrip("/"))
-        fixes = [Fix("write_value", (posixpath.join(written, *fix.arguments),)) for fix in cause.fixes]
+        fixes = [Fix("set_value", (posixpath.join(written, *map(str, fix.arguments)),)) for fix in cause.fixes]
         hint = Hint(cause.hint, tuple(fixes))
         collector.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=hint))
 

@@ -46,7 +46,7 @@ class Finding(NamedTuple):
 
 def _rewrite(before: str, after: str) -> tuple[Fix, ...]:
     """Return the fix that replaces the marked text *before*. Only a text in one line is marked as a whole."""
-    return () if "\n" in before or "\r" in before else (Fix("replace", (after,), is_safe=True),)
+    return () if "\n" in before or "\r" in before else (Fix("replace_text", (after,), is_safe=True),)
 
 
 class _SyntaxError(Exception):
@@ -183,11 +183,11 @@ class _Parser:
             return len(text)
         bare = _BARE_AMPERSAND.search(text, at, end)
         if bare is not None:
-            fix = Fix("replace", ("&amp;",), is_safe=True)
+            fix = Fix("replace_text", ("&amp;",), is_safe=True)
             self._warn(bare.start(), 1, "unescaped '&' in text", "write &amp;", fix)
         closing = text.find("]]>", at, end)
         if closing >= 0:
-            fix = Fix("replace", ("]]&gt;",), is_safe=True)
+            fix = Fix("replace_text", ("]]&gt;",), is_safe=True)
             self._warn(closing, 3, "']]>' in text", "write ]]&gt;", fix)
         self._check_characters(at, end)
         return end
@@ -260,7 +260,7 @@ class _Parser:
                 raise _SyntaxError(at, len(name), message, "remove one of them")
             if at == after_name:
                 message = f"missing white space before the attribute {name}"
-                fix = Fix("insert", (" ",), is_safe=True)
+                fix = Fix("insert_text", (" ",), is_safe=True)
                 self._warn(at, len(name), message, f"write a space before {name}", fix)
             self._check_name(match, 1)
             attributes[name] = self._value(match)
@@ -282,7 +282,7 @@ class _Parser:
         if attribute[2] is None:
             name = attribute[1]
             message = f"the attribute {name} has no value"
-            fix = Fix("write", (name, f"{{{name}}}"))
+            fix = Fix("set_attributes", (name, f"{{{name}}}"))
             raise _SyntaxError(error_at, len(name), message, f'write {name}="…"', fix)
         raise _SyntaxError(attribute.end(), 1, "an attribute's value must be in quotes")
 
