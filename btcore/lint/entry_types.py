@@ -25,7 +25,7 @@ from btcore.registry.manifest import Manifest
 from btcore.script.expressions import Assignment, Literal, Name
 from btcore.status import SUCCESS
 from btcore.values import INT64, STRING
-from btcore.xml.models.stubs import is_stub
+from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.key_uses import WRITING, AccessKind, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 from btcore.xml.read.dialect import POSTCONDITION_ATTRIBUTES
@@ -214,7 +214,7 @@ def _may_set_type(use: EntryUse) -> bool:
     """Return whether *use* may give the entry a type when the tree runs: a leaf writes it, or has no code."""
     if use.port is None or use.port.role is PortRole.WRITTEN_ENTRY:
         return False
-    is_unknown = use.node.manifest is None or is_stub(use.node.manifest.cls)
+    is_unknown = use.node.manifest is None or is_mock(use.node.manifest.cls)
     return use.access is AccessKind.WRITES or (is_unknown and not use.port.type.strong)
 
 

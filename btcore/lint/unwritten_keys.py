@@ -66,7 +66,7 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter:
             continue
         if has_writer(uses):
             _warn_never_created(uses, reporter, key if of_root else "")
-        elif not (dry_run.has_stubs and _may_be_an_enum(uses)):
+        elif not (dry_run.has_mocks and _may_be_an_enum(uses)):
             _warn_never_written(keys, uses, board, key, reporter)
 
 

@@ -414,16 +414,16 @@ def _prepare(
 ) -> tuple[list[LeafDeclaration], Registry, Blackboard]:
     """Return the arguments for loading the plan: declarations of the leaves, a registry and a blackboard.
 
-    The registry contains an ordinary stub for each leaf. The blackboard contains the values of the first
+    The registry contains an ordinary class for each leaf. The blackboard contains the values of the first
     agent.
     """
     registry = nodes.copy() if nodes is not None else Registry.standard()
     declarations = read_declarations(leaves, registry.types)
     for leaf in declarations:
         if leaf.id in registry:
-            registry.replace(**{leaf.id: leaf.make_stub()})
+            registry.replace(**{leaf.id: leaf.make_node_class()})
         else:
-            registry.add(leaf.make_stub(), ID=leaf.id)
+            registry.add(leaf.make_node_class(), ID=leaf.id)
     board = Blackboard(clock=clock)
     for key, value in (values or {}).items():
         # BatchBlackboard.initialise() reports invalid values.

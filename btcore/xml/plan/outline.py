@@ -256,11 +256,11 @@ class _TreeOutliner:
                 )
                 roles, needed = "", least
                 if manifest is not None:
-                    from btcore.xml.models.stubs import is_stub  # only errors need it
+                    from btcore.xml.models.mock_leaves import is_mock  # only errors need it
 
                     roles = manifest.spec.child_roles if least > 1 else ""
                     # More children may be needed at the first tick than to load the tree.
-                    needed = least if is_stub(manifest.cls) else max(least, manifest.spec.child_count[0])
+                    needed = least if is_mock(manifest.cls) else max(least, manifest.spec.child_count[0])
                 hint = Hint(roles, (Fix("add_children", (str(needed - count),)),))
                 self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
             elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
