@@ -36,7 +36,7 @@ from btcore.loading.instantiate import instantiate
 from btcore.loading.load import PausedGarbageCollection
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
-from btcore.suggestions import nearest_name
+from btcore.suggestions import nearest_name, suggestion
 from btcore.tree.tree import Tree
 from btcore.values import to_text
 from btcore.xml.models.tree_nodes_model import quoted
@@ -185,7 +185,7 @@ class Builder:
         manifest = self._nodes.get(id)
         if manifest is None:
             near = nearest_name(id, self._nodes.manifests)
-            hint = f"did you mean {near}?" if near is not None else "add it to the registry: nodes.add(…)"
+            hint = suggestion(near) if near is not None else "add it to the registry: nodes.add(…)"
             raise UnknownNodeError([Diagnostic(UNKNOWN_NODE, f"unknown node {id}", *where, hint=hint)])
 
         def make(*children: Any, **ports: object) -> NodeDraft:

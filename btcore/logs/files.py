@@ -6,7 +6,7 @@ from pathlib import Path
 
 from btcore.errors import BtcoreError
 from btcore.input_files import read_error, read_file
-from btcore.suggestions import join_names
+from btcore.suggestions import join_names, suggestion
 
 
 class LogError(BtcoreError):
@@ -25,9 +25,8 @@ def expect_extension(path: Path, *extensions: str) -> None:
     if path.suffix in extensions:
         return
     hint = path.with_suffix(extensions[0]) if path.name else f"run{extensions[0]}"
-    raise LogError(
-        f"{path}: the name of this log must end in {join_names(extensions, 'or')}; did you mean {hint}?"
-    )
+    known = join_names(extensions, "or")
+    raise LogError(f"{path}: the name of this log must end in {known}; {suggestion(hint)}")
 
 
 def create(path: Path, head: bytes) -> FileIO:

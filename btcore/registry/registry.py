@@ -20,7 +20,7 @@ from btcore.errors import RegistrationError
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manifest
 from btcore.registry.substitution import SubstitutionRule, first_matching_rule
-from btcore.suggestions import did_you_mean, similar_file
+from btcore.suggestions import did_you_mean, similar_file, suggestion
 from btcore.values import TypeRegistry
 from btcore.xml.read.read import Document, parse_file, parse_text
 
@@ -508,7 +508,7 @@ def _import_file(path: Path) -> ModuleType:
 
 def _file_hint(path: Path) -> str:
     near = similar_file(path, ".py")
-    return "" if near is None else f"; did you mean '{near}'?"
+    return "" if near is None else "; " + suggestion(f"'{near}'")
 
 
 def _plugin_error(library: str, error: BaseException, doing: str = "it was imported") -> RegistrationError:

@@ -21,7 +21,7 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import Program, compile_script
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
-from btcore.suggestions import join_names, nearest_name
+from btcore.suggestions import did_you_mean, join_names
 from btcore.values import number_of
 
 _STATUSES: Final = {status.name: int(status) for status in Status}
@@ -214,9 +214,8 @@ def _parse_config(name: str, given: object) -> TestNodeConfig:
     config = _require_object(given, f"the configuration '{name}'")
     for key, value in config.items():
         if key not in _KEYS:
-            guess = nearest_name(key, _KEYS)
-            hint = f"did you mean '{guess}'?" if guess else f"the settings are {join_names(_KEYS)}"
-            raise SubstitutionError(f"the configuration '{name}' has the unknown setting '{key}'; {hint}")
+            hint = did_you_mean(key, _KEYS) or f"; the settings are {join_names(_KEYS)}"
+            raise SubstitutionError(f"the configuration '{name}' has the unknown setting '{key}'{hint}")
         cls, kind = (int, "a number of milliseconds") if key == "async_delay" else (str, "a string")
         if not isinstance(value, cls) or isinstance(value, bool):
             raise SubstitutionError(f"'{key}' of the configuration '{name}' must be {kind}, not {value!r}")

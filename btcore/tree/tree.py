@@ -26,7 +26,7 @@ from btcore.engine.tick_extras import TickCounts
 from btcore.errors import BtcoreError, NodeError, NodeExecutionError
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
-from btcore.suggestions import nearest_name
+from btcore.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from btcore.tree.hooks import Hooks
@@ -486,10 +486,9 @@ class Tree:
         # The name of a subtree instance in a path ends in a number that is easily forgotten: Dock::7/undock.
         _, slash, name = path.rpartition("/")
         same_name = [key for key, node in keys.items() if slash and node.name == name]
-        guess = nearest_name(path, same_name or [*keys, *(node.name for node in self.nodes)])
-        if guess is None and same_name:
-            guess = same_name[0]
-        hint = f"; did you mean '{guess}'?" if guess else ""
+        hint = did_you_mean(path, same_name or [*keys, *(node.name for node in self.nodes)])
+        if not hint and same_name:
+            hint = did_you_mean(same_name[0], same_name)
         raise BtcoreError(f"the tree has no node '{path}'{hint}")
 
     def find(self, kind: type[N]) -> list[N]:

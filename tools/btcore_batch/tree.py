@@ -17,7 +17,7 @@ from btcore.loading.load import load, loads
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.registry import Registry
 from btcore.status import RUNNING
-from btcore.suggestions import did_you_mean, nearest_name
+from btcore.suggestions import did_you_mean, nearest_name, suggestion
 from btcore.tree.tree import Tree
 from btcore_batch.agent_sets import AgentSets, Indices, Mask
 from btcore_batch.blackboard import BatchBlackboard
@@ -89,7 +89,7 @@ class BatchCompiler:
             supported = [ID for ID, cls in BUILTIN_NODES[4].items() if cls in BATCH_CLASSES]
             return f"it runs {', '.join(sorted(supported))}"
         nearest = nearest_name(plan.config.id, self.leaves)
-        question = f"did you mean <{nearest}>? " if nearest else ""
+        question = suggestion(f"<{nearest}>") + " " if nearest else ""
         declared = f"@batch.action(ID='{plan.config.id}')"
         advice = f"write it for all agents at once, {declared}, and pass it in leaves=[…]"
         return question + advice

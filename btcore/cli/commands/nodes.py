@@ -14,7 +14,7 @@ from btcore.documentation_site import node_url
 from btcore.field_options import pass_options
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
-from btcore.suggestions import join_names, nearest_name
+from btcore.suggestions import did_you_mean, join_names
 from btcore.values import DOUBLE
 from btcore.xml.models.tree_nodes_model import write_models
 
@@ -45,9 +45,8 @@ def nodes(
     """
     palette = load_libraries(options.plugins, options.models).nodes.manifests_of(options.format)
     if unknown := [node_id for node_id in ids if node_id not in palette]:
-        nearest = nearest_name(unknown[0], palette)
-        hint = f"Did you mean '{nearest}'?" if nearest else "Without an ID, all nodes are listed."
-        raise click.UsageError(f"unknown node {join_names(unknown)}. {hint}")
+        hint = did_you_mean(unknown[0], palette) or "; without an ID, all nodes are listed"
+        raise click.UsageError(f"unknown node {join_names(unknown)}{hint}")
     manifests = [palette[node_id] for node_id in ids] if ids else list(palette.values())
     if as_xml:
         terminal.print_xml(write_models(manifests, options.format))

@@ -25,7 +25,7 @@ from btcore.diagnostic_codes import (
 )
 from btcore.errors import Diagnostic, Fix, Hint, XmlSyntaxError
 from btcore.input_files import read_error, read_file, real_path
-from btcore.suggestions import similar_file
+from btcore.suggestions import similar_file, suggestion
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.element import EXAMPLE, Element, ElementPart, encoded, parse_with_expat
 
@@ -247,13 +247,13 @@ def _unreadable(path: Path, error: OSError) -> Diagnostic:
         message = "is a folder, not a file"
         names = sorted(file.name for file in path.glob("*.xml"))[:5]
         if names:
-            hint = "did you mean a file in it: " + ", ".join(names) + "?"
+            hint = suggestion("a file in it: " + ", ".join(names))
             files = [f"{path.name}/{name}" for name in names]
     elif isinstance(error, FileNotFoundError):
         message = "no such file"
         near = similar_file(path, ".xml")
         if near is not None:
-            hint = f"did you mean {near}?"
+            hint = suggestion(near)
             files = [Path(near).name]
     else:
         message = f"can't be read: {read_error(error)}"
