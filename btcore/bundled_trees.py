@@ -48,7 +48,6 @@ def find(name: str) -> Path:
 
 
 def _missing_message(path: Path, name: str) -> str:
-    """Return the error message for an unknown *name*, with the nearest name or the bundled trees."""
     if path.suffix == ".xml" or path.parent != Path():
         siblings = [str(other) for other in path.parent.glob("*.xml")] if path.parent.is_dir() else []
         hint = did_you_mean(name, siblings)

@@ -134,7 +134,6 @@ def _exit_after_interrupt() -> NoReturn:
 
 
 def _exit_for_error(error: Exception) -> NoReturn:
-    """Print *error* as one message, and exit with the code for errors of its kind."""
     from btcore.cli import terminal
     from btcore.errors import BtcoreError, NodeExecutionError
 

@@ -215,7 +215,6 @@ def _has_providers(plugin: Plugin) -> bool:
 
 
 def _find_node_ids(documents: Iterable[Document]) -> Iterator[str]:
-    """Yield the IDs of the nodes in the trees of *documents*."""
     for document in documents:
         for top in document.root.iterchildren("BehaviorTree"):
             for element in islice(top.iter(), 1, None):

@@ -151,7 +151,6 @@ class ProviderCommand(click.Command):
 
 
 def _plugins_in(args: Sequence[str]) -> Iterator[str]:
-    """Yield the values of the option `--plugin` in *args*, once each."""
     seen: set[str] = set()
     for word, following in zip(args, [*args, ""][1:], strict=True):
         if word == "--":

@@ -275,7 +275,6 @@ def _create_changes(options: RunOptions) -> "TreeChanges | None":
 
 
 def _print_error(tree: Tree, error: NodeExecutionError) -> None:
-    """Print the exception of a leaf, and how to set the entry that it lacked."""
     print_leaf_error(error)
     hint = _unwritten_entry_hint(tree, error)
     terminal.print_notes([hint] if hint else [])

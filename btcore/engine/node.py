@@ -449,7 +449,6 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
 
 
 def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
-    """Tick *node* with its conditions, callbacks and counters."""
     conditions = extras.conditions
     counts = extras.tick_counts
     if counts is not None:
@@ -487,9 +486,7 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
 def _as_status(node: TreeNode, result: object) -> Status:
     """Return *result*, the result of *node*, as a Status. A numpy.bool_ counts as a bool.
 
-    Raises:
-        NodeError: The result is neither a Status nor a bool, or it is IDLE. In format 3 a node with children
-            may return IDLE, as in BehaviorTree.CPP 3.8.
+    In format 3 a node with children may return IDLE, as in BehaviorTree.CPP 3.8.
     """
     if result is SUCCESS or result is True:
         return SUCCESS

@@ -141,7 +141,6 @@ class TransitionRecorder:
         return changes
 
     def _latest(self, stamp: object, config: NodeConfig, previous: Status, status: Status) -> Transition:
-        """Return the transition that was recorded last."""
         number = self._first + len(self._records) // 2 + self._surplus - 1
         return _transition(number, stamp, self.tick, config, previous, status)
 

@@ -60,7 +60,6 @@ def _child_requirement(cls: type[TreeNode], count: int) -> str:
 
 
 def _fixes(cls: type[TreeNode], count: int) -> tuple[Fix, ...]:
-    """Return the fixes for a node of *cls* with *count* children."""
     least, most = cls.spec.child_count
     if count < least:
         return (Fix("add_children", (str(least - count),)),)

@@ -75,7 +75,6 @@ def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, write: str, reporter: Li
 
 
 def _check_port(dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, reporter: LintReporter) -> None:
-    """Warn if *port* writes a type that the entry does not accept."""
     if port.role is PortRole.WRITTEN_ENTRY:
         _check_copied_text(dry_run, entry, use, reporter)
     elif entry.declared is STRING and port.type.strong and not issubclass(port.type.python_type, str):
@@ -126,7 +125,6 @@ def _check_copied_text(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: L
 
 
 def _assigns_integer(use: EntryUse, enums: dict[str, int]) -> bool:
-    """Return whether *use* is a statement of a script that assigns an integer literal."""
     if not use.within:
         return False
     text = str(use.node.element.get(use.attribute) or "")
@@ -182,7 +180,6 @@ def _check_copied_integers(
 
 
 def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], reporter: LintReporter) -> None:
-    """Warn about the literals that SetBlackboard nodes write to entries without a type."""
     places: dict[TreePlan, dict[NodePlan, ChildPlace]] = {}
     for entry in untyped:
         uses = dry_run.uses[entry]
@@ -226,7 +223,6 @@ def _creates_untyped(use: EntryUse) -> bool:
 
 
 def _child_places(plan: TreePlan) -> dict[NodePlan, ChildPlace]:
-    """Return for each node of *plan*, except the root, its parent and its index among the children."""
     return {child: (node, index) for node in plan.nodes() for index, child in enumerate(node.children)}
 
 
@@ -265,7 +261,6 @@ def _warn_untyped(use: EntryUse, creator: EntryUse, reporter: LintReporter) -> N
 
 
 def _assignments_of(text: str, enums: dict[str, int]) -> dict[int, Assignment]:
-    """Return the statements of a script that assign to names, by the columns of the names."""
     try:
         statements = parse_statements(text, enums)
     except ScriptError:

@@ -234,7 +234,6 @@ def partly_read(text: str, kind: ValueType, format: int) -> Iterator[tuple[str, 
 
 
 def _read_part(text: str, integer: bool) -> str | None:
-    """Return the longest beginning of *text* that is a number, or None."""
     if integer:
         match = _INTEGER.match(text)
         return None if match is None else match.group()

@@ -213,7 +213,6 @@ class Builder:
 
 
 def _text(value: object, manifest: Manifest, name: str, where: tuple[str, int]) -> str:
-    """Return *value* as text of the port *name*. Raise PortError if *value* cannot be converted."""
     if isinstance(value, str):
         return value
     if isinstance(value, Enum):
@@ -231,7 +230,6 @@ def _text(value: object, manifest: Manifest, name: str, where: tuple[str, int]) 
 
 
 def _caller() -> tuple[str, int]:
-    """Return the file and the line of the code that called the builder."""
     frame = inspect.currentframe()
     while frame is not None and frame.f_code.co_filename == __file__:
         frame = frame.f_back
@@ -288,11 +286,7 @@ class _Writer:
         return "\n".join(self._lines) + "\n"
 
     def document(self) -> Document:
-        """Return the document, whose diagnostics refer to the code that created the drafts.
-
-        Raises:
-            XmlSyntaxError: The tree has more than 2,000 levels.
-        """
+        """Return the document, whose diagnostics refer to the code that created the drafts."""
         if self._too_deep is not None:
             message, where = f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep", self._too_deep.where
             raise XmlSyntaxError([Diagnostic(TOO_DEEP, message, *where, hint="make parts of it subtrees")])

@@ -63,7 +63,6 @@ class FileWatcher:
 
 
 def _stamps(files: set[Path]) -> dict[Path, tuple[int, int]] | None:
-    """Return the modification time (ns) and size of each file; None while a file is missing."""
     try:
         stats = {path: path.stat() for path in files}
     except OSError:

@@ -165,14 +165,12 @@ class NodeCreator:
         self._create_subtree(tree_plan, "", self.blackboard)
 
     def _create_subtree(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
-        """Create a draft of a tree. Return its root, or None if it could not be created."""
         draft = SubtreeDraft(tree_plan, path, blackboard)
         self.drafts.append(draft)
         assert tree_plan.root is not None
         return self._create_with_children(tree_plan.root, draft)
 
     def _create_with_children(self, node_plan: NodePlan, draft: SubtreeDraft) -> TreeNode | None:
-        """Create a node and the nodes below it. Return None if the node could not be created."""
         document, call = draft.document, node_plan.subtree_call
         self._uid = uid = self._uid + 1
         id, line = node_plan.id, document.line(node_plan.element)
@@ -250,7 +248,6 @@ class NodeCreator:
     def _report_type_conflict(
         self, node_plan: NodePlan, port: Port, draft: SubtreeDraft, entry: Entry | None, error: BtcoreError
     ) -> None:
-        """Add the error for a port whose type differs from the declared type of its entry."""
         if entry is None or entry.declared.same(port.type):
             self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, draft, port.name)
             return
@@ -302,7 +299,6 @@ class NodeCreator:
         return None
 
     def _report_rejection(self, node_plan: NodePlan, draft: SubtreeDraft, error: BtcoreError) -> None:
-        """Add the error for a node that rejects its ports."""
         if not isinstance(error, NodeError):
             self._report(INCONVERTIBLE_TEXT, str(error), node_plan, draft)
             return

@@ -91,7 +91,6 @@ def read_bytes(path: Path, count: int | None = None) -> bytes:
 
 
 def _explain(path: Path, error: OSError) -> str:
-    """Return the message for *error*, which was raised when *path* was opened for writing."""
     message = "cannot write a log here"
     folder = path.parent
     if path.is_dir():  # on Windows the error is a PermissionError

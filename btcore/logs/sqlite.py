@@ -170,7 +170,6 @@ class SqliteWriter:
 
 
 def _is_busy(error: sqlite3.Error) -> bool:
-    """Return whether *error* is temporary: another connection locks the database."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 
 
@@ -360,7 +359,6 @@ def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Rec
 def _tree(
     base: sqlite3.Connection, session: int, path: Path, damage: str
 ) -> tuple[dict[int, RecordedNode], str]:
-    """Return the nodes of *session*, and the XML of their tree."""
     try:
         (xml,) = base.execute("SELECT xml_tree FROM Definitions WHERE session_id = ?", (session,)).fetchone()
         return parse_nodes(str(xml), str(path)), str(xml)

@@ -84,7 +84,6 @@ def _mentions_pause(code: CodeType, names: Mapping[str, object]) -> bool:
 
 
 def _check_code(ID: str, function_name: str, code: CodeType, names: Mapping[str, object]) -> None:
-    """Raise RegistrationError if *code* does not use the result of a pause."""
     instructions = [found for found in dis.get_instructions(code) if found.opname != "EXTENDED_ARG"]
     used = {
         name

@@ -203,7 +203,6 @@ class _Chooser:
         return False
 
     def _of_program(self, kind: Any) -> object:
-        """Return the first object of the program that fits a type, or None."""
         fitting = [thing for thing in self._provided if fits(thing, kind)]
         if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
             raise ProviderError(
@@ -307,7 +306,6 @@ class _Chooser:
     def _append_after_needs(
         self, provider: Provider, chain: tuple[Provider, ...], order: dict[Provider, None]
     ) -> None:
-        """Append a provider to *order*, after those that it needs."""
         if provider in order:
             return
         if provider in chain:
@@ -323,7 +321,6 @@ class _Chooser:
         order[provider] = None
 
     def _explain(self, request: _Request) -> str:
-        """Return why nothing provides the type of a request."""
         reasons = []
         for provider in self._available.of_type(full_name(request.type)):
             if provider in self._losers:

@@ -318,7 +318,6 @@ class Assignment(Expression):
         )
 
     def _assigned(self, entry: Entry, value: object) -> object:
-        """Return *value* converted to the type of the entry."""
         old = entry.value
         kind: ValueType = entry.declared
         if isinstance(value, str) and not isinstance(old, str):

@@ -243,12 +243,7 @@ class Tree:
                 self._hooks.close_tick_thread()
 
     def _tick_within(self, limit: float, repeat: bool) -> Status:
-        """Tick the root for at most *limit* s of real time.
-
-        Args:
-            limit: The tick limit (s).
-            repeat: Whether to tick the root again if a node requests another tick at once.
-        """
+        """Tick the root for at most *limit* s of real time."""
         context = self.context
         context.set_tick_limit(limit)
         try:
@@ -302,7 +297,6 @@ class Tree:
         error.later_errors += self._halt_everything()
 
     def _raise_timeout(self) -> NoReturn:
-        """Halt the tree, and raise the error for a tick that exceeded the limit."""
         self.context.has_timed_out = False
         node = self._repeating_node()
         cause = NodeError(
@@ -416,7 +410,6 @@ class Tree:
             copy.clone_into(scope)
 
     def _scopes(self) -> list[Blackboard]:
-        """Return the blackboards of the subtrees in order, each once."""
         return list(dict.fromkeys(subtree.blackboard for subtree in self.subtrees))
 
     # --- breakpoints, observers, nodes

@@ -183,7 +183,6 @@ def add_document_models(nodes: Registry, document: Document, override: bool = Fa
 
 
 def _metadata(model: Element) -> dict[str, str]:
-    """Return the metadata of a model: `<MetadataFields><Metadata name="text"/></MetadataFields>`."""
     metadata: dict[str, str] = {}
     for fields in model.iterchildren("MetadataFields"):
         for field in fields.iterchildren("Metadata"):

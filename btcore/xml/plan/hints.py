@@ -84,7 +84,6 @@ class UnknownNodeHints:
 
 @cache
 def _installed_nodes() -> tuple[Registry, list[UnavailableEntryPoint]]:
-    """Return the nodes of all installed libraries, and the libraries that cannot be loaded."""
     nodes = Registry()
     return nodes, nodes.add_installed()
 

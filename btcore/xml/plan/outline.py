@@ -49,7 +49,6 @@ def count_text(count: int) -> str:
 
 
 def _one_child_hint(count: int) -> Hint:
-    """Return the hint for a decorator or a tree that has *count* children instead of one."""
     if not count:
         return Hint("", (Fix("add_children", ("1",)),))
     return Hint("put them into a <Sequence>", wrapping_fixes(1))
@@ -115,7 +114,6 @@ class _TagCache:
         return node_type
 
     def unknown_node_hint(self, id: str) -> Hint:
-        """Return a hint for the unknown node *id*."""
         context = self._context
         if self._hints is None:
             from btcore.xml.plan.hints import UnknownNodeHints
@@ -205,7 +203,6 @@ class _TreeOutliner:
             self._report(CAPITALISED_ROOT, message, child, hint=hint)
 
     def _check_other_tag(self, tag: str, element: Element, children: list[Element]) -> None:
-        """Check an element whose tag is not the ID of a node."""
         if tag == "BehaviorTree":
             self._check_tree(element, children)
         elif tag in self._dialect.subtree_tags:
@@ -236,7 +233,6 @@ class _TreeOutliner:
     def _check_child_count(
         self, id: str, node_type: NodeType, element: Element, children: list[Element]
     ) -> None:
-        """Add an error if *children* are too few or too many for the node *id*, which is of *node_type*."""
         count = len(children)
         has = count_text(count)
         if node_type is NodeType.DECORATOR:

@@ -203,7 +203,6 @@ def root_trees(trees: Mapping[str, TreePlan], main_tree: TreePlan | None) -> lis
 def _measure(
     trees: Mapping[str, TreePlan], main_tree: TreePlan | None, collector: DiagnosticCollector
 ) -> dict[str, TreeSize]:
-    """Return the sizes of *trees*, without those that are recursive or too large: errors."""
     sizes: dict[str, TreeSize] = {}
     checked: set[str] = set()
     # Trees that call each other may have no root among them.
@@ -278,7 +277,6 @@ def _add_cycle(
 
 
 def _check_scripts(tree: TreePlan, enums: dict[str, int], collector: DiagnosticCollector) -> None:
-    """Add an error for each invalid script of *tree*."""
     for node in tree.nodes():
         for key, text, _ in node.iter_scripts():
             if not text and key not in node.conditions:

@@ -311,7 +311,6 @@ class TreePlanner:
                 node.children = [child for child in node.children if child not in unknown]
 
     def _find_known_node(self, tag: str, element: Element) -> KnownNode | None:
-        """Return the registered node that *element* names, or None if it is unknown."""
         id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
         known = self._context.known_nodes_by_id.get(id)
         if known is None:
@@ -438,7 +437,6 @@ class TreePlanner:
     # --- SubTree elements
 
     def _plan_call(self, tag: str, node: NodePlan, tree: TreePlan) -> bool:
-        """Plan a SubTree element. Return whether the called tree exists."""
         element = node.element
         format, definitions = self._dialect.format, self._context.definitions
         node.id = tag
