@@ -205,7 +205,7 @@ class Blackboard:
                 entry.declared = declared
                 entry.inferred = False
             return entry
-        if entry.inferred and _widens(previous, declared):
+        if entry.inferred and any(wider.same(declared) for wider in _WIDER.get(previous.name, ())):
             entry.value = declared.adapt(entry.value)
             entry.declared = declared
             entry.inferred = False
@@ -504,7 +504,3 @@ def _convert_to_kind(key: str, value: object, kind: Any) -> object:
         raise BlackboardError(
             f"the entry '{key}' holds {reprlib.repr(value)}, not {wanted.name}: {error}"
         ) from error
-
-
-def _widens(previous: ValueType, declared: ValueType) -> bool:
-    return any(wider.same(declared) for wider in _WIDER.get(previous.name, ()))

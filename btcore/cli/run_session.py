@@ -23,7 +23,6 @@ from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
 
 if TYPE_CHECKING:
-    from btcore.cli.tree_changes import TreeChanges
     from btcore.loading.hot_reload import FileWatcher
 
 
@@ -79,7 +78,7 @@ class RunOptions(TreeOptions):
         option(
             "Reload the tree whenever its file is saved, and keep the blackboard. A file with errors is "
             "reported, and the previous tree continues. After the tree has ended, wait for the next save, "
-            "until --duration or Ctrl-C ends the run.",
+            "until --duration or Ctrl-C ends the run."
         ),
     ] = False
 
@@ -133,7 +132,12 @@ class RunSession:
                 with suppress(NodeExecutionError):  # it is printed after the summary
                     run.until_done(self._until, on_tick=progress.on_tick, watcher=reloads)
                 self._printed_error = None if reloads is None else reloads.printed_error
-            self._warn_about_skipped_ticks()
+            if count := self.run.skipped_ticks:
+                skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
+                terminal.print_warning(
+                    f"{skipped}, because the previous tick took longer than "
+                    f"{1000 / self.run.run_settings.rate:g} ms; use a lower --rate"
+                )
 
     def print_results(self, as_json: bool) -> int:
         """Print the summary and, with *as_json*, the JSON object; return the exit code."""
@@ -144,15 +148,6 @@ class RunSession:
         if as_json:
             terminal.print_json(self.summary.as_data())
         return run.exit_code
-
-    def _warn_about_skipped_ticks(self) -> None:
-        count = self.run.skipped_ticks
-        if count:
-            skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
-            terminal.print_warning(
-                f"{skipped}, because the previous tick took longer than "
-                f"{1000 / self.run.run_settings.rate:g} ms; use a lower --rate"
-            )
 
 
 class Reloads:
@@ -230,7 +225,11 @@ def create_session(
         TreeError: The tree has an error.
         RegistrationError: A node library cannot be loaded.
     """
-    changes = _create_changes(options)
+    changes = None
+    if options.outcomes or options.substitute or options.set:
+        from btcore.cli.tree_changes import TreeChanges  # most runs do not need it
+
+        changes = TreeChanges(options.outcomes, options.substitute, options.set)
     path = find_source(source)
     if options.watch and path == STDIN:
         raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
@@ -263,15 +262,6 @@ def create_session(
     provided = () if changes is None else changes.provided
     command_run = CommandRun(ctx, plans, prepare, provided=provided, tick_limit=options.tick_limit)
     return RunSession(command_run, tree_source, plans, options.until, file_watcher)
-
-
-def _create_changes(options: RunOptions) -> "TreeChanges | None":
-    """Return what the options change in the tree, or None; most runs do not need the module."""
-    if not (options.outcomes or options.substitute or options.set):
-        return None
-    from btcore.cli.tree_changes import TreeChanges
-
-    return TreeChanges(options.outcomes, options.substitute, options.set)
 
 
 def _print_error(tree: Tree, error: NodeExecutionError) -> None:

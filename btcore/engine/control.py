@@ -171,7 +171,7 @@ class ControlNode(TreeNode):
             raise first
 
     def _batch_reset(self, observers: Observers) -> bool:
-        """Reset many children up to the first that is RUNNING, with one record. Return whether all are reset."""
+        """Reset children up to the first that is RUNNING, with one record; return whether all are reset."""
         children = self._children
         if len(children) < MIN_CHILDREN_FOR_BATCH_RESET or observers.notifies_at_once:
             return False

@@ -496,7 +496,9 @@ def _as_status(node: TreeNode, result: object) -> Status:
         return RUNNING
     if result is SKIPPED:
         return SKIPPED
-    if _is_numpy_bool(result):
+    kind = type(result)
+    # The type of numpy's comparisons is named bool_ in numpy 1 and bool in numpy 2.
+    if kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_"):
         return SUCCESS if result else FAILURE
     if result is IDLE and node.config.format == 3 and node.children:
         return IDLE
@@ -522,13 +524,6 @@ def _forgotten_return(node: TreeNode) -> str:
             written = function.__qualname__.rpartition("<locals>.")[2]
             return f": did {written}() in {code.co_filename}:{code.co_firstlineno} forget `return`?"
     return ""
-
-
-def _is_numpy_bool(result: object) -> bool:
-    """Return whether *result* is a numpy.bool_, the type of numpy's comparisons, without importing numpy."""
-    kind = type(result)
-    # The class is named bool_ in numpy 1 and bool in numpy 2.
-    return kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_")
 
 
 def read_clock(node: TreeNode) -> int:

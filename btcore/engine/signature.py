@@ -183,7 +183,10 @@ def port_from_annotation(
     description = next((item for item in marks if isinstance(item, str)), "")
     text = None
     if default is not UNSET:
-        text = _text_of(default)
+        try:
+            text = (default or "") if default is None or isinstance(default, str) else to_text(default)
+        except ConversionError:
+            text = repr(default)
     value = UNSET if isinstance(default, str) else default
     return Port(name, mark.direction, kind_of(value_type), text, description, value)
 
@@ -216,15 +219,6 @@ def _type_and_marks(annotation: object) -> tuple[Any, ...]:
 
 def _port_mark(marks: Iterable[object]) -> PortMark | None:
     return next((mark for mark in marks if isinstance(mark, PortMark)), None)
-
-
-def _text_of(default: object) -> str:
-    if default is None or isinstance(default, str):
-        return default or ""
-    try:
-        return to_text(default)
-    except ConversionError:
-        return repr(default)
 
 
 def function_parameters(
@@ -297,7 +291,10 @@ def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> lis
         port = port_from_annotation(name, annotation, types.of, _default_in(cls, name))
         if port is not None:
             _check_not_hidden(cls, name)
-            listed[name] = port if name not in listed else _redeclared(listed[name], port)
+            if name in listed:  # also in provided_ports()
+                port.description = port.description or listed[name].description
+                port.role, port.optional = listed[name].role, listed[name].optional
+            listed[name] = port
     return list(listed.values())
 
 
@@ -312,14 +309,6 @@ def class_annotations(cls: type, names: Mapping[str, Any]) -> dict[str, Any]:
         RegistrationError: An annotation is invalid.
     """
     return _resolve(cls, cls.__qualname__, names)
-
-
-def _redeclared(provided: Port, port: Port) -> Port:
-    """Return *port*, the annotation of a port in provided_ports(), with the properties of *provided*."""
-    port.description = port.description or provided.description
-    port.role = provided.role
-    port.optional = provided.optional
-    return port
 
 
 def _default_in(cls: type, name: str) -> object:

@@ -193,7 +193,8 @@ def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], reporter: Lint
             continue
         plan = dry_run.plan_of(creator.scope)
         if creator.within and plan not in places:
-            places[plan] = _child_places(plan)
+            children = ((node, *at) for node in plan.nodes() for at in enumerate(node.children))
+            places[plan] = {child: (node, index) for node, index, child in children}
         for use in texts:
             if not creator.within or (
                 use.scope is creator.scope and _runs_before(creator, use, places[plan])
@@ -220,10 +221,6 @@ def _creates_untyped(use: EntryUse) -> bool:
     if use.port is not None:
         return is_declaration(use)
     return use.access is AccessKind.WRITES and (use.within > 0 or use.node.subtree_call is not None)
-
-
-def _child_places(plan: TreePlan) -> dict[NodePlan, ChildPlace]:
-    return {child: (node, index) for node in plan.nodes() for index, child in enumerate(node.children)}
 
 
 def _runs_before(script: EntryUse, use: EntryUse, places: Mapping[NodePlan, ChildPlace]) -> bool:

@@ -57,11 +57,7 @@ class NodeDraft:
     """
 
     def __init__(
-        self,
-        id: str,
-        children: Sequence["NodeDraft"],
-        attributes: Mapping[str, str],
-        where: tuple[str, int],
+        self, id: str, children: Sequence["NodeDraft"], attributes: Mapping[str, str], where: tuple[str, int]
     ) -> None:
         self.id = id
         self.children = tuple(children)
@@ -272,10 +268,7 @@ class _Writer:
             if depth > MAX_BUILDER_DEPTH + 1:
                 self._too_deep = draft
             self._drafts.append(draft)
-            words = [
-                draft.id,
-                *(f"{key}={quoted(text)}" for key, text in draft.attributes.items()),
-            ]
+            words = [draft.id, *(f"{key}={quoted(text)}" for key, text in draft.attributes.items())]
             self._lines.append(f"{indent}<{' '.join(words)}{'>' if draft.children else '/>'}")
             if draft.children:
                 pending.append((f"</{draft.id}>", depth))

@@ -131,11 +131,7 @@ class NodeCreator:
     """
 
     def __init__(
-        self,
-        plans: Plans,
-        resources: Sequence[object],
-        clock: Clock,
-        blackboard: Blackboard | None = None,
+        self, plans: Plans, resources: Sequence[object], clock: Clock, blackboard: Blackboard | None = None
     ) -> None:
         self._plans = plans
         self.format = plans.dialect.format
@@ -285,7 +281,12 @@ class NodeCreator:
         try:
             return manifest.make(config, self.context, draft.blackboard, self._resources, created)
         except ScriptError as error:
-            self._report_script(node_plan, draft, error)
+            texts = node_plan.element.attributes.items()
+            key = next((key for key, text in texts if text == error.text), None)
+            if key is not None:
+                self.collector.add(script_diagnostic(draft.document, node_plan, key, error))
+            else:
+                self._report(SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan, draft)
         except (NodeError, BlackboardError, ConversionError) as error:
             self._report_rejection(node_plan, draft, error)
         except BtcoreError:
@@ -336,13 +337,6 @@ class NodeCreator:
         except NodeError as error:
             self._report(NODE_NOT_CREATED, str(error), node_plan, draft)
             return None
-
-    def _report_script(self, node_plan: NodePlan, draft: SubtreeDraft, error: ScriptError) -> None:
-        texts = {key: text for key, text in node_plan.element.attributes.items() if text == error.text}
-        if texts:
-            self.collector.add(script_diagnostic(draft.document, node_plan, next(iter(texts)), error))
-        else:
-            self._report(SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan, draft)
 
     # --- SubTree elements
 

@@ -284,12 +284,7 @@ class Registry:
         return rule.replacement_manifest(config, children, self.manifests_of(config.format))
 
     def _add(
-        self,
-        thing: Any,
-        ID: str | None,
-        names: Mapping[str, Any],
-        distribution: str,
-        only: int | None = None,
+        self, thing: Any, ID: str | None, names: Mapping[str, Any], distribution: str, only: int | None = None
     ) -> None:
         manifest = self._manifest_of(thing, ID, names, distribution, only or 4)
         for format in (3, 4) if only is None else (only,):

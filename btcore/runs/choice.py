@@ -331,9 +331,10 @@ class _Chooser:
             elif provider in request.chain:
                 reasons.append(f"{provider} needs itself: {_join([*request.chain, provider])}")
             elif not _has_settings(provider, self._settings):
-                reasons.append(
-                    f"{provider} is not used without {_required_options(provider, self._settings)}"
-                )
+                kinds = [kind for kind, optional in provider.settings.items() if not optional]
+                kinds = [kind for kind in kinds if self._settings.find(kind) is None]
+                names = [name for kind in kinds for name in required_option_names(kind)]
+                reasons.append(f"{provider} is not used without {join_names(names)}")
             else:
                 missing = next(
                     need
@@ -381,16 +382,6 @@ def _path(request: _Request) -> str:
 
 def _join(chain: Sequence[Provider]) -> str:
     return " → ".join(map(repr, chain))
-
-
-def _required_options(provider: Provider, settings: GivenSettings) -> str:
-    names = [
-        name
-        for kind, optional in provider.settings.items()
-        if not optional and settings.find(kind) is None
-        for name in required_option_names(kind)
-    ]
-    return join_names(names)
 
 
 def unused_settings(

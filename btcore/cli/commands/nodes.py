@@ -18,13 +18,7 @@ from btcore.suggestions import did_you_mean, join_names
 from btcore.values import DOUBLE
 from btcore.xml.models.tree_nodes_model import write_models
 
-_ORDER: Final = (
-    NodeType.CONTROL,
-    NodeType.DECORATOR,
-    NodeType.CONDITION,
-    NodeType.ACTION,
-    NodeType.SUBTREE,
-)
+_ORDER: Final = (NodeType.CONTROL, NodeType.DECORATOR, NodeType.CONDITION, NodeType.ACTION, NodeType.SUBTREE)
 _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "↔"}
 
 
@@ -33,12 +27,7 @@ _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "�
 @pass_options(PaletteOptions, "options")
 @click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot can import.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
-def nodes(
-    ids: Sequence[str],
-    options: PaletteOptions,
-    as_xml: bool,
-    as_json: bool,
-) -> None:
+def nodes(ids: Sequence[str], options: PaletteOptions, as_xml: bool, as_json: bool) -> None:
     """List the nodes that trees can use: built-in, installed, and loaded by --plugin or --model.
 
     With IDs, list only these nodes.

@@ -173,7 +173,9 @@ class _TreeOutliner:
             if children:
                 children = element_children(element)
                 if len(children) != len(element.children):
-                    self._warn_obsolete_root(element)
+                    for child in element.iterchildren("Root"):
+                        hint = Hint("remove it", (Fix("remove", is_safe=True),))
+                        self._report(CAPITALISED_ROOT, "the obsolete <Root> is ignored", child, hint=hint)
             node_type = node_types[tag] if tag in node_types else self._tag_cache.classify(tag)
             if node_type is None:
                 self._check_other_tag(tag, element, children)
@@ -195,12 +197,6 @@ class _TreeOutliner:
         # A tree has one root: further roots are an error, reported above, and left out.
         further_roots = nodes[0].children[1:]
         return nodes[1 : nodes.index(further_roots[0])] if further_roots else nodes[1:]
-
-    def _warn_obsolete_root(self, element: Element) -> None:
-        for child in element.iterchildren("Root"):
-            message = "the obsolete <Root> is ignored"
-            hint = Hint("remove it", (Fix("remove", is_safe=True),))
-            self._report(CAPITALISED_ROOT, message, child, hint=hint)
 
     def _check_other_tag(self, tag: str, element: Element, children: list[Element]) -> None:
         if tag == "BehaviorTree":

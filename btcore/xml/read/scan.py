@@ -171,11 +171,7 @@ class Scan:
     """
 
     def __init__(
-        self,
-        text: str,
-        roots: list[ScannedElement],
-        elements: list[ScannedElement],
-        markup: list[_Markup],
+        self, text: str, roots: list[ScannedElement], elements: list[ScannedElement], markup: list[_Markup]
     ) -> None:
         self.text = text
         self.roots = roots
