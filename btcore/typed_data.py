@@ -83,9 +83,6 @@ def convert(value: Any, kind: type[Value]) -> Value:
     Args:
         value: The value from a file.
         kind: The type of the format.
-
-    Raises:
-        DataError: The value does not fit.
     """
     _check(value, kind, ())
     return msgspec.convert(value, kind, dec_hook=_path)

@@ -87,9 +87,7 @@ class RunSession:
     """The run of a tree from the command line.
 
     Args:
-        run: The run, not yet entered.
         source: The file of the tree.
-        plans: The plans of the tree.
         until: The result that ends the run.
         files: Detects that the tree's file, or one that it includes, was saved; None without `--watch`.
 
@@ -117,11 +115,6 @@ class RunSession:
 
         Args:
             on_tree: Called with the tree before its first tick.
-
-        Raises:
-            LogError: A log cannot be written.
-            BtcoreError: A provider raises while it is opened.
-            TreeError: The tree lacks a resource.
         """
         run, console, files = self.run, terminal.stderr_console(), self._files
         with log_to_console(console), run:
@@ -154,7 +147,6 @@ class Reloads:
     """Reloads the tree of a run when its file is saved, as a `TreeWatcher`, and prints what happens.
 
     Args:
-        run: The run.
         source: The file of the tree.
         files: Detects that the file, or one that it includes, was saved.
         progress: The status line of the run.
@@ -216,14 +208,8 @@ def create_session(
     Args:
         ctx: The context of the command, with the settings of providers.
         source: The tree, as the user named it.
-        options: The options of the run.
         installed: The installed nodes, for a process that loads them once for many runs. They are not
             changed.
-
-    Raises:
-        click.ClickException: An option has an invalid value.
-        TreeError: The tree has an error.
-        RegistrationError: A node library cannot be loaded.
     """
     changes = None
     if options.outcomes or options.substitute or options.set:

@@ -135,7 +135,6 @@ def counted(count: int, noun: str, zero: str = "0") -> str:
     """Return a number with a noun.
 
     Args:
-        count: The number.
         noun: The noun in the singular.
         zero: The word for 0.
     """

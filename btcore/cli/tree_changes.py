@@ -33,9 +33,6 @@ class TreeChanges:
 
     Attributes:
         provided: Objects for the leaves.
-
-    Raises:
-        click.UsageError: A value is invalid.
     """
 
     def __init__(self, outcomes: Sequence[str], substitute: Sequence[Path], set: Sequence[str]) -> None:
@@ -45,11 +42,7 @@ class TreeChanges:
         self.provided = [self._outcomes] if outcomes else []
 
     def add_rules(self, nodes: Registry) -> None:
-        """Add the substitution rules to a registry.
-
-        Raises:
-            click.UsageError: A file cannot be read, or contains invalid rules.
-        """
+        """Add the substitution rules to a registry."""
         if not self._rule_files:
             return
         from btcore.testing.substitution_rules import SubstitutionError, load_substitution_rules
@@ -65,11 +58,7 @@ class TreeChanges:
                 raise click.UsageError(f"--substitute {file}: {error}.") from error
 
     def check(self, plans: Plans) -> None:
-        """Check that each `--plan` applies to a leaf of the tree that has no code.
-
-        Raises:
-            click.UsageError: There is no such leaf, or it does not have an output port of its outcomes.
-        """
+        """Check that each `--plan` applies to a leaf of the tree that has no code."""
         try:
             self._outcomes.check(_ports_of_mock_leaves(plans) if self._outcomes.leaves else {})
         except ValueError as error:
@@ -79,9 +68,6 @@ class TreeChanges:
         """Write the entries to the blackboard of *tree*, and warn if substitution rules match no node.
 
         A key that no port or script uses is written too, with a warning.
-
-        Raises:
-            click.UsageError: A text is not a value of its key's type.
         """
         board = tree.blackboard
         without_port = [key for key in self._entries if board.find(key) is None]

@@ -334,13 +334,9 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     """Put *node* into a tree. Called by `Manifest.make`, before `__init__`.
 
     Args:
-        node: The node.
         config: The configuration of the node: its name, path, ports and conditions.
         context: The state that all nodes of the tree share, for example the clock and the observers.
         blackboard: The scope that the node reads and writes.
-
-    Raises:
-        ScriptError: A pre- or post-condition has a syntax error.
     """
     node.config = config
     node._status = IDLE
@@ -374,7 +370,6 @@ def execution_error(node: TreeNode, cause: BaseException, doing: str) -> NodeExe
     """Return an error that names *node*.
 
     Args:
-        node: The node.
         cause: The exception that was raised.
         doing: When it was raised: "ticking" or "being halted".
     """
@@ -403,11 +398,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     notified of the reset before the result of the decorator, as in BehaviorTree.CPP.
 
     Args:
-        node: The node.
         ignore_override: Whether an override of execute_tick() is not called, because it is the caller.
-
-    Raises:
-        NodeExecutionError: The node or a node below it raised.
     """
     flags = node._tick_flags
     # The greatest flag is compared with `>=`, because `&` takes 20 ns more (pure).

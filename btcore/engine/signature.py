@@ -168,7 +168,6 @@ def port_from_annotation(
     """Return the port that *annotation* declares, or None if it does not declare a port.
 
     Args:
-        name: The name of the port.
         annotation: The annotation of an attribute or a parameter.
         kind_of: Returns the ValueType for the type in In[…], which may be a ValueType itself.
         default: The default value; UNSET = the port is mandatory.
@@ -192,16 +191,7 @@ def port_from_annotation(
 
 
 def check_parameter_writable(name: str, function_name: str, annotation: object) -> None:
-    """Check that a parameter is not annotated with Out or InOut, which work for attributes only.
-
-    Args:
-        name: The name of the parameter.
-        function_name: The name of the function.
-        annotation: The annotation of the parameter.
-
-    Raises:
-        RegistrationError: The annotation is Out or InOut.
-    """
+    """Check that a parameter is not annotated with Out or InOut, which work for attributes only."""
     mark = _port_mark(_type_and_marks(annotation))
     if mark is not None and mark.direction is not Direction.IN and not mark.put:
         raise RegistrationError(
@@ -231,9 +221,6 @@ def function_parameters(
         types: The types that ports may have.
         names: Local names, for resolving annotations that are strings.
         skip_first: Whether to leave out the first parameter, `self`.
-
-    Raises:
-        RegistrationError: A parameter is variadic, or its annotation is missing or invalid.
     """
     function_name = getattr(function, "__qualname__", repr(function))
     hints = _resolve(function, function_name, names)
@@ -275,12 +262,8 @@ def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> lis
     """Return the ports of a node class, inherited ports first.
 
     Args:
-        cls: The class.
         types: The types that ports may have.
         names: Local names, for resolving annotations that are strings.
-
-    Raises:
-        RegistrationError: An annotation is invalid, or a port has the name of an attribute of the engine.
     """
     listed: dict[str, Port] = {}
     provided = getattr(cls, "provided_ports", None)
@@ -302,11 +285,7 @@ def class_annotations(cls: type, names: Mapping[str, Any]) -> dict[str, Any]:
     """Return the annotations of a class and its base classes, by the names of the attributes.
 
     Args:
-        cls: The class.
         names: Local names, for resolving annotations that are strings.
-
-    Raises:
-        RegistrationError: An annotation is invalid.
     """
     return _resolve(cls, cls.__qualname__, names)
 

@@ -112,7 +112,6 @@ class TransitionRecorder:
         """Record a reset of several nodes. Call it only if *notifies_at_once* is False.
 
         Args:
-            configs: The configs of the nodes.
             before: The previous statuses of the nodes.
             count: The number of nodes whose previous status was not IDLE.
         """

@@ -255,6 +255,5 @@ def entry_hint(purpose: str, key: str) -> Hint:
 
     Args:
         purpose: What the value with braces does, such as "use the entry".
-        key: The key.
     """
     return Hint(f"to {purpose}, write {{{key}}}", (Fix("write_value", (f"{{{key}}}",)),))

@@ -66,7 +66,6 @@ def validate_document(
     trees, until MAX_REPEATED_NODES is reached.
 
     Args:
-        document: The parsed document.
         nodes: The registered nodes.
         tree: ID of the tree to load; by default the document's main tree.
         format: 3 or 4, overriding the document's `BTCPP_format`.

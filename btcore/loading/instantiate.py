@@ -75,7 +75,6 @@ def make_leaf_tree(leaf: type[TreeNode], ID: str, clock: Clock) -> Tree:
     Args:
         leaf: The class of the leaf, without parameters.
         ID: The ID of the leaf and, with the suffix `Alone`, of the tree.
-        clock: The clock.
     """
     registry = Registry.standard()
     registry.add(leaf, ID=ID)

@@ -18,9 +18,6 @@ def expect_extension(path: Path, *extensions: str) -> None:
 
     Args:
         extensions: The accepted extensions, such as `.btlog`.
-
-    Raises:
-        LogError: The file has another extension.
     """
     if path.suffix in extensions:
         return
@@ -34,9 +31,6 @@ def create(path: Path, head: bytes) -> FileIO:
 
     Args:
         head: The first bytes, which are written at once.
-
-    Raises:
-        LogError: The file cannot be written.
     """
     try:
         file = path.open("wb", buffering=0)
@@ -51,11 +45,7 @@ def create(path: Path, head: bytes) -> FileIO:
 
 
 def ensure_writable(path: Path) -> None:
-    """Check that *path* can be written; the file is created if it does not exist, and not changed otherwise.
-
-    Raises:
-        LogError: The file cannot be written.
-    """
+    """Check that *path* can be written; the file is created if it does not exist, and else unchanged."""
     try:
         path.open("ab").close()
     except OSError as error:
@@ -63,11 +53,7 @@ def ensure_writable(path: Path) -> None:
 
 
 def write_whole(file: FileIO, data: bytes) -> None:
-    """Write all of *data* to an unbuffered file.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write all of *data* to an unbuffered file."""
     # Usually a single system call, so that a killed process leaves complete records. A call may write less.
     written = file.write(data)
     while written < len(data):
@@ -80,9 +66,6 @@ def read_bytes(path: Path, count: int | None = None) -> bytes:
 
     Args:
         count: Return only the first *count* bytes; default the whole file.
-
-    Raises:
-        LogError: The file cannot be read.
     """
     try:
         return read_file(path, count)

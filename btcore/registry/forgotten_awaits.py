@@ -25,9 +25,6 @@ def check_awaits(ID: str, thing: Any) -> None:
 
     The check includes the coroutines and generators that the code of the leaf names. It does not find calls
     whose result is stored in a container or passed to another function.
-
-    Raises:
-        RegistrationError: A result is discarded, or assigned to a local variable that is never used.
     """
     pending = _methods(thing) if isinstance(thing, type) else [thing]
     seen = set()

@@ -143,9 +143,6 @@ class Manifest:
         Args:
             blackboard: The scope of the node.
             children: The children, created before.
-
-        Raises:
-            NodeError: A resource is missing, or the node cannot be used as declared.
         """
         cls = self.cls
         # __init__ is called below, when the node has its ports, blackboard and children.
@@ -364,9 +361,6 @@ def create_manifest(
         names: Local names, for resolving annotations that are strings.
         distribution: The package that registers the node.
         format: The XML format whose rules for port names apply.
-
-    Raises:
-        RegistrationError: The class or function cannot be registered.
     """
     check_id(ID)
     check_awaits(ID, thing)

@@ -433,11 +433,7 @@ class Plugin(NamedTuple):
 
 
 def import_plugin(library: str | Path, name: str | None = None) -> Plugin:
-    """Import a node library without registering it; the arguments are those of `Registry.add_plugin`.
-
-    Raises:
-        RegistrationError: The library cannot be imported.
-    """
+    """Import a node library without registering it; the arguments are those of `Registry.add_plugin`."""
     function = "register"
     if isinstance(library, str) and not library.strip():
         raise RegistrationError("a plugin has no name: give the name of a module, or the path of a file")

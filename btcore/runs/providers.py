@@ -103,9 +103,6 @@ class Provider:
             classes, or their full names.
         default: Whether every other provider that is otherwise equally good is preferred.
 
-    Raises:
-        ProviderError: The function is asynchronous.
-
     Attributes:
         name: The name of the function.
         is_installed: Whether the provider comes from btcore or an installed package, not from the user's

@@ -209,9 +209,6 @@ def condition_result(value: object) -> bool:
     """Return the result of a condition's script as a bool.
 
     Zero is false. The integer 1 and every positive float are true.
-
-    Raises:
-        ScriptError: The value is a negative float, an integer except 0 and 1, or not a number.
     """
     if isinstance(value, float) and value >= 0.0:
         return value != 0.0

@@ -301,7 +301,6 @@ def element_to_xml(element: Element, numbers: Iterator[int], indent: str) -> str
     """Return an element as XML, with a line for each node.
 
     Args:
-        element: The element.
         numbers: The numbers for the names of the nodes.
         indent: The indentation of the first line.
     """

@@ -76,7 +76,6 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
     """Return the trees that documents define.
 
     Args:
-        sources: The documents.
         tree_id: The ID of the main tree; by default the main document determines it.
         format: 3 or 4, overriding the main document's `BTCPP_format`.
     """

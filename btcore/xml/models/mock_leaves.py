@@ -61,12 +61,6 @@ def parse_outcomes(text: str) -> tuple[Start, ...]:
     The letters are R (RUNNING), S (SUCCESS), F (FAILURE), K (SKIPPED) and X (raises `MockLeafError`). A start
     ends at the first letter other than R, or at a `|`, which may be omitted after such a letter. Output ports
     that the leaf writes follow in parentheses: `S(cups=3, text='a, b')`. A quote in quotes is doubled.
-
-    Args:
-        text: The text.
-
-    Raises:
-        ValueError: The text is invalid.
     """
     starts: list[Start] = []
     start: list[Outcome] = []
@@ -113,9 +107,6 @@ def check_outputs(outputs: Mapping[str, Iterable[str]], ports: Mapping[str, Mapp
     Args:
         outputs: The names of the output ports, by the name or the ID of the leaf.
         ports: The ports of the mock leaves, by name and by ID.
-
-    Raises:
-        ValueError: There is no such leaf, or it does not have such an output port.
     """
     for name, names in outputs.items():
         if name not in ports:

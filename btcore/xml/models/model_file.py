@@ -59,9 +59,6 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
 
     Returns:
         The IDs of the new mock nodes.
-
-    Raises:
-        TreeError: The file or an included file can't be read, or the file contains no valid model.
     """
     sources = read(parse_file(path, confined=confined))
     sources.diagnostics.raise_errors()

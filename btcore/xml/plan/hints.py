@@ -30,7 +30,6 @@ class UnknownNodeHints:
         """Return a hint for an unknown node; the first of the hints suggests to load a plugin.
 
         Args:
-            name: The unknown name.
             trees: The trees of the document, by ID.
             declared_in: The file whose TreeNodesModel declares the node, or None.
         """

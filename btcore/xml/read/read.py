@@ -147,9 +147,6 @@ def parse_text(text: str, file: str = "", *, confined: bool = False) -> Document
     Args:
         file: Name of the file in messages, or "".
         confined: Whether includes from outside of the file's folder, or of the working directory, are errors.
-
-    Raises:
-        XmlSyntaxError: *text* is not valid XML.
     """
     # The text is decoded already, so a byte order mark and the declared encoding are ignored.
     text = text.removeprefix("\ufeff")
@@ -205,9 +202,6 @@ def parse_file(
         included: Whether the name of the file comes from another document. Then the error for a file that
             does not contain a `<root>` doesn't quote the file.
         unsaved: Texts that replace the content of the file and of included files, by their `real_path`.
-
-    Raises:
-        XmlSyntaxError: The file can't be read, is not UTF-8 or is not valid XML.
     """
     name = os.fspath(path)
     text = unsaved.get(real_path(path)) if unsaved else None
@@ -230,9 +224,6 @@ def parse_bytes(data: bytes, file: str, *, confined: bool = False) -> Document:
     Args:
         file: Name of the file in messages.
         confined: As in `parse_text`.
-
-    Raises:
-        XmlSyntaxError: *data* is not UTF-8 or is not valid XML.
     """
     return parse_text(_decoded(data, file), file, confined=confined)
 

@@ -65,9 +65,6 @@ def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Finding]]:
 
     Returns:
         The first outermost element, without lines, and a warning for whatever other XML tools reject.
-
-    Raises:
-        XmlSyntaxError: tinyxml2 rejects *text*, too.
     """
     try:
         return _Parser(text).parse()
