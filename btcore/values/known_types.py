@@ -235,8 +235,10 @@ def type_of(value: object) -> ValueType:
         assert isinstance(value, list)
         if not value:
             return ANY
-        kinds = (VECTOR_INT, VECTOR_DOUBLE, VECTOR_BOOL, VECTOR_STRING)
-        return next((kind for kind in kinds if kind.accepts(value)), None) or UserType(list, "list")
+        for kind in (VECTOR_INT, VECTOR_DOUBLE, VECTOR_BOOL, VECTOR_STRING):
+            if kind.accepts(value):
+                return kind
+        return UserType(list, "list")
     if isinstance(value, str):
         return STRING
     if isinstance(value, Enum):
