@@ -25,7 +25,6 @@ class FiniteRange(click.FloatRange):
         Args:
             value: The text of the option.
             param: The option.
-            ctx: The context of the command.
 
         Returns:
             The number.

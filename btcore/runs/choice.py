@@ -103,8 +103,6 @@ def choose(
 
     Args:
         needed: The types that the leaves of the tree need, and those that the program wants.
-        available: The available providers.
-        settings: The settings of the run.
         provided: Objects of the program, which are preferred to providers.
         optional: Types that the program can do without. A provider that is used for one of them alone is not
             preferred for the types that are needed.
@@ -151,8 +149,6 @@ class _Chooser:
     """Assigns a provider to each needed type; `assign` is called until no provider loses.
 
     Args:
-        available: The available providers.
-        settings: The settings of the run.
         provided: The objects of the program.
     """
 
@@ -391,8 +387,6 @@ def unused_settings(
 
     Args:
         choice: The used providers.
-        available: The available providers.
-        settings: The settings of the run.
     """
     taken = {RunSettings, *(kind for provider in choice.order for kind in provider.settings)}
     reasons = {}

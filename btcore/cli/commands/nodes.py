@@ -47,7 +47,6 @@ def nodes(ids: Sequence[str], options: PaletteOptions, as_xml: bool, as_json: bo
 
 
 def _print(manifests: Sequence[Manifest]) -> None:
-    """Print *manifests* as a table with a section for each node type."""
     several = len({manifest.distribution for manifest in manifests}) > 1
     table = terminal.new_table()
     table.add_column("node", no_wrap=True)
@@ -71,7 +70,6 @@ def _print(manifests: Sequence[Manifest]) -> None:
 
 
 def _format_port(port: Port) -> Text:
-    """Return the direction, name, type and default of *port*, with no-break spaces between them."""
     # With normal spaces the terminal would break a port between its name and its type.
     text = Text.assemble((_ARROW[port.direction] + "\u00a0", "dim"), (port.name, "yellow"))
     type_name = port.type.name.replace("BT::", "").replace("std::", "").replace(" ", "\u00a0")

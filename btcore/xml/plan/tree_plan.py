@@ -42,7 +42,6 @@ class SubtreeCall:
     """A SubTree element: the tree that it calls, and how the two blackboards are connected.
 
     Args:
-        element: The SubTree element.
         format: The XML format, 3 or 4.
         defaults: The ports that the called tree's model declares, with their defaults.
 
