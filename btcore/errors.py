@@ -6,6 +6,7 @@ from typing import Final, Literal, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.escaping import escape_controls
+from btcore.suggestions import suggestion
 
 FixOperation = Literal[
     "add_children",
@@ -63,7 +64,7 @@ class Hint(NamedTuple):
     @classmethod
     def similar_name(cls, name: str) -> "Hint":
         """Return the hint that the marked name may be a misspelt *name*."""
-        return cls(f"did you mean '{name}'?", (Fix("rename", (name,)),))
+        return cls(suggestion(f"'{name}'"), (Fix("rename", (name,)),))
 
 
 class Diagnostic(NamedTuple):

@@ -81,9 +81,6 @@ class NodeLibraries:
 
         Args:
             own_packages: Whether to load the libraries of btcore's own packages, too.
-
-        Raises:
-            RegistrationError: A plugin cannot be registered.
         """
         self.nodes, self.has_own_packages = Registry.standard(), own_packages
         self.unavailable = self.nodes.add_installed(own_packages)
@@ -114,9 +111,6 @@ class NodeLibraries:
 
         Args:
             confined: Whether includes from outside of a file's folder are errors.
-
-        Raises:
-            TreeError: A model is invalid.
         """
         if models:
             from btcore.xml.models.model_file import add_models  # most commands have no models
@@ -131,10 +125,6 @@ class NodeLibraries:
         Returns:
             The documents, and the nodes for their trees. With models the nodes include those that explicit
             tags, such as `<Action ID="Move"/>`, declare. Without models unknown nodes remain errors.
-
-        Raises:
-            RegistrationError: A plugin cannot be registered.
-            TreeError: An included file cannot be read.
         """
         sources = read(document, self.nodes.documents)
         if not self.has_own_packages and any(
@@ -186,11 +176,6 @@ def load_libraries(
             of these packages, because the plugin may use their types, and with *models*, which declare only
             what is unknown.
         imported: Plugins that are imported already, by their names in *plugins*.
-
-    Raises:
-        RegistrationError: One of *plugins* cannot be loaded.
-        click.UsageError: One of *plugins* is given twice.
-        TreeError: One of *models* is invalid.
     """
     loaded: list[Plugin] = []
     seen: set[str | Path] = set()
@@ -215,7 +200,6 @@ def _has_providers(plugin: Plugin) -> bool:
 
 
 def _find_node_ids(documents: Iterable[Document]) -> Iterator[str]:
-    """Yield the IDs of the nodes in the trees of *documents*."""
     for document in documents:
         for top in document.root.iterchildren("BehaviorTree"):
             for element in islice(top.iter(), 1, None):

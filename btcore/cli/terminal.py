@@ -135,7 +135,6 @@ def counted(count: int, noun: str, zero: str = "0") -> str:
     """Return a number with a noun.
 
     Args:
-        count: The number.
         noun: The noun in the singular.
         zero: The word for 0.
     """
@@ -168,7 +167,6 @@ def print_diagnostics(diagnostics: Iterable[Diagnostic], console: Console | None
     """Print diagnostics, separated by empty lines: the first 100 of each file, and a count.
 
     Args:
-        diagnostics: The diagnostics.
         console: Where to print; stderr by default.
     """
     console = console or stderr_console()

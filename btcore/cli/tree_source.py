@@ -98,10 +98,6 @@ def parse_source(path: Path, confined: bool) -> Document:
     Args:
         path: The file, or `STDIN`.
         confined: Whether includes from outside of the file's folder, or of the working directory, are errors.
-
-    Raises:
-        XmlSyntaxError: The file can't be read, is not UTF-8 or is not valid XML.
-        BtcoreError: stdin can't be read.
     """
     if path != STDIN:
         return parse_file(path, confined=confined)
@@ -115,15 +111,10 @@ def parse_source(path: Path, confined: bool) -> Document:
 class TreeSource:
     """The file of a tree, and how to make its plans.
 
-    Args:
-        path: The XML file, or `STDIN`.
-        options: The options that select the tree.
-        libraries: The available nodes; by default those that *options* name, as far as the tree needs them.
-
     Attributes:
         path: The XML file, or `STDIN`.
         options: The options that select the tree.
-        libraries: The available nodes.
+        libraries: The available nodes; by default those that *options* name, as far as the tree needs them.
     """
 
     def __init__(self, path: Path, options: TreeOptions, libraries: NodeLibraries | None = None) -> None:
@@ -147,9 +138,6 @@ class TreeSource:
 
         Returns:
             The plans of the tree, without errors.
-
-        Raises:
-            TreeError: The file has an error.
         """
         try:
             document = parse_source(self.path, self.options.confined)

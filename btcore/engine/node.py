@@ -334,13 +334,9 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     """Put *node* into a tree. Called by `Manifest.make`, before `__init__`.
 
     Args:
-        node: The node.
         config: The configuration of the node: its name, path, ports and conditions.
         context: The state that all nodes of the tree share, for example the clock and the observers.
         blackboard: The scope that the node reads and writes.
-
-    Raises:
-        ScriptError: A pre- or post-condition has a syntax error.
     """
     node.config = config
     node._status = IDLE
@@ -374,7 +370,6 @@ def execution_error(node: TreeNode, cause: BaseException, doing: str) -> NodeExe
     """Return an error that names *node*.
 
     Args:
-        node: The node.
         cause: The exception that was raised.
         doing: When it was raised: "ticking" or "being halted".
     """
@@ -403,11 +398,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     notified of the reset before the result of the decorator, as in BehaviorTree.CPP.
 
     Args:
-        node: The node.
         ignore_override: Whether an override of execute_tick() is not called, because it is the caller.
-
-    Raises:
-        NodeExecutionError: The node or a node below it raised.
     """
     flags = node._tick_flags
     # The greatest flag is compared with `>=`, because `&` takes 20 ns more (pure).
@@ -449,7 +440,6 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
 
 
 def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
-    """Tick *node* with its conditions, callbacks and counters."""
     conditions = extras.conditions
     counts = extras.tick_counts
     if counts is not None:
@@ -487,9 +477,7 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
 def _as_status(node: TreeNode, result: object) -> Status:
     """Return *result*, the result of *node*, as a Status. A numpy.bool_ counts as a bool.
 
-    Raises:
-        NodeError: The result is neither a Status nor a bool, or it is IDLE. In format 3 a node with children
-            may return IDLE, as in BehaviorTree.CPP 3.8.
+    In format 3 a node with children may return IDLE, as in BehaviorTree.CPP 3.8.
     """
     if result is SUCCESS or result is True:
         return SUCCESS
@@ -499,7 +487,9 @@ def _as_status(node: TreeNode, result: object) -> Status:
         return RUNNING
     if result is SKIPPED:
         return SKIPPED
-    if _is_numpy_bool(result):
+    kind = type(result)
+    # The type of numpy's comparisons is named bool_ in numpy 1 and bool in numpy 2.
+    if kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_"):
         return SUCCESS if result else FAILURE
     if result is IDLE and node.config.format == 3 and node.children:
         return IDLE
@@ -525,13 +515,6 @@ def _forgotten_return(node: TreeNode) -> str:
             written = function.__qualname__.rpartition("<locals>.")[2]
             return f": did {written}() in {code.co_filename}:{code.co_firstlineno} forget `return`?"
     return ""
-
-
-def _is_numpy_bool(result: object) -> bool:
-    """Return whether *result* is a numpy.bool_, the type of numpy's comparisons, without importing numpy."""
-    kind = type(result)
-    # The class is named bool_ in numpy 1 and bool in numpy 2.
-    return kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_")
 
 
 def read_clock(node: TreeNode) -> int:

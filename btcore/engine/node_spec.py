@@ -113,7 +113,6 @@ def declared_fields(cls: type) -> dict[str, Any]:
 
 
 def _completed(cls: type) -> NodeSpec:
-    """Return the fields that *cls* declares, and those that it inherits."""
     values: dict[str, Any] = {}
     added: dict[str, set[str]] = {name: set() for name in _ADDED}
     for parent in reversed(cls.__mro__):

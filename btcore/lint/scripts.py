@@ -6,11 +6,7 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
 from btcore.errors import Fix, Hint, ScriptError
 from btcore.lint.reporter import LintReporter, node_label
-from btcore.script.expressions import (
-    Assignment,
-    Expression,
-    Name,
-)
+from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result
 from btcore.xml.plan.key_uses import iter_subexpressions, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan

@@ -103,8 +103,6 @@ def choose(
 
     Args:
         needed: The types that the leaves of the tree need, and those that the program wants.
-        available: The available providers.
-        settings: The settings of the run.
         provided: Objects of the program, which are preferred to providers.
         optional: Types that the program can do without. A provider that is used for one of them alone is not
             preferred for the types that are needed.
@@ -151,8 +149,6 @@ class _Chooser:
     """Assigns a provider to each needed type; `assign` is called until no provider loses.
 
     Args:
-        available: The available providers.
-        settings: The settings of the run.
         provided: The objects of the program.
     """
 
@@ -203,7 +199,6 @@ class _Chooser:
         return False
 
     def _of_program(self, kind: Any) -> object:
-        """Return the first object of the program that fits a type, or None."""
         fitting = [thing for thing in self._provided if fits(thing, kind)]
         if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
             raise ProviderError(
@@ -307,7 +302,6 @@ class _Chooser:
     def _append_after_needs(
         self, provider: Provider, chain: tuple[Provider, ...], order: dict[Provider, None]
     ) -> None:
-        """Append a provider to *order*, after those that it needs."""
         if provider in order:
             return
         if provider in chain:
@@ -323,7 +317,6 @@ class _Chooser:
         order[provider] = None
 
     def _explain(self, request: _Request) -> str:
-        """Return why nothing provides the type of a request."""
         reasons = []
         for provider in self._available.of_type(full_name(request.type)):
             if provider in self._losers:
@@ -334,9 +327,10 @@ class _Chooser:
             elif provider in request.chain:
                 reasons.append(f"{provider} needs itself: {_join([*request.chain, provider])}")
             elif not _has_settings(provider, self._settings):
-                reasons.append(
-                    f"{provider} is not used without {_required_options(provider, self._settings)}"
-                )
+                kinds = [kind for kind, optional in provider.settings.items() if not optional]
+                kinds = [kind for kind in kinds if self._settings.find(kind) is None]
+                names = [name for kind in kinds for name in required_option_names(kind)]
+                reasons.append(f"{provider} is not used without {join_names(names)}")
             else:
                 missing = next(
                     need
@@ -386,16 +380,6 @@ def _join(chain: Sequence[Provider]) -> str:
     return " → ".join(map(repr, chain))
 
 
-def _required_options(provider: Provider, settings: GivenSettings) -> str:
-    names = [
-        name
-        for kind, optional in provider.settings.items()
-        if not optional and settings.find(kind) is None
-        for name in required_option_names(kind)
-    ]
-    return join_names(names)
-
-
 def unused_settings(
     choice: Choice, available: AvailableProviders, settings: GivenSettings
 ) -> dict[type[Settings], str]:
@@ -403,8 +387,6 @@ def unused_settings(
 
     Args:
         choice: The used providers.
-        available: The available providers.
-        settings: The settings of the run.
     """
     taken = {RunSettings, *(kind for provider in choice.order for kind in provider.settings)}
     reasons = {}

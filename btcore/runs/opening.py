@@ -37,11 +37,7 @@ class OpenedProvider:
         self._context: contextlib.AbstractContextManager[object] | None = None
 
     def open(self, arguments: Mapping[str, object]) -> None:
-        """Call the function with *arguments*, up to its `yield`.
-
-        Raises:
-            ProviderError: The function raised an exception whose message is not meant for the user.
-        """
+        """Call the function with *arguments*, up to its `yield`."""
         function = self.provider.function
         with _named(self.provider):
             if inspect.isgeneratorfunction(function):
@@ -101,8 +97,6 @@ class OpenedProviders:
     """The used providers of a run, and the objects that they and the program provide.
 
     Args:
-        available: The available providers.
-        settings: The settings of the run.
         provided: The objects of the program.
         clock: The clock that the program has given, or None.
         tree: Returns the tree of the run.
@@ -144,9 +138,6 @@ class OpenedProviders:
             needed: The types that the leaves need.
             wanted: The types that the program needs.
             optional: The types that the program uses if they are provided.
-
-        Raises:
-            ProviderError: The choice is ambiguous, or nothing provides a type of *wanted*.
         """
         self.choice = choose([*needed, *wanted], self._available, self._settings, self._provided, optional)
         for kind in wanted:
@@ -163,9 +154,6 @@ class OpenedProviders:
         Args:
             kinds: The types of which a leaf or the program gets the object of the chosen provider.
             stack: The stack that closes the providers.
-
-        Raises:
-            ProviderError: A provider raised an exception, or another has provided None.
         """
         self.resources += self._provided
         for provider in self.choice.order:
@@ -180,11 +168,7 @@ class OpenedProviders:
                 self.resources.choose(kind, found)
 
     def open_for_tree(self, stack: contextlib.ExitStack) -> None:
-        """Open the providers that need the tree, which exists now. Its leaves do not get their objects.
-
-        Raises:
-            ProviderError: A provider raised an exception, or another has provided None.
-        """
+        """Open the providers that need the tree, which exists now. Its leaves do not get their objects."""
         for provider in self.choice.order:
             if self.choice.follows_tree(provider):
                 self._open(provider, stack)
@@ -211,11 +195,7 @@ class OpenedProviders:
 
     @property
     def clock(self) -> Clock:
-        """The clock of the run.
-
-        Raises:
-            ProviderError: The provider of the clock has provided none.
-        """
+        """The clock of the run."""
         if self._clock is None:
             self._clock = self._find_clock()
         return self._clock

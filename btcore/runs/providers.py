@@ -103,9 +103,6 @@ class Provider:
             classes, or their full names.
         default: Whether every other provider that is otherwise equally good is preferred.
 
-    Raises:
-        ProviderError: The function is asynchronous.
-
     Attributes:
         name: The name of the function.
         is_installed: Whether the provider comes from btcore or an installed package, not from the user's
@@ -288,14 +285,14 @@ def _names_with_bases(kind: Any) -> Iterator[str]:
 
 
 def _resolve(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the annotations of *function*, with stand-ins for classes that are imported for types alone."""
+    """Return the annotations of *function*; classes that are imported for types alone are empty."""
     try:
         return typing.get_type_hints(function)
     except NameError:
-        return typing.get_type_hints(function, localns=_stand_ins(sys.modules[function.__module__]))
+        return typing.get_type_hints(function, localns=_empty_classes(sys.modules[function.__module__]))
 
 
-def _stand_ins(module: ModuleType) -> dict[str, Any]:
+def _empty_classes(module: ModuleType) -> dict[str, Any]:
     """Return an empty class for each name that *module* imports under TYPE_CHECKING alone."""
     source = ast.parse(Path(str(module.__file__)).read_bytes())
     guarded = (

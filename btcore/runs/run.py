@@ -72,12 +72,7 @@ Runnable = str | PathLike[str] | Plans | TreelessProgram
 
 
 def _planned(source: object, arguments: LoadArguments) -> Plans | TreelessProgram:
-    """Return the plans of a tree, or a program.
-
-    Raises:
-        TreeError: The tree has an error.
-        TypeError: *source* is neither.
-    """
+    """Return the plans of a tree, or a program."""
     if isinstance(source, (str, PathLike)):
         with PausedGarbageCollection():
             source = plan_file(source, arguments)
@@ -372,7 +367,6 @@ class Run:
 
     @contextmanager
     def _leaf_error_kept(self) -> Iterator[None]:
-        """Return a context that keeps the exception of a leaf, which ends the run."""
         try:
             yield
         except NodeExecutionError as error:
@@ -382,7 +376,6 @@ class Run:
 
     @contextmanager
     def _ended_by_signals(self, stop: Callable[[], object]) -> Iterator[None]:
-        """Return a context in which a signal calls *stop*."""
         self._signals.number = 0
         self._signals.stop = stop
         try:
@@ -396,7 +389,6 @@ class Run:
             raise RuntimeError("the run has ended, and its providers are closed: tick in the 'with' block")
 
     def _halt(self) -> None:
-        """Halt the trees that are not halted already."""
         errors: list[NodeExecutionError] = []
         for tree in self.trees:
             # An interrupted first tick leaves the status of the tree IDLE.

@@ -81,7 +81,6 @@ def show(
 
 
 def _format_label(node: DiagramNode, ports: bool, ascii: bool) -> list[Fragment]:
-    """Return the symbol, name, ID and UID of a node, and its ports and scripts if *ports*."""
     line = [*node_label(node.name, node.id, node.symbol, node.type, ascii), (f"  {node.uid}", "dim")]
     if ports:
         for key, text, _ in node.ports:
@@ -106,7 +105,6 @@ def _to_json_data(node: DiagramNode) -> dict[str, object]:
 
 
 def _print_data(rows: Sequence[DataflowRow]) -> None:
-    """Print *rows* as a table with a section for each blackboard scope."""
     table = terminal.new_table()
     table.add_column("entry", no_wrap=True)
     table.add_column("type", style="dim")

@@ -116,7 +116,6 @@ def validate(
 
 
 def _find_files(source: str) -> list[Path]:
-    """Return the XML files that the argument *source* selects."""
     if not Path(source).is_dir():
         return [find_source(source)]
     files = sorted(Path(source).rglob("*.xml"))
@@ -143,7 +142,6 @@ def _fix_file(path: Path, check: Callable[[Path, str], list[Diagnostic]]) -> _Fi
 
 
 def _print_difference(fixed: Iterable[_FixedFile]) -> None:
-    """Print what the fixes change, as a unified diff."""
     console = terminal.stdout_console()
     styles = {"+": "green", "-": "red", "@": "cyan"}
     for path, before, after, _ in fixed:
@@ -155,7 +153,6 @@ def _print_difference(fixed: Iterable[_FixedFile]) -> None:
 def _print(
     errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, fixed: int, valid: bool
 ) -> None:
-    """Print the errors, the warnings, and their numbers."""
     console = terminal.stdout_console()
     diagnostics = [*errors, *warnings]
     if diagnostics:

@@ -42,7 +42,6 @@ class SubtreeCall:
     """A SubTree element: the tree that it calls, and how the two blackboards are connected.
 
     Args:
-        element: The SubTree element.
         format: The XML format, 3 or 4.
         defaults: The ports that the called tree's model declares, with their defaults.
 
@@ -311,7 +310,6 @@ class TreePlanner:
                 node.children = [child for child in node.children if child not in unknown]
 
     def _find_known_node(self, tag: str, element: Element) -> KnownNode | None:
-        """Return the registered node that *element* names, or None if it is unknown."""
         id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
         known = self._context.known_nodes_by_id.get(id)
         if known is None:
@@ -438,7 +436,6 @@ class TreePlanner:
     # --- SubTree elements
 
     def _plan_call(self, tag: str, node: NodePlan, tree: TreePlan) -> bool:
-        """Plan a SubTree element. Return whether the called tree exists."""
         element = node.element
         format, definitions = self._dialect.format, self._context.definitions
         node.id = tag

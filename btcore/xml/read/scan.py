@@ -171,11 +171,7 @@ class Scan:
     """
 
     def __init__(
-        self,
-        text: str,
-        roots: list[ScannedElement],
-        elements: list[ScannedElement],
-        markup: list[_Markup],
+        self, text: str, roots: list[ScannedElement], elements: list[ScannedElement], markup: list[_Markup]
     ) -> None:
         self.text = text
         self.roots = roots
@@ -272,7 +268,6 @@ def scan(text: str, is_parsed: bool = False) -> Scan:
     """Find the elements of *text*. Never raises; takes time and memory linear in the length.
 
     Args:
-        text: The text.
         is_parsed: Whether the parser has accepted the text, so that no quote is missing.
     """
     return _Scanner(text, is_parsed).scan()

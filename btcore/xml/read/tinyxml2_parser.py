@@ -65,9 +65,6 @@ def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Finding]]:
 
     Returns:
         The first outermost element, without lines, and a warning for whatever other XML tools reject.
-
-    Raises:
-        XmlSyntaxError: tinyxml2 rejects *text*, too.
     """
     try:
         return _Parser(text).parse()
@@ -87,7 +84,6 @@ class _Parser:
         self._prefixes = {"xml", "xmlns", *_DECLARED.findall(text)}
 
     def parse(self) -> tuple[Element, list[Finding]]:
-        """Return the outermost element and the warnings."""
         text = self._text
         at: int | None = 0
         while at is not None:
@@ -244,7 +240,6 @@ class _Parser:
         return after
 
     def _read_attributes(self, tag: re.Match[str]) -> tuple[dict[str, str], int]:
-        """Return the attributes of a tag, and the offset of its '>' or '/>'."""
         text, after_name = self._text, tag.end()
         attributes: dict[str, str] = {}
         while True:
@@ -267,7 +262,6 @@ class _Parser:
             after_name = match.end()
 
     def _refuse_tag(self, at: int, error_at: int) -> NoReturn:
-        """Raise the error for the tag at *at*, which cannot be read from *error_at* on."""
         text = self._text
         opening = OPEN_TAG.match(text, at)
         if START_TAG.match(text, at) is None and opening is not None:
@@ -287,7 +281,6 @@ class _Parser:
         raise _SyntaxError(attribute.end(), 1, "an attribute's value must be in quotes")
 
     def _refuse_unclosed_tag(self, opening: re.Match[str]) -> NoReturn:
-        """Raise the error for a tag without its end, or with an odd number of quotes."""
         at, width = opening.start(), len(opening[0])
         # Quoted values are blanked out, because they may contain "<".
         rest = re.sub(r"\"[^\"]*\"|'[^']*'", lambda match: "x" * len(match[0]), self._text[opening.end() :])
@@ -304,7 +297,6 @@ class _Parser:
             self._warn(match.start(group), len(prefix) + 1, message, "names of nodes and ports have no colon")
 
     def _value(self, attribute: re.Match[str]) -> str:
-        """Return the value of an attribute, and warn about its characters."""
         text = self._text
         group = 4 if attribute[3] is None else 3
         start, end = attribute.span(group)
@@ -322,7 +314,6 @@ class _Parser:
         return decode(attribute[group])
 
     def _check_characters(self, start: int, end: int) -> None:
-        """Warn about references to control characters; raise for invalid code points."""
         for reference in _NUMBER.finditer(self._text, start, end):
             code = int(reference[1], 16) if reference[1] else int(reference[2] or "0")
             if code == 0 or 0xD800 <= code <= 0xDFFF:

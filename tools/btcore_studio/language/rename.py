@@ -9,7 +9,7 @@ from pygls.exceptions import JsonRpcException
 from btcore.names import RESERVED_IDS, forbidden_in, port_name_error
 from btcore.script import lexer
 from btcore.xml.edit.edits import Edit
-from btcore.xml.models.stubs import is_stub
+from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement
@@ -280,7 +280,7 @@ def _check_node(project: Project, symbols: ProjectSymbols, named: NamedNode) -> 
     if known is not None and known.file.endswith(".py"):
         raise RenameError(f"the Python code of <{named.id}> declares its ID: rename it in {known.file}")
     registered = symbols.registry.get(named.id, 4) or symbols.registry.get(named.id, 3)
-    if registered is not None and not is_stub(registered.cls):
+    if registered is not None and not is_mock(registered.cls):
         raise RenameError(f"<{named.id}> is a node of {registered.distribution}")
     if not symbols.node_models(named.id):
         raise RenameError(f"no <TreeNodesModel> of the project declares the node '{named.id}'")
