@@ -26,7 +26,7 @@ class NodeSpec:
     Attributes:
         node_type: The type of the nodes: action, condition, control or decorator.
         symbol: The symbol of the nodes in listings and pictures; "" = the symbol of the node type. Of a
-            symbol of two characters, listings show the first, and pictures draw the second in a ring.
+            symbol of two characters, listings show the first, and pictures the second.
         may_return: The results that a tick may return, apart from RUNNING, for static checks and tree
             coverage.
         state_fields: The attributes that a node remembers between ticks, in addition to those of the base
