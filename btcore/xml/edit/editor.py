@@ -340,10 +340,10 @@ def apply_checked(document: Document, edits: Sequence[Edit], nodes: Registry) ->
         EditError: The result has an error that the document has not; the message is that of the error.
     """
     text = apply_edits(document.text, edits)
-    known = {error.code for error in plan_document(document, nodes).diagnostics.errors}
+    known = {error.code for error in plan_document(document, nodes, every_tree=True).diagnostics.errors}
     try:
         changed = parse_text(text, document.file)
-        errors = plan_document(changed, nodes).diagnostics.errors
+        errors = plan_document(changed, nodes, every_tree=True).diagnostics.errors
     except XmlSyntaxError as error:
         errors = error.diagnostics
     new = next((error for error in errors if error.code not in known), None)
