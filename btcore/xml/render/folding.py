@@ -43,7 +43,7 @@ def fold(
         visible.update(hidden)
         waiting.extend(children[uid])
     sizes: dict[int, int] = {}
-    for uid, below in reversed(children.items()):
+    for uid, below in reversed(list(children.items())):
         sizes[uid] = 1 + sum(sizes[child] for child in below)
     return {
         uid: sizes[uid] - 1
