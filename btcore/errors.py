@@ -423,7 +423,11 @@ class UndecidedOperandError(TickInterrupt):
 
 
 class SettingsError(BtcoreError, ValueError):
-    """Options contradict each other, or the value of one cannot be used; the message names them.
+    """Options contradict each other, or the value of one cannot be used.
+
+    Args:
+        message: What is wrong; it names the options.
+        setting: As the attribute.
 
     Attributes:
         setting: The field of the settings whose value cannot be used, such as "port"; "" = several, or none.

@@ -13,6 +13,8 @@ from msgspec.structs import FieldInfo
 from btcore.errors import BtcoreError
 from btcore.options import Options, describe_field, from_values, option_name
 
+__all__ = ["FiniteRange", "add_options", "pass_options"]
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 

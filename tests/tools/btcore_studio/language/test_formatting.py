@@ -9,8 +9,8 @@ pytest.importorskip("pygls")
 
 from lsprotocol import types
 
+from btcore.xml.read.document import parse_text
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import parse_text
 from btcore_studio.language.formatting import format_document, format_range
 from btcore_studio.language.lenses import code_lenses
 from btcore_studio.language.project import Project, SourceDocument
