@@ -25,7 +25,6 @@ class FiniteRange(click.FloatRange):
         Args:
             value: The text of the option.
             param: The option.
-            ctx: The context of the command.
 
         Returns:
             The number.
@@ -68,11 +67,7 @@ class FieldOption(click.Option):
 
 
 def create_options(options: type[Options], *names: str) -> list[FieldOption]:
-    """Return the options of the fields *names* of *options*, or of all fields, in the order of the fields.
-
-    Raises:
-        BtcoreError: A field is not an option.
-    """
+    """Return the options of the fields *names* of *options*, or of all fields, in the order of the fields."""
     created = []
     for field in msgspec.structs.fields(options):
         if not names or field.name in names:

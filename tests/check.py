@@ -202,7 +202,7 @@ def tests_with_name(path: Path) -> list[str]:
     ranked = sorted(
         (path.stem.lower() not in Path(test).stem, -count, test)
         for test in test_files("tests")
-        if (count := len(re.findall(name, text(test))))
+        if path.stem in text(test) and (count := len(re.findall(name, text(test))))
     )
     return [test for *_, test in ranked]
 

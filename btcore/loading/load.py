@@ -221,7 +221,6 @@ def plan_text(text: str, arguments: LoadArguments) -> Plans:
 
 
 def _load(documents: Sequence[Document], arguments: LoadArguments) -> Tree:
-    """Return the tree of the first of *documents*."""
     resources = arguments.get("resources", ())
     # A text can be iterated, but is a single object here.
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
@@ -243,7 +242,6 @@ def check_argument_names(arguments: LoadArguments) -> None:
 
 
 def _plans_of(documents: Sequence[Document], arguments: LoadArguments) -> Plans:
-    """Return the plans of the tree of the first of *documents*."""
     registry = _registry(arguments.get("nodes"))
     main, *others = documents
     sources = read(main, [*registry.documents, *others], arguments.get("packages"))
@@ -253,12 +251,7 @@ def _plans_of(documents: Sequence[Document], arguments: LoadArguments) -> Plans:
 def _parse(
     parse: Callable[..., Document], arguments: LoadArguments, *sources: str | PathLike[str]
 ) -> list[Document]:
-    """Check the names of *arguments*, and return the documents of *sources*.
-
-    Raises:
-        XmlSyntaxError: A source cannot be read or parsed. It holds the errors of all sources.
-        TypeError: An argument is unknown.
-    """
+    """Check the names of *arguments*, and return the documents of *sources*."""
     check_argument_names(arguments)
     documents: list[Document] = []
     errors: list[Diagnostic] = []
@@ -277,7 +270,6 @@ def _defines(document: Document, tree: str) -> bool:
 
 
 def _registry(nodes: object) -> Registry:
-    """Return *nodes*, or the standard registry for None. Raise TypeError if *nodes* is not a registry."""
     if nodes is None:
         return Registry.standard()
     if not isinstance(nodes, Registry):

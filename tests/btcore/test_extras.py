@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -12,9 +13,13 @@ from btcore.extras import EXTRA_OF, describe_missing, install_command
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
+# It reads the metadata of every installed distribution.
+distributions_by_module = cache(packages_distributions)
+
+
 @pytest.mark.parametrize("module", EXTRA_OF)
 def test_extra_of_the_table_installs_the_module(module: str) -> None:
-    distributions = packages_distributions().get(module)
+    distributions = distributions_by_module().get(module)
     if distributions is None:
         pytest.skip(f"{module} is not installed")
     required = requirements(EXTRA_OF[module])

@@ -179,14 +179,14 @@ def test_a_step_ends_at_another_breakpoint_on_the_way(robot):
 def test_a_robot_waits_at_a_breakpoint_as_long_as_a_client_is_connected(until):
     tree = btcore.loads(PATROL, resources=[SimClock()])
     with serve(
-        tree, groot2_port=0, run_channel=False, allow_control=True, max_heartbeat_delay=4.0
+        tree, groot2_port=0, run_channel=False, allow_control=True, max_heartbeat_delay=3.0
     ) as publisher:
         tick = threading.Thread(target=tree.tick_exactly_once)
         with BreakpointClient(publisher.address) as breaks:
             breaks.break_at("left")
             tick.start()
             breaks.wait(LIMIT)
-            tick.join(6)
+            tick.join(4)
             assert tick.is_alive()
         tick.join(60)
         assert not tick.is_alive()
@@ -300,7 +300,7 @@ def test_the_command_watches_breakpoints_until_the_last_is_released(robot):
     [
         (["127.0.0.1:1", "--wait", "0.1", "list"], "no robot answers at tcp://127.0.0.1:1"),
         (["not an address", "list"], "'not an address' is not an address"),
-        (["relaese"], "there is no command 'relaese'. Did you mean 'release'?"),
+        (["relaese"], "there is no command 'relaese'; did you mean 'release'?"),
         (["1", "inject", "left", "RUNNING"], "'RUNNING' is not one of"),
     ],
 )

@@ -25,7 +25,7 @@ from btcore.diagnostic_codes import (
 )
 from btcore.errors import Diagnostic, Fix, Hint, XmlSyntaxError
 from btcore.input_files import read_error, read_file, real_path
-from btcore.suggestions import similar_file
+from btcore.suggestions import similar_file, suggestion
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.element import EXAMPLE, Element, ElementPart, encoded, parse_with_expat
 
@@ -147,9 +147,6 @@ def parse_text(text: str, file: str = "", *, confined: bool = False) -> Document
     Args:
         file: Name of the file in messages, or "".
         confined: Whether includes from outside of the file's folder, or of the working directory, are errors.
-
-    Raises:
-        XmlSyntaxError: *text* is not valid XML.
     """
     # The text is decoded already, so a byte order mark and the declared encoding are ignored.
     text = text.removeprefix("\ufeff")
@@ -205,9 +202,6 @@ def parse_file(
         included: Whether the name of the file comes from another document. Then the error for a file that
             does not contain a `<root>` doesn't quote the file.
         unsaved: Texts that replace the content of the file and of included files, by their `real_path`.
-
-    Raises:
-        XmlSyntaxError: The file can't be read, is not UTF-8 or is not valid XML.
     """
     name = os.fspath(path)
     text = unsaved.get(real_path(path)) if unsaved else None
@@ -230,9 +224,6 @@ def parse_bytes(data: bytes, file: str, *, confined: bool = False) -> Document:
     Args:
         file: Name of the file in messages.
         confined: As in `parse_text`.
-
-    Raises:
-        XmlSyntaxError: *data* is not UTF-8 or is not valid XML.
     """
     return parse_text(_decoded(data, file), file, confined=confined)
 
@@ -247,18 +238,18 @@ def _unreadable(path: Path, error: OSError) -> Diagnostic:
         message = "is a folder, not a file"
         names = sorted(file.name for file in path.glob("*.xml"))[:5]
         if names:
-            hint = "did you mean a file in it: " + ", ".join(names) + "?"
+            hint = suggestion("a file in it: " + ", ".join(names))
             files = [f"{path.name}/{name}" for name in names]
     elif isinstance(error, FileNotFoundError):
         message = "no such file"
         near = similar_file(path, ".xml")
         if near is not None:
-            hint = f"did you mean {near}?"
+            hint = suggestion(near)
             files = [Path(near).name]
     else:
         message = f"can't be read: {read_error(error)}"
     # An include of the file names one of these files instead.
-    fixes = tuple(Fix("write_value", (name,)) for name in files)
+    fixes = tuple(Fix("set_value", (name,)) for name in files)
     return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint, fixes=fixes)
 
 
@@ -412,7 +403,9 @@ def _add_errors(
             continue
         message = f"the included file '{cause.file}': {cause.message}"
         written = posixpath.dirname((element.get("path") or "").rstrip("/"))
-        fixes = [Fix("write_value", (posixpath.join(written, *fix.arguments),)) for fix in cause.fixes]
+        fixes = [
+            Fix("set_value", (posixpath.join(written, *map(str, fix.arguments)),)) for fix in cause.fixes
+        ]
         hint = Hint(cause.hint, tuple(fixes))
         collector.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=hint))
 
