@@ -27,6 +27,7 @@ class FiniteRange(click.FloatRange):
         Args:
             value: The text of the option.
             param: The option.
+            ctx: The context of the command, for the error.
 
         Returns:
             The number.
