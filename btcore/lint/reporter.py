@@ -38,7 +38,7 @@ class LintReporter:
             within: Number of the first character in the value, from 1; 0 means the whole value.
             width: Number of characters to underline from *within* on; 0 means 1.
         """
-        diagnostic = document.diagnostic(code, message, node.element, attribute, part, hint, within)
+        diagnostic = document.diagnostic(code, message, node.element, attribute, hint, part, within)
         if width and diagnostic.width < width:
             diagnostic = diagnostic._replace(width=width)
         place = (code, diagnostic.file, diagnostic.line, diagnostic.column)

@@ -312,8 +312,8 @@ class _BuiltDocument(Document):
         message: str,
         element: Element,
         attribute: str = "",
-        part: ElementPart = "value",
         hint: str | Hint = "",
+        part: ElementPart = "value",
         within: int = 0,
     ) -> Diagnostic:
         """Return a diagnostic at the place in the code, with the generated XML in the hint."""

@@ -22,8 +22,8 @@ _CHECK_INTERVAL_S: Final = 0.05
 LoopEnd = Literal["done", "duration", "end_of_time", "interrupted"]
 """Why a loop ended: all trees are done, the duration is over, the time of the clock has ended (as that of a
 recording), or `TickLoop.stop` was called."""
-LoopPause = Literal["saved"]
-"""Why a loop can continue with another tree: the file of the tree was saved."""
+Saved = Literal["saved"]
+"""Why `TickLoop.run` returned before the end: the file of the tree was saved, and another tree may follow."""
 
 _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
     "done": (SUCCESS, FAILURE, SKIPPED, IDLE),
@@ -92,7 +92,7 @@ class TickLoop:
         """The time since the start of the run, in ns of the trees' clock."""
         return self.clock.now() - self.start_ns
 
-    def run(self) -> LoopEnd | LoopPause:
+    def run(self) -> LoopEnd | Saved:
         """Tick until the loop ends, or until the file was saved, and return the reason."""
         reason = self._wait_for_end_of_pause()
         if reason is not None:
@@ -153,7 +153,7 @@ class TickLoop:
             self.trees[0].context.wait_real_time(_CHECK_INTERVAL_S)
         return None
 
-    def wait_for_save(self) -> LoopEnd | LoopPause:
+    def wait_for_save(self) -> LoopEnd | Saved:
         """Wait without ticking until a save, the duration or `stop` ends the wait; return the reason.
 
         In real time the clock, and a simulator that owns the clock, keep running. In simulated time nothing

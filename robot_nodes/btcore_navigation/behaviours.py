@@ -12,6 +12,7 @@ from typing import ClassVar, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.action import ActionServer, GoalHandle
 from btcore_navigation.clearance import ClearanceGrid, laser_pose, min_clearance
 from btcore_navigation.costmap import LocalCostmap
@@ -20,7 +21,7 @@ from btcore_navigation.parameters import BehaviourParameters
 from btcore_navigation.sensor_watch import SensorWatch
 from btcore_navigation.velocity_smoother import VelocityLimits, VelocitySmoother
 from btcore_robot.rigid_transform import wrap_angle
-from btcore_robot.robot import NS_PER_S, Odometry, Robot, Twist2D
+from btcore_robot.robot import Odometry, Robot, Twist2D
 from btcore_robot.transforms import TransformError, TransformTree
 
 __all__ = [

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.action import ActionServer, GoalHandle
 from btcore_navigation.clearance import ClearanceGrid, laser_pose, min_clearance
 from btcore_navigation.costmap import LocalCostmap
@@ -25,7 +26,7 @@ from btcore_navigation.pure_pursuit import Carrot, PurePursuit
 from btcore_navigation.sensor_watch import SensorWatch
 from btcore_navigation.velocity_smoother import VelocityLimits, VelocitySmoother
 from btcore_robot.rigid_transform import Transform, wrap_angle
-from btcore_robot.robot import NS_PER_S, Pose2D, Robot
+from btcore_robot.robot import Pose2D, Robot
 from btcore_robot.transforms import TransformError, TransformTree
 
 __all__ = ["ControllerServer", "FollowPathFeedback", "FollowPathGoal", "FollowPathHandle"]

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.distance_field import SignedDistanceField
 from btcore_navigation.global_search import SearchSpace
 from btcore_navigation.likelihood import LikelihoodField, beam_endpoints
@@ -21,7 +22,7 @@ from btcore_navigation.ray_casting import RayCaster
 from btcore_navigation.relocalisation import Relocaliser
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.rigid_transform import Transform, wrap_angle
-from btcore_robot.robot import NS_PER_S, LaserScan, Odometry, Pose2D, Robot, TransformStamped
+from btcore_robot.robot import LaserScan, Odometry, Pose2D, Robot, TransformStamped
 from btcore_robot.time_limits import ODOMETRY, is_stale
 from btcore_robot.transform_filter import TransformFilter
 from btcore_robot.transforms import BASE_FRAME, MAP_FRAME, ODOM_FRAME, TransformTree

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import btcore
 from btcore import BtcoreError, Clock, NodeExecutionError, Registry, Status, Tree
+from btcore.clock import NS_PER_S
 from btcore_navigation import nodes as nav2_nodes
 from btcore_navigation.action import ActionResult, ActionServer, GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
@@ -23,7 +24,7 @@ from btcore_navigation.nodes.action_node import RECOVERIES, BtActionNode, BtServ
 from btcore_navigation.nodes.decorators import GoalUpdater
 from btcore_navigation.path import NavPath, empty_path
 from btcore_navigation.planner import THROUGH_OFFSET, PlannerError
-from btcore_robot.robot import NS_PER_S, GoalOutcome, Pose2D
+from btcore_robot.robot import GoalOutcome, Pose2D
 
 __all__ = ["NavigateFeedback", "NavigateGoal", "NavigateHandle", "Navigator"]
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.localiser import Localiser
 from btcore_navigation.path import NavPath
@@ -17,7 +18,7 @@ from btcore_navigation.servers import Servers
 from btcore_robot.occupancy_map import Grid as CellGrid
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import NS_PER_S, GoalOutcome, Pose2D
+from btcore_robot.robot import GoalOutcome, Pose2D
 from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME
 from btcore_scene import Area, Frame, Grid, MovingScene, Poses, StaticScene
 

@@ -3,7 +3,8 @@
 import logging
 from dataclasses import dataclass
 
-from btcore_robot.robot import NS_PER_S, LaserScan, Robot
+from btcore.clock import NS_PER_S
+from btcore_robot.robot import LaserScan, Robot
 from btcore_robot.time_limits import LASER_FRAME, MAX_OUTAGE_S, ODOMETRY, SCAN, is_stale
 from btcore_robot.transforms import BASE_FRAME, ExtrapolationError, TransformError, TransformTree
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.action import ActionServer, GoalHandle
 from btcore_navigation.behaviours import (
     AssistedTeleopBehaviour,
@@ -31,7 +32,7 @@ from btcore_navigation.navigation_servers import (
 from btcore_navigation.path import NavPath
 from btcore_navigation.planner import PlannerServer
 from btcore_navigation.smoother import SmootherServer
-from btcore_robot.robot import NS_PER_S, Odometry, Pose2D, Robot
+from btcore_robot.robot import Odometry, Pose2D, Robot
 from btcore_robot.transforms import TransformTree
 
 OBSTACLE_MEMORY = 15.0

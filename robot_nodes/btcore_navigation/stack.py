@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.behaviours import (
     AssistedTeleopBehaviour,
     BackUpBehaviour,
@@ -29,7 +30,7 @@ from btcore_navigation.servers import PoseSource, Servers
 from btcore_navigation.smoother import SmootherServer
 from btcore_robot.errors import RobotError
 from btcore_robot.occupancy_map import OccupancyMap
-from btcore_robot.robot import CMD_VEL, NS_PER_S, GoalOutcome, Phase, Pose2D, Robot, Waypoints
+from btcore_robot.robot import CMD_VEL, GoalOutcome, Phase, Pose2D, Robot, Waypoints
 from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME, FrameBroadcaster, TransformError, TransformTree
 from btcore_scene import MovingScene, StaticScene
 

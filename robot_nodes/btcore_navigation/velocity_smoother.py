@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from btcore_robot.robot import NS_PER_S, BaseInfo, Robot, Twist2D
+from btcore.clock import NS_PER_S
+from btcore_robot.robot import BaseInfo, Robot, Twist2D
 from btcore_robot.time_limits import ODOMETRY, is_stale
 
 _COMMAND_LIFETIME = 0.3  # s; after this time the last command is no longer a basis for the next

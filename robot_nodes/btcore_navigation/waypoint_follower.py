@@ -2,14 +2,13 @@
 
 from dataclasses import dataclass
 
+from btcore.clock import NS_PER_MS
 from btcore_navigation.action import ActionServer, GoalHandle, GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.navigate_goal import NavigateGoal
 from btcore_navigation.navigation_servers import AnyGoalHandle, NavigationServers
 from btcore_navigation.parameters import WaypointFollowerParameters
 from btcore_robot.robot import Pose2D
-
-NS_PER_MS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)

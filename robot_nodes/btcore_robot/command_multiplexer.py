@@ -1,6 +1,6 @@
 """The priorities of velocity commands from several sources."""
 
-from btcore_robot.robot import NS_PER_S
+from btcore.clock import NS_PER_S
 
 SOURCE_TIMEOUT = NS_PER_S // 2
 """How long (ns) a command blocks commands of lower priority (twist_mux's timeout in Tiago's files)."""

@@ -25,9 +25,6 @@ from numpy.typing import NDArray
 from btcore.errors import BtcoreError
 from btcore.typed_data import Positive
 
-NS_PER_S = 1_000_000_000
-"""Nanoseconds per second."""
-
 CMD_VEL = 10
 """The priority of a tree's velocity commands, as in the twist_mux configuration of Tiago."""
 

@@ -11,7 +11,8 @@ import threading
 import time
 from collections.abc import Callable
 
-from btcore_robot.robot import NS_PER_S, Phase
+from btcore.clock import NS_PER_S
+from btcore_robot.robot import Phase
 
 Task = Callable[[int], None]
 """A function that is called with the time (ns) at which it is due."""

@@ -9,8 +9,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from btcore.clock import NS_PER_S
 from btcore_robot.rigid_transform import wrap_angle
-from btcore_robot.robot import NS_PER_S, LaserScan, Phase, Robot, TransformStamped, Twist2D
+from btcore_robot.robot import LaserScan, Phase, Robot, TransformStamped, Twist2D
 
 __all__ = ["check_robot"]
 

@@ -7,7 +7,7 @@ navigation, and the key `timeout` of a topic in the description of a ROS 2 robot
 
 from typing import Protocol
 
-from btcore_robot.robot import NS_PER_S
+from btcore.clock import NS_PER_S
 
 ODOMETRY = 0.2
 """The greatest age of the odometry while the navigation drives.

@@ -5,10 +5,11 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Sequence
 
+from btcore.clock import NS_PER_S
 from btcore.suggestions import did_you_mean
 from btcore_robot.errors import RobotError
 from btcore_robot.rigid_transform import Transform as Transform  # also public here
-from btcore_robot.robot import NS_PER_S, Robot, TransformStamped
+from btcore_robot.robot import Robot, TransformStamped
 
 CACHE_TIME = 10 * NS_PER_S
 """The time (ns) for which poses of a moving frame are kept: tf2's default. Static frames are kept forever."""

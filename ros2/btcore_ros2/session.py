@@ -10,7 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 from btcore import SystemClock
-from btcore_robot.robot import NS_PER_S, Phase, RobotClock, Schedule
+from btcore.clock import NS_PER_S
+from btcore_robot.robot import Phase, RobotClock, Schedule
 from btcore_robot.schedule import RealTimeSchedule
 from btcore_ros2.errors import RosError
 from btcore_ros2.installation import check_installation

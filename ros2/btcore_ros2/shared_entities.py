@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, Final
 from weakref import WeakSet
 
-from btcore_robot.robot import NS_PER_S
+from btcore.clock import NS_PER_S
 
 if TYPE_CHECKING:
     from rclpy.callback_groups import CallbackGroup

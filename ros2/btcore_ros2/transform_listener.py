@@ -4,7 +4,8 @@ import logging
 from collections.abc import Iterator
 from typing import Any, Final
 
-from btcore_robot.robot import NS_PER_S, TransformStamped
+from btcore.clock import NS_PER_S
+from btcore_robot.robot import TransformStamped
 from btcore_robot.transforms import TransformError, TransformTree
 from btcore_ros2.interfaces import load_interface
 from btcore_ros2.session import RosSession

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 from btcore import Blackboard, BtcoreError, Registry, Status, Tree, make
 from btcore.blackboard.ports import UNSET
-from btcore.clock import Clock
+from btcore.clock import NS_PER_S, Clock
 from btcore.json_text import load_json
 from btcore.loading.json_export import import_blackboard
 from btcore.registry.manifest import Resources, find_resource
 from btcore.suggestions import did_you_mean
 from btcore.xml.plan.plan import plan_document
-from btcore_robot.robot import NS_PER_S
 from btcore_ros2.action_server import RosActionServer, ServerGoal
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import load_interface

@@ -1,4 +1,4 @@
-"""A differential drive: priorities of velocity commands, speed limits, and odometry from the wheels."""
+"""A differential drive: speed limits, and odometry from the wheels."""
 
 import math
 from collections.abc import Sequence
@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from btcore.clock import NS_PER_S
 from btcore_robot.rigid_transform import wrap_angle
-from btcore_robot.robot import NS_PER_S, BaseInfo, Odometry, Pose2D, Twist2D
+from btcore_robot.robot import BaseInfo, Odometry, Pose2D, Twist2D
 from btcore_sim.robot_description import OdometryInfo
 
 STANDING = Twist2D(0.0, 0.0)

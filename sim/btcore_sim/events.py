@@ -11,9 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from btcore.clock import NS_PER_S
 from btcore.suggestions import did_you_mean
 from btcore_robot.rigid_transform import wrap_angle
-from btcore_robot.robot import NS_PER_S, Phase, Pose2D
+from btcore_robot.robot import Phase, Pose2D
 from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap, Point
 from btcore_sim.errors import SimError
 from btcore_sim.obstacles import FROM_WAYPOINTS, passable

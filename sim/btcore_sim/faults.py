@@ -5,8 +5,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from btcore.clock import NS_PER_S
 from btcore.suggestions import did_you_mean
-from btcore_robot.robot import NS_PER_S
 from btcore_sim.errors import SimError
 
 __all__ = ["Fault", "parse_fault"]

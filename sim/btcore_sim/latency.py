@@ -3,7 +3,7 @@
 from collections import deque
 from typing import Generic, TypeVar
 
-from btcore_robot.robot import NS_PER_S
+from btcore.clock import NS_PER_S
 
 Reading = TypeVar("Reading")
 

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from functools import cached_property
 from statistics import median
 
+from btcore.clock import NS_PER_S
 from btcore_robot.rigid_transform import wrap_angle
-from btcore_robot.robot import NS_PER_S, GoalOutcome, NavigationReporter, Phase, Pose2D
+from btcore_robot.robot import GoalOutcome, NavigationReporter, Phase, Pose2D
 from btcore_sim.simulated_robot import SimulatedRobot
 
 FIRST_MEASUREMENT = NS_PER_S

@@ -7,11 +7,11 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 
+from btcore.clock import NS_PER_S
 from btcore_robot.command_multiplexer import CommandMultiplexer
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import (
     CMD_VEL,
-    NS_PER_S,
     BaseInfo,
     BatteryState,
     CameraImage,

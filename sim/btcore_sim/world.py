@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from btcore_robot.robot import NS_PER_S, Phase
+from btcore.clock import NS_PER_S
+from btcore_robot.robot import Phase
 from btcore_robot.schedule import SimulatedSchedule
 from btcore_sim.doors import MovingDoors
 from btcore_sim.errors import SimError

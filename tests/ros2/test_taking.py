@@ -23,7 +23,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from test_msgs.action import Fibonacci
 
-from btcore_robot.robot import NS_PER_S
+from btcore.clock import NS_PER_S
 from btcore_ros2 import direct_take
 from btcore_ros2.executor_take import MAX_CALLBACKS
 from btcore_ros2.session import RosSession

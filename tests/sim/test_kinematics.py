@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from btcore.clock import NS_PER_S
 from btcore_robot.rigid_transform import Transform, from_rpy
-from btcore_robot.robot import NS_PER_S
 from btcore_sim.errors import SimError
 from btcore_sim.kinematics import FOOTPRINT, Kinematics, complete_urdf
 from btcore_sim.robot_description import TIAGO, load_robot_description

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.stack import Navigation
 from btcore_robot.perception.object_locator import ObjectLocator
-from btcore_robot.robot import NS_PER_S
 from btcore_sim.camera import CameraSettings
 from btcore_sim.latency import DelayedReadings
 from btcore_sim.map_rasteriser import rasterise

@@ -42,7 +42,8 @@ def write_results(
     """
     sweep = journal.definition
     rows = [
-        table.row(sweep.episode(number), record, script) for number, record in sorted(journal.done.items())
+        table.make_row(sweep.episode(number), record, script)
+        for number, record in sorted(journal.done.items())
     ]
     results, report = journal.folder / f"results.{suffix}", journal.folder / REPORT
     table.write(results, rows, table.columns(rows, sweep))

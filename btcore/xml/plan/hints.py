@@ -39,7 +39,7 @@ class UnknownNodeHints:
         successor = NODE_REPLACEMENTS.get(name)
         if successor is not None and self._registry.get(successor, self._format) is not None:
             return Hint(f"use <{successor}>, which replaces it", (Fix("rename", (successor,), is_safe=True),))
-        other = 7 - self._format
+        other = 3 if self._format == 4 else 4
         if self._registry.get(name, other) is not None:
             hint = f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
             return Hint(hint, (Fix("set_format", (other,)),))

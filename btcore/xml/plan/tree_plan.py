@@ -274,12 +274,10 @@ class TreePlanner:
         element: Element,
         attribute: str,
         hint: str | Hint = "",
-        at_name: bool = False,
+        part: ElementPart = "value",
     ) -> None:
-        part: ElementPart = "name" if at_name else "value"
-        self._collector.add(
-            self._definition.document.diagnostic(code, message, element, attribute, part, hint)
-        )
+        document = self._definition.document
+        self._collector.add(document.diagnostic(code, message, element, attribute, hint, part))
 
     def _complete_nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
         """Complete *nodes*, and remove the plans of unknown nodes and of calls of unknown trees: errors."""
@@ -376,7 +374,7 @@ class TreePlanner:
                 message = f"<{node.id}> has no port '{key}'"
                 may_search = self._collector.take_comparisons(manifest.ports)
                 hint = port_hint(manifest, key) if may_search else Hint()
-                self._report(UNKNOWN_PORT, message, node.element, key, hint, at_name=True)
+                self._report(UNKNOWN_PORT, message, node.element, key, hint, part="name")
         if conditions:
             node.conditions = {
                 key: conditions[key]

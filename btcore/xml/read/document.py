@@ -107,16 +107,16 @@ class Document:
         message: str,
         element: Element,
         attribute: str = "",
-        part: ElementPart = "value",
         hint: str | Hint = "",
+        part: ElementPart = "value",
         within: int = 0,
     ) -> Diagnostic:
         """Return a diagnostic about an element or one of its attributes.
 
         Args:
             attribute: Name of the attribute; "" means the element itself.
-            part: Whether the diagnostic points to the attribute's name or to its value.
             hint: How to fix the problem, or "".
+            part: Whether the diagnostic points to the attribute's name or to its value.
             within: Number of a character in the value, from 1; 0 means the whole value.
         """
         place = self.source_map.span(element, attribute, part, within)

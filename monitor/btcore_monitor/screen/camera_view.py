@@ -62,7 +62,9 @@ class CameraView:
                     entity, _create_jpeg_columns if key[1] == "jpeg" else _create_image_columns
                 )
                 self._ages[key] = _Age(self._rows, picture)
-            if not 0 <= stamp - self._recorded.get(key, stamp - _PICTURE_INTERVAL_NS) < _PICTURE_INTERVAL_NS:
+            before = self._recorded.get(key)
+            # The time of a new run may begin again.
+            if before is None or stamp < before or stamp >= before + _PICTURE_INTERVAL_NS:
                 self._recorded[key] = stamp
                 self._series[key].add(stamp, wall, picture)
             self._ages[key].renew(stamp, wall)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.costmap import INSCRIBED, GlobalCostmap
 from btcore_navigation.costmap_layers import static_costs
 from btcore_navigation.mapping.frontiers import Frontier, find_frontiers, is_unknown_nearby
@@ -15,7 +16,7 @@ from btcore_navigation.parameters import NavigationParameters
 from btcore_navigation.servers import PoseSource
 from btcore_navigation.stack import Navigation, costmap_arguments
 from btcore_robot.occupancy_map import OccupancyMap, Rectangle, save_map
-from btcore_robot.robot import NS_PER_S, Pose2D, Robot
+from btcore_robot.robot import Pose2D, Robot
 
 _log = logging.getLogger(__name__)
 

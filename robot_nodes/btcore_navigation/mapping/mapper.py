@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.mapping.correlative_matcher import (
     NEARBY,
     CorrelationGrid,
@@ -24,7 +25,7 @@ from btcore_navigation.mapping.pose_arrays import (
 from btcore_navigation.mapping.pose_graph import PoseGraph
 from btcore_robot.occupancy_map import OccupancyMap, Rectangle
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import NS_PER_S, LaserScan, Pose2D, Robot, TransformStamped
+from btcore_robot.robot import LaserScan, Pose2D, Robot, TransformStamped
 from btcore_robot.time_limits import MAP_TRANSFORM, ODOMETRY, is_stale
 from btcore_robot.transform_filter import TransformFilter
 from btcore_robot.transforms import TransformTree

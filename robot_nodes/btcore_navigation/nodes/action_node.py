@@ -15,6 +15,7 @@ from btcore import (
     Status,
     SyncAction,
 )
+from btcore.clock import NS_PER_MS
 from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
@@ -24,7 +25,6 @@ from btcore_navigation.nodes.port_access import OPTIONAL, optional_input, write_
 RECOVERIES = "number_recoveries"
 """The blackboard entry that counts recoveries; the navigator reports it in its feedback."""
 
-NS_PER_MS = 1_000_000
 MIN_ACCEPTANCE_MS = 1_000
 """The minimum time (ms) that a server has to accept a goal or to answer, for a shorter `server_timeout`."""
 

@@ -5,6 +5,7 @@ from collections import deque
 from typing import Annotated, ClassVar
 
 from btcore import Condition, In, NodeError, NodeSpec
+from btcore.clock import NS_PER_S
 from btcore.engine.node import read_clock
 from btcore_navigation.controller import FollowPathFeedback
 from btcore_navigation.error_codes import (
@@ -27,7 +28,7 @@ from btcore_navigation.nodes.port_access import (
     pose_input,
 )
 from btcore_navigation.path import NavPath, NearestPoseSearch
-from btcore_robot.robot import NS_PER_S, Odometry, Pose2D
+from btcore_robot.robot import Odometry, Pose2D
 
 MAX_DECELERATION = -10.0
 """Nav2's limit (m/s²): only a collision decelerates the robot more strongly."""

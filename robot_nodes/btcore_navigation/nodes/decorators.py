@@ -6,6 +6,7 @@ from copy import copy
 from typing import Annotated
 
 from btcore import FAILURE, RUNNING, SKIPPED, SUCCESS, DecoratorNode, In, NodeError, NodeSpec, Out, Status
+from btcore.clock import NS_PER_S
 from btcore.engine.node import read_clock
 from btcore_navigation.navigation_servers import NavigationServers
 from btcore_navigation.nodes.port_access import (
@@ -24,7 +25,7 @@ from btcore_navigation.nodes.port_access import (
 )
 from btcore_navigation.path import NavPath
 from btcore_robot.leaves.pose_types import Poses
-from btcore_robot.robot import NS_PER_S, Pose2D
+from btcore_robot.robot import Pose2D
 
 
 class RateController(DecoratorNode):

@@ -14,6 +14,7 @@ from btcore import (
     Status,
     SyncAction,
 )
+from btcore.clock import NS_PER_MS
 from btcore.engine.node import read_clock
 from btcore.values import STRING
 from btcore_navigation.navigation_servers import (
@@ -23,13 +24,7 @@ from btcore_navigation.navigation_servers import (
     NavigationServers,
     ReinitializeLocalization,
 )
-from btcore_navigation.nodes.action_node import (
-    NS_PER_MS,
-    BtServiceNode,
-    ServerName,
-    ServiceName,
-    count_recovery,
-)
+from btcore_navigation.nodes.action_node import BtServiceNode, ServerName, ServiceName, count_recovery
 from btcore_navigation.nodes.port_access import OPTIONAL, optional_input, write_outputs
 from btcore_robot.robot import Pose2D
 

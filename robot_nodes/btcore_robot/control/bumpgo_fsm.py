@@ -10,8 +10,9 @@ from enum import Enum
 
 import numpy as np
 
+from btcore.clock import NS_PER_S
 from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
-from btcore_robot.robot import NS_PER_S, LaserScan, Twist2D
+from btcore_robot.robot import LaserScan, Twist2D
 from btcore_robot.time_limits import BOOK_SCAN, is_stale
 
 __all__ = ["BumpGo", "BumpGoState", "ClosedLoop", "Diagonals", "OpenLoop"]

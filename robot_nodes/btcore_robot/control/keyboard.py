@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self
 
+from btcore.clock import NS_PER_S
 from btcore_robot.errors import RobotError
-from btcore_robot.robot import NS_PER_S, Robot, Twist2D
+from btcore_robot.robot import Robot, Twist2D
 
 __all__ = [
     "KeyInputError",

@@ -8,7 +8,8 @@ import math
 from typing import Annotated
 
 from btcore import FAILURE, RUNNING, SUCCESS, Blackboard, Condition, In, NodeSpec, StatefulAction, Status
-from btcore_robot.robot import NS_PER_S, Robot
+from btcore.clock import NS_PER_S
+from btcore_robot.robot import Robot
 
 LEVEL_KEY = "battery_level"
 """The blackboard entry of the estimated level (0–100)."""

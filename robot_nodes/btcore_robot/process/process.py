@@ -4,10 +4,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from btcore.clock import NS_PER_S
 from btcore_robot.errors import RobotError
 from btcore_robot.process.parameters import Parameters, ParameterValue
 from btcore_robot.process.topics import Publisher, Subscription, Topics, full_name
-from btcore_robot.robot import NS_PER_S, Phase, Robot, RobotClock, Schedule
+from btcore_robot.robot import Phase, Robot, RobotClock, Schedule
 from btcore_robot.transforms import TransformTree
 
 Message = TypeVar("Message")

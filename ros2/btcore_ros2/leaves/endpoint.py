@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any, Final, Generic, TypeVar
 
 from btcore import NodeError, TreeNode
+from btcore.clock import NS_PER_S
 from btcore.engine.node import read_clock
-from btcore_robot.robot import NS_PER_S
 from btcore_robot.schedule import SimulatedSchedule
 from btcore_ros2.interfaces import InterfaceError, InterfaceKind, load_interface
 from btcore_ros2.session import RosSession

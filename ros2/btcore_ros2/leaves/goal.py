@@ -6,8 +6,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.action import ENDED, GoalStatus
-from btcore_robot.robot import NS_PER_S
 from btcore_ros2.session import RosSession
 
 CHECK_NS: Final = NS_PER_S

@@ -16,10 +16,10 @@ from btcore import (
     Status,
     SyncAction,
 )
-from btcore.clock import NS_PER_MS
+from btcore.clock import NS_PER_MS, NS_PER_S
 from btcore.engine.node import read_clock
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import NS_PER_S, Pose2D
+from btcore_robot.robot import Pose2D
 from btcore_robot.transforms import TransformError
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import InterfaceError, load_interface

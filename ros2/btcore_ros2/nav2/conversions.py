@@ -14,6 +14,7 @@ from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from nav_msgs.msg import Path
 from std_msgs.msg import Header
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.behaviours import (
     AssistedTeleopGoal,
     BackUpGoal,
@@ -34,7 +35,7 @@ from btcore_navigation.navigation_servers import SmoothedPath, SmoothPathGoal
 from btcore_navigation.path import NavPath
 from btcore_navigation.planner import ComputePathGoal
 from btcore_navigation.waypoint_follower import FollowWaypointsGoal, MissedWaypoint
-from btcore_robot.robot import NS_PER_S, Pose2D
+from btcore_robot.robot import Pose2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.nodes import ComputedRoute, ComputeRouteGoal, Route
 

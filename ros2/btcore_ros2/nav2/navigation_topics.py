@@ -28,13 +28,14 @@ from rclpy.qos import (
 )
 from std_msgs.msg import Header
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.costmap import Costmap
 from btcore_navigation.localiser import Localiser
 from btcore_navigation.parameters import CostmapParameters
 from btcore_navigation.path import NavPath
 from btcore_navigation.stack import Navigation
 from btcore_robot.occupancy_map import Grid, OccupancyMap
-from btcore_robot.robot import NS_PER_S, Phase, Pose2D, Robot
+from btcore_robot.robot import Phase, Pose2D, Robot
 from btcore_robot.transforms import BASE_FRAME, MAP_FRAME, ODOM_FRAME, TransformError
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import load_interface

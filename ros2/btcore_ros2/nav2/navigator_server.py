@@ -7,11 +7,12 @@ from typing import Any
 
 from btcore import Tree
 from btcore.bundled_trees import folder
+from btcore.clock import NS_PER_S
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.navigate_goal import NavigateGoal
 from btcore_navigation.navigator import Navigator
 from btcore_navigation.stack import THROUGH_POSES, TO_POSE, TREES
-from btcore_robot.robot import NS_PER_S, Phase
+from btcore_robot.robot import Phase
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.client import Nav2Client
 from btcore_ros2.nav2.conversions import ACTIONS, pose_from_stamped

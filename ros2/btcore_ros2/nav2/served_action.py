@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from typing import Any
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.action import ActionServer, GoalHandle, GoalStatus
 from btcore_navigation.navigate_goal import NavigateGoal
 from btcore_navigation.navigator import Navigator, tree_file
-from btcore_robot.robot import NS_PER_S
 from btcore_ros2.action_server import RosActionServer, ServerGoal
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.conversions import ActionConverter, FrameError, seconds_to_duration

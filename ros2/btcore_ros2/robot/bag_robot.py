@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
+from btcore.clock import NS_PER_S
 from btcore.errors import EndOfTimeError
 from btcore_bags.reader import BagReader
-from btcore_robot.robot import NS_PER_S, CameraImage, CameraInfo, Phase, Twist2D
+from btcore_robot.robot import CameraImage, CameraInfo, Phase, Twist2D
 from btcore_robot.schedule import SimulatedSchedule
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.command_comparison import CommandComparison

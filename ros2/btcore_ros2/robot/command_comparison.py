@@ -4,7 +4,7 @@ from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from btcore_robot.robot import NS_PER_S
+from btcore.clock import NS_PER_S
 
 TOLERANCE = 0.001
 """The greatest difference (m/s, rad/s, rad or m) of commands that agree."""

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from btcore.clock import NS_PER_S
 from btcore_robot import time_limits
-from btcore_robot.robot import NS_PER_S, CameraImage, CameraInfo, Odometry, Phase, RobotClock, Twist2D
+from btcore_robot.robot import CameraImage, CameraInfo, Odometry, Phase, RobotClock, Twist2D
 from btcore_robot.schedule import RealTimeSchedule, SimulatedSchedule
 from btcore_robot.time_limits import ODOMETRY, is_stale
 from btcore_ros2.errors import RosError

@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from btcore.clock import NS_PER_S
 from btcore_robot import time_limits
-from btcore_robot.robot import NS_PER_S
 from btcore_robot.schedule import RealTimeSchedule
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.stamps import JUMP

@@ -2,7 +2,7 @@
 
 from collections.abc import Hashable
 
-from btcore_robot.robot import NS_PER_S
+from btcore.clock import NS_PER_S
 from btcore_ros2.errors import RosError
 
 JUMP = NS_PER_S

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from btcore.clock import NS_PER_S
 from btcore_robot.errors import RobotError
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import (
     CMD_VEL,
-    NS_PER_S,
     BaseInfo,
     BatteryState,
     CameraImage,

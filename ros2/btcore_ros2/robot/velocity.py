@@ -4,8 +4,9 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from btcore.clock import NS_PER_S
 from btcore_robot.command_multiplexer import SOURCE_TIMEOUT, CommandMultiplexer
-from btcore_robot.robot import NS_PER_S, BaseInfo, Twist2D
+from btcore_robot.robot import BaseInfo, Twist2D
 from btcore_ros2.robot.description import VelocityTopics
 from btcore_ros2.session import RosSession
 

@@ -35,7 +35,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from btcore_robot.robot import NS_PER_S
+from btcore.clock import NS_PER_S
 from btcore_robot.schedule import SimulatedSchedule
 from btcore_robot.time_limits import LOCKSTEP_SENSOR
 from btcore_ros2.errors import RosError

@@ -15,8 +15,9 @@ from sensor_msgs.msg import BatteryState, CameraInfo, Image, JointState, LaserSc
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
+from btcore.clock import NS_PER_S
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import NS_PER_S, CameraImage, Phase, TransformStamped
+from btcore_robot.robot import CameraImage, Phase, TransformStamped
 from btcore_ros2.session import RosSession
 from btcore_sim.kinematics import FOOTPRINT, Kinematics, complete_urdf
 from btcore_sim.simulated_robot import SimulatedRobot

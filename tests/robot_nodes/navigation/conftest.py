@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.behaviours import (
     AssistedTeleopBehaviour,
     BackUpBehaviour,
@@ -24,7 +25,6 @@ from btcore_navigation.parameters import ControllerParameters
 from btcore_navigation.path import NavPath
 from btcore_robot.robot import (
     CMD_VEL,
-    NS_PER_S,
     BaseInfo,
     LaserInfo,
     LaserScan,

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from btcore.bundled_trees import folder
+from btcore.clock import NS_PER_S
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.parameters import NavigationParameters
 from btcore_navigation.stack import Navigation
 from btcore_robot.occupancy_map import OccupancyMap
-from btcore_robot.robot import NS_PER_S, Pose2D
+from btcore_robot.robot import Pose2D
 
 TURTLEBOT, TIAGO, WIDE = 0.18, 0.27, 0.45
 """The radii (m) of a robot like TurtleBot 4, of Tiago, and of a wide robot."""

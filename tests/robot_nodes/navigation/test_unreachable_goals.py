@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.navigator import MAX_STALL_S, GoalProgress, NavigateGoal
 from btcore_navigation.stack import Navigation
-from btcore_robot.robot import NS_PER_S, Pose2D, Waypoints
+from btcore_robot.robot import Pose2D, Waypoints
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World

@@ -13,9 +13,9 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
+from btcore.clock import NS_PER_S
 from btcore_navigation import nodes as nav2_nodes
 from btcore_navigation.nodes import action_node
-from btcore_robot.robot import NS_PER_S
 
 LIMIT = 120.0  # s: for a machine that is much slower
 

@@ -20,10 +20,11 @@ from rclpy.action import ActionClient
 from tf2_msgs.msg import TFMessage
 
 from btcore import Status
+from btcore.clock import NS_PER_S
 from btcore_monitor.events import TreeEvent
 from btcore_monitor.watch.feed import Feed
 from btcore_navigation.action import GoalStatus
-from btcore_robot.robot import NS_PER_S, Pose2D
+from btcore_robot.robot import Pose2D
 from btcore_ros2.nav2 import navigator_server
 from btcore_ros2.nav2.conversions import pose_to_stamped, poses_to_goals
 from btcore_ros2.session import RosSession

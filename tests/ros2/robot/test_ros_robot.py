@@ -11,8 +11,9 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("tf2_msgs")
 
+from btcore.clock import NS_PER_S
 from btcore_robot import time_limits
-from btcore_robot.robot import NS_PER_S, CameraInfo, Robot
+from btcore_robot.robot import CameraInfo, Robot
 from btcore_robot.testing import (
     check_camera,
     check_frames,

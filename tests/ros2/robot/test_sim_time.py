@@ -15,8 +15,8 @@ from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Time
 from rosgraph_msgs.msg import Clock
 
+from btcore.clock import NS_PER_S
 from btcore_robot import time_limits
-from btcore_robot.robot import NS_PER_S
 from btcore_robot.testing import check_frames, check_info, check_scan, wait
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot import ros_robot

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from btcore_robot.robot import NS_PER_S
+from btcore.clock import NS_PER_S
 from btcore_ros2.robot.stamps import WINDOW, ClockJumpError, LateMessageError, StampConverter
 
 OFFSET = 1_700_000_000 * NS_PER_S

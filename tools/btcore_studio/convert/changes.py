@@ -45,7 +45,7 @@ class ConversionChanges:
             attribute: Name of the attribute; "" means the element itself.
             part: Whether the diagnostic points to the attribute's name or to its value.
         """
-        self.diagnostics.append(self.document.diagnostic(code, message, element, attribute, part, hint))
+        self.diagnostics.append(self.document.diagnostic(code, message, element, attribute, hint, part))
 
     def rename_element(self, element: Element, name: str) -> None:
         """Change the name of *element* to *name*, in the start tag and in the end tag."""

@@ -6,11 +6,12 @@ from dataclasses import replace
 import pytest
 
 from btcore import Status
+from btcore.clock import NS_PER_S
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.planner import Planner, PlannerServer
 from btcore_navigation.servers import OBSTACLE_MEMORY
-from btcore_robot.robot import NS_PER_S, Pose2D, Twist2D
+from btcore_robot.robot import Pose2D, Twist2D
 
 AHEAD = Pose2D(2.0, 0.0, 0.0)
 WALL = (1.0, -4.0, 1.4, 4.0)
