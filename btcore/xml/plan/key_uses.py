@@ -1,7 +1,8 @@
 """Find the blackboard keys that nodes name, in ports and in scripts, with how they use the entries."""
 
 import enum
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
@@ -57,13 +58,18 @@ class NameUse(NamedTuple):
     column: int
 
 
-def parse_statements(text: str, enums: Mapping[str, int]) -> list[Expression]:
+def parse_statements(text: str, enums: Mapping[str, int]) -> Sequence[Expression]:
     """Parse a script into statements.
 
     Raises:
         ScriptError: *text* is not a valid script.
     """
-    return Parser(text, enums).parse()
+    return _parse(text, tuple(enums.items()))
+
+
+@lru_cache(maxsize=1_000)  # several checks parse each script, and an edit of a document changes few scripts
+def _parse(text: str, enums: tuple[tuple[str, int], ...]) -> Sequence[Expression]:
+    return Parser(text, dict(enums)).parse()
 
 
 def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
