@@ -234,7 +234,11 @@ def test_simulation_imports_only_the_robot_protocol_and_maps() -> None:
         == []
     )
     engine = violations("btcore_sim", "btcore", but=("btcore_sim.errors", "btcore_sim.providers"))
-    assert {edge.split(" → ")[1] for edge in engine} == {"btcore.suggestions", "btcore.typed_data"}
+    assert {edge.split(" → ")[1] for edge in engine} == {
+        "btcore.clock",
+        "btcore.suggestions",
+        "btcore.typed_data",
+    }
     assert {edge.split(" → ")[1] for edge in violations("btcore_sim", "btcore_robot")} <= {
         *SHARED,
         *MAPS,
@@ -277,6 +281,7 @@ WITH_TREES = tuple(
 
 
 FILES_AND_ERRORS = {
+    "btcore.clock",
     f"btcore.{name}" for name in ("errors", "input_files", "output_files", "suggestions", "typed_data")
 }
 

@@ -14,7 +14,7 @@ from btcore.input_files import read_error, read_stream
 from btcore.options import option
 from btcore.registry.registry import Registry
 from btcore.xml.plan.plan import Plans, define_and_plan
-from btcore.xml.read.document import Document, parse_bytes, parse_file
+from btcore.xml.read.read import Document, parse_bytes, parse_file
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem

@@ -18,7 +18,7 @@ from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
 from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.outline import count_text, element_children, wrapping_fixes
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.document import Document
+from btcore.xml.read.read import Document
 
 _THRESHOLDS: Final = {PortRole.SUCCESSES: "successes", PortRole.FAILURES: "failures"}
 _TICK_RAISES: Final = "the tree loads, as in BehaviorTree.CPP, but the node raises when it is ticked"

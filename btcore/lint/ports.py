@@ -39,7 +39,7 @@ from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.hints import value_hint
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES
-from btcore.xml.read.document import Document
+from btcore.xml.read.read import Document
 
 # Longer texts are not checked: the search for the longest number takes quadratic time.
 _MAX_NUMBER_LENGTH: Final = 64

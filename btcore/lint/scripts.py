@@ -10,7 +10,7 @@ from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result
 from btcore.xml.plan.key_uses import iter_subexpressions, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.document import Document
+from btcore.xml.read.read import Document
 
 
 def is_constant(expression: Expression, enums: Mapping[str, int]) -> bool:

@@ -10,7 +10,7 @@ from btcore.suggestions import join_names, nearest_name
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES, TreeKeys
 from btcore.xml.plan.plan import Plans, reachable_trees
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.read.document import Document
+from btcore.xml.read.read import Document
 
 
 def check_unused_trees(plans: Plans, main: TreePlan, reporter: LintReporter) -> None:

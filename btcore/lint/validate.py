@@ -33,7 +33,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan_document, root_trees
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
-from btcore.xml.read.document import Document
+from btcore.xml.read.read import Document
 
 # After these errors each tree can still be dry-run: no main tree is selected, or only a tick raises.
 _HARMLESS: Final = frozenset({UNDETERMINED_MAIN_TREE, FIRST_TICK_REFUSED})

@@ -17,8 +17,7 @@ from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans, define_and_plan
-from btcore.xml.read.document import Document, parse_file, parse_text
-from btcore.xml.read.read import PackageResolver, read
+from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_text, read
 
 __all__ = ["LoadArguments"]  # for the API reference, which has the functions on the page of `btcore`
 

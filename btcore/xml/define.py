@@ -21,9 +21,8 @@ from btcore.names import model_port_name_error
 from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import DIALECTS, PORT_TAGS, Dialect
-from btcore.xml.read.document import Document
 from btcore.xml.read.element import EXAMPLE, Element
-from btcore.xml.read.read import Sources
+from btcore.xml.read.read import Document, Sources
 
 MAX_MODEL_PORTS: Final = 1_000
 """Maximum number of ports in the model of a subtree."""

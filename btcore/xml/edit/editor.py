@@ -13,7 +13,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.edit.edits import Edit, EditError, apply_edits, escape_value
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS
-from btcore.xml.read.document import Document, parse_text
+from btcore.xml.read.read import Document, parse_text
 from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, scan
 
 INDENT: Final = "  "

@@ -24,9 +24,8 @@ from btcore.xml.define import parse_format
 from btcore.xml.models.mock_leaves import make_mock_class
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS, SCRIPT_ATTRIBUTES
-from btcore.xml.read.document import Document, parse_file
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import read
+from btcore.xml.read.read import Document, parse_file, read
 
 # Other names for types of BehaviorTree.CPP, as users and other compilers write them.
 _ALIASES: Final = {

@@ -27,8 +27,8 @@ from btcore.status import NodeType
 from btcore.xml.define import TreeDefinition
 from btcore.xml.plan.tree_plan import NodePlan, PlanContext
 from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
-from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element
+from btcore.xml.read.read import Document
 
 if TYPE_CHECKING:
     from btcore.xml.plan.hints import UnknownNodeHints

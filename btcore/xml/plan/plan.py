@@ -18,8 +18,7 @@ from btcore.xml.plan.outline import outline_trees
 from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import Dialect
-from btcore.xml.read.document import Document
-from btcore.xml.read.read import Sources, read
+from btcore.xml.read.read import Document, Sources, read
 
 MAX_DEPTH: Final = 10_000
 """The maximum number of levels of a tree with all its subtrees, each of which may have fewer levels.

@@ -5,8 +5,8 @@ from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import DocumentEditor
 from btcore.xml.edit.edits import Edit, escape_value
-from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element, ElementPart
+from btcore.xml.read.read import Document
 from btcore.xml.read.scan import ScannedElement
 
 

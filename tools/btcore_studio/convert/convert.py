@@ -19,8 +19,8 @@ from btcore.xml.edit.edits import Edit, apply_edits
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.diagnostics import sort_diagnostics
 from btcore.xml.read.dialect import DIALECTS
-from btcore.xml.read.document import Document, parse_text
 from btcore.xml.read.element import Element
+from btcore.xml.read.read import Document, parse_text
 from btcore_studio.convert.changes import ConversionChanges
 from btcore_studio.convert.nodes import convert_node
 from btcore_studio.convert.subtree import convert_subtree

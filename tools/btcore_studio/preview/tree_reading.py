@@ -12,8 +12,7 @@ from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
 from btcore.xml.models.model_file import add_undeclared_nodes
 from btcore.xml.plan.plan import Plans, define_and_plan, plan
-from btcore.xml.read.document import Document, parse_file, parse_text
-from btcore.xml.read.read import read
+from btcore.xml.read.read import Document, parse_file, parse_text, read
 from btcore.xml.render.folding import fold
 from btcore.xml.render.node_card import FAMILY_COLOURS
 from btcore.xml.render.svg import diagram_to_svg

@@ -18,8 +18,8 @@ from btcore.errors import TreeError
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import DocumentEditor, apply_checked
 from btcore.xml.edit.edits import Edit, EditError, apply_edits, invert_edits, rebase_edits
-from btcore.xml.read.document import parse_text
 from btcore.xml.read.element import Element
+from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import ScannedElement, scan
 
 ROOT = Path(__file__).parents[4]
