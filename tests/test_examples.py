@@ -38,5 +38,5 @@ def test_example_prints_the_expected_lines(name: str) -> None:
     )
     lines = done.stdout.splitlines()
     assert len(lines) == len(EXPECTED_OUTPUT[name])
-    for line, said in zip(lines, EXPECTED_OUTPUT[name], strict=True):
-        assert line.endswith(said)
+    for line, message in zip(lines, EXPECTED_OUTPUT[name], strict=True):
+        assert line.endswith(message)

@@ -125,8 +125,8 @@ def test_locate_objects_writes_new_boxes_and_deactivates_on_halt(robot):
 
 
 def run(*arguments: str | Path) -> dict:
-    told = ["run", *map(str, arguments), "--fast", "--json"]
-    done = CliRunner().invoke(main, told, prog_name="btcore")
+    reported = ["run", *map(str, arguments), "--fast", "--json"]
+    done = CliRunner().invoke(main, reported, prog_name="btcore")
     assert done.exit_code == 0, done.stderr
     return json.loads(done.stdout)
 

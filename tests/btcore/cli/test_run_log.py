@@ -36,7 +36,7 @@ def test_the_json_object_is_the_last_line_after_a_log_on_stdout(cli: Cli, tree_f
 
 
 @pytest.mark.parametrize(
-    ("names", "said"),
+    ("names", "message"),
     [
         (["run.btlgo"], "did you mean run.btlog?"),
         (["run.btlog", "./run.btlog"], "--log './run.btlog' is given more than once"),
@@ -44,12 +44,12 @@ def test_the_json_object_is_the_last_line_after_a_log_on_stdout(cli: Cli, tree_f
     ],
 )
 def test_invalid_log_name_is_refused_before_the_first_tick(
-    cli: Cli, tree_file: TreeFile, library: Path, names: list[str], said: str
+    cli: Cli, tree_file: TreeFile, library: Path, names: list[str], message: str
 ) -> None:
     logs = [part for name in names for part in ("--log", name)]
     result = cli("run", tree_file("<Say/>"), "--plugin", library, "--fast", *logs)
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert message in result.stderr
     assert "here we go" not in result.stdout
     assert "Traceback" not in result.stderr
 

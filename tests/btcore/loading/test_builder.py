@@ -138,8 +138,10 @@ def test_all_errors_are_reported_with_the_lines_of_the_code(b: Builder) -> None:
     )
     with pytest.raises(TreeError) as caught:
         b.build(main)
-    told = [(one.code, one.file.rsplit("/")[-1], one.line - start) for one in caught.value.diagnostics]
-    assert sorted(told) == [
+    reported_values = [
+        (one.code, one.file.rsplit("/")[-1], one.line - start) for one in caught.value.diagnostics
+    ]
+    assert sorted(reported_values) == [
         ("E104", "test_builder.py", 3),
         ("E201", "test_builder.py", 2),
         ("E202", "test_builder.py", 3),

@@ -90,7 +90,7 @@ def test_values_are_checked_while_the_child_runs_and_a_mismatch_halts_it(
 
 COUNT = (
     '<BehaviorTree ID="Count"><Sequence><Inc in="{n}" out="{n}"/>'
-    '<SetBlackboard value="done" output_key="said"/></Sequence></BehaviorTree>'
+    '<SetBlackboard value="done" output_key="message"/></Sequence></BehaviorTree>'
 )
 
 
@@ -107,7 +107,7 @@ def test_braces_connect_two_entries(make_tree: MakeTree) -> None:
     tree.blackboard["outside"] = 41
     assert tree.tick_once() is S
     assert tree.blackboard["outside"] == 42
-    assert "said" not in tree.blackboard
+    assert "message" not in tree.blackboard
 
 
 def test_other_attributes_are_constants_of_the_inner_tree(make_tree: MakeTree) -> None:

@@ -226,15 +226,15 @@ def test_port_of_an_unknown_type_requires_a_text() -> None:
 
 
 @pytest.mark.parametrize(
-    ("tag", "said"),
+    ("tag", "message"),
     [
         ("Sequense", "did you mean 'Sequence'"),
         ("Grip", "did you mean 'Grab'|registry"),
         ("Switch2", "cannot contain"),
     ],
 )
-def test_tag_that_cannot_be_generated_is_refused(tag: str, said: str) -> None:
-    with pytest.raises(InvalidArgument, match=said):
+def test_tag_that_cannot_be_generated_is_refused(tag: str, message: str) -> None:
+    with pytest.raises(InvalidArgument, match=message):
         find(xml_documents(nodes=OWN, tags=[tag]), lambda _: True)
 
 

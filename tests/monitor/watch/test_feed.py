@@ -259,7 +259,7 @@ def test_a_viewer_that_connects_after_the_last_tick_gets_the_run(sample, watch, 
 
 
 def test_slow_viewers_of_a_fast_tree_miss_no_transition(endless, watch, until, changes):
-    told = changes(endless)
+    reported = changes(endless)
     with serve(endless, groot2_port=0, grace=60) as publisher:
         viewers = [watch(publisher.address), watch(publisher.address, pause=0.002)]
         assert publisher.wait_for_clients(2, 10)
@@ -268,7 +268,7 @@ def test_slow_viewers_of_a_fast_tree_miss_no_transition(endless, watch, until, c
             if tick == 500:
                 viewers.append(watch(publisher.address, pause=0.001))
         endless.halt()
-        total = told.count
+        total = reported.count
         assert total > 5000
     until(lambda: all(one.ended() for one in viewers), "everybody's goodbye")
     for viewer in viewers:
@@ -348,18 +348,18 @@ def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until)
         client = RunChannelClient(address)
 
         def question() -> bytes:
-            heard = [b""]
+            received_messages = [b""]
 
             def asked() -> bool:
                 # The client repeats its request after some time only, because a reply may be on its way.
                 robot.send_multipart([wire.HEARTBEAT_TOPIC, wire.encode(wire.HeartbeatMessage("second", 0))])
                 client.read()
-                while robot.poll(0) and not heard[-1].startswith(b"\x01request/tree/"):
-                    heard.append(robot.recv())
-                return heard[-1].startswith(b"\x01request/tree/")
+                while robot.poll(0) and not received_messages[-1].startswith(b"\x01request/tree/"):
+                    received_messages.append(robot.recv())
+                return received_messages[-1].startswith(b"\x01request/tree/")
 
             until(asked, "a question")
-            return heard[-1][1:]
+            return received_messages[-1][1:]
 
         try:
             for name in ("first", "second"):

@@ -274,14 +274,14 @@ def test_an_unusual_publish_port_is_reported_and_can_be_given_in_the_address(wat
 
 
 def test_every_transition_of_a_btcore_robot_arrives_by_groot1(endless, watch, until, changes):
-    told = changes(endless)
+    reported = changes(endless)
     with serve(endless, groot2_port=None, groot1_port=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeEvent), "the tree")
         for _ in range(500):
             endless.tick_exactly_once()
         endless.halt()
-        total = told.count
+        total = reported.count
         until(lambda: len(viewer.steps) == total, "all transitions")
     assert [one.number for one in viewer.of(TransitionEvent)] == list(range(1, total + 1))
     assert not viewer.of(MissingDataEvent)

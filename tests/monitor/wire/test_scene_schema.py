@@ -155,7 +155,7 @@ def test_unknown_fields_are_passed_on():
 
 
 @pytest.mark.parametrize(
-    ("key", "entries", "said"),
+    ("key", "entries", "expected_message"),
     [
         ("grids", [{**GRID, "kind": "soup"}], "'kind' of 'grids' .* occupancy or costs, and got 'soup'"),
         ("grids", [{**GRID, "size": [40, 31]}], "expected 1240 bytes of 'cells' for 'global_costmap'"),
@@ -185,11 +185,11 @@ def test_unknown_fields_are_passed_on():
         ("parts", [{"kind": "blob"}], "box or cylinder or sphere, and got 'blob'"),
     ],
 )  # fmt: skip
-def test_invalid_data_is_reported(key, entries, said):
+def test_invalid_data_is_reported(key, entries, expected_message):
     static = StaticSceneMessage(ID, STATIC)
     whole = msgpack.unpackb(encode(static if key in ("parts", "meshes") else moving()))
     whole["data"][key] = entries
-    with pytest.raises(ProtocolError, match=said):
+    with pytest.raises(ProtocolError, match=expected_message):
         decode(msgpack.packb(whole))
 
 

@@ -246,8 +246,8 @@ def test_cpp_930_substitution_rules_without_configurations(make_tree: MakeTree) 
 
 def test_cpp_888_sleep_returns_at_once_before_a_synchronous_retry(make_tree: MakeTree) -> None:
     tree = make_tree('<RetryUntilSuccessful num_attempts="3"><PlanSync plan="F"/></RetryUntilSuccessful>')
-    said = [(tree.tick_exactly_once(), tree.sleep(1.0)) for _ in range(3)]
-    assert said == [(R, True), (R, True), (F, False)]
+    message = [(tree.tick_exactly_once(), tree.sleep(1.0)) for _ in range(3)]
+    assert message == [(R, True), (R, True), (F, False)]
     assert tree.clock.now() == 1_000_000_000
     assert tree.tick_once() is F
     assert tree.ticks == 6

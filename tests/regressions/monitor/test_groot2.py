@@ -176,8 +176,8 @@ class LoadController(SyncAction):
 
 
 def test_groot2_64_dots_in_port_names_are_refused_as_in_4_10(tmp_path: Path) -> None:
-    said = r"<LoadController> can't have a port called 'request\.name': it contains '\.'"
-    with pytest.raises(RegistrationError, match=said):
+    message = r"<LoadController> can't have a port called 'request\.name': it contains '\.'"
+    with pytest.raises(RegistrationError, match=message):
         Registry.standard().add(LoadController)
     # A palette of an older robot can still be read, and the attributes are reported with their line.
     (tmp_path / "palette.xml").write_text(DOTTED, encoding="utf-8")

@@ -170,8 +170,8 @@ def test_a_missing_waypoint_is_an_error_when_the_tree_is_created():
     text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
     places = Waypoints({"wp1": WP1}, source="the map", remedy="add '{name}' to the file")
     assert btcore.loads(text.format("{kind}"), nodes=nodes, resources=[places])
-    said = "the map has no waypoint 'recharge', but GetWaypoint::1 needs it; add 'recharge' to the file"
-    with pytest.raises(WaypointError, match=said):
+    message = "the map has no waypoint 'recharge', but GetWaypoint::1 needs it; add 'recharge' to the file"
+    with pytest.raises(WaypointError, match=message):
         btcore.loads(text.format("recharge"), nodes=nodes, resources=[places])
     with pytest.raises(WaypointError, match=r"this world has no waypoints, but GetWaypoint::1 needs them$"):
         btcore.loads(text.format("next"), nodes=nodes, resources=[Waypoints({})])

@@ -38,9 +38,9 @@ class House:
         return np.array(errors)
 
     def error(self):
-        told, true = self.localiser.pose(), self.body.true_pose()
-        return math.hypot(told.x - true.x, told.y - true.y), abs(
-            math.remainder(told.yaw - true.yaw, math.tau)
+        reported, true = self.localiser.pose(), self.body.true_pose()
+        return math.hypot(reported.x - true.x, reported.y - true.y), abs(
+            math.remainder(reported.yaw - true.yaw, math.tau)
         )
 
 

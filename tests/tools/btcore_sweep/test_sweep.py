@@ -238,8 +238,8 @@ def test_signal_ends_the_sweep_and_prints_how_to_continue(tree: Tree, sweep: Swe
         # While the sweep runs, its lock prevents other sweeps from writing to the folder.
         assert "is writing to 'tree.sweep'" in " ".join(sweep(*words).stderr.split())
         process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=PATIENCE)
+        _, message = process.communicate(timeout=PATIENCE)
     assert process.returncode == 143
-    assert "Traceback" not in said
-    assert "run the same command again to continue" in said
+    assert "Traceback" not in message
+    assert "run the same command again to continue" in message
     assert 2 <= len(read_table()) == len(journal()) < 500

@@ -339,9 +339,9 @@ def no_installed_libraries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.mark.usefixtures("no_installed_libraries")
 @pytest.mark.parametrize("case", CASES)
 def test_error_message(case: str, nodes: Registry, tree_error: Refused) -> None:
-    source, kind, said = CASES[case]
+    source, kind, expected_message = CASES[case]
     fault = tree_error(source)
-    assert str(fault) == dedent(said).strip("\n").replace("SEARCHED", searched(nodes)).replace(
+    assert str(fault) == dedent(expected_message).strip("\n").replace("SEARCHED", searched(nodes)).replace(
         "; PLUGIN", PLUGIN
     )
     assert type(fault) is kind
