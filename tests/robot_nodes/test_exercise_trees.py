@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+pytest.importorskip("pybullet")
+
 from btcore import Registry, Status, Tree, load, loads
 from btcore.cli.main import main
 from btcore_robot.leaves import LocateObjects, TurnToFree, register

@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
+pytest.importorskip("pybullet")
+
 from btcore import Registry
 from btcore.cli.main import main
 from btcore.lint.validate import validate_document

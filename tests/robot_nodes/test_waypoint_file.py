@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+pytest.importorskip("pybullet")
+
 from btcore import Run
 from btcore.cli.main import main
 from btcore.program_runner import TreelessProgram

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+pytest.importorskip("pybullet")
+
 from btcore.cli.main import main
 
 BOX = {

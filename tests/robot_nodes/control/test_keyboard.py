@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+pytest.importorskip("pybullet")
+
 from btcore.cli.main import main
 from btcore_robot.control.keyboard import KEY_TIMEOUT, KeyInputError, Terminal, parse_key_script, parse_keys
 

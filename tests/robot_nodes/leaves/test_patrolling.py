@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("pybullet")
+
 import btcore
 from btcore import Registry, Status, Tree
 from btcore_navigation.action import ActionServer, GoalHandle

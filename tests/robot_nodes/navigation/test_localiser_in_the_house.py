@@ -6,6 +6,8 @@ import threading
 import numpy as np
 import pytest
 
+pytest.importorskip("pybullet")
+
 from btcore_navigation.localiser import Localiser
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import FrameBroadcaster, TransformTree

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+pytest.importorskip("pybullet")
+
 from btcore.cli.main import main
 from btcore_robot.occupancy_map import OccupancyMap, save_map
 

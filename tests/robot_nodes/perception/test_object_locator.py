@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+pytest.importorskip("pybullet")
+
 from btcore.bundled_trees import folder
 from btcore_navigation.stack import Navigation
 from btcore_robot.perception.colour import WOOD

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+pytest.importorskip("pybullet")
+
 from btcore.cli.main import main
 from btcore_navigation.likelihood import obstacle_distances
 from btcore_navigation.mapping import map_quality
