@@ -233,10 +233,7 @@ def test_simulation_imports_only_the_robot_protocol_and_maps() -> None:
     )
     engine = violations("btcore_sim", "btcore", but=("btcore_sim.errors", "btcore_sim.providers"))
     assert {edge.split(" → ")[1] for edge in engine} == {"btcore.suggestions", "btcore.typed_data"}
-    assert {edge.split(" → ")[1] for edge in violations("btcore_sim", "btcore_robot")} <= {
-        *SHARED,
-        *MAPS,
-    }
+    assert {edge.split(" → ")[1] for edge in violations("btcore_sim", "btcore_robot")} <= {*SHARED, *MAPS}
     for module in SHARED:
         assert third_party_imports(module) <= {"numpy", "numpy.typing", "msgspec", "yaml"}
     for module in MAPS:

@@ -12,14 +12,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 from btcore_robot.occupancy_map import MapError, OccupancyMap, load_map, save_map
 
-ROOM = np.array(
-    [
-        [100, 100, 100, 100],
-        [100, 0, 0, -1],
-        [100, 0, 0, 100],
-    ],
-    dtype=np.int8,
-)
+ROOM = np.array([[100, 100, 100, 100], [100, 0, 0, -1], [100, 0, 0, 100]], dtype=np.int8)
 """Row 0 is the lowest y."""
 
 

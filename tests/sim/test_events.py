@@ -78,11 +78,7 @@ def test_an_invalid_event_raises_with_an_explanation(text: str, message: str):
     ("text", "duration", "message"),
     [
         ("box:30", 20.0, r"event 'box:30' is after the end of the run \(--duration 20\)"),
-        (
-            "door:kitchen:open@3",
-            None,
-            "'door:kitchen:open@3': world 'house': there is no door 'kitchen'",
-        ),
+        ("door:kitchen:open@3", None, "'door:kitchen:open@3': world 'house': there is no door 'kitchen'"),
     ],
 )
 def test_an_event_that_cannot_happen_in_the_run_raises(text: str, duration: float | None, message: str):
@@ -152,11 +148,7 @@ def test_a_triggered_box_drops_at_once(meet):
 @pytest.mark.parametrize(
     ("pose", "event", "message"),
     [
-        (
-            Pose2D(0.0, 0.0, 0.0),
-            "box:1",
-            r"'box:1' is not possible: 'wall_.*; a window, like box:30-60",
-        ),
+        (Pose2D(0.0, 0.0, 0.0), "box:1", r"'box:1' is not possible: 'wall_.*; a window, like box:30-60"),
         (Pose2D(-8.0, -0.5, 0.0), "box:1@0,0", "the robot is where the box would drop"),
         (Pose2D(-8.0, -0.5, 0.0), "box:1@0.3,0.2", None),
     ],

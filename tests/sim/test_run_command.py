@@ -86,10 +86,7 @@ def test_a_rate_at_which_the_base_would_stop_is_a_usage_error(run: Run) -> None:
     ("options", "message"),
     [
         (("--event", "kidnap:9"), "event 'kidnap:9' is after the end of the run (--duration 1)"),
-        (
-            ("--start", "1,1", "--event", "box:0.5@0"),
-            "event 'box:0.5@0,0' is not possible: the robot",
-        ),
+        (("--start", "1,1", "--event", "box:0.5@0"), "event 'box:0.5@0,0' is not possible: the robot"),
         (("--start", "2.8,0"), "world 'arena': the robot cannot start at (2.8, 0), because it would touch"),
     ],
 )

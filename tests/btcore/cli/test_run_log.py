@@ -78,7 +78,4 @@ def test_output_on_a_full_disk_is_an_error_with_the_exit_code_4() -> None:
     command = [sys.executable, "-m", "btcore", "show", "bumpgo"]
     with Path("/dev/full").open("wb") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert (done.returncode, done.stderr) == (
-        4,
-        "error: cannot write the output: No space left on device\n",
-    )
+    assert (done.returncode, done.stderr) == (4, "error: cannot write the output: No space left on device\n")

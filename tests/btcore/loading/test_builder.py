@@ -132,10 +132,7 @@ def this_line() -> int:
 
 def test_all_errors_are_reported_with_the_lines_of_the_code(b: Builder) -> None:
     start = this_line()
-    main = b.Sequence(
-        b.Near(distnace=1),
-        b.Repeat(b.AlwaysSuccess(), b.AlwaysSuccess(), num_cycles="often"),
-    )
+    main = b.Sequence(b.Near(distnace=1), b.Repeat(b.AlwaysSuccess(), b.AlwaysSuccess(), num_cycles="often"))
     with pytest.raises(TreeError) as caught:
         b.build(main)
     reported_values = [

@@ -242,10 +242,7 @@ def test_some_control_nodes_may_be_empty(make_tree: MakeTree) -> None:
 @pytest.mark.parametrize("tag", ["RetryUntilSuccessful", "RetryUntilSuccesful"])
 def test_retry_completes_in_a_single_tick(make_tree: MakeTree, journal: CallLog, tag: str) -> None:
     """BehaviorTree.CPP 3 keeps the first spelling, which it calls a typo."""
-    tree = make_tree(
-        f'<{tag} num_attempts="3"><PlanSync name="p" plan="F"/></{tag}>',
-        format=3,
-    )
+    tree = make_tree(f'<{tag} num_attempts="3"><PlanSync name="p" plan="F"/></{tag}>', format=3)
     assert tree.tick_exactly_once() is F
     assert journal.calls == ["p:tick"] * 3
 

@@ -6,18 +6,7 @@ from typing import Any
 
 import pytest
 
-from btcore import (
-    In,
-    LoopNode,
-    NodeExecutionError,
-    Out,
-    Registry,
-    Status,
-    Tree,
-    TreeError,
-    action,
-    loads,
-)
+from btcore import In, LoopNode, NodeExecutionError, Out, Registry, Status, Tree, TreeError, action, loads
 from tests.btcore.conftest import MakeTree
 from tests.conformance.recorded_cases import CallLog
 

@@ -190,10 +190,7 @@ def _lines(path: Path) -> Iterator[str]:
     [
         ([], "Missing option '-o'"),
         (["--bag", "run.btlog"], "a bag ends in .mcap; did you mean run.mcap?"),
-        (
-            ["-o", "run.txt"],
-            "types are .btlog, .db3, .btdb, .mcap and .rrd; did you mean run.btlog?",
-        ),
+        (["-o", "run.txt"], "types are .btlog, .db3, .btdb, .mcap and .rrd; did you mean run.btlog?"),
         (["-o", "nowhere/run.btlog"], "there is no folder"),
         (["-o", "a.btlog", "-o", "./a.btlog"], "is given twice"),
         (["not an address", "-o", "a.btlog"], "'not an address' is not an address"),
@@ -300,12 +297,7 @@ def test_missed_transitions_are_marked_as_a_gap_and_other_missed_data_is_not(log
 
 
 def test_transitions_before_the_recording_are_marked_as_a_gap(logs: list[Path]) -> None:
-    write(
-        logs,
-        TreeEvent(TREE, 0, WALL, {}),
-        changed(500, 1, 2, 0, 1),
-        changed(501, 2, 2, 1, 2),
-    )
+    write(logs, TreeEvent(TREE, 0, WALL, {}), changed(500, 1, 2, 0, 1), changed(501, 2, 2, 1, 2))
     assert read_log(logs[0]).gaps == ((0, "the transitions up to 499 were before the recording"),)
 
 

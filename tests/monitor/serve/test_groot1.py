@@ -35,12 +35,7 @@ NODE = {
 }
 REMAP = {"port_name": (0, "text"), "remap": (1, "text")}
 MODEL = {"registration_name": (0, "text"), "type": (1, "b"), "ports": (2, ["port"])}
-PORT = {
-    "port_name": (0, "text"),
-    "direction": (1, "b"),
-    "type_info": (2, "text"),
-    "description": (3, "text"),
-}
+PORT = {"port_name": (0, "text"), "direction": (1, "b"), "type_info": (2, "text"), "description": (3, "text")}
 TABLES = {"node": NODE, "remap": REMAP, "model": MODEL, "port": PORT}
 
 

@@ -434,12 +434,7 @@ def test_transitions_recorded_during_a_short_silence_are_not_lost(cpp_robot, wat
     robot.resume()
     until(lambda: len(viewer.steps) == 8 + len(ROUND) * 20, "what happened meanwhile")
     assert viewer.steps == with_previous(*TICK_1, (5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
-    assert viewer.links == [
-        "waiting",
-        "connected",
-        "lost",
-        "connected",
-    ]
+    assert viewer.links == ["waiting", "connected", "lost", "connected"]
     assert not viewer.of(MissingDataEvent)
     assert len(viewer.of(TreeEvent)) == 1
 

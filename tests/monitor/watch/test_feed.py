@@ -110,13 +110,7 @@ def test_a_viewer_that_starts_before_the_robot_sees_everything(sample, watch, un
     assert seen.tree.name == "Main"
     assert set(seen.statuses.values()) == {0}
     assert numbers(early) == list(range(1, len(numbers(early)) + 1))
-    assert early.steps[:5] == [
-        (1, 0, 1),
-        (2, 0, 2),
-        (3, 0, 1),
-        (4, 0, 3),
-        (5, 0, 1),
-    ]
+    assert early.steps[:5] == [(1, 0, 1), (2, 0, 2), (3, 0, 1), (4, 0, 3), (5, 0, 1)]
     assert [one.tick for one in early.of(TickEvent)] == [1, 2, 3]
     assert early.of(StaticSceneEvent)[0].data.frame == "map"
     assert early.of(MovingSceneEvent)[0].data.scan.ranges == b"\x00\x00\x80\x3f"
@@ -289,12 +283,7 @@ def test_a_robot_that_restarts_shows_its_new_tree(sample, endless, watch, until)
     trees = [event.tree for event in viewer.of(TreeEvent)]
     assert [tree.name for tree in trees] == ["Main", "Endless"]
     assert trees[1].tree_id == second.tree_id
-    assert viewer.links[:4] == [
-        "waiting",
-        "connected",
-        "ended",
-        "connected",
-    ]
+    assert viewer.links[:4] == ["waiting", "connected", "ended", "connected"]
 
 
 def test_a_replaced_tree_is_seen_on_the_same_connection(sample, endless, watch, until, changes):

@@ -277,7 +277,7 @@ SCENES: dict[str, list[bytes]] = {
         detections=[{"picture": "c", "name": "x" * 9_999, "box": [1e9, -1e9, -1e9, 1e9]}]
     ),
     "wild boxes": moving(
-        boxes=[{"name": "b", "position": [1e9] * 3, "size": [-1e9] * 3, "quaternion": [0, 0, 0, 0]}],
+        boxes=[{"name": "b", "position": [1e9] * 3, "size": [-1e9] * 3, "quaternion": [0, 0, 0, 0]}]
     ),
     "wild parts": static(
         parts=[

@@ -248,11 +248,7 @@ def test_scenes_of_several_sources_are_merged():
         frames=[there], notes={"mind": "sure", "body": "cold"}, stamp=2, velocity=(3, 4), boxes=()
     )
     assert merge_scenes(MovingScene, [body, mind, MovingScene()]) == MovingScene(
-        frames=(here, there),
-        notes={"body": "warm", "mind": "sure"},
-        stamp=1,
-        velocity=(0.1, 0.2),
-        boxes=(),
+        frames=(here, there), notes={"body": "warm", "mind": "sure"}, stamp=1, velocity=(0.1, 0.2), boxes=()
     )
     assert body.frames == [here]
     assert merge_scenes(StaticScene, []) == StaticScene()

@@ -58,9 +58,7 @@ def test_cpp_909_a_literal_loop_queue_starts_again(make_tree: MakeTree) -> None:
 
 
 def test_cpp_909_a_literal_queue_starts_again_after_a_halt_and_a_failure(make_tree: MakeTree) -> None:
-    tree = make_tree(
-        '<LoopInt queue="1;2;3" value="{n}"><PlanSync name="leaf" plan="SSSFSSS"/></LoopInt>',
-    )
+    tree = make_tree('<LoopInt queue="1;2;3" value="{n}"><PlanSync name="leaf" plan="SSSFSSS"/></LoopInt>')
     ticks(tree, 2)
     tree.halt()
     assert ticks(tree, 2) == [R, F]

@@ -82,10 +82,7 @@ def test_cpp_pr_1168_root_blackboard_in_groot2_dump_of_a_tree_with_an_outer_blac
     board = Blackboard(outer)
     board["own"] = 7
     with published(PLAIN, board) as publisher:
-        assert blackboards(connect(publisher.address), "Main") == {
-            "Main": {"own": 7},
-            "ROOT": {"shared": 42},
-        }
+        assert blackboards(connect(publisher.address), "Main") == {"Main": {"own": 7}, "ROOT": {"shared": 42}}
 
 
 def test_cpp_pr_1168_root_is_the_main_trees_blackboard_in_a_subtrees_reply(connect: Connect) -> None:

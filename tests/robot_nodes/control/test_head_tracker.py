@@ -241,12 +241,7 @@ def test_the_states_and_transitions_have_the_numbers_of_ros():
             LifecycleState.ACTIVE,
             LifecycleState.FINALIZED,
         )
-    ] == [
-        1,
-        2,
-        3,
-        4,
-    ]
+    ] == [1, 2, 3, 4]
     assert [
         LifecycleTransition.CONFIGURE,
         LifecycleTransition.CLEANUP,

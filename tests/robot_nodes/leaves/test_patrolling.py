@@ -363,9 +363,7 @@ def test_the_skipping_tree_skips_a_waypoint_and_ends_when_it_can_reach_nothing(
     nodes.add_plugin("btcore_navigation.leaves")
     tracker.configure()
     tree = btcore.load(
-        TREES / "patrolling_skipping.xml",
-        nodes=nodes,
-        resources=[robot, server, tracker, Waypoints(places)],
+        TREES / "patrolling_skipping.xml", nodes=nodes, resources=[robot, server, tracker, Waypoints(places)]
     )
     tree.blackboard["battery_level"] = level
     assert tick(tree, robot, 120.0) is result

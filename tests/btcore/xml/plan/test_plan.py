@@ -127,10 +127,7 @@ CASES = {
         """,
     ),
     "a tree that contains itself": (
-        (
-            '<Sequence><SubTree ID="A"/></Sequence>',
-            {"A": '<SubTree ID="B"/>', "B": '<SubTree ID="A"/>'},
-        ),
+        ('<Sequence><SubTree ID="A"/></Sequence>', {"A": '<SubTree ID="B"/>', "B": '<SubTree ID="A"/>'}),
         TreeError,
         """
         t.xml:6:37: E110 the trees call each other recursively: A → B → A
