@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 import shlex
 import signal
 import subprocess
@@ -16,6 +15,7 @@ from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
 from tests.btcore.cli.conftest import LastJson
+from tests.tools.btcore_sweep.conftest import environment
 
 psutil = pytest.importorskip("psutil")
 pytest.importorskip("distributed")
@@ -191,11 +191,9 @@ def test_episode_that_kills_its_workers_is_recorded_and_the_others_continue(
 
 def start_sweep(*words: str) -> subprocess.Popen[str]:
     """Start a sweep in its own process and session, as from a terminal."""
-    from_root = str(Path(__file__).parents[3])
-    paths = os.pathsep.join(filter(None, [from_root, os.environ.get("PYTHONPATH")]))
     return subprocess.Popen(
         [sys.executable, "-m", "btcore", "sweep", *words, "--plugin", str(Path("things.py").resolve())],
-        env={**os.environ, "PYTHONPATH": paths},
+        env=environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
