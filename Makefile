@@ -67,6 +67,7 @@ TYPED ?= 200
 ROS2_RUNS ?=
 GOALS ?= 2000
 MISTAKES ?=
+EDITS ?= 10000
 
 .PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint lint-and-pure pure compiled vulkan accept \
 	accept-robot accept-engine accept-tools accept-ros2 docs vscode npm-checks dist bench clean
@@ -240,6 +241,7 @@ accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
 
 accept-tools: .venv/ready
+	@BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) --dist worksteal tests/btcore/xml/edit
 	@.venv/bin/python tests/acceptance/mcp_attacks.py $(MCP_ATTACKS)
 	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
 	@.venv/bin/python tests/acceptance/preview.py --trials $(PREVIEWS)

@@ -158,7 +158,6 @@ def __getattr__(name: str) -> object:
 
 
 def _installed_version() -> str:
-    """Return the version of the installed package, or ``0+unknown`` in a checkout that is not installed."""
     from importlib.metadata import PackageNotFoundError, version  # takes longer than importing btcore
 
     try:

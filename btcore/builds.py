@@ -179,7 +179,6 @@ def written_docstring(cls: type) -> str:
 
 @cache
 def _docstrings(source: Path) -> dict[str, str]:
-    """Return the docstrings of the classes in the file *source*."""
     import ast
 
     module = ast.parse(source.read_text(encoding="utf-8"))

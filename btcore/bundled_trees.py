@@ -5,7 +5,7 @@ from pathlib import Path
 
 from btcore.errors import BtcoreError
 from btcore.input_files import data_folder
-from btcore.suggestions import join_names, nearest_name
+from btcore.suggestions import did_you_mean, join_names
 
 
 def folder() -> Path:
@@ -48,14 +48,11 @@ def find(name: str) -> Path:
 
 
 def _missing_message(path: Path, name: str) -> str:
-    """Return the error message for an unknown *name*, with the nearest name or the bundled trees."""
     if path.suffix == ".xml" or path.parent != Path():
         siblings = [str(other) for other in path.parent.glob("*.xml")] if path.parent.is_dir() else []
-        nearest = nearest_name(name, siblings)
-        text = f"there is no file '{name}'."
+        hint = did_you_mean(name, siblings)
+        text = f"there is no file '{name}'"
     else:
-        nearest = nearest_name(name, names())
-        text = f"there is neither a file nor a tree '{name}'."
-    if nearest is not None:
-        return f"{text} Did you mean '{nearest}'?"
-    return f"{text} Bundled trees: {join_names(names())}." if names() else text
+        hint = did_you_mean(name, names())
+        text = f"there is neither a file nor a tree '{name}'"
+    return text + (hint or (f"; bundled trees: {join_names(names())}" if names() else ""))

@@ -142,9 +142,6 @@ class TickSchedule:
 
     Missed ticks are not made up for: after a delay of more than a period, the next tick is due at once, and
     the following due times count from this tick.
-
-    Raises:
-        ValueError: *period* is negative, infinite or NaN.
     """
 
     def __init__(self, period: float, now: int) -> None:

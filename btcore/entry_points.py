@@ -173,7 +173,6 @@ def _read_points(folder: str, group: str) -> Iterator[EntryPoint]:
 
 
 def _read_file(path: str) -> str:
-    """Return the text of the file, or "" if there is no such file."""
     try:
         with open(path, encoding="utf-8") as file:  # noqa: PTH123
             return file.read()

@@ -1,11 +1,12 @@
 """The exceptions of the engine, and diagnostics: messages with a position and a hint."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Final, Literal, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.escaping import escape_controls
+from btcore.suggestions import suggestion
 
 FixOperation = Literal[
     "add_children",
@@ -17,18 +18,18 @@ FixOperation = Literal[
     "declare_node",
     "end_tag",
     "escape",
-    "insert",
+    "insert_text",
     "name_tree",
     "remove",
     "remove_children",
     "rename",
     "rename_attribute",
     "rename_element",
-    "replace",
+    "replace_text",
+    "set_attributes",
     "set_format",
+    "set_value",
     "wrap_children",
-    "write",
-    "write_value",
 ]
 """The operations of `Fix`; btcore/xml/edit/fixes.py describes each of them."""
 
@@ -44,7 +45,7 @@ class Fix(NamedTuple):
     """
 
     operation: FixOperation
-    arguments: tuple[str, ...] = ()
+    arguments: tuple[str | int, ...] = ()
     is_safe: bool = False
 
 
@@ -63,7 +64,7 @@ class Hint(NamedTuple):
     @classmethod
     def similar_name(cls, name: str) -> "Hint":
         """Return the hint that the marked name may be a misspelt *name*."""
-        return cls(f"did you mean '{name}'?", (Fix("rename", (name,)),))
+        return cls(suggestion(f"'{name}'"), (Fix("rename", (name,)),))
 
 
 class Diagnostic(NamedTuple):
@@ -119,12 +120,24 @@ class Diagnostic(NamedTuple):
         return ":".join(parts)
 
     def __str__(self) -> str:
-        text = f"{self.where}: {self.code} {self.message}"
-        if self.source and self.line:
-            text += "\n" + excerpt(self.source, self.line, self.column, self.width)
-        if self.hint:
-            text += "\n      " + self.hint
-        return text
+        return "".join(text for _, text in diagnostic_parts(self))
+
+
+DiagnosticPart = Literal["place", "code", "message", "line", "carets", "hint"]
+
+
+def diagnostic_parts(diagnostic: Diagnostic) -> Iterator[tuple[DiagnosticPart, str]]:
+    """Yield the parts of the text of a diagnostic, which the terminal prints in different styles."""
+    yield "place", f"{diagnostic.where}: "
+    yield "code", diagnostic.code
+    yield "message", f" {diagnostic.message}"
+    if diagnostic.source and diagnostic.line:
+        shown = excerpt(diagnostic.source, diagnostic.line, diagnostic.column, diagnostic.width)
+        line, line_break, carets = shown.partition("\n")
+        yield "line", f"\n{line}"
+        yield "carets", line_break + carets
+    if diagnostic.hint:
+        yield "hint", f"\n      {diagnostic.hint}"
 
 
 class LiteralProblem(NamedTuple):
@@ -387,10 +400,14 @@ class ScriptError(BtcoreError):
         return f"{self.message}\n{excerpt(shown, line + 1, self.column - start, self.width)}"
 
 
-class UndecidedOperandError(KeyboardInterrupt):
+class TickInterrupt(BaseException):  # not an Exception, so that no node catches it by mistake
+    """Ends a tick, and is no error of a node: the engine passes it on as it passes on KeyboardInterrupt."""
+
+
+class UndecidedOperandError(TickInterrupt):
     """A value that is not known was used, in a search of all runs (`btcore prove`).
 
-    Not an Exception, so that no node catches it by mistake. A comparison asks it for its result.
+    A node that compares the value calls `decide` for the result of the comparison.
 
     Attributes:
         operand: The value.
@@ -406,7 +423,19 @@ class UndecidedOperandError(KeyboardInterrupt):
 
 
 class SettingsError(BtcoreError, ValueError):
-    """Options contradict each other, or the value of one cannot be used; the message names them."""
+    """Options contradict each other, or the value of one cannot be used.
+
+    Args:
+        message: What is wrong; it names the options.
+        setting: As the attribute.
+
+    Attributes:
+        setting: The field of the settings whose value cannot be used, such as "port"; "" = several, or none.
+    """
+
+    def __init__(self, message: str, setting: str = "") -> None:
+        super().__init__(message)
+        self.setting = setting
 
 
 class ProviderError(BtcoreError):

@@ -13,6 +13,8 @@ from msgspec.structs import FieldInfo
 from btcore.errors import BtcoreError
 from btcore.options import Options, describe_field, from_values, option_name
 
+__all__ = ["FiniteRange", "add_options", "pass_options"]
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -25,7 +27,7 @@ class FiniteRange(click.FloatRange):
         Args:
             value: The text of the option.
             param: The option.
-            ctx: The context of the command.
+            ctx: The context of the command, for the error.
 
         Returns:
             The number.
@@ -68,11 +70,7 @@ class FieldOption(click.Option):
 
 
 def create_options(options: type[Options], *names: str) -> list[FieldOption]:
-    """Return the options of the fields *names* of *options*, or of all fields, in the order of the fields.
-
-    Raises:
-        BtcoreError: A field is not an option.
-    """
+    """Return the options of the fields *names* of *options*, or of all fields, in the order of the fields."""
     created = []
     for field in msgspec.structs.fields(options):
         if not names or field.name in names:

@@ -73,11 +73,7 @@ def read_stream(stream: BinaryIO, name: str) -> bytes:
 
 
 def max_size() -> int:
-    """Return the maximum size of a file in bytes.
-
-    Raises:
-        ValueError: The environment variable BTCORE_MAX_FILE_SIZE is not a size.
-    """
+    """Return the maximum size of a file in bytes."""
     return parse_size(os.environ.get(SIZE_VARIABLE) or DEFAULT_MAX_SIZE)
 
 
@@ -104,11 +100,7 @@ def read_error(error: OSError) -> str:
 
 
 def parse_size(text: str) -> int:
-    """Return the number of bytes for a text such as `500000`, `200MB` or `1.5 GB`.
-
-    Raises:
-        ValueError: The text is not a size.
-    """
+    """Return the number of bytes for a text such as `500000`, `200MB` or `1.5 GB`."""
     match = re.fullmatch(r"\s*(\d{1,15}(?:\.\d{1,9})?)\s*([kmg]?b|)\s*", text.lower())
     if match is None:
         raise ValueError(f"'{text}' is not the size of a file, such as 200MB or 1GB")

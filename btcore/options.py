@@ -96,9 +96,6 @@ def from_values(options: type[AnyOptions], values: Mapping[str, Any]) -> AnyOpti
     Args:
         options: The class of the options.
         values: The values of parameters by name; those that are missing have their defaults.
-
-    Raises:
-        SettingsError: The values contradict each other.
     """
     chosen: dict[str, Any] = {}
     for field in msgspec.structs.fields(options):
@@ -111,12 +108,7 @@ def from_values(options: type[AnyOptions], values: Mapping[str, Any]) -> AnyOpti
 
 
 def check_settings(settings: AnyOptions) -> AnyOptions:
-    """Check the types and the limits of the values that a program gave to *settings*, and return *settings*.
-
-    Raises:
-        TypeError: *settings* is not an object with settings, but their class, for example.
-        SettingsError: A value has another type, or is out of range.
-    """
+    """Check the types and limits of the values that a program gave to *settings*, and return *settings*."""
     if not isinstance(settings, Options):
         raise TypeError(f"{settings!r} is not a settings object: write GripperSettings(…)")
     try:
@@ -169,9 +161,6 @@ def describe_field(field: FieldInfo) -> tuple[Any, msgspec.Meta, OptionDetails]:
     """Return the type of *field*, and its description.
 
     The type is `str` for `Annotated[str, option(…)] | None`.
-
-    Raises:
-        TypeError: The field is not an option.
     """
     annotation = field.type
     if get_origin(annotation) in (Union, UnionType):

@@ -20,18 +20,14 @@ from btcore.cli.node_libraries import load_libraries
 from btcore.cli.provider_options import ProviderCommand, command_providers
 from btcore.cli.run_report import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
-from btcore.field_options import FiniteRange, add_options, pass_options
 from btcore.registry.registry import Registry
 from btcore.runs.run import Run, TreelessProgram
 
 __all__ = [
     "CommandRun",
-    "FiniteRange",
     "ProviderCommand",
     "TreelessProgram",
-    "add_options",
     "load_nodes",
-    "pass_options",
     "print_json",
     "print_result",
 ]

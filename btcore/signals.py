@@ -17,11 +17,8 @@ class EndingSignals:
     `stop` is None, raises KeyboardInterrupt. That of SIGTERM or SIGHUP leaves the block as SystemExit: within
     the block, an exit would be taken for an error of the leaf that is just ticked.
 
-    Args:
-        stop: Called by the first signal, or None.
-
     Attributes:
-        stop: As the argument; it may be changed in the `with` block.
+        stop: Called by the first signal, or None; it may be changed in the `with` block.
         number: The number of the first signal, or 0.
     """
 

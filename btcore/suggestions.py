@@ -36,10 +36,15 @@ def with_article(name: str) -> str:
     return f"{'an' if name[:1] in 'AEIOUaeiou' else 'a'} {name}"
 
 
+def suggestion(choice: object) -> str:
+    """Return the question `did you mean choice?`."""
+    return f"did you mean {choice}?"
+
+
 def did_you_mean(word: str, names: Iterable[str]) -> str:
     """Return the end of an error message, `; did you mean 'name'?`, or "" if no name is near *word*."""
     nearest = nearest_name(word, names)
-    return "" if nearest is None else f"; did you mean '{nearest}'?"
+    return "" if nearest is None else "; " + suggestion(f"'{nearest}'")
 
 
 def similar_file(path: Path, suffix: str) -> str | None:

@@ -83,9 +83,6 @@ def convert(value: Any, kind: type[Value]) -> Value:
     Args:
         value: The value from a file.
         kind: The type of the format.
-
-    Raises:
-        DataError: The value does not fit.
     """
     _check(value, kind, ())
     return msgspec.convert(value, kind, dec_hook=_path)
@@ -104,7 +101,6 @@ def _path(kind: type, value: Any) -> Any:
 
 
 def _check(value: Any, annotation: Any, keys: Keys) -> None:
-    """Raise an error for the innermost value that does not fit."""
     kind, _ = _bare(annotation)
     if get_origin(kind) in (Union, UnionType) and isinstance(value, dict):
         kind = _tagged(value, get_args(kind), keys)
@@ -193,7 +189,6 @@ def _bare(annotation: Any) -> tuple[Any, dict[str, Any]]:
 
 
 def _item_types(kind: Any) -> Any:
-    """Return the types of the items of a list."""
     if isinstance(kind, type) and hasattr(kind, "_fields"):  # a NamedTuple
         return get_type_hints(kind, include_extras=True).values()
     types = get_args(kind) if get_origin(kind) in (tuple, list) else ()

@@ -198,6 +198,8 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
         "btcore.process_group",
         "btcore.signals",
         "btcore.suggestions",
+        "btcore.xml.render.folding",
+        "btcore.xml.render.symbols",
     }
     assert {edge.split(" → ")[1] for edge in reached} <= shared
     for module in shared:

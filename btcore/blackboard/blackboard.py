@@ -205,7 +205,7 @@ class Blackboard:
                 entry.declared = declared
                 entry.inferred = False
             return entry
-        if entry.inferred and _widens(previous, declared):
+        if entry.inferred and any(wider.same(declared) for wider in _WIDER.get(previous.name, ())):
             entry.value = declared.adapt(entry.value)
             entry.declared = declared
             entry.inferred = False
@@ -368,7 +368,6 @@ class Blackboard:
         return f"<Blackboard {{{', '.join(values)}{f', … and {more} more' if more else ''}}}>"
 
     def _missing_entry_error(self, key: str, entry: Entry | None) -> MissingEntryError:
-        """Return the error for a key without a value."""
         problem = f"the entry '{key}' is declared but was never written"
         if entry is None:
             problem = f"there is no entry '{key}' on the blackboard{self.hint(key)}"
@@ -381,7 +380,6 @@ class Blackboard:
         return self.find(key)
 
     def _create_entry(self, key: str, declared: ValueType) -> Entry:
-        """Create and return the entry of *key* in the scope where its remappings end."""
         if not key.startswith("@"):
             return self._find_or_create(key, declared, False)
         bare = key[1:]
@@ -494,7 +492,6 @@ def copy_scopes(scopes: Sequence[Blackboard]) -> list[Blackboard]:
 
 
 def _convert_to_kind(key: str, value: object, kind: Any) -> object:
-    """Return *value* as a value of the type *kind*, by the rules of an input port."""
     if type(value) is kind:
         return value
     # A Python int has no size: only ports restrict it to 32 bits.
@@ -507,7 +504,3 @@ def _convert_to_kind(key: str, value: object, kind: Any) -> object:
         raise BlackboardError(
             f"the entry '{key}' holds {reprlib.repr(value)}, not {wanted.name}: {error}"
         ) from error
-
-
-def _widens(previous: ValueType, declared: ValueType) -> bool:
-    return any(wider.same(declared) for wider in _WIDER.get(previous.name, ()))

@@ -29,11 +29,7 @@ class Format3Blackboard(Blackboard):
             board = board.parent
 
     def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
-        """Write *value* to the entry of *key* after remapping. Create it if it does not exist.
-
-        Raises:
-            BlackboardError: The value does not fit the type of the entry, or is None.
-        """
+        """Write *value* to the entry of *key* after remapping. Create it if it does not exist."""
         if value is None:
             raise BlackboardError(f"None can't be written to '{key}'")
         value = to_builtin_number(value)
@@ -58,10 +54,6 @@ class Format3Blackboard(Blackboard):
         """Return the entry of *key*. A port does not change the rule for texts of an existing entry.
 
         Unlike in format 4, *only_read* has no effect: the type of the entry must not be a related class.
-
-        Raises:
-            BlackboardError: The entry has another type, which cannot change to *declared*.
-            ConversionError: The type of the entry may change, but its value does not fit *declared*.
         """
         known = self._entries.get(key)
         inferred = known is not None and known.inferred and known.declared.same(declared)

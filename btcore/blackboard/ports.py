@@ -123,7 +123,6 @@ def braced_key(text: str, format: int = 4) -> str | None:
     as in the nodes of BehaviorTree.CPP that read the text of a port themselves, instead of its value.
 
     Args:
-        text: The text of the port.
         format: The XML format, 3 or 4.
     """
     if "}" not in text:
@@ -144,7 +143,6 @@ def remapped_key(text: str, name: str, format: int = 4) -> str | None:
     port.
 
     Args:
-        text: The text of the port.
         name: The name of the port.
         format: The XML format, 3 or 4.
     """
@@ -232,12 +230,7 @@ class Input(Binding):
         return own
 
     def read(self) -> object:
-        """Return the value, converted to the port's type.
-
-        Raises:
-            BlackboardError: The entry is missing or was never written.
-            ConversionError: The value does not convert to the port's type.
-        """
+        """Return the value, converted to the port's type."""
         key = self.key
         if key is None:
             value = self.literal
@@ -292,12 +285,7 @@ class Output:
         return self.binding.text
 
     def write(self, value: object) -> None:
-        """Write *value* to the entry.
-
-        Raises:
-            BlackboardError: The port is not bound to a key, or the value does not fit the entry's type.
-            ConversionError: The value is not of the port's type.
-        """
+        """Write *value* to the entry."""
         key = self.key
         if key is None:
             raise BlackboardError(

@@ -52,10 +52,12 @@ class CommandRun(Run):
             **arguments,
         )
         self._ctx = ctx
-        self._used_settings |= set(used)
+        self._used = frozenset(used)
 
     def warn_unused(self, kind: type[Settings], reason: str) -> None:
-        """Print a warning for the options of *kind* that were given."""
+        """Print a warning for the options of *kind* that were given, unless the command uses them itself."""
+        if kind in self._used:
+            return
         names = [option.opts[0] for option in given_options(self._ctx) if option.struct is kind]
         have = "has" if len(names) == 1 else "have"
         terminal.print_warning(f"{join_names(names)} {have} no effect: {reason}")

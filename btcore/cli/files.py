@@ -12,11 +12,7 @@ OUTPUT_FILE: Final = click.Path(dir_okay=False, path_type=Path)
 
 
 def write(target: Path, data: bytes) -> None:
-    """Write *data* to the file *target*, which is overwritten if it exists.
-
-    Raises:
-        click.ClickException: The file cannot be written.
-    """
+    """Write *data* to the file *target*, which is overwritten if it exists."""
     try:
         write_file(target, data)
     except OSError as error:

@@ -94,12 +94,11 @@ class CommandLine(click.Group):
         """Resolve the command's name; the error for an unknown name suggests the nearest name."""
         name = args[0]
         if self.get_command(ctx, name) is None and not name.startswith("-"):
-            from btcore.suggestions import join_names, nearest_name
+            from btcore.suggestions import did_you_mean, join_names
 
             known = self.list_commands(ctx)
-            nearest = nearest_name(name, known)
-            hint = f"Did you mean '{nearest}'?" if nearest else f"Available commands: {join_names(known)}."
-            raise click.UsageError(f"unknown command '{name}'. {hint}")
+            hint = did_you_mean(name, known) or f"; available commands: {join_names(known)}"
+            raise click.UsageError(f"unknown command '{name}'{hint}")
         return super().resolve_command(ctx, args)
 
     def main(
@@ -135,7 +134,6 @@ def _exit_after_interrupt() -> NoReturn:
 
 
 def _exit_for_error(error: Exception) -> NoReturn:
-    """Print *error* as one message, and exit with the code for errors of its kind."""
     from btcore.cli import terminal
     from btcore.errors import BtcoreError, NodeExecutionError
 

@@ -2,21 +2,22 @@
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
+from btcore import entry_points
 from btcore.cli import terminal
 from btcore.diagnostic_codes import UNKNOWN_NODE
-from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, own_packages, unsearched_libraries
+from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, unsearched_libraries
 from btcore.errors import Diagnostic
 from btcore.options import Options, option
 from btcore.registry.registry import Plugin, Registry, import_plugin, library_of
 from btcore.xml.read.dialect import EXPLICIT_TAGS
-from btcore.xml.read.read import Document, read
+from btcore.xml.read.document import Document
+from btcore.xml.read.read import Sources, read
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -50,39 +51,43 @@ class PaletteOptions(LibraryOptions):
     format: Annotated[Literal[3, 4], option("The XML format of the nodes.")] = 4
 
 
-@dataclass(slots=True)
 class NodeLibraries:
     """The available nodes.
 
-    Attributes:
+    Args:
         nodes: The registry of the available nodes.
         unavailable: The libraries that are installed but cannot be imported.
-        has_models: Whether nodes were declared by models, and need no code.
         plugins: The libraries of the user, which are loaded after the installed libraries.
-        is_partial: Whether the libraries of btcore's own packages are not loaded yet.
+
+    Attributes:
+        has_models: Whether nodes were declared by models, and need no code.
+        has_own_packages: Whether the libraries of btcore's own packages are among the nodes.
     """
 
-    nodes: Registry
-    unavailable: list[UnavailableEntryPoint] = field(default_factory=list)
-    has_models: bool = False
-    plugins: Sequence[Plugin] = ()
-    is_partial: bool = False
-    _warnings: set[str] = field(default_factory=set)
+    def __init__(
+        self,
+        nodes: Registry,
+        unavailable: Sequence[UnavailableEntryPoint] = (),
+        plugins: Sequence[Plugin] = (),
+    ) -> None:
+        self.nodes = nodes
+        self.unavailable = unavailable
+        self.plugins = plugins
+        self.has_models = False
+        self.has_own_packages = True
+        self._warnings: set[str] = set()
 
-    def load(self, own: bool = True) -> None:
+    def load(self, own_packages: bool = True) -> None:
         """Fill `nodes` with the built-in nodes, the installed libraries and the plugins.
 
         Args:
-            own: Whether to load the libraries of btcore's own packages, too.
-
-        Raises:
-            RegistrationError: A plugin cannot be registered.
+            own_packages: Whether to load the libraries of btcore's own packages, too.
         """
-        self.nodes, self.unavailable, self.is_partial = Registry.standard(), [], not own
-        for unavailable in self.nodes.add_installed(own):
+        self.nodes, self.has_own_packages = Registry.standard(), own_packages
+        self.unavailable = self.nodes.add_installed(own_packages)
+        for unavailable in self.unavailable:
             if unavailable.missing_module is None:
                 self._warn(str(unavailable.error))
-            self.unavailable.append(unavailable)
         for plugin in self.plugins:
             if plugin.has_nodes or not _has_providers(plugin):
                 self.nodes.add_plugin(plugin)
@@ -96,22 +101,6 @@ class NodeLibraries:
                 f"{own_type.name} of {library_of(library_type.python_type)}"
             )
 
-    def load_missing(self, documents: Iterable[Document]) -> bool:
-        """Load the libraries of btcore's own packages, too, if *documents* use a node that is unknown so far.
-
-        Returns:
-            Whether libraries were loaded.
-
-        Raises:
-            RegistrationError: A plugin cannot be registered.
-        """
-        if not self.is_partial or all(
-            self.nodes.get(id, 4) or self.nodes.get(id, 3) for id in _find_node_ids(documents)
-        ):
-            return False
-        self.load()
-        return True
-
     def _warn(self, message: str) -> None:
         """Print a warning, unless it was printed when the libraries were loaded before."""
         if message not in self._warnings:
@@ -123,9 +112,6 @@ class NodeLibraries:
 
         Args:
             confined: Whether includes from outside of a file's folder are errors.
-
-        Raises:
-            TreeError: A model is invalid.
         """
         if models:
             from btcore.xml.models.model_file import add_models  # most commands have no models
@@ -134,20 +120,32 @@ class NodeLibraries:
                 add_models(self.nodes, model, confined)
             self.has_models = True
 
-    def nodes_for(self, document: Document) -> Registry:
-        """Return the nodes for the trees of *document*.
+    def read(self, document: Document) -> tuple[Sources, Registry]:
+        """Read the includes of *document*, and load further libraries if it uses a node that is unknown.
 
-        With models they include the nodes that explicit tags, such as `<Action ID="Move"/>`, declare in the
-        document and in the documents that it includes. Without models unknown nodes remain errors.
+        Returns:
+            The documents, and the nodes for their trees. With models the nodes include those that explicit
+            tags, such as `<Action ID="Move"/>`, declare. Without models unknown nodes remain errors.
         """
+        sources = read(document, self.nodes.documents)
+        if not self.has_own_packages and any(
+            self.nodes.get(id, 4) is None and self.nodes.get(id, 3) is None
+            for id in _find_node_ids(sources.documents)
+        ):
+            self.load()
+            sources = read(document, self.nodes.documents)  # a library may have registered trees
         if not self.has_models:
-            return self.nodes
+            return sources, self.nodes
         from btcore.xml.models.model_file import add_explicit_nodes
 
         # A copy, since the same explicit tag may have other ports in another document.
         nodes = self.nodes.copy()
-        add_explicit_nodes(nodes, read(document).documents)
-        return nodes
+        add_explicit_nodes(nodes, sources.documents)
+        return sources, nodes
+
+    def nodes_for(self, document: Document) -> Registry:
+        """Return the nodes for the trees of *document*, as `read` does."""
+        return self.read(document)[1]
 
     def missing_library_notes(self, diagnostics: Iterable[Diagnostic]) -> list[str]:
         """Return notes about unavailable libraries, if *diagnostics* report an unknown node without them."""
@@ -163,7 +161,7 @@ def load_libraries(
     plugins: Sequence[str],
     models: Sequence[Path] = (),
     confined: bool = False,
-    partial: bool = False,
+    own_packages: bool = True,
     imported: Mapping[str, Plugin] | None = None,
 ) -> NodeLibraries:
     """Load all installed node libraries, *plugins* and *models*.
@@ -174,16 +172,11 @@ def load_libraries(
     Args:
         plugins: Modules and Python files with nodes.
         confined: Whether a model that includes a file from outside of its folder is invalid.
-        partial: Whether to leave out the libraries of btcore's own packages, until
-            `NodeLibraries.load_missing` needs them. They are loaded nevertheless if a plugin has imported one
+        own_packages: Whether to load the libraries of btcore's own packages at once, and not when
+            `NodeLibraries.read` needs them. They are loaded at once nevertheless if a plugin has imported one
             of these packages, because the plugin may use their types, and with *models*, which declare only
             what is unknown.
         imported: Plugins that are imported already, by their names in *plugins*.
-
-    Raises:
-        RegistrationError: One of *plugins* cannot be loaded.
-        click.UsageError: One of *plugins* is given twice.
-        TreeError: One of *models* is invalid.
     """
     loaded: list[Plugin] = []
     seen: set[str | Path] = set()
@@ -195,8 +188,8 @@ def load_libraries(
         loaded.append((imported or {}).get(plugin) or import_plugin(plugin))
     libraries = NodeLibraries(Registry(), plugins=loaded)
     # Providers import these packages, too, but not their nodes.
-    has_imported = bool(loaded) and not own_packages(NODES_GROUP).isdisjoint(sys.modules)
-    libraries.load(own=not partial or bool(models) or has_imported)
+    has_imported = bool(loaded) and not entry_points.own_packages(NODES_GROUP).isdisjoint(sys.modules)
+    libraries.load(own_packages or bool(models) or has_imported)
     libraries.add_models(models, confined)
     return libraries
 
@@ -208,7 +201,6 @@ def _has_providers(plugin: Plugin) -> bool:
 
 
 def _find_node_ids(documents: Iterable[Document]) -> Iterator[str]:
-    """Yield the IDs of the nodes in the trees of *documents*."""
     for document in documents:
         for top in document.root.iterchildren("BehaviorTree"):
             for element in islice(top.iter(), 1, None):

@@ -35,7 +35,6 @@ class Progress:
 
     Args:
         console: Prints the line.
-        tree: The tree.
         name: The name of the run.
         duration: The limit of the run (s of the tree's clock), or None.
     """

@@ -48,9 +48,6 @@ def find_providers(
         own: The options that the command has without providers.
         args: The arguments of the command, which may contain the option `--plugin`.
         has_all_options: Whether to add the options of all providers in any case.
-
-    Raises:
-        ProviderError: Two providers have an option of the same name.
     """
     has_plugins = any(parameter.name == "plugins" for parameter in own)
     plugins = {name: import_plugin(name) for name in _plugins_in(args)} if has_plugins else {}
@@ -151,7 +148,6 @@ class ProviderCommand(click.Command):
 
 
 def _plugins_in(args: Sequence[str]) -> Iterator[str]:
-    """Yield the values of the option `--plugin` in *args*, once each."""
     seen: set[str] = set()
     for word, following in zip(args, [*args, ""][1:], strict=True):
         if word == "--":
@@ -180,12 +176,8 @@ def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -
     Settings that lack a required option are left out, with a warning.
 
     Args:
-        ctx: The context.
         defaults: Values of options that were not given, by the names of their parameters, as in click's
             `default_map`.
-
-    Raises:
-        click.UsageError: Settings contradict each other.
     """
     given = given_options(ctx)
     values = {option.name or "": ctx.params[option.name or ""] for option in given}

@@ -86,7 +86,6 @@ class RunSummary:
         print_reports(self._run.report)
 
     def _format_heading(self) -> Text:
-        """Return a line with the result, the time, the number of ticks, and the reason why the run ended."""
         run = self._run
         result = terminal.format_status(run.status if run.error is None else None)
         ticks = terminal.counted(run.tree.ticks, "tick")
@@ -176,7 +175,6 @@ def _format_report(report: object) -> list[tuple[str, str]]:
 
 
 def _format_value(value: object) -> str:
-    """Return the text of a value, of a list of values, or of an object in a list."""
     if isinstance(value, Mapping):
         known = ((key, item) for key, item in value.items() if item is not None)
         return " ".join(f"{key} {_format_value(item)}" for key, item in known)

@@ -23,7 +23,6 @@ from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
 
 if TYPE_CHECKING:
-    from btcore.cli.tree_changes import TreeChanges
     from btcore.loading.hot_reload import FileWatcher
 
 
@@ -79,7 +78,7 @@ class RunOptions(TreeOptions):
         option(
             "Reload the tree whenever its file is saved, and keep the blackboard. A file with errors is "
             "reported, and the previous tree continues. After the tree has ended, wait for the next save, "
-            "until --duration or Ctrl-C ends the run.",
+            "until --duration or Ctrl-C ends the run."
         ),
     ] = False
 
@@ -88,9 +87,7 @@ class RunSession:
     """The run of a tree from the command line.
 
     Args:
-        run: The run, not yet entered.
         source: The file of the tree.
-        plans: The plans of the tree.
         until: The result that ends the run.
         files: Detects that the tree's file, or one that it includes, was saved; None without `--watch`.
 
@@ -118,11 +115,6 @@ class RunSession:
 
         Args:
             on_tree: Called with the tree before its first tick.
-
-        Raises:
-            LogError: A log cannot be written.
-            BtcoreError: A provider raises while it is opened.
-            TreeError: The tree lacks a resource.
         """
         run, console, files = self.run, terminal.stderr_console(), self._files
         with log_to_console(console), run:
@@ -133,7 +125,12 @@ class RunSession:
                 with suppress(NodeExecutionError):  # it is printed after the summary
                     run.until_done(self._until, on_tick=progress.on_tick, watcher=reloads)
                 self._printed_error = None if reloads is None else reloads.printed_error
-            self._warn_about_skipped_ticks()
+            if count := self.run.skipped_ticks:
+                skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
+                terminal.print_warning(
+                    f"{skipped}, because the previous tick took longer than "
+                    f"{1000 / self.run.run_settings.rate:g} ms; use a lower --rate"
+                )
 
     def print_results(self, as_json: bool) -> int:
         """Print the summary and, with *as_json*, the JSON object; return the exit code."""
@@ -145,21 +142,11 @@ class RunSession:
             terminal.print_json(self.summary.as_data())
         return run.exit_code
 
-    def _warn_about_skipped_ticks(self) -> None:
-        count = self.run.skipped_ticks
-        if count:
-            skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
-            terminal.print_warning(
-                f"{skipped}, because the previous tick took longer than "
-                f"{1000 / self.run.run_settings.rate:g} ms; use a lower --rate"
-            )
-
 
 class Reloads:
     """Reloads the tree of a run when its file is saved, as a `TreeWatcher`, and prints what happens.
 
     Args:
-        run: The run.
         source: The file of the tree.
         files: Detects that the file, or one that it includes, was saved.
         progress: The status line of the run.
@@ -221,16 +208,14 @@ def create_session(
     Args:
         ctx: The context of the command, with the settings of providers.
         source: The tree, as the user named it.
-        options: The options of the run.
         installed: The installed nodes, for a process that loads them once for many runs. They are not
             changed.
-
-    Raises:
-        click.ClickException: An option has an invalid value.
-        TreeError: The tree has an error.
-        RegistrationError: A node library cannot be loaded.
     """
-    changes = _create_changes(options)
+    changes = None
+    if options.outcomes or options.substitute or options.set:
+        from btcore.cli.tree_changes import TreeChanges  # most runs do not need it
+
+        changes = TreeChanges(options.outcomes, options.substitute, options.set)
     path = find_source(source)
     if options.watch and path == STDIN:
         raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
@@ -241,9 +226,9 @@ def create_session(
 
         file_watcher = FileWatcher(path, options.confined)
     if installed is None or options.plugins:
-        partial = not options.substitute  # a rule may name a node of any library
+        all_libraries = bool(options.substitute)  # a rule may name a node of any library
         imported = command_providers(ctx).plugins
-        libraries = load_libraries(options.plugins, options.models, options.confined, partial, imported)
+        libraries = load_libraries(options.plugins, options.models, options.confined, all_libraries, imported)
     else:
         libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)
         libraries.add_models(options.models, options.confined)
@@ -265,17 +250,7 @@ def create_session(
     return RunSession(command_run, tree_source, plans, options.until, file_watcher)
 
 
-def _create_changes(options: RunOptions) -> "TreeChanges | None":
-    """Return what the options change in the tree, or None; most runs do not need the module."""
-    if not (options.outcomes or options.substitute or options.set):
-        return None
-    from btcore.cli.tree_changes import TreeChanges
-
-    return TreeChanges(options.outcomes, options.substitute, options.set)
-
-
 def _print_error(tree: Tree, error: NodeExecutionError) -> None:
-    """Print the exception of a leaf, and how to set the entry that it lacked."""
     print_leaf_error(error)
     hint = _unwritten_entry_hint(tree, error)
     terminal.print_notes([hint] if hint else [])

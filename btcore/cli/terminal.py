@@ -14,7 +14,14 @@ from rich.style import Style, StyleType
 from rich.table import Table
 from rich.text import Span, Text
 
-from btcore.errors import BtcoreError, Diagnostic, TreeError, excerpt, shown_diagnostics
+from btcore.errors import (
+    BtcoreError,
+    Diagnostic,
+    DiagnosticPart,
+    TreeError,
+    diagnostic_parts,
+    shown_diagnostics,
+)
 from btcore.escaping import escape_controls, escape_xml, to_json
 from btcore.status import NodeType, Status
 from btcore.tree.drawing import node_sign, status_label
@@ -128,7 +135,6 @@ def counted(count: int, noun: str, zero: str = "0") -> str:
     """Return a number with a noun.
 
     Args:
-        count: The number.
         noun: The noun in the singular.
         zero: The word for 0.
     """
@@ -146,25 +152,24 @@ def format_diagnostic(diagnostic: Diagnostic) -> Text:
     The code links to its description in the documentation.
     """
     colour = "red" if diagnostic.is_error else "yellow"
-    text = Text()
-    text.append(f"{diagnostic.where}: ", style="bold")
-    text.append(diagnostic.code, style=Style(bold=True, color=colour, link=diagnostic.code.url))
-    text.append(" ")
-    text.append(diagnostic.message)
-    if diagnostic.source and diagnostic.line:
-        lines = excerpt(diagnostic.source, diagnostic.line, diagnostic.column, diagnostic.width)
-        for line in lines.split("\n"):
-            carets = not line.strip(" |^") and "^" in line
-            text.append("\n")
-            text.append(line, style=f"bold {colour}" if carets else "dim")
-    if diagnostic.hint:
-        text.append("\n      " + diagnostic.hint, style="italic")
-    return text
+    styles: dict[DiagnosticPart, Style | str] = {
+        "place": "bold",
+        "code": Style(bold=True, color=colour, link=diagnostic.code.url),
+        "message": "",
+        "line": "dim",
+        "carets": f"bold {colour}",
+        "hint": "italic",
+    }
+    return Text.assemble(*((text, styles[part]) for part, text in diagnostic_parts(diagnostic)))
 
 
-def print_diagnostics(diagnostics: Iterable[Diagnostic]) -> None:
-    """Print diagnostics on stderr, separated by empty lines: the first 100 of each file, and a count."""
-    console = stderr_console()
+def print_diagnostics(diagnostics: Iterable[Diagnostic], console: Console | None = None) -> None:
+    """Print diagnostics, separated by empty lines: the first 100 of each file, and a count.
+
+    Args:
+        console: Where to print; stderr by default.
+    """
+    console = console or stderr_console()
     shown, more = shown_diagnostics(diagnostics)
     for number, diagnostic in enumerate(shown):
         if number:

@@ -33,9 +33,6 @@ class TreeChanges:
 
     Attributes:
         provided: Objects for the leaves.
-
-    Raises:
-        click.UsageError: A value is invalid.
     """
 
     def __init__(self, outcomes: Sequence[str], substitute: Sequence[Path], set: Sequence[str]) -> None:
@@ -45,11 +42,7 @@ class TreeChanges:
         self.provided = [self._outcomes] if outcomes else []
 
     def add_rules(self, nodes: Registry) -> None:
-        """Add the substitution rules to a registry.
-
-        Raises:
-            click.UsageError: A file cannot be read, or contains invalid rules.
-        """
+        """Add the substitution rules to a registry."""
         if not self._rule_files:
             return
         from btcore.testing.substitution_rules import SubstitutionError, load_substitution_rules
@@ -65,11 +58,7 @@ class TreeChanges:
                 raise click.UsageError(f"--substitute {file}: {error}.") from error
 
     def check(self, plans: Plans) -> None:
-        """Check that each `--plan` applies to a leaf of the tree that has no code.
-
-        Raises:
-            click.UsageError: There is no such leaf, or it does not have an output port of its outcomes.
-        """
+        """Check that each `--plan` applies to a leaf of the tree that has no code."""
         try:
             self._outcomes.check(_ports_of_mock_leaves(plans) if self._outcomes.leaves else {})
         except ValueError as error:
@@ -79,9 +68,6 @@ class TreeChanges:
         """Write the entries to the blackboard of *tree*, and warn if substitution rules match no node.
 
         A key that no port or script uses is written too, with a warning.
-
-        Raises:
-            click.UsageError: A text is not a value of its key's type.
         """
         board = tree.blackboard
         without_port = [key for key in self._entries if board.find(key) is None]
@@ -98,11 +84,7 @@ class TreeChanges:
 
 
 def _parse_outcomes(texts: Sequence[str]) -> Outcomes:
-    """Return the outcomes in texts of the form NAME=OUTCOMES.
-
-    Raises:
-        click.UsageError: A text has another form, or a leaf has outcomes twice.
-    """
+    """Return the outcomes in texts of the form NAME=OUTCOMES."""
     leaves: dict[str, str] = {}
     for text in texts:
         match = _NAMED_OUTCOMES.fullmatch(text)
@@ -122,7 +104,6 @@ def _parse_outcomes(texts: Sequence[str]) -> Outcomes:
 
 
 def _ports_of_mock_leaves(plans: Plans) -> dict[str, Mapping[str, Port]]:
-    """Return the ports of the leaves that have no code, by name and by ID."""
     leaves: dict[str, Mapping[str, Port]] = {}
     assert plans.main_tree is not None
     for tree in reachable_trees(plans.trees, plans.main_tree):
@@ -134,7 +115,6 @@ def _ports_of_mock_leaves(plans: Plans) -> dict[str, Mapping[str, Port]]:
 
 
 def _warn_unused_rules(tree: Tree) -> None:
-    """Print a warning if substitution rules match no node of *tree*."""
     rules = tree.registry.substitutions.values()
     configs = [node.config for node in tree.nodes] if rules else []
     unused = [rule.filter for rule in rules if not any(rule.matches(config) for config in configs)]
@@ -147,14 +127,7 @@ def _warn_unused_rules(tree: Tree) -> None:
 
 
 def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
-    """Return the keys and the texts of their values.
-
-    Args:
-        texts: Assignments in the form KEY=VALUE or `{KEY}=VALUE`.
-
-    Raises:
-        click.UsageError: A text is not an assignment, or a key is assigned twice.
-    """
+    """Return the keys and texts of assignments KEY=VALUE or `{KEY}=VALUE`."""
     entries: dict[str, str] = {}
     for text in texts:
         left_side, equals, value = text.partition("=")
@@ -170,16 +143,7 @@ def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
 
 
 def _convert_value(text: str, kind: ValueType | None, format: int) -> object:
-    """Convert the text of a value.
-
-    Args:
-        kind: The type of the value. None: a JSON value if *text* is valid JSON and not null, else *text*
-            itself.
-        format: The XML format (3 or 4), whose conversion rules apply.
-
-    Raises:
-        ConversionError: *text* is not a value of the type *kind*.
-    """
+    """Convert the text of a value; without a type, *text* may be JSON."""
     if kind is not None:
         return kind.from_text(text, format)
     try:
@@ -192,7 +156,6 @@ def _convert_value(text: str, kind: ValueType | None, format: int) -> object:
 
 
 def _warn_unused_keys(keys: Iterable[str], plans: Plans) -> None:
-    """Print a warning for each of *keys* that neither a port nor a script of the tree uses."""
     from btcore.lint.dry_run import DryRun  # most runs do not need it
 
     assert plans.main_tree is not None

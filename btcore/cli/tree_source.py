@@ -14,7 +14,7 @@ from btcore.input_files import read_error, read_stream
 from btcore.options import option
 from btcore.registry.registry import Registry
 from btcore.xml.plan.plan import Plans, define_and_plan
-from btcore.xml.read.read import Document, parse_bytes, parse_file, read
+from btcore.xml.read.document import Document, parse_bytes, parse_file
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -98,10 +98,6 @@ def parse_source(path: Path, confined: bool) -> Document:
     Args:
         path: The file, or `STDIN`.
         confined: Whether includes from outside of the file's folder, or of the working directory, are errors.
-
-    Raises:
-        XmlSyntaxError: The file can't be read, is not UTF-8 or is not valid XML.
-        BtcoreError: stdin can't be read.
     """
     if path != STDIN:
         return parse_file(path, confined=confined)
@@ -115,22 +111,17 @@ def parse_source(path: Path, confined: bool) -> Document:
 class TreeSource:
     """The file of a tree, and how to make its plans.
 
-    Args:
-        path: The XML file, or `STDIN`.
-        options: The options that select the tree.
-        libraries: The available nodes; by default those that *options* name, as far as the tree needs them.
-
     Attributes:
         path: The XML file, or `STDIN`.
         options: The options that select the tree.
-        libraries: The available nodes.
+        libraries: The available nodes; by default those that *options* name, as far as the tree needs them.
     """
 
     def __init__(self, path: Path, options: TreeOptions, libraries: NodeLibraries | None = None) -> None:
         self.path = path
         self.options = options
         self.libraries = libraries or load_libraries(
-            options.plugins, options.models, options.confined, partial=True
+            options.plugins, options.models, options.confined, own_packages=False
         )
 
     @property
@@ -147,17 +138,10 @@ class TreeSource:
 
         Returns:
             The plans of the tree, without errors.
-
-        Raises:
-            TreeError: The file has an error.
         """
         try:
             document = parse_source(self.path, self.options.confined)
-            sources = read(document, self.libraries.nodes.documents)
-            if self.libraries.load_missing(sources.documents):
-                # A library may have registered trees, which are among the sources.
-                sources = read(document, self.libraries.nodes.documents)
-            nodes = self.libraries.nodes_for(document)
+            sources, nodes = self.libraries.read(document)
             if substitute is not None:
                 nodes = substitute(nodes)
             plans = define_and_plan(sources, nodes, self.options.tree, self.options.format)

@@ -32,7 +32,6 @@ def results_in_order(
     """Return the possible results of a node that ticks its children in order.
 
     Args:
-        children: The possible results of the children.
         continue_on: The result of a child after which the next child is ticked. SKIPPED has the same effect.
         is_async: Whether the node returns RUNNING after a child, but the last, completed in its first tick.
     """
@@ -71,7 +70,6 @@ def results_of_any(cls: type[TreeNode], children: list[PossibleResults]) -> Poss
 
     Args:
         cls: The class of the node.
-        children: The possible results of the children.
     """
     may_run = any(child.may_run for child in children)
     ends = cls.spec.may_return
@@ -171,11 +169,7 @@ class ControlNode(TreeNode):
             raise first
 
     def _batch_reset(self, observers: Observers) -> bool:
-        """Reset many children, up to the first that is RUNNING, with one record for all.
-
-        Returns:
-            Whether all children are reset.
-        """
+        """Reset children up to the first that is RUNNING, with one record; return whether all are reset."""
         children = self._children
         if len(children) < MIN_CHILDREN_FOR_BATCH_RESET or observers.notifies_at_once:
             return False

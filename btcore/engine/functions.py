@@ -120,7 +120,6 @@ class BoundFunction:
 
 
 def _value(argument: object) -> object:
-    """Return *argument*, or the current value of the port if *argument* is an input port."""
     return argument.read() if isinstance(argument, Input) else argument
 
 

@@ -18,7 +18,14 @@ from btcore.engine.context import TreeContext
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.tick_extras import TickCounts, TickExtras
-from btcore.errors import BlackboardError, ConversionError, LiteralProblem, NodeError, NodeExecutionError
+from btcore.errors import (
+    BlackboardError,
+    ConversionError,
+    LiteralProblem,
+    NodeError,
+    NodeExecutionError,
+    TickInterrupt,
+)
 from btcore.status import (
     ANY_RESULT,
     FAILURE,
@@ -35,7 +42,9 @@ from btcore.status import (
 # Flags of TreeNode._tick_flags: what else execute_tick() does for a node. One attribute holds them all: an
 # attribute for each flag makes the benchmark's tree `bump-and-go` 2 % slower (pure).
 MUST_COMPLETE: Final = 1  # raise if the result is RUNNING
-RESETS_CHILD: Final = 2  # reset the child of a decorator when the child has completed
+# Reset the child of a decorator that has completed, as `DecoratorNode::executeTick` of BehaviorTree.CPP. The
+# built-in decorators reset it before they return, as theirs do; so it is for the classes of users.
+RESETS_CHILD: Final = 2
 OVERRIDES_EXECUTE_TICK: Final = 4  # let the class's own execute_tick() tick the node; the greatest flag
 
 NO_CHILDREN: Final[list["TreeNode"]] = []
@@ -75,6 +84,7 @@ class TreeNode:
         may_complete_on_start=False,
         never_pauses=False,
         skips_alone=True,
+        is_endless=False,
         child_count=(0, 0),
         child_count_at_load=(0, 0),
         child_roles="",
@@ -324,13 +334,9 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     """Put *node* into a tree. Called by `Manifest.make`, before `__init__`.
 
     Args:
-        node: The node.
         config: The configuration of the node: its name, path, ports and conditions.
         context: The state that all nodes of the tree share, for example the clock and the observers.
         blackboard: The scope that the node reads and writes.
-
-    Raises:
-        ScriptError: A pre- or post-condition has a syntax error.
     """
     node.config = config
     node._status = IDLE
@@ -364,7 +370,6 @@ def execution_error(node: TreeNode, cause: BaseException, doing: str) -> NodeExe
     """Return an error that names *node*.
 
     Args:
-        node: The node.
         cause: The exception that was raised.
         doing: When it was raised: "ticking" or "being halted".
     """
@@ -393,11 +398,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     notified of the reset before the result of the decorator, as in BehaviorTree.CPP.
 
     Args:
-        node: The node.
         ignore_override: Whether an override of execute_tick() is not called, because it is the caller.
-
-    Raises:
-        NodeExecutionError: The node or a node below it raised.
     """
     flags = node._tick_flags
     # The greatest flag is compared with `>=`, because `&` takes 20 ns more (pure).
@@ -427,7 +428,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     except NodeExecutionError as error:
         add_to_backtrace(node, error)
         raise
-    except KeyboardInterrupt:  # also `UndecidedOperandError` of proofs
+    except (KeyboardInterrupt, TickInterrupt):
         raise
     except BaseException as error:
         raise execution_error(node, error, "ticking") from error
@@ -439,7 +440,6 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
 
 
 def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
-    """Tick *node* with its conditions, callbacks and counters."""
     conditions = extras.conditions
     counts = extras.tick_counts
     if counts is not None:
@@ -477,9 +477,7 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
 def _as_status(node: TreeNode, result: object) -> Status:
     """Return *result*, the result of *node*, as a Status. A numpy.bool_ counts as a bool.
 
-    Raises:
-        NodeError: The result is neither a Status nor a bool, or it is IDLE. In format 3 a node with children
-            may return IDLE, as in BehaviorTree.CPP 3.8.
+    In format 3 a node with children may return IDLE, as in BehaviorTree.CPP 3.8.
     """
     if result is SUCCESS or result is True:
         return SUCCESS
@@ -489,7 +487,9 @@ def _as_status(node: TreeNode, result: object) -> Status:
         return RUNNING
     if result is SKIPPED:
         return SKIPPED
-    if _is_numpy_bool(result):
+    kind = type(result)
+    # The type of numpy's comparisons is named bool_ in numpy 1 and bool in numpy 2.
+    if kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_"):
         return SUCCESS if result else FAILURE
     if result is IDLE and node.config.format == 3 and node.children:
         return IDLE
@@ -515,13 +515,6 @@ def _forgotten_return(node: TreeNode) -> str:
             written = function.__qualname__.rpartition("<locals>.")[2]
             return f": did {written}() in {code.co_filename}:{code.co_firstlineno} forget `return`?"
     return ""
-
-
-def _is_numpy_bool(result: object) -> bool:
-    """Return whether *result* is a numpy.bool_, the type of numpy's comparisons, without importing numpy."""
-    kind = type(result)
-    # The class is named bool_ in numpy 1 and bool in numpy 2.
-    return kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_")
 
 
 def read_clock(node: TreeNode) -> int:
@@ -565,7 +558,7 @@ def halt_node(node: TreeNode) -> None:
         reset_status(node)
         add_to_backtrace(node, error)
         raise
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, TickInterrupt):
         raise
     except BaseException as error:
         reset_status(node)

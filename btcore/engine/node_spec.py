@@ -26,7 +26,7 @@ class NodeSpec:
     Attributes:
         node_type: The type of the nodes: action, condition, control or decorator.
         symbol: The symbol of the nodes in listings and pictures; "" = the symbol of the node type. Of a
-            symbol of two characters, listings show the first, and pictures draw the second in a ring.
+            symbol of two characters, listings show the first, and pictures the second.
         may_return: The results that a tick may return, apart from RUNNING, for static checks and tree
             coverage.
         state_fields: The attributes that a node remembers between ticks, in addition to those of the base
@@ -42,6 +42,8 @@ class NodeSpec:
         never_pauses: Whether a tick only ticks children and, while a child is RUNNING, only this child. When
             such a node is RUNNING, a child is RUNNING or the node has requested the next tick at once.
         skips_alone: Whether a tick may return SKIPPED although no child was skipped.
+        is_endless: Whether the node may run forever by design, so that proofs do not expect its end. A port
+            with the role REPETITIONS and the value −1 has the same effect.
         child_count: The minimum and maximum number of children with which a node can be ticked; None = no
             limit.
         child_count_at_load: The minimum and maximum number of children with which a tree is loaded. It
@@ -78,6 +80,7 @@ class NodeSpec:
     may_complete_on_start: bool = INHERITED
     never_pauses: bool = INHERITED
     skips_alone: bool = INHERITED
+    is_endless: bool = INHERITED
     child_count: tuple[int, int | None] = INHERITED
     child_count_at_load: tuple[int, int | None] = INHERITED
     child_roles: str = INHERITED
@@ -110,7 +113,6 @@ def declared_fields(cls: type) -> dict[str, Any]:
 
 
 def _completed(cls: type) -> NodeSpec:
-    """Return the fields that *cls* declares, and those that it inherits."""
     values: dict[str, Any] = {}
     added: dict[str, set[str]] = {name: set() for name in _ADDED}
     for parent in reversed(cls.__mro__):

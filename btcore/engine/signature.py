@@ -168,7 +168,6 @@ def port_from_annotation(
     """Return the port that *annotation* declares, or None if it does not declare a port.
 
     Args:
-        name: The name of the port.
         annotation: The annotation of an attribute or a parameter.
         kind_of: Returns the ValueType for the type in In[…], which may be a ValueType itself.
         default: The default value; UNSET = the port is mandatory.
@@ -183,22 +182,16 @@ def port_from_annotation(
     description = next((item for item in marks if isinstance(item, str)), "")
     text = None
     if default is not UNSET:
-        text = _text_of(default)
+        try:
+            text = (default or "") if default is None or isinstance(default, str) else to_text(default)
+        except ConversionError:
+            text = repr(default)
     value = UNSET if isinstance(default, str) else default
     return Port(name, mark.direction, kind_of(value_type), text, description, value)
 
 
 def check_parameter_writable(name: str, function_name: str, annotation: object) -> None:
-    """Check that a parameter is not annotated with Out or InOut, which work for attributes only.
-
-    Args:
-        name: The name of the parameter.
-        function_name: The name of the function.
-        annotation: The annotation of the parameter.
-
-    Raises:
-        RegistrationError: The annotation is Out or InOut.
-    """
+    """Check that a parameter is not annotated with Out or InOut, which work for attributes only."""
     mark = _port_mark(_type_and_marks(annotation))
     if mark is not None and mark.direction is not Direction.IN and not mark.put:
         raise RegistrationError(
@@ -218,15 +211,6 @@ def _port_mark(marks: Iterable[object]) -> PortMark | None:
     return next((mark for mark in marks if isinstance(mark, PortMark)), None)
 
 
-def _text_of(default: object) -> str:
-    if default is None or isinstance(default, str):
-        return default or ""
-    try:
-        return to_text(default)
-    except ConversionError:
-        return repr(default)
-
-
 def function_parameters(
     function: Callable[..., object], types: TypeRegistry, names: Mapping[str, Any], skip_first: bool = False
 ) -> list[Parameter]:
@@ -237,9 +221,6 @@ def function_parameters(
         types: The types that ports may have.
         names: Local names, for resolving annotations that are strings.
         skip_first: Whether to leave out the first parameter, `self`.
-
-    Raises:
-        RegistrationError: A parameter is variadic, or its annotation is missing or invalid.
     """
     function_name = getattr(function, "__qualname__", repr(function))
     hints = _resolve(function, function_name, names)
@@ -281,12 +262,8 @@ def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> lis
     """Return the ports of a node class, inherited ports first.
 
     Args:
-        cls: The class.
         types: The types that ports may have.
         names: Local names, for resolving annotations that are strings.
-
-    Raises:
-        RegistrationError: An annotation is invalid, or a port has the name of an attribute of the engine.
     """
     listed: dict[str, Port] = {}
     provided = getattr(cls, "provided_ports", None)
@@ -297,7 +274,10 @@ def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> lis
         port = port_from_annotation(name, annotation, types.of, _default_in(cls, name))
         if port is not None:
             _check_not_hidden(cls, name)
-            listed[name] = port if name not in listed else _redeclared(listed[name], port)
+            if name in listed:  # also in provided_ports()
+                port.description = port.description or listed[name].description
+                port.role, port.optional = listed[name].role, listed[name].optional
+            listed[name] = port
     return list(listed.values())
 
 
@@ -305,21 +285,9 @@ def class_annotations(cls: type, names: Mapping[str, Any]) -> dict[str, Any]:
     """Return the annotations of a class and its base classes, by the names of the attributes.
 
     Args:
-        cls: The class.
         names: Local names, for resolving annotations that are strings.
-
-    Raises:
-        RegistrationError: An annotation is invalid.
     """
     return _resolve(cls, cls.__qualname__, names)
-
-
-def _redeclared(provided: Port, port: Port) -> Port:
-    """Return *port*, the annotation of a port in provided_ports(), with the properties of *provided*."""
-    port.description = port.description or provided.description
-    port.role = provided.role
-    port.optional = provided.optional
-    return port
 
 
 def _default_in(cls: type, name: str) -> object:

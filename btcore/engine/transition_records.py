@@ -112,7 +112,6 @@ class TransitionRecorder:
         """Record a reset of several nodes. Call it only if *notifies_at_once* is False.
 
         Args:
-            configs: The configs of the nodes.
             before: The previous statuses of the nodes.
             count: The number of nodes whose previous status was not IDLE.
         """
@@ -141,7 +140,6 @@ class TransitionRecorder:
         return changes
 
     def _latest(self, stamp: object, config: NodeConfig, previous: Status, status: Status) -> Transition:
-        """Return the transition that was recorded last."""
         number = self._first + len(self._records) // 2 + self._surplus - 1
         return _transition(number, stamp, self.tick, config, previous, status)
 

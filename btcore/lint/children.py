@@ -15,10 +15,10 @@ from btcore.lint.possible_results import ResultAnalysis, all_children_known, beh
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.nodes.parallel import threshold
 from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
-from btcore.xml.models.stubs import is_stub
+from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.outline import count_text, element_children, wrapping_fixes
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.read import Document
+from btcore.xml.read.document import Document
 
 _THRESHOLDS: Final = {PortRole.SUCCESSES: "successes", PortRole.FAILURES: "failures"}
 _TICK_RAISES: Final = "the tree loads, as in BehaviorTree.CPP, but the node raises when it is ticked"
@@ -60,10 +60,9 @@ def _child_requirement(cls: type[TreeNode], count: int) -> str:
 
 
 def _fixes(cls: type[TreeNode], count: int) -> tuple[Fix, ...]:
-    """Return the fixes for a node of *cls* with *count* children."""
     least, most = cls.spec.child_count
     if count < least:
-        return (Fix("add_children", (str(least - count),)),)
+        return (Fix("add_children", (least - count,)),)
     return wrapping_fixes(most) if most is not None and 0 < most < count else ()
 
 
@@ -84,7 +83,7 @@ def check_reachable_children(
     if node.manifest is None or node.subtree_call is not None or len(node.children) < 2:
         return
     cls = behaviour_of(node.manifest.cls)
-    if is_stub(node.manifest.cls) or not issubclass(cls, ControlNode) or not all_children_known(node):
+    if is_mock(node.manifest.cls) or not issubclass(cls, ControlNode) or not all_children_known(node):
         return
     children = [analysis.results_of(child) for child in node.children]
     continue_on = cls.spec.continue_on

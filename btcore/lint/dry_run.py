@@ -16,11 +16,11 @@ from btcore.errors import BlackboardError, Diagnostic
 from btcore.lint.possible_results import is_built_in
 from btcore.loading.instantiate import NodeCreator, SubtreeDraft
 from btcore.registry.manifest import Manifest
-from btcore.xml.models.stubs import is_stub
+from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.key_uses import WRITING, AccessKind, find_name_uses, port_uses, uses_whole_blackboard
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.read import Document
+from btcore.xml.read.document import Document
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +48,8 @@ class DryRun(NodeCreator):
         uses: Every entry with the places that use it.
         has_untracked_access: Whether the tree may use entries that are known only when it runs: because a
             leaf takes the whole blackboard, or because a script or a key is read from an entry.
-        has_stubs: Whether nodes without code are replaced by stubs. Then the registry may lack enums that
-            the C++ code registers.
+        has_mocks: Whether mock nodes replace nodes without code. Then the registry may lack enums that the
+            C++ code registers.
         entrances: For each inner blackboard, the place of the SubTree element that creates it.
     """
 
@@ -57,7 +57,7 @@ class DryRun(NodeCreator):
         super().__init__(plans, (), SystemClock())
         self.uses: dict[Entry, list[EntryUse]] = {}
         self.has_untracked_access = False
-        self.has_stubs = False
+        self.has_mocks = False
         self.entrances: dict[Blackboard, EntryUse] = {}
         self._recorded: list[EntryUse] = []
 
@@ -129,7 +129,7 @@ class DryRun(NodeCreator):
             self._script(node_plan, attribute, text, document, blackboard)
         if node_plan.manifest is not None:
             self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(node_plan.manifest)
-            self.has_stubs = self.has_stubs or is_stub(node_plan.manifest.cls)
+            self.has_mocks = self.has_mocks or is_mock(node_plan.manifest.cls)
 
     def _uses_of_port(
         self, node_plan: NodePlan, port: Port, text: str, is_explicit: bool, draft: SubtreeDraft

@@ -9,7 +9,7 @@ from btcore.lint.possible_results import ResultAnalysis, all_children_known, beh
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.nodes.repeat import RepeatedNode
 from btcore.status import FAILURE, SUCCESS, NodeType
-from btcore.xml.models.stubs import is_stub
+from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 
@@ -93,7 +93,7 @@ class EndlessTickCheck:
         if node.subtree_call is not None:
             inner = self._called(node)
             return inner is None or inner.root is None or self._may_pause(inner.root)
-        if node.manifest is None or is_stub(node.manifest.cls) or not all_children_known(node):
+        if node.manifest is None or is_mock(node.manifest.cls) or not all_children_known(node):
             return True
         if behaviour_of(node.manifest.cls).spec.never_pauses:
             return any(map(self._may_pause, node.children))

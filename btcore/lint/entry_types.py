@@ -25,7 +25,7 @@ from btcore.registry.manifest import Manifest
 from btcore.script.expressions import Assignment, Literal, Name
 from btcore.status import SUCCESS
 from btcore.values import INT64, STRING
-from btcore.xml.models.stubs import is_stub
+from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.key_uses import WRITING, AccessKind, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 from btcore.xml.read.dialect import POSTCONDITION_ATTRIBUTES
@@ -75,7 +75,6 @@ def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, write: str, reporter: Li
 
 
 def _check_port(dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, reporter: LintReporter) -> None:
-    """Warn if *port* writes a type that the entry does not accept."""
     if port.role is PortRole.WRITTEN_ENTRY:
         _check_copied_text(dry_run, entry, use, reporter)
     elif entry.declared is STRING and port.type.strong and not issubclass(port.type.python_type, str):
@@ -126,7 +125,6 @@ def _check_copied_text(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: L
 
 
 def _assigns_integer(use: EntryUse, enums: dict[str, int]) -> bool:
-    """Return whether *use* is a statement of a script that assigns an integer literal."""
     if not use.within:
         return False
     text = str(use.node.element.get(use.attribute) or "")
@@ -182,7 +180,6 @@ def _check_copied_integers(
 
 
 def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], reporter: LintReporter) -> None:
-    """Warn about the literals that SetBlackboard nodes write to entries without a type."""
     places: dict[TreePlan, dict[NodePlan, ChildPlace]] = {}
     for entry in untyped:
         uses = dry_run.uses[entry]
@@ -196,7 +193,8 @@ def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], reporter: Lint
             continue
         plan = dry_run.plan_of(creator.scope)
         if creator.within and plan not in places:
-            places[plan] = _child_places(plan)
+            children = ((node, *at) for node in plan.nodes() for at in enumerate(node.children))
+            places[plan] = {child: (node, index) for node, index, child in children}
         for use in texts:
             if not creator.within or (
                 use.scope is creator.scope and _runs_before(creator, use, places[plan])
@@ -214,7 +212,7 @@ def _may_set_type(use: EntryUse) -> bool:
     """Return whether *use* may give the entry a type when the tree runs: a leaf writes it, or has no code."""
     if use.port is None or use.port.role is PortRole.WRITTEN_ENTRY:
         return False
-    is_unknown = use.node.manifest is None or is_stub(use.node.manifest.cls)
+    is_unknown = use.node.manifest is None or is_mock(use.node.manifest.cls)
     return use.access is AccessKind.WRITES or (is_unknown and not use.port.type.strong)
 
 
@@ -223,11 +221,6 @@ def _creates_untyped(use: EntryUse) -> bool:
     if use.port is not None:
         return is_declaration(use)
     return use.access is AccessKind.WRITES and (use.within > 0 or use.node.subtree_call is not None)
-
-
-def _child_places(plan: TreePlan) -> dict[NodePlan, ChildPlace]:
-    """Return for each node of *plan*, except the root, its parent and its index among the children."""
-    return {child: (node, index) for node in plan.nodes() for index, child in enumerate(node.children)}
 
 
 def _runs_before(script: EntryUse, use: EntryUse, places: Mapping[NodePlan, ChildPlace]) -> bool:
@@ -265,7 +258,6 @@ def _warn_untyped(use: EntryUse, creator: EntryUse, reporter: LintReporter) -> N
 
 
 def _assignments_of(text: str, enums: dict[str, int]) -> dict[int, Assignment]:
-    """Return the statements of a script that assign to names, by the columns of the names."""
     try:
         statements = parse_statements(text, enums)
     except ScriptError:

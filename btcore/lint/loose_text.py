@@ -5,8 +5,8 @@ from typing import Final
 
 from btcore.diagnostic_codes import LOOSE_TEXT
 from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.document import Document
 from btcore.xml.read.positions import LineIndex
-from btcore.xml.read.read import Document
 from btcore.xml.read.scan import ScannedElement
 
 _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)

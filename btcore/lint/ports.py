@@ -35,11 +35,11 @@ from btcore.registry.manifest import Manifest
 from btcore.suggestions import join_names, nearest_name
 from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorType
 from btcore.values.numbers import whole_float
-from btcore.xml.models.stubs import is_stub
+from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.hints import value_hint
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES
-from btcore.xml.read.read import Document
+from btcore.xml.read.document import Document
 
 # Longer texts are not checked: the search for the longest number takes quadratic time.
 _MAX_NUMBER_LENGTH: Final = 64
@@ -76,7 +76,7 @@ def _similar_attribute(key: str, is_subtree: bool) -> str | None:
 def check_missing_ports(node: NodePlan, document: Document, reporter: LintReporter) -> None:
     """Warn about missing ports without a default: *node* raises when it uses such a port."""
     manifest = node.manifest
-    if manifest is None or node.subtree_call is not None or is_stub(manifest.cls):
+    if manifest is None or node.subtree_call is not None or is_mock(manifest.cls):
         return
     given = {port.name for port, _, _ in node.ports}
     if any(is_port_name(key) and key not in manifest.ports for key in node.element.attributes):
@@ -93,7 +93,7 @@ def check_missing_ports(node: NodePlan, document: Document, reporter: LintReport
         message = f"the ports {names} of <{node.id}> are missing and have no default"
     examples = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
     written = [text for port in missing for text in (port.name, f"{{{port.name}}}")]
-    hint = Hint("write " + " ".join(examples), (Fix("write", tuple(written)),))
+    hint = Hint("write " + " ".join(examples), (Fix("set_attributes", tuple(written)),))
     reporter.report(EMPTY_PORT, message, document, node, hint=hint)
 
 
@@ -125,7 +125,7 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
         if error is not None:
             # The planner reports it in format 4, except for statuses; in format 3 it accepts every literal.
             reported = format == 4 and port.checks_text
-            if not reported and port.reads and node.manifest and not is_stub(node.manifest.cls):
+            if not reported and port.reads and node.manifest and not is_mock(node.manifest.cls):
                 message = f"the {label} has the type {port.type.name}: {error}"
                 key = intended or (text if is_port_name(text) else "")
                 entry = entry_hint("use the blackboard entry", key) if key else Hint()
@@ -139,7 +139,7 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
             message = f"the output {label} has no entry: '{text}' is only a text"
             key = f"{{{text}}}" if text.isidentifier() else f"{{{port.name}}}"
             shown = key if text.isidentifier() else "{…}"
-            hint = Hint(f'write {port.name}="{shown}"', (Fix("write_value", (key,)),))
+            hint = Hint(f'write {port.name}="{shown}"', (Fix("set_value", (key,)),))
             reporter.report(UNCONNECTED_OUTPUT, message, document, node, port.name, hint)
         else:
             for item, part, kind in partly_read(text, _literal_type(node, port), format):
@@ -234,7 +234,6 @@ def partly_read(text: str, kind: ValueType, format: int) -> Iterator[tuple[str, 
 
 
 def _read_part(text: str, integer: bool) -> str | None:
-    """Return the longest beginning of *text* that is a number, or None."""
     if integer:
         match = _INTEGER.match(text)
         return None if match is None else match.group()
@@ -246,8 +245,8 @@ def _number_hint(text: str, item: str, part: str, kind: str) -> Hint:
     """Return the hint for *item*, a number in *text* of which only *part* is read."""
     with_point = item.replace(",", ".", 1)
     if kind in ("double", "float") and whole_float(with_point) is not None:
-        return Hint(f"write {with_point}", (Fix("write_value", (text.replace(item, with_point, 1),)),))
-    fix = Fix("write_value", (text.replace(item, part, 1),))
+        return Hint(f"write {with_point}", (Fix("set_value", (text.replace(item, with_point, 1),)),))
+    fix = Fix("set_value", (text.replace(item, part, 1),))
     return Hint(f"write {part} if that is the intended value", (fix,))
 
 
@@ -256,6 +255,5 @@ def entry_hint(purpose: str, key: str) -> Hint:
 
     Args:
         purpose: What the value with braces does, such as "use the entry".
-        key: The key.
     """
-    return Hint(f"to {purpose}, write {{{key}}}", (Fix("write_value", (f"{{{key}}}",)),))
+    return Hint(f"to {purpose}, write {{{key}}}", (Fix("set_value", (f"{{{key}}}",)),))

@@ -5,7 +5,7 @@ from typing import Final
 from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import declared_fields
 from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
-from btcore.xml.models.stubs import is_stub
+from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.outline import element_children
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan
@@ -65,7 +65,7 @@ class ResultAnalysis:
         if node.subtree_call is not None:
             inner = self._plans.trees.get(node.subtree_call.tree_id) if self._bounded else None
             return UNKNOWN_RESULTS if inner is None or inner.root is None else self.results_of(inner.root)
-        if node.manifest is None or is_stub(node.manifest.cls) or not all_children_known(node):
+        if node.manifest is None or is_mock(node.manifest.cls) or not all_children_known(node):
             return UNKNOWN_RESULTS
         cls = behaviour_of(node.manifest.cls)
         if len(node.children) < cls.spec.child_count_at_load[0]:

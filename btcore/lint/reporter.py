@@ -4,8 +4,8 @@ from btcore.diagnostic_codes import DiagnosticCode
 from btcore.errors import Hint
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.document import Document
 from btcore.xml.read.element import ElementPart
-from btcore.xml.read.read import Document
 
 
 class LintReporter:

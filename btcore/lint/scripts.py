@@ -6,15 +6,11 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
 from btcore.errors import Fix, Hint, ScriptError
 from btcore.lint.reporter import LintReporter, node_label
-from btcore.script.expressions import (
-    Assignment,
-    Expression,
-    Name,
-)
+from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result
 from btcore.xml.plan.key_uses import iter_subexpressions, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.read import Document
+from btcore.xml.read.document import Document
 
 
 def is_constant(expression: Expression, enums: Mapping[str, int]) -> bool:
@@ -73,7 +69,7 @@ def _check_condition(
     """Check *last*, the last statement of a condition. Its value is the result of the condition."""
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
         message = f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}' instead of comparing"
-        hint = Hint(f"to compare, write {last.target.name} == …", (Fix("replace", ("==",)),))
+        hint = Hint(f"to compare, write {last.target.name} == …", (Fix("replace_text", ("==",)),))
         reporter.report(
             CONDITION_ASSIGNS, message, document, node, attribute, hint, within=last.column, width=last.width
         )
@@ -90,7 +86,7 @@ def _check_condition(
             message = f"{failure}: its result is the text '{result}'"
             hint = Hint("compare the text")
             if result in ("true", "false"):
-                hint = Hint(f"write {result} without quotes", (Fix("replace", (result,)),))
+                hint = Hint(f"write {result} without quotes", (Fix("replace_text", (result,)),))
         else:
             message = f"{failure}: its result is {result}, neither true nor false"
             hint = Hint("valid results are 0, 1 and reals from 0 up; or write a comparison")

@@ -10,7 +10,7 @@ from btcore.suggestions import join_names, nearest_name
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES, TreeKeys
 from btcore.xml.plan.plan import Plans, reachable_trees
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.read.read import Document
+from btcore.xml.read.document import Document
 
 
 def check_unused_trees(plans: Plans, main: TreePlan, reporter: LintReporter) -> None:
@@ -55,7 +55,7 @@ def check_remappings(
             message = f"in format 3 {node_label(node)} takes keys without braces: '{key}' has no effect"
             hint = Hint(
                 f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree_id}" {key}="{text}"/>',
-                (Fix("write_value", (text[1:-1],)), Fix("rename_element", ("SubTreePlus",))),
+                (Fix("set_value", (text[1:-1],)), Fix("rename_element", ("SubTreePlus",))),
             )
             reporter.report(BRACES_IN_FORMAT_3, message, document, node, key, hint)
         if call.remaps.get(key) == "=" and node.element.get(key) is None:

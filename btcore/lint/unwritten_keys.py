@@ -66,7 +66,8 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter:
             continue
         if has_writer(uses):
             _warn_never_created(uses, reporter, key if of_root else "")
-        elif not (dry_run.has_stubs and _may_be_an_enum(uses)):
+        # A name in capitals may be an enum member that only the C++ code registers.
+        elif not (dry_run.has_mocks and all(use.within and use.key.isupper() for use in uses)):
             _warn_never_written(keys, uses, board, key, reporter)
 
 
@@ -94,7 +95,7 @@ def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_k
     *root_key* is the key of the entry on the main tree's blackboard, or "" if it is not there.
     """
     assignments = [use for use in uses if use.access in (AccessKind.ASSIGNS, AccessKind.UPDATES)]
-    if not assignments or any(_creates(use) for use in uses):
+    if not assignments or any(use.access is AccessKind.WRITES or is_declaration(use) for use in uses):
         return
     use = assignments[0]
     script = f"the script in '{use.attribute}' of {node_label(use.node)}"
@@ -114,11 +115,6 @@ def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_k
     )
 
 
-def _creates(use: EntryUse) -> bool:
-    """Return whether *use* creates the entry: it is a write, or a port whose text is `{key}`."""
-    return use.access is AccessKind.WRITES or is_declaration(use)
-
-
 def is_declaration(use: EntryUse) -> bool:
     """Return whether *use* is a port whose text in the document, `{key}`, creates the entry."""
     return use.port is not None and use.node.element.get(use.attribute) is not None and is_pointer(use)
@@ -127,11 +123,6 @@ def is_declaration(use: EntryUse) -> bool:
 def fill_example(key: str) -> str:
     """Return the Python statement and the option that set the entry *key*."""
     return f'tree.blackboard["{key}"] = …, or btcore run --set {key}=VALUE'
-
-
-def _may_be_an_enum(uses: Sequence[EntryUse]) -> bool:
-    """Return whether scripts use the name as if it were an enum member that only the C++ code registers."""
-    return all(use.within and use.key.isupper() for use in uses)
 
 
 def _warn_never_written(
@@ -170,12 +161,12 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
         return Hint(
             f"{{{use.key}}} must hold the name of the entry to write; "
             f'to write the entry {use.key} itself, use {use.attribute}="{use.key}"',
-            (Fix("write_value", (use.key,)),),
+            (Fix("set_value", (use.key,)),),
         )
     known = keys.written_in(board)
     if key.strip() in known:
         correct = f"{{{key.strip()}}}"
-        fix = Fix("write_value", (correct,))
+        fix = Fix("set_value", (correct,))
         return Hint(f"spaces inside the braces are part of the key: write {correct}", (fix,))
     near = keys.guess(key, known)
     if near is not None:
@@ -198,4 +189,4 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
     if entrance.document is not use.document:
         return hint
     index = entrance.document.source_map.index(entrance.node.element)
-    return Hint(hint, (Fix("connect", (str(index), entrance.key, key, value.replace("…", key))),))
+    return Hint(hint, (Fix("connect", (index, entrance.key, key, value.replace("…", key))),))

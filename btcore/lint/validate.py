@@ -33,7 +33,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan_document, root_trees
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
-from btcore.xml.read.read import Document
+from btcore.xml.read.document import Document
 
 # After these errors each tree can still be dry-run: no main tree is selected, or only a tick raises.
 _HARMLESS: Final = frozenset({UNDETERMINED_MAIN_TREE, FIRST_TICK_REFUSED})
@@ -66,7 +66,6 @@ def validate_document(
     trees, until MAX_REPEATED_NODES is reached.
 
     Args:
-        document: The parsed document.
         nodes: The registered nodes.
         tree: ID of the tree to load; by default the document's main tree.
         format: 3 or 4, overriding the document's `BTCPP_format`.
@@ -79,13 +78,7 @@ def validate_document(
 
 
 def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> DiagnosticCollector:
-    """Return what was found in the document and in the trees of *plans*.
-
-    Args:
-        plans: The plans of every tree.
-        is_selected: Whether the caller has selected the main tree.
-        given: As in `validate_document`.
-    """
+    """Return what was found in the document and in the trees of *plans*."""
     collector = DiagnosticCollector(plans.diagnostics)
     definitions, main, enums = plans.definitions, plans.main_tree, plans.registry.types.enums
     names_main = definitions.sources.main_document.root.get("main_tree_to_execute") is not None
@@ -124,7 +117,6 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
 def _check_nodes(
     plans: Plans, models: Mapping[str, Mapping[str, str | None]], reporter: LintReporter
 ) -> ResultAnalysis:
-    """Check every node of all trees by itself and with its children. Return the possible results."""
     bounded = not any(error.code in _UNBOUNDED for error in reporter.collector.errors)
     results = ResultAnalysis(plans, bounded)
     enums = plans.registry.types.enums

@@ -36,13 +36,13 @@ from btcore.loading.instantiate import instantiate
 from btcore.loading.load import PausedGarbageCollection
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
-from btcore.suggestions import nearest_name
+from btcore.suggestions import nearest_name, suggestion
 from btcore.tree.tree import Tree
 from btcore.values import to_text
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.document import Document, parse_text
 from btcore.xml.read.element import Element, ElementPart
-from btcore.xml.read.read import Document, parse_text
 
 _STEP: Final = "    "
 MAX_BUILDER_DEPTH: Final = 2_000
@@ -57,11 +57,7 @@ class NodeDraft:
     """
 
     def __init__(
-        self,
-        id: str,
-        children: Sequence["NodeDraft"],
-        attributes: Mapping[str, str],
-        where: tuple[str, int],
+        self, id: str, children: Sequence["NodeDraft"], attributes: Mapping[str, str], where: tuple[str, int]
     ) -> None:
         self.id = id
         self.children = tuple(children)
@@ -185,7 +181,7 @@ class Builder:
         manifest = self._nodes.get(id)
         if manifest is None:
             near = nearest_name(id, self._nodes.manifests)
-            hint = f"did you mean {near}?" if near is not None else "add it to the registry: nodes.add(…)"
+            hint = suggestion(near) if near is not None else "add it to the registry: nodes.add(…)"
             raise UnknownNodeError([Diagnostic(UNKNOWN_NODE, f"unknown node {id}", *where, hint=hint)])
 
         def make(*children: Any, **ports: object) -> NodeDraft:
@@ -213,7 +209,6 @@ class Builder:
 
 
 def _text(value: object, manifest: Manifest, name: str, where: tuple[str, int]) -> str:
-    """Return *value* as text of the port *name*. Raise PortError if *value* cannot be converted."""
     if isinstance(value, str):
         return value
     if isinstance(value, Enum):
@@ -231,7 +226,6 @@ def _text(value: object, manifest: Manifest, name: str, where: tuple[str, int]) 
 
 
 def _caller() -> tuple[str, int]:
-    """Return the file and the line of the code that called the builder."""
     frame = inspect.currentframe()
     while frame is not None and frame.f_code.co_filename == __file__:
         frame = frame.f_back
@@ -274,10 +268,7 @@ class _Writer:
             if depth > MAX_BUILDER_DEPTH + 1:
                 self._too_deep = draft
             self._drafts.append(draft)
-            words = [
-                draft.id,
-                *(f"{key}={quoted(text)}" for key, text in draft.attributes.items()),
-            ]
+            words = [draft.id, *(f"{key}={quoted(text)}" for key, text in draft.attributes.items())]
             self._lines.append(f"{indent}<{' '.join(words)}{'>' if draft.children else '/>'}")
             if draft.children:
                 pending.append((f"</{draft.id}>", depth))
@@ -288,11 +279,7 @@ class _Writer:
         return "\n".join(self._lines) + "\n"
 
     def document(self) -> Document:
-        """Return the document, whose diagnostics refer to the code that created the drafts.
-
-        Raises:
-            XmlSyntaxError: The tree has more than 2,000 levels.
-        """
+        """Return the document, whose diagnostics refer to the code that created the drafts."""
         if self._too_deep is not None:
             message, where = f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep", self._too_deep.where
             raise XmlSyntaxError([Diagnostic(TOO_DEEP, message, *where, hint="make parts of it subtrees")])

@@ -9,7 +9,8 @@ from btcore.errors import BtcoreError
 from btcore.loading.instantiate import instantiate
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
-from btcore.xml.read.read import parse_file, read
+from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import read
 
 POLL_INTERVAL_S: Final = 0.05
 """The longest time (s) between two checks whether a file was saved."""
@@ -19,7 +20,6 @@ class FileWatcher:
     """Detects changes of a file and of the files that it includes.
 
     Args:
-        path: The file.
         confined: Whether included files outside of the file's folder are not read.
     """
 
@@ -63,7 +63,6 @@ class FileWatcher:
 
 
 def _stamps(files: set[Path]) -> dict[Path, tuple[int, int]] | None:
-    """Return the modification time (ns) and size of each file; None while a file is missing."""
     try:
         stats = {path: path.stat() for path in files}
     except OSError:
@@ -77,9 +76,7 @@ def rebuild_tree(tree: Tree, plans: Plans, resources: Sequence[object]) -> Tree:
     *tree* is not halted: the caller must halt it before the new tree is ticked.
 
     Args:
-        tree: The tree to replace.
         plans: The plans of the new tree.
-        resources: The resources of the new tree.
 
     Raises:
         TreeError: The document has errors. The blackboard is unchanged.

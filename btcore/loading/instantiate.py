@@ -75,7 +75,6 @@ def make_leaf_tree(leaf: type[TreeNode], ID: str, clock: Clock) -> Tree:
     Args:
         leaf: The class of the leaf, without parameters.
         ID: The ID of the leaf and, with the suffix `Alone`, of the tree.
-        clock: The clock.
     """
     registry = Registry.standard()
     registry.add(leaf, ID=ID)
@@ -131,11 +130,7 @@ class NodeCreator:
     """
 
     def __init__(
-        self,
-        plans: Plans,
-        resources: Sequence[object],
-        clock: Clock,
-        blackboard: Blackboard | None = None,
+        self, plans: Plans, resources: Sequence[object], clock: Clock, blackboard: Blackboard | None = None
     ) -> None:
         self._plans = plans
         self.format = plans.dialect.format
@@ -165,14 +160,12 @@ class NodeCreator:
         self._create_subtree(tree_plan, "", self.blackboard)
 
     def _create_subtree(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
-        """Create a draft of a tree. Return its root, or None if it could not be created."""
         draft = SubtreeDraft(tree_plan, path, blackboard)
         self.drafts.append(draft)
         assert tree_plan.root is not None
         return self._create_with_children(tree_plan.root, draft)
 
     def _create_with_children(self, node_plan: NodePlan, draft: SubtreeDraft) -> TreeNode | None:
-        """Create a node and the nodes below it. Return None if the node could not be created."""
         document, call = draft.document, node_plan.subtree_call
         self._uid = uid = self._uid + 1
         id, line = node_plan.id, document.line(node_plan.element)
@@ -250,7 +243,6 @@ class NodeCreator:
     def _report_type_conflict(
         self, node_plan: NodePlan, port: Port, draft: SubtreeDraft, entry: Entry | None, error: BtcoreError
     ) -> None:
-        """Add the error for a port whose type differs from the declared type of its entry."""
         if entry is None or entry.declared.same(port.type):
             self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, draft, port.name)
             return
@@ -288,7 +280,12 @@ class NodeCreator:
         try:
             return manifest.make(config, self.context, draft.blackboard, self._resources, created)
         except ScriptError as error:
-            self._report_script(node_plan, draft, error)
+            texts = node_plan.element.attributes.items()
+            key = next((key for key, text in texts if text == error.text), None)
+            if key is not None:
+                self.collector.add(script_diagnostic(draft.document, node_plan, key, error))
+            else:
+                self._report(SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan, draft)
         except (NodeError, BlackboardError, ConversionError) as error:
             self._report_rejection(node_plan, draft, error)
         except BtcoreError:
@@ -302,7 +299,6 @@ class NodeCreator:
         return None
 
     def _report_rejection(self, node_plan: NodePlan, draft: SubtreeDraft, error: BtcoreError) -> None:
-        """Add the error for a node that rejects its ports."""
         if not isinstance(error, NodeError):
             self._report(INCONVERTIBLE_TEXT, str(error), node_plan, draft)
             return
@@ -315,7 +311,7 @@ class NodeCreator:
         for port in missing:
             if port.role in LOAD_TIME_ROLES:
                 written += (port.name, _EXAMPLES.get(port.role, f"{{{port.name}}}"))
-        hint = Hint("", (Fix("write", tuple(written)),) if written else ())
+        hint = Hint("", (Fix("set_attributes", tuple(written)),) if written else ())
         self._report(code, str(error), node_plan, draft, hint=hint)
 
     def _report(
@@ -340,13 +336,6 @@ class NodeCreator:
         except NodeError as error:
             self._report(NODE_NOT_CREATED, str(error), node_plan, draft)
             return None
-
-    def _report_script(self, node_plan: NodePlan, draft: SubtreeDraft, error: ScriptError) -> None:
-        texts = {key: text for key, text in node_plan.element.attributes.items() if text == error.text}
-        if texts:
-            self.collector.add(script_diagnostic(draft.document, node_plan, next(iter(texts)), error))
-        else:
-            self._report(SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan, draft)
 
     # --- SubTree elements
 

@@ -17,7 +17,8 @@ from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans, define_and_plan
-from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_text, read
+from btcore.xml.read.document import Document, parse_file, parse_text
+from btcore.xml.read.read import PackageResolver, read
 
 __all__ = ["LoadArguments"]  # for the API reference, which has the functions on the page of `btcore`
 
@@ -221,7 +222,6 @@ def plan_text(text: str, arguments: LoadArguments) -> Plans:
 
 
 def _load(documents: Sequence[Document], arguments: LoadArguments) -> Tree:
-    """Return the tree of the first of *documents*."""
     resources = arguments.get("resources", ())
     # A text can be iterated, but is a single object here.
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
@@ -243,7 +243,6 @@ def check_argument_names(arguments: LoadArguments) -> None:
 
 
 def _plans_of(documents: Sequence[Document], arguments: LoadArguments) -> Plans:
-    """Return the plans of the tree of the first of *documents*."""
     registry = _registry(arguments.get("nodes"))
     main, *others = documents
     sources = read(main, [*registry.documents, *others], arguments.get("packages"))
@@ -253,12 +252,7 @@ def _plans_of(documents: Sequence[Document], arguments: LoadArguments) -> Plans:
 def _parse(
     parse: Callable[..., Document], arguments: LoadArguments, *sources: str | PathLike[str]
 ) -> list[Document]:
-    """Check the names of *arguments*, and return the documents of *sources*.
-
-    Raises:
-        XmlSyntaxError: A source cannot be read or parsed. It holds the errors of all sources.
-        TypeError: An argument is unknown.
-    """
+    """Check the names of *arguments*, and return the documents of *sources*."""
     check_argument_names(arguments)
     documents: list[Document] = []
     errors: list[Diagnostic] = []
@@ -277,7 +271,6 @@ def _defines(document: Document, tree: str) -> bool:
 
 
 def _registry(nodes: object) -> Registry:
-    """Return *nodes*, or the standard registry for None. Raise TypeError if *nodes* is not a registry."""
     if nodes is None:
         return Registry.standard()
     if not isinstance(nodes, Registry):

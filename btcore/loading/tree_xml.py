@@ -69,7 +69,6 @@ def _write(
 
 
 def _words(node: TreeNode, metadata: bool) -> list[str]:
-    """Return the attributes of a node other than a SubTree."""
     config = node.config
     pairs = [("name", node.name)]
     if metadata:

@@ -47,9 +47,6 @@ class BtLogWriter:
     Args:
         xml: The XML of the tree, in UTF-8.
         start: The first time stamp (µs since 1970).
-
-    Raises:
-        LogError: The extension is not `.btlog`, or the file cannot be written.
     """
 
     def __init__(self, path: Path, xml: bytes, start: int) -> None:
@@ -66,11 +63,7 @@ class BtLogWriter:
             ) from None
 
     def append(self, records: Iterable[tuple[int, int, int]]) -> None:
-        """Append transitions, given as (time since the start in µs, UID, status).
-
-        Raises:
-            OSError: The file cannot be written.
-        """
+        """Append transitions, given as (time since the start in µs, UID, status)."""
         data = bytearray()
         for since, uid, status in records:
             data += _RECORD.pack(since & 0xFFFFFFFF, since >> 32, uid, status)
@@ -78,11 +71,7 @@ class BtLogWriter:
         write_whole(self._file, bytes(data))
 
     def gap(self, reason: str) -> None:
-        """Record that transitions are missing before the next transition, because of *reason*.
-
-        Raises:
-            OSError: The file of the gaps cannot be written.
-        """
+        """Record that transitions are missing before the next transition, because of *reason*."""
         with _gaps_file(self.path).open("a", encoding="utf-8", newline="\n") as file:
             file.write(f"{self._count} {' '.join(reason.split())}\n")
 

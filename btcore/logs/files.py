@@ -6,7 +6,7 @@ from pathlib import Path
 
 from btcore.errors import BtcoreError
 from btcore.input_files import read_error, read_file
-from btcore.suggestions import join_names
+from btcore.suggestions import join_names, suggestion
 
 
 class LogError(BtcoreError):
@@ -18,16 +18,12 @@ def expect_extension(path: Path, *extensions: str) -> None:
 
     Args:
         extensions: The accepted extensions, such as `.btlog`.
-
-    Raises:
-        LogError: The file has another extension.
     """
     if path.suffix in extensions:
         return
     hint = path.with_suffix(extensions[0]) if path.name else f"run{extensions[0]}"
-    raise LogError(
-        f"{path}: the name of this log must end in {join_names(extensions, 'or')}; did you mean {hint}?"
-    )
+    known = join_names(extensions, "or")
+    raise LogError(f"{path}: the name of this log must end in {known}; {suggestion(hint)}")
 
 
 def create(path: Path, head: bytes) -> FileIO:
@@ -35,9 +31,6 @@ def create(path: Path, head: bytes) -> FileIO:
 
     Args:
         head: The first bytes, which are written at once.
-
-    Raises:
-        LogError: The file cannot be written.
     """
     try:
         file = path.open("wb", buffering=0)
@@ -52,11 +45,7 @@ def create(path: Path, head: bytes) -> FileIO:
 
 
 def ensure_writable(path: Path) -> None:
-    """Check that *path* can be written; the file is created if it does not exist, and not changed otherwise.
-
-    Raises:
-        LogError: The file cannot be written.
-    """
+    """Check that *path* can be written; the file is created if it does not exist, and else unchanged."""
     try:
         path.open("ab").close()
     except OSError as error:
@@ -64,11 +53,7 @@ def ensure_writable(path: Path) -> None:
 
 
 def write_whole(file: FileIO, data: bytes) -> None:
-    """Write all of *data* to an unbuffered file.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write all of *data* to an unbuffered file."""
     # Usually a single system call, so that a killed process leaves complete records. A call may write less.
     written = file.write(data)
     while written < len(data):
@@ -81,9 +66,6 @@ def read_bytes(path: Path, count: int | None = None) -> bytes:
 
     Args:
         count: Return only the first *count* bytes; default the whole file.
-
-    Raises:
-        LogError: The file cannot be read.
     """
     try:
         return read_file(path, count)
@@ -92,7 +74,6 @@ def read_bytes(path: Path, count: int | None = None) -> bytes:
 
 
 def _explain(path: Path, error: OSError) -> str:
-    """Return the message for *error*, which was raised when *path* was opened for writing."""
     message = "cannot write a log here"
     folder = path.parent
     if path.is_dir():  # on Windows the error is a PermissionError

@@ -14,7 +14,7 @@ from btcore.logs.log import Log
 from btcore.logs.recording import Recording
 from btcore.logs.sqlite import EXTENSIONS, SqliteLog, read_sqlite
 from btcore.logs.trace import TraceLog
-from btcore.suggestions import join_names, nearest_name
+from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.tree.tree import Tree
 
 T = TypeVar("T")
@@ -121,5 +121,5 @@ def _by_extension(path: Path, choices: dict[str, T], field: str, what: str) -> T
     if path.suffix in choices:
         return choices[path.suffix]
     guess = nearest_name(path.suffix, choices) or next(iter(choices))
-    hint = f"did you mean {path.with_suffix(guess)}?" if path.name else f"for example run{guess}"
+    hint = suggestion(path.with_suffix(guess)) if path.name else f"for example run{guess}"
     raise LogError(f"{path}: logs that can be {what} end in {join_names(choices, 'or')}; {hint}")

@@ -148,9 +148,6 @@ def parse_nodes(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
         xml: The tree with `_uid` and `_fullpath` attributes, as BehaviorTree.CPP 4's WriteTreeToXML
             writes it (src/xml_parsing.cpp).
         source: The name of the log, for errors.
-
-    Raises:
-        LogError: *xml* is not such a tree.
     """
     data = xml.encode("utf-8", "replace") if isinstance(xml, str) else xml
     # A log may come from an untrusted source: no entities, DTDs or network access.

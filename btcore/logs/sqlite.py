@@ -57,9 +57,6 @@ class SqliteWriter:
     Args:
         nodes: The path and UID of each node.
         append: Whether to keep the existing sessions. Their numbers are not reused in either case.
-
-    Raises:
-        LogError: The extension is wrong, or the database cannot be written.
     """
 
     def __init__(
@@ -128,11 +125,7 @@ class SqliteWriter:
         self._rows.append((stamp, self.session, uid, duration, int(status), extra))
 
     def flush(self) -> None:
-        """Write the pending rows in a database transaction; keep them if another program locks the database.
-
-        Raises:
-            sqlite3.Error: Writing failed for another reason.
-        """
+        """Write the pending rows in a transaction; keep them if another program locks the database."""
         base = self._base
         try:
             base.execute("BEGIN IMMEDIATE")
@@ -147,12 +140,7 @@ class SqliteWriter:
             self._rows.clear()
 
     def finish(self) -> None:
-        """Write the pending rows, and merge the write-ahead log into the database file.
-
-        Raises:
-            BlockingIOError: Another program locks the database.
-            sqlite3.Error: Writing failed for another reason.
-        """
+        """Write the pending rows, and merge the write-ahead log into the database file."""
         self._base.execute(f"PRAGMA busy_timeout = {_LOCK_TIMEOUT_MS}")
         if self._rows:
             self.flush()
@@ -170,7 +158,6 @@ class SqliteWriter:
 
 
 def _is_busy(error: sqlite3.Error) -> bool:
-    """Return whether *error* is temporary: another connection locks the database."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 
 
@@ -360,7 +347,6 @@ def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Rec
 def _tree(
     base: sqlite3.Connection, session: int, path: Path, damage: str
 ) -> tuple[dict[int, RecordedNode], str]:
-    """Return the nodes of *session*, and the XML of their tree."""
     try:
         (xml,) = base.execute("SELECT xml_tree FROM Definitions WHERE session_id = ?", (session,)).fetchone()
         return parse_nodes(str(xml), str(path)), str(xml)

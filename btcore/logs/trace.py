@@ -149,7 +149,10 @@ class SliceLanes:
         parent = self._parents.get(uid, 0)
         lane = self._lane.get(parent, 0)
         if not lane or self._stacks[lane - 1][-1] != parent:
-            lane = self._free_lane()
+            lane = next((lane for lane, stack in enumerate(self._stacks, 1) if not stack), 0)
+            if not lane:
+                self._stacks.append([])
+                lane = len(self._stacks)
         self._stacks[lane - 1].append(uid)
         self._lane[uid] = lane
         return lane
@@ -176,10 +179,3 @@ class SliceLanes:
 
     def __contains__(self, uid: int) -> bool:
         return uid in self._lane
-
-    def _free_lane(self) -> int:
-        for lane, stack in enumerate(self._stacks, 1):
-            if not stack:
-                return lane
-        self._stacks.append([])
-        return len(self._stacks)

@@ -19,13 +19,8 @@ def node_classes() -> Iterator[type[TreeNode]]:
                     yield thing
 
 
-def _by_id() -> dict[int, dict[str, type[TreeNode]]]:
-    classes: dict[int, dict[str, type[TreeNode]]] = {3: {}, 4: {}}
-    for cls in node_classes():
-        for format in cls.spec.formats:
-            classes[format][cls.spec.id or cls.__name__] = cls
-    return classes
-
-
-BUILTIN_NODES: Final = _by_id()
+BUILTIN_NODES: Final[dict[int, dict[str, type[TreeNode]]]] = {
+    format: {cls.spec.id or cls.__name__: cls for cls in node_classes() if format in cls.spec.formats}
+    for format in (3, 4)
+}
 """The classes of the built-in nodes by format and ID."""

@@ -92,7 +92,9 @@ class KeepRunningUntilFailure(DecoratorNode):
     A child that succeeds is started again by the next tick.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↺", may_return=frozenset({FAILURE}), formats=(3, 4))
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        symbol="↺", may_return=frozenset({FAILURE}), is_endless=True, formats=(3, 4)
+    )
 
     @classmethod
     def possible_results(
@@ -150,5 +152,5 @@ class RunOnce(DecoratorNode):
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             self._result = status
-            self.reset_child()
+            reset_status(self.child)
         return status

@@ -89,7 +89,6 @@ class SwitchNode(ControlNode):
         return len(self._cases)
 
     def _decided(self, undecided: UndecidedOperandError) -> int:
-        """Return the index of the child whose case is decided to equal the variable."""
         for index in range(len(self._cases)):
             case = self.text(self._cases[index])
             if case is not None and undecided.decide("==", undecided.operand, case):

@@ -25,9 +25,6 @@ def check_awaits(ID: str, thing: Any) -> None:
 
     The check includes the coroutines and generators that the code of the leaf names. It does not find calls
     whose result is stored in a container or passed to another function.
-
-    Raises:
-        RegistrationError: A result is discarded, or assigned to a local variable that is never used.
     """
     pending = _methods(thing) if isinstance(thing, type) else [thing]
     seen = set()
@@ -39,7 +36,8 @@ def check_awaits(ID: str, thing: Any) -> None:
         seen.add(code)
         names = {**function.__globals__, **_closure(function)}
         for part in _code_within(code):
-            if _mentions_pause(part, names):
+            used = (*part.co_names, *part.co_freevars)
+            if not _NAMES.isdisjoint(part.co_names) or any(names.get(name) in _PAUSES for name in used):
                 _check_code(ID, function.__qualname__, part, names)
             pending += [names[name] for name in part.co_names if _is_coroutine(names.get(name))]
         pending += [value for value in _closure(function).values() if _is_coroutine(value)]
@@ -78,13 +76,7 @@ def _is_coroutine(value: object) -> bool:
     )
 
 
-def _mentions_pause(code: CodeType, names: Mapping[str, object]) -> bool:
-    used = (*code.co_names, *code.co_freevars)
-    return not _NAMES.isdisjoint(code.co_names) or any(names.get(name) in _PAUSES for name in used)
-
-
 def _check_code(ID: str, function_name: str, code: CodeType, names: Mapping[str, object]) -> None:
-    """Raise RegistrationError if *code* does not use the result of a pause."""
     instructions = [found for found in dis.get_instructions(code) if found.opname != "EXTENDED_ARG"]
     used = {
         name

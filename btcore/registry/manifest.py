@@ -143,9 +143,6 @@ class Manifest:
         Args:
             blackboard: The scope of the node.
             children: The children, created before.
-
-        Raises:
-            NodeError: A resource is missing, or the node cannot be used as declared.
         """
         cls = self.cls
         # __init__ is called below, when the node has its ports, blackboard and children.
@@ -174,7 +171,6 @@ class Manifest:
     def _arguments(
         self, node: TreeNode, context: TreeContext, resources: "Resources"
     ) -> tuple[list[object], dict[str, object]]:
-        """Return the arguments for the parameters, by position and by name."""
         positional: list[object] = []
         keywords: dict[str, object] = {}
         inputs = node.config.inputs if self.function is not None else NO_INPUTS
@@ -222,7 +218,6 @@ class Manifest:
     def _resource(
         self, parameter: Parameter, node: TreeNode, context: TreeContext, resources: "Resources"
     ) -> object:
-        """Return the resource for a parameter or an attribute, its default, or UNSET."""
         if parameter.resource_type is Clock:
             return context.clock
         if parameter.resource_type is Blackboard:
@@ -267,13 +262,6 @@ class Resources(list[object]):
         """Return the resource for a parameter, else the default of the parameter, or UNSET.
 
         The resource for each parameter is searched once. A missing `TreeState` is created.
-
-        Args:
-            id: The registration ID of the leaf, for messages.
-
-        Raises:
-            NodeError: Several resources of one class fit the parameter.
-            TypeError: isinstance() does not support the type.
         """
         if parameter not in self._cache:
             self._cache[parameter] = self._search(parameter, id)
@@ -373,9 +361,6 @@ def create_manifest(
         names: Local names, for resolving annotations that are strings.
         distribution: The package that registers the node.
         format: The XML format whose rules for port names apply.
-
-    Raises:
-        RegistrationError: The class or function cannot be registered.
     """
     check_id(ID)
     check_awaits(ID, thing)
@@ -406,11 +391,7 @@ def create_manifest(
 
 
 def _class_metadata(cls: type) -> dict[str, str]:
-    """Return the result of the static method or class method `metadata`; {} if the class has none.
-
-    Raises:
-        RegistrationError: A name in the result cannot be the name of an XML attribute.
-    """
+    """Return the result of the static method or class method `metadata`; {} if the class has none."""
     # Any other attribute of this name, such as a method or a port, has another meaning.
     if not isinstance(inspect.getattr_static(cls, "metadata", None), (staticmethod, classmethod)):
         return {}

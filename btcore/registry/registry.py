@@ -20,9 +20,9 @@ from btcore.errors import RegistrationError
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manifest
 from btcore.registry.substitution import SubstitutionRule, first_matching_rule
-from btcore.suggestions import did_you_mean, similar_file
+from btcore.suggestions import did_you_mean, similar_file, suggestion
 from btcore.values import TypeRegistry
-from btcore.xml.read.read import Document, parse_file, parse_text
+from btcore.xml.read.document import Document, parse_file, parse_text
 
 
 @cache
@@ -284,12 +284,7 @@ class Registry:
         return rule.replacement_manifest(config, children, self.manifests_of(config.format))
 
     def _add(
-        self,
-        thing: Any,
-        ID: str | None,
-        names: Mapping[str, Any],
-        distribution: str,
-        only: int | None = None,
+        self, thing: Any, ID: str | None, names: Mapping[str, Any], distribution: str, only: int | None = None
     ) -> None:
         manifest = self._manifest_of(thing, ID, names, distribution, only or 4)
         for format in (3, 4) if only is None else (only,):
@@ -438,11 +433,7 @@ class Plugin(NamedTuple):
 
 
 def import_plugin(library: str | Path, name: str | None = None) -> Plugin:
-    """Import a node library without registering it; the arguments are those of `Registry.add_plugin`.
-
-    Raises:
-        RegistrationError: The library cannot be imported.
-    """
+    """Import a node library without registering it; the arguments are those of `Registry.add_plugin`."""
     function = "register"
     if isinstance(library, str) and not library.strip():
         raise RegistrationError("a plugin has no name: give the name of a module, or the path of a file")
@@ -508,7 +499,7 @@ def _import_file(path: Path) -> ModuleType:
 
 def _file_hint(path: Path) -> str:
     near = similar_file(path, ".py")
-    return "" if near is None else f"; did you mean '{near}'?"
+    return "" if near is None else "; " + suggestion(f"'{near}'")
 
 
 def _plugin_error(library: str, error: BaseException, doing: str = "it was imported") -> RegistrationError:

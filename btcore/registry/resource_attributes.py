@@ -43,9 +43,6 @@ def class_resources(cls: type, names: Mapping[str, Any]) -> list[Parameter]:
 
     Args:
         names: Local names, for resolving annotations that are strings.
-
-    Raises:
-        RegistrationError: An annotation is invalid.
     """
     parents = [parent for parent in cls.__mro__ if parent.__module__.partition(".")[0] != _ENGINE]
     declared = {name for parent in parents for name in inspect.get_annotations(parent)}

@@ -38,9 +38,6 @@ class SubstitutionRule:
 
         Args:
             known: The registered nodes by ID.
-
-        Raises:
-            NodeError: The replacement is not registered, or cannot have this number of children.
         """
         manifest = self.by if isinstance(self.by, Manifest) else known.get(self.by)
         rule = f"the substitution rule '{self.filter}' replaces <{config.id}>"

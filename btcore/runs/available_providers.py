@@ -55,11 +55,7 @@ class AvailableProviders:
         return [one for one in self._known() if name in one.type_names]
 
     def of_nothing(self, given: Set[type[Settings]]) -> list[Provider]:
-        """Return the providers that provide no type, such as a publisher, and take settings of *given*.
-
-        Raises:
-            ProviderError: A provider of the user provides nothing, and has no settings.
-        """
+        """Return the providers that provide no type, such as a publisher, and take settings of *given*."""
         for one in self.of_user:
             if not one.types and not one.settings:
                 raise ProviderError(

@@ -1,10 +1,16 @@
 """Choosing the providers of a run: which are used, and in which order they are opened.
 
 A provider of a type is used if a leaf or a used provider needs the type, and no object of the program has it.
-A provider of nothing is used if one of its settings was given. If several provide a type, the order of
-preference is: a provider whose required option was given; one that is used for another type anyway; the
-user's; one that needs only what is used anyway; an installed one; one that is marked as default. If two are
-equally good, one that takes the required settings of the other, too, is preferred.
+A provider of nothing is used if one of its settings was given. If several provide a type, the
+first of these differences decides (`_Rank`):
+
+1. A required option of the provider was given.
+2. The provider is used for another type anyway.
+3. The provider is the user's, not an installed one.
+4. The provider needs other objects, and only such as are used anyway.
+5. The provider is not a default.
+
+If two are equally good, the one that takes the required settings of the other, too, is used.
 
 A provider that lost a type is not used for any other type, and neither is a provider that needs what only a
 loser provides: the map of a simulated world does not fit another robot. Therefore the choice begins anew
@@ -28,7 +34,7 @@ from btcore.clock import Clock
 from btcore.errors import ProviderError
 from btcore.options import required_option_names
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.providers import ATTRIBUTES_OF_RUN, Need, Provider, fits, full_name, is_settings
+from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, fits, full_name, is_settings
 from btcore.runs.settings import RunSettings, Settings
 from btcore.suggestions import join_names, with_article
 
@@ -97,8 +103,6 @@ def choose(
 
     Args:
         needed: The types that the leaves of the tree need, and those that the program wants.
-        available: The available providers.
-        settings: The settings of the run.
         provided: Objects of the program, which are preferred to providers.
         optional: Types that the program can do without. A provider that is used for one of them alone is not
             preferred for the types that are needed.
@@ -131,12 +135,20 @@ class _Request(NamedTuple):
     chain: tuple[Provider, ...]
 
 
+class _Rank(NamedTuple):
+    """How good a provider is for a type; the greater rank is better. The module explains the order."""
+
+    was_required: bool
+    is_used: bool
+    is_of_user: bool
+    needs_only_used: bool
+    is_no_default: bool
+
+
 class _Chooser:
     """Assigns a provider to each needed type; `assign` is called until no provider loses.
 
     Args:
-        available: The available providers.
-        settings: The settings of the run.
         provided: The objects of the program.
     """
 
@@ -187,7 +199,6 @@ class _Chooser:
         return False
 
     def _of_program(self, kind: Any) -> object:
-        """Return the first object of the program that fits a type, or None."""
         fitting = [thing for thing in self._provided if fits(thing, kind)]
         if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
             raise ProviderError(
@@ -254,14 +265,14 @@ class _Chooser:
             )
         return best[0]
 
-    def _rank(self, provider: Provider) -> tuple[bool, bool, bool, bool, bool]:
+    def _rank(self, provider: Provider) -> "_Rank":
         needs = [self._available.of_type(full_name(need.type)) for need in _needs(provider)]
-        return (
-            bool(self._required(provider)),
-            provider in self._used,
-            not provider.is_installed,
-            bool(needs) and all(any(other in self._used for other in providers) for providers in needs),
-            not provider.is_default,
+        return _Rank(
+            was_required=bool(self._required(provider)),
+            is_used=provider in self._used,
+            is_of_user=not provider.is_installed,
+            needs_only_used=bool(needs) and all(any(map(self._used.__contains__, each)) for each in needs),
+            is_no_default=not provider.is_default,
         )
 
     def _required(self, provider: Provider) -> set[type[Settings]]:
@@ -291,7 +302,6 @@ class _Chooser:
     def _append_after_needs(
         self, provider: Provider, chain: tuple[Provider, ...], order: dict[Provider, None]
     ) -> None:
-        """Append a provider to *order*, after those that it needs."""
         if provider in order:
             return
         if provider in chain:
@@ -307,7 +317,6 @@ class _Chooser:
         order[provider] = None
 
     def _explain(self, request: _Request) -> str:
-        """Return why nothing provides the type of a request."""
         reasons = []
         for provider in self._available.of_type(full_name(request.type)):
             if provider in self._losers:
@@ -318,9 +327,10 @@ class _Chooser:
             elif provider in request.chain:
                 reasons.append(f"{provider} needs itself: {_join([*request.chain, provider])}")
             elif not _has_settings(provider, self._settings):
-                reasons.append(
-                    f"{provider} is not used without {_required_options(provider, self._settings)}"
-                )
+                kinds = [kind for kind, optional in provider.settings.items() if not optional]
+                kinds = [kind for kind in kinds if self._settings.find(kind) is None]
+                names = [name for kind in kinds for name in required_option_names(kind)]
+                reasons.append(f"{provider} is not used without {join_names(names)}")
             else:
                 missing = next(
                     need
@@ -344,9 +354,7 @@ class _Chooser:
 
 def _needs(provider: Provider) -> list[Need]:
     """Return the parameters for objects of other providers."""
-    return [
-        need for need in provider.needs if need.type not in ATTRIBUTES_OF_RUN and not is_settings(need.type)
-    ]
+    return [need for need in provider.needs if need.type not in TYPES_OF_RUN and not is_settings(need.type)]
 
 
 def _name_of(winner: Provider | None) -> str:
@@ -372,28 +380,15 @@ def _join(chain: Sequence[Provider]) -> str:
     return " → ".join(map(repr, chain))
 
 
-def _required_options(provider: Provider, settings: GivenSettings) -> str:
-    names = [
-        name
-        for kind, optional in provider.settings.items()
-        if not optional and settings.find(kind) is None
-        for name in required_option_names(kind)
-    ]
-    return join_names(names)
-
-
 def unused_settings(
-    choice: Choice, available: AvailableProviders, settings: GivenSettings, used: Iterable[type[Settings]]
+    choice: Choice, available: AvailableProviders, settings: GivenSettings
 ) -> dict[type[Settings], str]:
     """Return the settings that were given, but that no used provider takes, with the reasons.
 
     Args:
         choice: The used providers.
-        available: The available providers.
-        settings: The settings of the run.
-        used: Classes of settings that the program uses itself.
     """
-    taken = {kind for provider in choice.order for kind in provider.settings} | set(used)
+    taken = {RunSettings, *(kind for provider in choice.order for kind in provider.settings)}
     reasons = {}
     for kind in [kind for kind in settings if kind not in taken]:
         takers = [provider for provider in available.all() if kind in provider.settings]

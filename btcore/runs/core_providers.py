@@ -19,11 +19,7 @@ _log = logging.getLogger("btcore")
 
 
 class LogSettings(Settings):
-    """The logs of a run.
-
-    Raises:
-        SettingsError: A log is given twice.
-    """
+    """The logs of a run."""
 
     log: Annotated[
         tuple[str, ...],
@@ -59,11 +55,7 @@ class TreeLogs:
         self._open: list[Log] = []
 
     def open(self, tree: Tree) -> None:
-        """Start the logs.
-
-        Raises:
-            LogError: A log cannot be written.
-        """
+        """Start the logs."""
         from btcore.logs import open_log
 
         for name in self._names:

@@ -5,13 +5,19 @@ An exception whose message is not meant for the user becomes a `ProviderError` t
 
 import contextlib
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from traceback import walk_tb
 from types import TracebackType
+from typing import Any
 
+from btcore.clock import Clock, SimClock, SystemClock, is_clock
+from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, ProviderError
-from btcore.runs.choice import Choice, GivenSettings
-from btcore.runs.providers import ATTRIBUTES_OF_RUN, Need, Provider, fits, full_name, is_settings
+from btcore.registry.manifest import Resources
+from btcore.runs.available_providers import AvailableProviders
+from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
+from btcore.runs.providers import Need, Provider, Report, fits, full_name, is_settings
+from btcore.runs.settings import RunSettings, Settings
 from btcore.tree.tree import Tree
 
 
@@ -31,11 +37,7 @@ class OpenedProvider:
         self._context: contextlib.AbstractContextManager[object] | None = None
 
     def open(self, arguments: Mapping[str, object]) -> None:
-        """Call the function with *arguments*, up to its `yield`.
-
-        Raises:
-            ProviderError: The function raised an exception whose message is not meant for the user.
-        """
+        """Call the function with *arguments*, up to its `yield`."""
         function = self.provider.function
         with _named(self.provider):
             if inspect.isgeneratorfunction(function):
@@ -92,42 +94,126 @@ class OpenedProvider:
 
 
 class OpenedProviders:
-    """The open providers of a run.
+    """The used providers of a run, and the objects that they and the program provide.
 
     Args:
+        provided: The objects of the program.
+        clock: The clock that the program has given, or None.
+        tree: Returns the tree of the run.
+        report: The report of the run.
+
+    Attributes:
         choice: The used providers.
-        settings: The settings of the run.
-        attribute: Returns an attribute of the run by its name; a provider may need the clock, for example.
+        resources: The objects for leaves; the object of a used provider comes before others of its type.
     """
 
-    def __init__(self, choice: Choice, settings: GivenSettings, attribute: Callable[[str], object]) -> None:
-        self._choice = choice
+    def __init__(
+        self,
+        available: AvailableProviders,
+        settings: GivenSettings,
+        provided: Sequence[object],
+        clock: Clock | None,
+        tree: Callable[[], Tree],
+        report: Report,
+    ) -> None:
+        self._available = available
         self._settings = settings
-        self._attribute = attribute
+        self._provided = provided
+        self._clock = clock
+        self._of_run: dict[Any, Callable[[], object]] = {
+            Clock: lambda: self.clock,
+            Tree: tree,
+            Report: lambda: report,
+            Resources: lambda: self.resources,
+        }
         self._opened: dict[Provider, OpenedProvider] = {}
+        self.choice = Choice([], {}, {}, {})
+        self.resources = Resources()
+        self.resources.remedy = "the run does not provide it"
 
-    def open(self, provider: Provider, stack: contextlib.ExitStack) -> list[object]:
-        """Open *provider*, which *stack* closes, and return the provided objects.
+    def choose(self, needed: Sequence[Any], wanted: Sequence[Any], optional: Sequence[Any]) -> None:
+        """Choose the providers.
 
-        Raises:
-            ProviderError: The provider raised an exception, or another has provided None.
+        Args:
+            needed: The types that the leaves need.
+            wanted: The types that the program needs.
+            optional: The types that the program uses if they are provided.
         """
+        self.choice = choose([*needed, *wanted], self._available, self._settings, self._provided, optional)
+        for kind in wanted:
+            problem = self.choice.problems.get(full_name(kind))
+            if problem is not None:
+                raise ProviderError("; ".join([problem, *self._unavailable_notes()]))
+            chosen = self.choice.by_type[full_name(kind)]
+            if isinstance(chosen, Provider) and self.choice.follows_tree(chosen):
+                raise ProviderError(_unavailable_to_leaves(chosen))
+
+    def open_for_leaves(self, kinds: Sequence[Any], stack: contextlib.ExitStack) -> None:
+        """Open the providers that need no tree, which *stack* closes, and fill the resources.
+
+        Args:
+            kinds: The types of which a leaf or the program gets the object of the chosen provider.
+            stack: The stack that closes the providers.
+        """
+        self.resources += self._provided
+        for provider in self.choice.order:
+            if not self.choice.follows_tree(provider):
+                # A provider may return an object of another one, under another type.
+                known = set(map(id, self.resources))
+                objects = self._open(provider, stack)
+                self.resources += [thing for thing in objects if id(thing) not in known]
+        for kind in kinds:
+            found = self._find(full_name(kind))
+            if found is not None:
+                self.resources.choose(kind, found)
+
+    def open_for_tree(self, stack: contextlib.ExitStack) -> None:
+        """Open the providers that need the tree, which exists now. Its leaves do not get their objects."""
+        for provider in self.choice.order:
+            if self.choice.follows_tree(provider):
+                self._open(provider, stack)
+
+    def _open(self, provider: Provider, stack: contextlib.ExitStack) -> list[object]:
         opened = self._opened[provider] = OpenedProvider(provider)
         stack.push(opened.close)
         opened.open(self._arguments(provider))
         return opened.objects
 
-    def find(self, name: str) -> object:
-        """Return the object for the type with the full *name*, of a provider or the program, or None."""
-        chosen = self._choice.by_type.get(name)
+    def find(self, kind: Any) -> object:
+        """Return the object of a type: of its provider, else among the resources; or None."""
+        found = self._find(full_name(kind))
+        return (
+            next((thing for thing in self.resources if fits(thing, kind)), None) if found is None else found
+        )
+
+    def _find(self, name: str) -> object:
+        chosen = self.choice.by_type.get(name)
         if not isinstance(chosen, Provider):
             return chosen
         opened = self._opened.get(chosen)
         return None if opened is None else opened.object_for(name)
 
-    def objects_of(self, provider: Provider) -> list[object] | None:
-        """Return what *provider* has provided; None if it is not open."""
-        return self._opened[provider].objects if provider in self._opened else None
+    @property
+    def clock(self) -> Clock:
+        """The clock of the run."""
+        if self._clock is None:
+            self._clock = self._find_clock()
+        return self._clock
+
+    def _find_clock(self) -> Clock:
+        provider = self.choice.clock
+        if provider in self._opened:
+            for thing in self._opened[provider].objects:
+                for clock in (thing, getattr(thing, "clock", None)):
+                    if is_clock(clock):
+                        return clock
+            raise ProviderError(
+                f"the provider {provider} declares a Clock, but provides no object with a clock"
+            )
+        given = next((thing for thing in self._provided if is_clock(thing)), None)
+        run_settings = self._settings.find(RunSettings)
+        is_fast = run_settings is not None and run_settings.fast
+        return given or (SimClock() if is_fast else SystemClock())
 
     def replace_tree(self, tree: Tree) -> None:
         """Let the providers that follow the tree follow *tree*; those that cannot are opened again."""
@@ -136,7 +222,7 @@ class OpenedProviders:
             if provider.needs_tree:
                 is_new = not opened.follow(tree)
             else:
-                is_new = any(other in again for other in self._choice.providers_for(provider))
+                is_new = any(other in again for other in self.choice.providers_for(provider))
             if is_new:
                 again[provider] = opened
         for opened in reversed(again.values()):
@@ -149,20 +235,56 @@ class OpenedProviders:
         """What the providers raised when they were closed."""
         return [opened.error for opened in self._opened.values() if opened.error is not None]
 
+    def unused_settings(self) -> dict[type[Settings], str]:
+        """Return the settings that were given, but that no used provider takes, with the reasons."""
+        return unused_settings(self.choice, self._available, self._settings)
+
+    def missing_notes(self, needed: Sequence[Any]) -> Iterator[str]:
+        """Yield why objects are missing that the leaves need; *needed* are their types."""
+        unknown = []
+        for kind in needed:
+            name = full_name(kind)
+            provider, problem = self.choice.by_type.get(name), self.choice.problems.get(name)
+            if isinstance(provider, Provider) and self.choice.follows_tree(provider):
+                yield _unavailable_to_leaves(provider)
+            elif isinstance(provider, Provider) and self._find(name) is None:
+                yield f"the provider {provider} has provided None"
+            elif problem is not None and self._available.of_type(name):
+                yield problem
+            elif problem is not None:
+                unknown.append(kind)
+        yield from self._unavailable_notes()
+        if any(getattr(kind, "__module__", "builtins") != "builtins" for kind in unknown):
+            yield (
+                "a run does not create objects of your own classes: derive the class from btcore.TreeState, "
+                "or write a provider of the object: see 'Your own resources'; a program may pass the object "
+                "in Run(provided=[…])"
+            )
+
+    def _unavailable_notes(self) -> list[str]:
+        remedies = names_by_remedy(self._available.unavailable).items()
+        return [
+            f"providers that may do so cannot be loaded ({names}): {remedy}" for remedy, names in remedies
+        ]
+
     def _arguments(self, provider: Provider) -> dict[str, object]:
         return {need.parameter: self._argument(provider, need) for need in provider.needs}
 
     def _argument(self, provider: Provider, need: Need) -> object:
-        if need.type in ATTRIBUTES_OF_RUN:
-            return self._attribute(ATTRIBUTES_OF_RUN[need.type])
+        if need.type in self._of_run:
+            return self._of_run[need.type]()
         if is_settings(need.type):
             return self._settings.find(need.type)
         name = full_name(need.type)
-        found = self.find(name)
+        found = self._find(name)
         if found is None and not need.is_optional:
-            giver = self._choice.by_type[name]
+            giver = self.choice.by_type[name]
             raise ProviderError(f"{provider} needs its '{need.parameter}', but {giver} has provided None")
         return found
+
+
+def _unavailable_to_leaves(provider: Provider) -> str:
+    return f"{provider} follows the tree, so that its leaves cannot get what it provides"
 
 
 @contextlib.contextmanager

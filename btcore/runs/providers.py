@@ -22,7 +22,7 @@ import inspect
 import json
 import sys
 import typing
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType, NoneType, UnionType
@@ -76,13 +76,8 @@ class Report(dict[str, object]):
         self[heading] = {**before, **values} if isinstance(before, dict) else values
 
 
-ATTRIBUTES_OF_RUN: Final[Mapping[Any, str]] = {
-    Clock: "clock",
-    Tree: "tree",
-    Report: "report",
-    Resources: "resources",
-}
-"""The types of parameters that every run has, and the attributes of `Run` with their values."""
+TYPES_OF_RUN: Final = (Clock, Tree, Report, Resources)
+"""The types of parameters whose objects are those of the run itself."""
 
 
 class Need(NamedTuple):
@@ -107,9 +102,6 @@ class Provider:
         provides: Further types under which the object is provided, such as protocols that it satisfies: the
             classes, or their full names.
         default: Whether every other provider that is otherwise equally good is preferred.
-
-    Raises:
-        ProviderError: The function is asynchronous.
 
     Attributes:
         name: The name of the function.
@@ -293,14 +285,14 @@ def _names_with_bases(kind: Any) -> Iterator[str]:
 
 
 def _resolve(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the annotations of *function*, with stand-ins for classes that are imported for types alone."""
+    """Return the annotations of *function*; classes that are imported for types alone are empty."""
     try:
         return typing.get_type_hints(function)
     except NameError:
-        return typing.get_type_hints(function, localns=_stand_ins(sys.modules[function.__module__]))
+        return typing.get_type_hints(function, localns=_empty_classes(sys.modules[function.__module__]))
 
 
-def _stand_ins(module: ModuleType) -> dict[str, Any]:
+def _empty_classes(module: ModuleType) -> dict[str, Any]:
     """Return an empty class for each name that *module* imports under TYPE_CHECKING alone."""
     source = ast.parse(Path(str(module.__file__)).read_bytes())
     guarded = (

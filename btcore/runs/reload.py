@@ -17,11 +17,7 @@ class TreeWatcher(Protocol):
         """Return whether the file was saved since the last call."""
 
     def read_plans(self) -> Plans:
-        """Return the plans of the saved file.
-
-        Raises:
-            BtcoreError: The file has errors.
-        """
+        """Return the plans of the saved file."""
 
     def on_end(self) -> None:
         """Report that the tree has ended, and that the run waits for the next save."""
@@ -41,7 +37,6 @@ def reload_tree(watcher: TreeWatcher, tree: Tree, resources: Sequence[object]) -
 
     Args:
         watcher: The watcher of the file, whose methods are called with the result.
-        tree: The present tree.
         resources: The objects for leaves.
 
     Returns:

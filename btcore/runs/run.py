@@ -5,14 +5,12 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from os import PathLike
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
-from btcore.clock import NS_PER_S, Clock, SimClock, SystemClock, is_clock
+from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
-from btcore.entry_points import names_by_remedy
 from btcore.errors import (
     BtcoreError,
     NodeExecutionError,
@@ -27,9 +25,9 @@ from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_ar
 from btcore.options import check_settings
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
+from btcore.runs.choice import Choice, GivenSettings
 from btcore.runs.opening import OpenedProviders
-from btcore.runs.providers import EndReason, Provider, Report, fits, full_name
+from btcore.runs.providers import EndReason, Provider, Report
 from btcore.runs.settings import RunSettings, Settings
 from btcore.runs.tick_loop import LoopEnd, TickLoop, Until, joint_status
 from btcore.signals import EndingSignals
@@ -41,10 +39,6 @@ if TYPE_CHECKING:
     from btcore.runs.reload import TreeWatcher
 
 T = TypeVar("T")
-
-
-def _unavailable_to_leaves(provider: Provider) -> str:
-    return f"{provider} follows the tree, so that its leaves cannot get what it provides"
 
 
 class TreelessProgram:
@@ -78,12 +72,7 @@ Runnable = str | PathLike[str] | Plans | TreelessProgram
 
 
 def _planned(source: object, arguments: LoadArguments) -> Plans | TreelessProgram:
-    """Return the plans of a tree, or a program.
-
-    Raises:
-        TreeError: The tree has an error.
-        TypeError: *source* is neither.
-    """
+    """Return the plans of a tree, or a program."""
     if isinstance(source, (str, PathLike)):
         with PausedGarbageCollection():
             source = plan_file(source, arguments)
@@ -127,9 +116,6 @@ class Run:
         trees: The trees that are ticked; none before the entry.
         settings: The settings by their classes.
         run_settings: The `RunSettings`.
-        providers: The available providers.
-        resources: The objects for leaves; the object of a used provider comes before others of its type.
-        choice: The used providers.
         report: The results that providers have added; complete after the end.
         status: The status after the last tick. For several trees, RUNNING or FAILURE if one of them has it,
             otherwise the status of the first.
@@ -175,14 +161,12 @@ class Run:
             raise ValueError("there is no run of an empty list: pass a tree or a program")
         self._sources = [_planned(one, arguments) for one in sources]
         self._load_arguments = arguments
-        self._provided = list(provided)
         self._leaf_types: list[Any] = []
         for plans in self._sources:
             types = plans.required_resources() if isinstance(plans, Plans) else []
             self._leaf_types += (kind for kind in types if kind not in self._leaf_types)
         self._wanted: list[Any] = []
         self._optional: list[Any] = []
-        self._used_settings: set[type[Settings]] = {RunSettings}
         # Those of a command are checked already.
         if not isinstance(settings, GivenSettings):
             for kind, count in Counter(map(type, settings)).items():
@@ -191,22 +175,19 @@ class Run:
             settings = GivenSettings(map(check_settings, settings))
         self.settings = settings
         self.run_settings = self.settings.find(RunSettings) or RunSettings()
-        self.providers = (
-            providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
+        available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
+        self.report = Report()
+        clock = arguments.get("clock")
+        self._opened = OpenedProviders(
+            available, settings, list(provided), clock, lambda: self.tree, self.report
         )
         self._prepare = prepare
         self._stack = ExitStack()
-        self._clock: Clock | None = None
         self._loop: TickLoop | None = None
         self._signals = EndingSignals()
         self._is_paused = False
         self._has_exited = False
         self.trees: list[Tree] = []
-        self.choice = Choice([], {}, {}, {})
-        self._opened = OpenedProviders(self.choice, settings, partial(getattr, self))
-        self.resources = Resources()
-        self.resources.remedy = "the run does not provide it"
-        self.report = Report()
         self.status = Status.IDLE
         self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0
@@ -230,10 +211,7 @@ class Run:
 
     def find(self, kind: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
         """Return the object of a type among the resources, or None."""
-        found = self._opened.find(full_name(kind))
-        if found is None:
-            found = next((thing for thing in self.resources if fits(thing, kind)), None)
-        return found  # type: ignore[return-value]
+        return self._opened.find(kind)  # type: ignore[return-value]
 
     def __enter__(self) -> Self:
         try:
@@ -249,23 +227,15 @@ class Run:
         with ExitStack() as stack:
             self._stack = stack
             stack.enter_context(self._signals)
-            needed = [*self._leaf_types, *self._wanted]
-            self.choice = choose(needed, self.providers, self.settings, self._provided, self._optional)
-            self._opened = OpenedProviders(self.choice, self.settings, partial(getattr, self))
-            self._check_wanted()
-            self.resources += self._provided
-            self._open_all(follows_tree=False)
-            for kind in [*needed, *self._optional]:
-                found = self._opened.find(full_name(kind))
-                if found is not None:
-                    self.resources.choose(kind, found)
+            opened = self._opened
+            opened.choose(self._leaf_types, self._wanted, self._optional)
+            opened.open_for_leaves([*self._leaf_types, *self._wanted, *self._optional], stack)
             self.trees = [self._create_tree(source) for source in self._sources]
             if self._prepare is not None:
                 self._prepare(self)
-            self._open_all(follows_tree=True)
+            opened.open_for_tree(stack)
             stack.callback(self._halt)
-            unused = unused_settings(self.choice, self.providers, self.settings, self._used_settings)
-            for kind, reason in unused.items():
+            for kind, reason in opened.unused_settings().items():
                 self.warn_unused(kind, reason)
             self._stack = stack.pop_all()
 
@@ -277,21 +247,6 @@ class Run:
             reason: Why no provider uses them.
         """
         warnings.warn(f"{kind.__name__} have no effect: {reason}", stacklevel=3)
-
-    def _check_wanted(self) -> None:
-        for kind in self._wanted:
-            problem = self.choice.problems.get(full_name(kind))
-            if problem is not None:
-                raise ProviderError("; ".join([problem, *self._unavailable_notes()]))
-            chosen = self.choice.by_type[full_name(kind)]
-            if isinstance(chosen, Provider) and self.choice.follows_tree(chosen):
-                raise ProviderError(_unavailable_to_leaves(chosen))
-
-    def _unavailable_notes(self) -> list[str]:
-        remedies = names_by_remedy(self.providers.unavailable).items()
-        return [
-            f"providers that may do so cannot be loaded ({names}): {remedy}" for remedy, names in remedies
-        ]
 
     @property
     def tree(self) -> Tree:
@@ -305,25 +260,19 @@ class Run:
         return self.trees[0]
 
     @property
+    def choice(self) -> Choice:
+        """The used providers."""
+        return self._opened.choice
+
+    @property
+    def resources(self) -> Resources:
+        """The objects for leaves; the object of a used provider comes before others of its type."""
+        return self._opened.resources
+
+    @property
     def clock(self) -> Clock:
         """The clock of the run."""
-        if self._clock is None:
-            self._clock = self._load_arguments.get("clock") or self._find_clock()
-        return self._clock
-
-    def _find_clock(self) -> Clock:
-        provider = self.choice.clock
-        objects = None if provider is None else self._opened.objects_of(provider)
-        if objects is not None:
-            for thing in objects:
-                for clock in (thing, getattr(thing, "clock", None)):
-                    if is_clock(clock):
-                        return clock
-            raise ProviderError(
-                f"the provider {provider} declares a Clock, but provides no object with a clock"
-            )
-        given = next((thing for thing in self._provided if is_clock(thing)), None)
-        return given or (SimClock() if self.run_settings.fast else SystemClock())
+        return self._opened.clock
 
     def _create_tree(self, source: Plans | TreelessProgram) -> Tree:
         arguments = self._load_arguments
@@ -339,41 +288,9 @@ class Run:
                     arguments.get("tick_limit"),
                 )
         except TreeError as error:
-            for note in self._missing_notes():
+            for note in self._opened.missing_notes(self._leaf_types):
                 error.add_note(note)
             raise
-
-    def _missing_notes(self) -> Iterator[str]:
-        """Yield why objects that the leaves need are missing."""
-        for kind in self._leaf_types:
-            provider = self.choice.by_type.get(full_name(kind))
-            if isinstance(provider, Provider) and self.choice.follows_tree(provider):
-                yield _unavailable_to_leaves(provider)
-            elif isinstance(provider, Provider) and self._opened.find(full_name(kind)) is None:
-                yield f"the provider {provider} has provided None"
-        unknown = []
-        for kind in self._leaf_types:
-            problem = self.choice.problems.get(full_name(kind))
-            if problem is not None and self.providers.of_type(full_name(kind)):
-                yield problem
-            elif problem is not None:
-                unknown.append(kind)
-        yield from self._unavailable_notes()
-        if any(getattr(kind, "__module__", "builtins") != "builtins" for kind in unknown):
-            yield (
-                "a run does not create objects of your own classes: derive the class from btcore.TreeState, "
-                "or write a provider of the object: see 'Your own resources'; a program may pass the object "
-                "in Run(provided=[…])"
-            )
-
-    def _open_all(self, follows_tree: bool) -> None:
-        for provider in self.choice.order:
-            if self.choice.follows_tree(provider) is follows_tree:
-                objects = self._opened.open(provider, self._stack)
-                if not follows_tree:  # the leaves of the tree exist already
-                    # A provider may return an object of another one, under another type.
-                    known = set(map(id, self.resources))
-                    self.resources += [thing for thing in objects if id(thing) not in known]
 
     # --- ticking
 
@@ -450,7 +367,6 @@ class Run:
 
     @contextmanager
     def _leaf_error_kept(self) -> Iterator[None]:
-        """Return a context that keeps the exception of a leaf, which ends the run."""
         try:
             yield
         except NodeExecutionError as error:
@@ -460,7 +376,6 @@ class Run:
 
     @contextmanager
     def _ended_by_signals(self, stop: Callable[[], object]) -> Iterator[None]:
-        """Return a context in which a signal calls *stop*."""
         self._signals.number = 0
         self._signals.stop = stop
         try:
@@ -474,7 +389,6 @@ class Run:
             raise RuntimeError("the run has ended, and its providers are closed: tick in the 'with' block")
 
     def _halt(self) -> None:
-        """Halt the trees that are not halted already."""
         errors: list[NodeExecutionError] = []
         for tree in self.trees:
             # An interrupted first tick leaves the status of the tree IDLE.

@@ -37,7 +37,6 @@ class RunSettings(Settings):
         Annotated[float, option("End the run after S seconds of the tree's clock.", metavar="S", gt=0)] | None
     ) = None
     seed: Annotated[
-        int,
-        option("Seed of the random numbers; the same seed reproduces the same run.", metavar="N", ge=0),
+        int, option("Seed of the random numbers; the same seed reproduces the same run.", metavar="N", ge=0)
     ] = 0
     fast: Annotated[bool, option("Use simulated time and run as fast as possible.")] = False

@@ -188,11 +188,7 @@ class TickLoop:
             context.wait_real_time(_CHECK_INTERVAL_S)
 
     def _wait_until(self, deadline: int) -> tuple[list[Tree], bool]:
-        """Wait until *deadline*, a wake-up, a stop or a save.
-
-        Returns:
-            The trees that were woken, and whether the file was saved.
-        """
+        """Wait until *deadline*, a wake-up, a stop or a save. Return the woken trees, and if it was saved."""
         woken: list[Tree] = []
         is_saved = self.was_saved is not None and self.was_saved()
         self._is_waiting = True

@@ -21,7 +21,7 @@ from btcore.script.operators import (
     operate,
     readable_number,
 )
-from btcore.suggestions import did_you_mean, nearest_name
+from btcore.suggestions import did_you_mean
 from btcore.values import ANY_VALUE, DOUBLE, INT64, ValueType, as_double, number_of, type_of
 from btcore.values.numbers import leading_float
 from btcore.values.types import quick_double
@@ -311,15 +311,13 @@ class Assignment(Expression):
                     "with '@': remap it to a key without '@', or write to '@…' in the script"
                 )
             return created
-        nearest = nearest_name(target.name, board.visible_keys())
-        hint = f"did you mean '{nearest}'? " if nearest else ""
+        hint = did_you_mean(target.name, board.visible_keys()) or ";"
         raise target.fault(
-            f"there is no entry '{target.name}' on the blackboard, and '{self.operator}' does not create it; "
-            f"{hint}':=' creates an entry"
+            f"there is no entry '{target.name}' on the blackboard, and '{self.operator}' does not create it"
+            f"{hint} ':=' creates an entry"
         )
 
     def _assigned(self, entry: Entry, value: object) -> object:
-        """Return *value* converted to the type of the entry."""
         old = entry.value
         kind: ValueType = entry.declared
         if isinstance(value, str) and not isinstance(old, str):

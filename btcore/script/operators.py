@@ -151,7 +151,9 @@ def assigned_value(value: object, old: object, kind: ValueType) -> object:
         whole = as_int(number, MIN_INT64, MAX_INT64, "int64_t")
         if isinstance(old, bool) and 0 <= whole <= 1:
             return bool(whole)
-        return _member(old, whole) if isinstance(old, Enum) else whole
+        if isinstance(old, Enum):
+            return next((member for member in old.__class__ if member.value == whole), whole)
+        return whole
     if number is None and stored is None and type(value) is type(old):
         return value
     raise ConversionError(f"{description(value)} cannot replace {description(old)}")
@@ -200,11 +202,6 @@ def _truth(sign: str, number: int | float) -> bool:
         return as_bool(number)
     except ConversionError as error:
         raise ConversionError(f"'{sign}' needs bools: {error}") from None
-
-
-def _member(old: Enum, number: int) -> object:
-    """Return the member of the enum of *old* with *number*, or *number* if there is no such member."""
-    return next((member for member in old.__class__ if member.value == number), number)
 
 
 def _unsupported(operator: str, left: object, right: object) -> ConversionError:

@@ -69,14 +69,23 @@ class Parser:
         self.depth += 1
         if self.depth > _MAX_DEPTH:
             raise self._error(self._peek(), f"the expression is nested more than {_MAX_DEPTH} deep")
-        left = self._parse_unary()
+        first = self._peek()
+        signs: list[str] = []
+        while self._peek().kind in ("-", "~", "!"):
+            signs.append(self._advance().kind)
+        left = self._parse_value()
+        if signs:
+            left = UnaryOperation(self.text, first, signs, left)
         while True:
             token = self._peek()
             precedence = _PRECEDENCE.get(token.kind, -1)
             if precedence < min_precedence:
                 break
             if precedence == _COMPARISON:
-                left = self._parse_comparison(left)
+                left = comparison = Comparison(self.text, self._peek(), left, self.enums)
+                while _PRECEDENCE.get(self._peek().kind, -1) == _COMPARISON:
+                    token = self._advance()
+                    comparison.extend(token, self._parse_expression(_COMPARISON + 1))
                 continue
             self.position += 1
             if precedence == _ASSIGNMENT:
@@ -92,13 +101,6 @@ class Parser:
         self.depth -= 1
         return left
 
-    def _parse_comparison(self, first: Expression) -> Expression:
-        comparison = Comparison(self.text, self._peek(), first, self.enums)
-        while _PRECEDENCE.get(self._peek().kind, -1) == _COMPARISON:
-            token = self._advance()
-            comparison.extend(token, self._parse_expression(_COMPARISON + 1))
-        return comparison
-
     def _parse_conditional(self, question: Token, condition: Expression) -> Expression:
         then = self._parse_expression(_LOWEST)
         colon = self._advance()
@@ -107,14 +109,6 @@ class Parser:
         return ConditionalExpression(
             self.text, question, condition, then, self._parse_expression(_CONDITIONAL)
         )
-
-    def _parse_unary(self) -> Expression:
-        first = self._peek()
-        signs: list[str] = []
-        while self._peek().kind in ("-", "~", "!"):
-            signs.append(self._advance().kind)
-        value = self._parse_value()
-        return UnaryOperation(self.text, first, signs, value) if signs else value
 
     def _parse_value(self) -> Expression:
         token = self._advance()
@@ -215,9 +209,6 @@ def condition_result(value: object) -> bool:
     """Return the result of a condition's script as a bool.
 
     Zero is false. The integer 1 and every positive float are true.
-
-    Raises:
-        ScriptError: The value is a negative float, an integer except 0 and 1, or not a number.
     """
     if isinstance(value, float) and value >= 0.0:
         return value != 0.0

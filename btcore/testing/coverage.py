@@ -134,14 +134,11 @@ class Coverage:
 
 
 class _Watch(Observer):
-    """Records the results of the ticks of *tree* in *known*."""
-
     def __init__(self, tree: Tree, known: dict[str, NodeCoverage]) -> None:
         self.ticks = ResultTracker(tree)
         self.known = known
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
-        """Record the results of the tick."""
         self.record(None)
 
     def raised(self, error: NodeExecutionError, stamp: int) -> None:

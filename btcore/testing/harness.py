@@ -211,7 +211,6 @@ class Harness:
         self.trace.catch_up()
 
     def _tick_until(self, done: Callable[[Status], bool], period: float, limit: float) -> Status | None:
-        """Tick until *done* returns True, and return the last result; None if *done* stays False."""
         clock, context = self.tree.clock, self.tree.context
         end = clock.now() + round(limit * NS_PER_S)
         schedule = TickSchedule(period, clock.now())

@@ -58,7 +58,6 @@ def _draw_value(kind: ValueType, source: Random, depth: int = _MAX_DEPTH) -> obj
 
 
 def _draw_record(cls: type[Any], source: Random, depth: int) -> object:
-    """Return a dataclass or a named tuple with random values, or None."""
     if is_dataclass(cls):
         required = {
             field.name: field.default is MISSING and field.default_factory is MISSING

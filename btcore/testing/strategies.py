@@ -26,7 +26,7 @@ from btcore.clock import SimClock
 from btcore.loading.load import loads
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
-from btcore.suggestions import nearest_name
+from btcore.suggestions import did_you_mean
 from btcore.testing.mock_leaves import with_mock_leaves
 from btcore.testing.tree_generator import (
     BUILTIN_MANIFESTS,
@@ -257,8 +257,7 @@ def _find_own_nodes(tags: Collection[str] | None, nodes: Registry | None, format
         manifest = nodes.get(tag, format) if nodes is not None else None
         if manifest is None or manifest.distribution == "btcore":
             known = [*built_in, *(item.id for item in nodes or () if item.distribution != "btcore")]
-            guess = nearest_name(tag, known)
-            hint = f"did you mean '{guess}'?" if guess else "pass the registry that has it: nodes=registry"
-            raise InvalidArgument(f"random trees cannot contain <{tag}>; {hint}")
+            hint = did_you_mean(tag, known) or "; pass the registry that has it: nodes=registry"
+            raise InvalidArgument(f"random trees cannot contain <{tag}>{hint}")
         own[tag] = manifest
     return own

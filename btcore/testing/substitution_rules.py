@@ -7,9 +7,11 @@ Rules are set in code or read from a file:
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final, Literal
+
+from msgspec import Struct, field, to_builtins
 
 from btcore.clock import NS_PER_MS
 from btcore.engine.leaf import StatefulAction
@@ -21,7 +23,8 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import Program, compile_script
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
-from btcore.suggestions import join_names, nearest_name
+from btcore.suggestions import join_names
+from btcore.typed_data import DataError, Record, convert
 from btcore.values import number_of
 
 _STATUSES: Final = {status.name: int(status) for status in Status}
@@ -148,7 +151,26 @@ class TestNode(StatefulAction):
         return Status(int(number))
 
 
-_KEYS: Final = tuple(field.name for field in fields(TestNodeConfig) if field.name != "complete_func")
+class _Config(Record, omit_defaults=True):
+    return_status: Literal["RUNNING", "SUCCESS", "FAILURE", "SKIPPED"] | None = None
+    return_status_script: str = ""
+    success_script: str = ""
+    failure_script: str = ""
+    post_script: str = ""
+    async_delay: int = 0
+
+    def __post_init__(self) -> None:
+        if self.return_status is None and not self.return_status_script:
+            raise ValueError("needs 'return_status', 'return_status_script', or both")
+
+    def test_node_config(self) -> TestNodeConfig:
+        settings = to_builtins(self)
+        return TestNodeConfig(**{**settings, "return_status": Status[self.return_status or "SUCCESS"]})
+
+
+class _Rules(Struct):
+    rules: dict[str, str] = field(name="SubstitutionRules")
+    configs: dict[str, _Config] = field(name="TestNodeConfigs", default_factory=dict)
 
 
 class SubstitutionError(BtcoreError):
@@ -182,52 +204,13 @@ def load_substitution_rules(nodes: Registry, rules: str | Path) -> None:
     """
     try:
         text = read_file(rules).decode() if isinstance(rules, Path) else rules
+        given = convert(load_json(text), _Rules)
     except UnicodeDecodeError:
         raise SubstitutionError("the substitution rules are not text in UTF-8") from None
-    try:
-        data = load_json(text)
+    except DataError as error:
+        raise SubstitutionError(f"the substitution rules: {error}") from None
     except ValueError as error:
         raise SubstitutionError(f"the substitution rules are not valid JSON: {error}") from None
-    top = _require_object(data, "the substitution rules")
-    if "SubstitutionRules" not in top:
-        raise SubstitutionError("the substitution rules lack the object 'SubstitutionRules'")
-    given = _require_object(top.get("TestNodeConfigs", {}), "'TestNodeConfigs'")
-    configs = {name: _parse_config(name, settings) for name, settings in given.items()}
-    filters = _require_object(top["SubstitutionRules"], "'SubstitutionRules'")
-    # All rules are checked before the first is added, so that an error adds none.
-    for filter, name in filters.items():
-        if not isinstance(name, str):
-            raise SubstitutionError(
-                f"the rule '{filter}' must name a configuration or the ID of a node, not {name!r}"
-            )
-    for filter, name in filters.items():
+    configs = {name: config.test_node_config() for name, config in given.configs.items()}
+    for filter, name in given.rules.items():
         nodes.substitute(filter, configs.get(name, name))
-
-
-def _require_object(value: object, what: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise SubstitutionError(f"{what} must be an object {{…}}, not {value!r}")
-    return value
-
-
-def _parse_config(name: str, given: object) -> TestNodeConfig:
-    config = _require_object(given, f"the configuration '{name}'")
-    for key, value in config.items():
-        if key not in _KEYS:
-            guess = nearest_name(key, _KEYS)
-            hint = f"did you mean '{guess}'?" if guess else f"the settings are {join_names(_KEYS)}"
-            raise SubstitutionError(f"the configuration '{name}' has the unknown setting '{key}'; {hint}")
-        cls, kind = (int, "a number of milliseconds") if key == "async_delay" else (str, "a string")
-        if not isinstance(value, cls) or isinstance(value, bool):
-            raise SubstitutionError(f"'{key}' of the configuration '{name}' must be {kind}, not {value!r}")
-    status = config.get("return_status")
-    if status is None and "return_status_script" not in config:
-        raise SubstitutionError(
-            f"the configuration '{name}' needs 'return_status', 'return_status_script', or both"
-        )
-    if status is not None and (status == "IDLE" or status not in _STATUSES):
-        allowed = join_names([key for key in _STATUSES if key != "IDLE"], "or")
-        raise SubstitutionError(
-            f"'return_status' of the configuration '{name}' must be {allowed}, not {status!r}"
-        )
-    return TestNodeConfig(**(config if status is None else {**config, "return_status": Status[status]}))

@@ -67,10 +67,6 @@ They need no resources, and their ports need only numbers, scripts and booleans.
 """
 
 
-def _roles(manifest: Manifest) -> set[PortRole]:
-    return {port.role for port in manifest.ports.values()}
-
-
 def _may_skip(manifest: Manifest) -> bool:
     """Return whether a node may be SKIPPED even if its children are not."""
     child = PossibleResults(frozenset({SUCCESS, FAILURE}), frozenset({SUCCESS, FAILURE}), True)
@@ -123,7 +119,7 @@ class TreeOptions:
         """Return whether the built-in node of *manifest* may occur."""
         if self.tags is not None:
             return manifest.id in self.tags
-        roles = _roles(manifest)
+        roles = {port.role for port in manifest.ports.values()}
         if PortRole.DURATION in roles:
             return self.timed
         if not takes_children(manifest):
@@ -305,7 +301,6 @@ def element_to_xml(element: Element, numbers: Iterator[int], indent: str) -> str
     """Return an element as XML, with a line for each node.
 
     Args:
-        element: The element.
         numbers: The numbers for the names of the nodes.
         indent: The indentation of the first line.
     """

@@ -105,9 +105,6 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
     Args:
         tree: A tree loaded from the same XML.
         saved: The state, as returned by `save_state`.
-
-    Raises:
-        BtcoreError: The nodes or blackboards of *tree* are not those of the saved tree.
     """
     boards = blackboards_of(tree)
     if _names(tree) != saved.nodes or len(boards) != len(saved.boards):

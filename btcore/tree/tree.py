@@ -26,7 +26,7 @@ from btcore.engine.tick_extras import TickCounts
 from btcore.errors import BtcoreError, NodeError, NodeExecutionError
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
-from btcore.suggestions import nearest_name
+from btcore.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from btcore.tree.hooks import Hooks
@@ -243,12 +243,7 @@ class Tree:
                 self._hooks.close_tick_thread()
 
     def _tick_within(self, limit: float, repeat: bool) -> Status:
-        """Tick the root for at most *limit* s of real time.
-
-        Args:
-            limit: The tick limit (s).
-            repeat: Whether to tick the root again if a node requests another tick at once.
-        """
+        """Tick the root for at most *limit* s of real time."""
         context = self.context
         context.set_tick_limit(limit)
         try:
@@ -302,7 +297,6 @@ class Tree:
         error.later_errors += self._halt_everything()
 
     def _raise_timeout(self) -> NoReturn:
-        """Halt the tree, and raise the error for a tick that exceeded the limit."""
         self.context.has_timed_out = False
         node = self._repeating_node()
         cause = NodeError(
@@ -416,7 +410,6 @@ class Tree:
             copy.clone_into(scope)
 
     def _scopes(self) -> list[Blackboard]:
-        """Return the blackboards of the subtrees in order, each once."""
         return list(dict.fromkeys(subtree.blackboard for subtree in self.subtrees))
 
     # --- breakpoints, observers, nodes
@@ -486,10 +479,9 @@ class Tree:
         # The name of a subtree instance in a path ends in a number that is easily forgotten: Dock::7/undock.
         _, slash, name = path.rpartition("/")
         same_name = [key for key, node in keys.items() if slash and node.name == name]
-        guess = nearest_name(path, same_name or [*keys, *(node.name for node in self.nodes)])
-        if guess is None and same_name:
-            guess = same_name[0]
-        hint = f"; did you mean '{guess}'?" if guess else ""
+        hint = did_you_mean(path, same_name or [*keys, *(node.name for node in self.nodes)])
+        if not hint and same_name:
+            hint = did_you_mean(same_name[0], same_name)
         raise BtcoreError(f"the tree has no node '{path}'{hint}")
 
     def find(self, kind: type[N]) -> list[N]:

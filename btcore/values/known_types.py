@@ -8,7 +8,7 @@ entry gets the type of the port.
 """
 
 import types
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from enum import Enum
 from numbers import Integral, Real
 from typing import Annotated, Any, Final, Union, get_args, get_origin
@@ -106,7 +106,9 @@ class TypeRegistry:
             explicit = [item for item in get_args(annotation)[1:] if isinstance(item, ValueType)]
             return explicit[0] if explicit else self.of(get_args(annotation)[0])
         if origin in (Union, types.UnionType):
-            return self._union(get_args(annotation))
+            # T | None is T: None means that the entry has no value. Any other union accepts all values.
+            others = [member for member in get_args(annotation) if member is not type(None)]
+            return self.of(others[0]) if len(others) == 1 else ANY
         if origin is list and len(get_args(annotation)) == 1:
             item = self.of(get_args(annotation)[0])
             known = self.named(f"std::vector<{item.name}>")
@@ -198,11 +200,6 @@ class TypeRegistry:
         """Return whether an installed library registered *kind*, whose name a user may use, too."""
         return kind.name in self._of_libraries
 
-    def _union(self, members: Iterable[object]) -> ValueType:
-        # T | None is T: None means that the entry has no value. Any other union accepts all values.
-        others = [member for member in members if member is not type(None)]
-        return self.of(others[0]) if len(others) == 1 else ANY
-
     def _keep(self, annotation: object, kind: ValueType) -> ValueType:
         self._by_class[annotation] = kind
         known = self._by_name.setdefault(kind.name, kind)
@@ -235,7 +232,13 @@ def type_of(value: object) -> ValueType:
     if known is not None:
         return known
     if cls is list:
-        return _list_type(value)
+        assert isinstance(value, list)
+        if not value:
+            return ANY
+        for kind in (VECTOR_INT, VECTOR_DOUBLE, VECTOR_BOOL, VECTOR_STRING):
+            if kind.accepts(value):
+                return kind
+        return UserType(list, "list")
     if isinstance(value, str):
         return STRING
     if isinstance(value, Enum):
@@ -309,13 +312,3 @@ def _integer_type(value: object) -> ValueType:
     if value < MIN_INT64 or value > MAX_UINT64:
         raise BlackboardError(f"{value} can't be written: an entry holds integers of at most 64 bits")
     return INT64 if value <= INT64.high else UINT64
-
-
-def _list_type(value: object) -> ValueType:
-    assert isinstance(value, list)
-    if not value:
-        return ANY
-    for kind in (VECTOR_INT, VECTOR_DOUBLE, VECTOR_BOOL, VECTOR_STRING):
-        if kind.accepts(value):
-            return kind
-    return UserType(list, "list")

@@ -37,20 +37,13 @@ def leading_int(text: str, low: int, high: int, unsigned: bool = False) -> int:
 
     Args:
         unsigned: Whether a minus sign is an error, even before a zero.
-
-    Raises:
-        ConversionError: There is no integer, or it is out of range.
     """
     match = (_UNSIGNED if unsigned else _INTEGER).match(text)
     return _integer(text, None if match is None else match.group(), low, high)
 
 
 def leading_float(text: str, single: bool = False) -> float:
-    """Return the real number at the start of *text*, in double or in *single* precision.
-
-    Raises:
-        ConversionError: There is no number, or it is too large or too close to zero for the precision.
-    """
+    """Return the real number at the start of *text*, in double or in *single* precision."""
     match = _REAL.match(text)
     if match is None:
         raise ConversionError(f"'{text}' is not a number")
@@ -76,11 +69,7 @@ def whole_int(text: str) -> int | None:
 
 
 def c_int(text: str, low: int, high: int) -> int:
-    """Return the result of C's `strtol` for *text* (format 3).
-
-    Raises:
-        ConversionError: There is no integer, or it is not in the range from *low* to *high*.
-    """
+    """Return the result of C's `strtol` for *text* (format 3)."""
     match = re.match(_C_INTEGER, text)
     return _integer(text, None if match is None else match.group(1), low, high)
 
@@ -89,20 +78,13 @@ def c_unsigned(text: str, bits: int) -> int:
     """Return the result of C's `strtoul` for *text*, cut to *bits* bits (format 3).
 
     A negative number wraps around: `-1` becomes the maximum.
-
-    Raises:
-        ConversionError: There is no integer, or it has more than 64 bits.
     """
     value = c_int(text, -MAX_UINT64, MAX_UINT64)
     return value % (1 << 64) % (1 << bits)
 
 
 def c_float(text: str, single: bool = False) -> float:
-    """Return the result of C's `strtod`, or of `strtof` if *single*, for *text* (format 3).
-
-    Raises:
-        ConversionError: There is no number, or it is too large or too close to zero for the precision.
-    """
+    """Return the result of C's `strtod`, or of `strtof` if *single*, for *text* (format 3)."""
     match = re.match(_C_REAL, text)
     if match is None:
         raise ConversionError(f"'{text}' is not a number")
@@ -164,11 +146,7 @@ def json_items(text: str) -> list[object]:
 
 
 def read_json(text: str) -> object:
-    """Return the value of the JSON *text*.
-
-    Raises:
-        ConversionError: The text is not JSON (NaN and Infinity are not), or a real is too large for a double.
-    """
+    """Return the value of the JSON *text*."""
     if too_deep_at(text) is not None:
         raise ConversionError(f"the JSON is nested more than {MAX_DEPTH} levels deep")
     try:

@@ -18,11 +18,12 @@ from btcore.diagnostic_codes import (
 )
 from btcore.errors import Fix, Hint
 from btcore.names import model_port_name_error
-from btcore.suggestions import join_names, nearest_name
+from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import DIALECTS, PORT_TAGS, Dialect
+from btcore.xml.read.document import Document
 from btcore.xml.read.element import EXAMPLE, Element
-from btcore.xml.read.read import Document, Sources
+from btcore.xml.read.read import Sources
 
 MAX_MODEL_PORTS: Final = 1_000
 """Maximum number of ports in the model of a subtree."""
@@ -76,7 +77,6 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
     """Return the trees that documents define.
 
     Args:
-        sources: The documents.
         tree_id: The ID of the main tree; by default the main document determines it.
         format: 3 or 4, overriding the main document's `BTCPP_format`.
     """
@@ -87,7 +87,7 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         format = parse_format(written)
         if format is None:
             message = f"unknown BTCPP_format '{written}'"
-            fixes = (Fix("set_format", ("4",)), Fix("set_format", ("3",)))
+            fixes = (Fix("set_format", (4,)), Fix("set_format", (3,)))
             hint = Hint('write BTCPP_format="4", or "3" for a tree of Groot 1', fixes)
             collector.add(
                 main_document.diagnostic(
@@ -106,7 +106,7 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
             hint = Hint(EXAMPLE)
             if str(root.tag).lower() == "root":
                 fix = Fix("rename", ("root",), is_safe=True)
-                hint = Hint("did you mean <root>? XML is case-sensitive", (fix,))
+                hint = Hint(f"{suggestion('<root>')} XML is case-sensitive", (fix,))
             collector.add(document.diagnostic(NOT_A_ROOT, message, root, hint=hint))
             continue
         only_child = len(root.children) == 1

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from btcore import OutputError, Report, Resources, provider
+from btcore.errors import SettingsError
 from btcore.tree.tree import Tree
 from btcore_monitor.console import print_message
-from btcore_monitor.errors import MonitorError
 from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.keys import RobotKeys, create_keys
 from btcore_monitor.monitor_processes import start_monitors, wait_until_connected
@@ -22,18 +22,6 @@ from btcore_monitor.time_limits import INTERRUPTED_GRACE_S
 
 if TYPE_CHECKING:
     from btcore_monitor.serve import Publisher
-
-
-class PortOptionError(MonitorError):
-    """Another program uses the port.
-
-    Attributes:
-        option: The setting that chooses the port: "port" or "watch_port".
-    """
-
-    def __init__(self, message: str, option: str) -> None:
-        super().__init__(message)
-        self.option = option
 
 
 @provider
@@ -105,7 +93,7 @@ def _publish(
             insecure=settings.insecure,
         )
     except PortInUseError as error:
-        raise PortOptionError(str(error), error.option.removeprefix("--").replace("-", "_")) from None
+        raise SettingsError(str(error), error.setting) from None
 
 
 def _print_addresses(publisher: "Publisher", settings: MonitorSettings, keys: RobotKeys | None) -> None:

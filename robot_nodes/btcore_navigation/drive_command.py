@@ -9,7 +9,8 @@ import click
 
 from btcore import Run, RunSettings
 from btcore.escaping import escape_controls
-from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, add_options, print_json
+from btcore.field_options import add_options
+from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, print_json
 from btcore_robot.control.keyboard import (
     HELP,
     KeyboardTeleop,

@@ -8,6 +8,7 @@ from typing import Any, Final, get_args, get_type_hints
 
 import yaml
 
+from btcore.suggestions import suggestion
 from btcore.typed_data import DataError, convert
 from btcore_robot.data_files import YamlLoader, read_text, yaml_errors
 from btcore_robot.errors import RobotError
@@ -183,7 +184,7 @@ class ParameterOverlay:
         near = get_close_matches(key, self._fields, n=1, cutoff=_TYPO_RATIO)
         if near and last not in _NAV2:
             self.typo_warnings.append(
-                f"{self._path}:{setting.line}: {setting.name} has no effect; did you mean {near[0]}?"
+                f"{self._path}:{setting.line}: {setting.name} has no effect; {suggestion(near[0])}"
             )
 
     def _value(self, field: Field[Any], setting: Setting) -> object:

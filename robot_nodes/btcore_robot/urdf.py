@@ -1,9 +1,11 @@
 """The joints of a URDF, the poses of their links (forward kinematics), and the shapes of the links."""
 
 import math
+import os
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from btcore_robot.errors import RobotError
@@ -90,6 +92,45 @@ def read_urdf(text: str) -> Urdf:
     except (ElementTree.ParseError, ValueError) as error:
         raise RobotError(f"the robot's description is not a valid URDF: {error}") from None
     return Urdf(tuple(links), joints, [shape for shape in shapes if shape is not None])
+
+
+def read_with_paths(urdf: Path) -> "ElementTree.ElementTree[ElementTree.Element]":
+    """Return the XML of a URDF file with the paths of its meshes and textures in place of their names.
+
+    A name is relative to the folder of the URDF, or `package://NAME/PATH`. A package is searched in
+    `ROS_PACKAGE_PATH`, in the folders `share` of `AMENT_PREFIX_PATH`, and among the folders that contain the
+    URDF.
+
+    Raises:
+        RobotError: The text is not XML, or a package or its file is not found.
+    """
+    try:
+        robot = ElementTree.parse(urdf)
+    except ElementTree.ParseError as error:
+        raise RobotError(f"{urdf}: not a valid URDF: {error}") from None
+    for element in robot.iter():
+        if element.tag in ("mesh", "texture") and (name := element.get("filename")):
+            element.set("filename", str(_file_of(name, urdf.resolve())))
+    return robot
+
+
+def _file_of(name: str, urdf: Path) -> Path:
+    package, _, inner = name.removeprefix("package://").partition("/")
+    files = [urdf.parent / name.removeprefix("file://")]
+    hint = ""
+    if name.startswith("package://"):
+        sources = [*_folders("ROS_PACKAGE_PATH"), *(path / "share" for path in _folders("AMENT_PREFIX_PATH"))]
+        folders = [folder for folder in (*sources, *urdf.parents) if folder.name == package]
+        files = [folder / inner for folder in (*folders, *(source / package for source in sources))]
+        hint = f"; source the setup file of the workspace that contains '{package}', or set ROS_PACKAGE_PATH"
+    found = next((file for file in files if file.is_file()), None)
+    if found is None:
+        raise RobotError(f"{urdf}: there is no file '{name}'{hint}")
+    return found
+
+
+def _folders(variable: str) -> list[Path]:
+    return [Path(text) for text in os.environ.get(variable, "").split(os.pathsep) if text]
 
 
 def _shape(visual: ElementTree.Element, link: str, colors: Mapping[str, Color | None]) -> Part | None:

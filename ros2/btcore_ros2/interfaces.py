@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from btcore.extras import install_command
-from btcore.suggestions import did_you_mean, join_names
+from btcore.suggestions import did_you_mean, join_names, suggestion
 from btcore_ros2.errors import RosError
 from btcore_ros2.installation import Installation, find_installation
 from btcore_ros2.message_packages.definitions import bundled_packages
@@ -146,7 +146,7 @@ def _form_hint(name: str, kind: InterfaceKind) -> str:
     bare = re.split(r"[/.:]+", name)[-1]
     owners = [f"{package}/{kind}/{bare}" for package in _packages_with(bare, kind)]
     if owners:
-        return f"; did you mean {join_names(owners, 'or')}?"
+        return f"; {suggestion(join_names(owners, 'or'))}"
     example = {
         "msg": "geometry_msgs/msg/Twist",
         "srv": "std_srvs/srv/Trigger",

@@ -23,7 +23,7 @@ from typing import Any, Final, NamedTuple
 
 from btcore import ConversionError
 from btcore.json_text import MAX_DEPTH, too_deep_at
-from btcore.suggestions import did_you_mean, join_names, nearest_name
+from btcore.suggestions import did_you_mean, join_names
 from btcore.values import number_of
 from btcore.values.known_types import to_builtin_number
 from btcore_ros2.errors import RosError
@@ -321,8 +321,8 @@ class _Reader:
             place = (*path, str(key))
             field = fields.get(key)
             if field is None:
-                near = nearest_name(str(key), fields)
-                hint = f"did you mean '{near}'?" if near else f"fields: {join_names(fields) or 'none'}"
+                hint = did_you_mean(str(key), fields).removeprefix("; ")
+                hint = hint or f"fields: {join_names(fields) or 'none'}"
                 self._report(place, f"{_short_name(kind)} has no field '{key}'", hint, is_name=True)
                 continue
             read = self._field(field, given, place, kind)

@@ -29,12 +29,18 @@ class Kinematics:
     """Computes the frames of a robot from the positions of its joints.
 
     Raises:
-        SimError: A frame has an unknown parent, is its own ancestor, or is defined twice.
+        SimError: A frame has an unknown parent, is its own ancestor, or is defined twice; or the height does
+            not fit the root of the URDF.
     """
 
     def __init__(self, description: RobotDescription) -> None:
         urdf = _read(description)
-        still = [(urdf.root, FOOTPRINT, Transform((0.0, 0.0, description.height)))]
+        if (urdf.root == FOOTPRINT) != (description.height == 0.0):
+            raise SimError(
+                f"robot '{description.name}': 'height' is {description.height:g}, and the root link is "
+                f"'{urdf.root}': write the height of the root above the floor, and none for '{FOOTPRINT}'"
+            )
+        still = [(frame.name, frame.parent, Transform(frame.position)) for frame in _base(description, urdf)]
         joints = [joint for joint in urdf.joints if joint.child not in description.wheels.ground]
         still += [(joint.child, joint.parent, joint.origin) for joint in joints if not joint.moves]
         self._moving = [joint for joint in joints if joint.moves]
@@ -95,13 +101,12 @@ def complete_urdf(description: RobotDescription) -> str:
     """Return the robot's URDF, completed by `base_footprint` and by the frames of the sensors.
 
     Args:
-        description: The description of the robot, whose URDF contains neither.
+        description: The description of the robot.
     """
     tree = ElementTree.parse(description.urdf).getroot()
     urdf = _read(description)
     links = set(urdf.links)
-    base = FixedFrame(urdf.root, FOOTPRINT, (0.0, 0.0, description.height), (0.0, 0.0, 0.0))
-    for frame in (base, *description.frames, *_mounted(description)):
+    for frame in (*_base(description, urdf), *description.frames, *_mounted(description)):
         for name in (frame.parent, frame.name):
             if name not in links:
                 ElementTree.SubElement(tree, "link", name=name)
@@ -116,6 +121,13 @@ def complete_urdf(description: RobotDescription) -> str:
 
 def _read(description: RobotDescription) -> Urdf:
     return read_urdf(description.urdf.read_text(encoding="utf-8"))
+
+
+def _base(description: RobotDescription, urdf: Urdf) -> list[FixedFrame]:
+    """Return the frame of the root link above `base_footprint`, or nothing if that is the root."""
+    if urdf.root == FOOTPRINT:
+        return []
+    return [FixedFrame(urdf.root, FOOTPRINT, (0.0, 0.0, description.height), (0.0, 0.0, 0.0))]
 
 
 def _mounted(description: RobotDescription) -> list[FixedFrame]:

@@ -1,11 +1,15 @@
 """A robot as a body of the physics engine: joints and links by name, motors and poses."""
 
 import math
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from btcore.suggestions import did_you_mean
 from btcore_robot.rigid_transform import Quaternion, Vector
 from btcore_robot.robot import Pose2D
+from btcore_robot.urdf import read_with_paths
 from btcore_sim.errors import SimError
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import RobotDescription
@@ -13,6 +17,11 @@ from btcore_sim.world import FLOOR, GROUND_LINK, HULL, OBJECTS, World
 
 TOUCH = 0.001
 """Greatest distance (m) between bodies that touch: the engine stops bodies slightly before they overlap."""
+
+_NO_INERTIA = (
+    '<inertial><mass value="1e-3"/>'
+    '<inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
 
 Pose3D = tuple[Vector, Quaternion]
 """A position (m) and a quaternion (x, y, z, w)."""
@@ -135,10 +144,17 @@ class PhysicsBody:
     def _load(self, start: Pose2D) -> int:
         place = [start.x, start.y, self.description.height]
         turned = [0.0, 0.0, math.sin(start.yaw / 2), math.cos(start.yaw / 2)]
+        # PyBullet does not know the folders in which ROS searches for packages, and takes 1 kg for the
+        # mass of a link without inertia.
+        robot = read_with_paths(self.description.urdf)
+        for link in robot.iterfind("link"):
+            if link.find("inertial") is None:
+                link.append(ElementTree.fromstring(_NO_INERTIA))
         try:
-            number: int = pybullet.loadURDF(
-                str(self.description.urdf), place, turned, physicsClientId=self._client
-            )
+            with TemporaryDirectory() as folder:
+                urdf = Path(folder) / self.description.urdf.name
+                robot.write(urdf, encoding="utf-8")
+                number: int = pybullet.loadURDF(str(urdf), place, turned, physicsClientId=self._client)
         except pybullet.error:
             raise SimError(f"{self.description.urdf}: the physics engine cannot read this URDF") from None
         return number

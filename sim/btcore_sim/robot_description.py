@@ -296,7 +296,7 @@ class RobotDescription:
     Attributes:
         name: The name of the robot.
         urdf: The URDF file.
-        height: The height of the base link above the floor (m).
+        height: The height of the URDF's root link above the floor (m); 0 if the root is `base_footprint`.
         wheels: The driven wheels.
         base: The limits of the base.
         odometry: The errors of the odometry.
@@ -314,7 +314,7 @@ class RobotDescription:
 
     name: str
     urdf: Path
-    height: Positive
+    height: NotNegative = 0.0
     wheels: Wheels
     base: BaseInfo
     odometry: OdometryInfo = PERFECT

@@ -1,4 +1,4 @@
-"""Fixtures of the engine's tests: simulated time, a call log of planned leaves, trees, documents."""
+"""Fixtures of the engine's tests: simulated time, a call log of mock leaves, trees, documents."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -13,7 +13,7 @@ MakeTree = Callable[..., Tree]
 
 
 class TreeFactory:
-    """Builds trees of planned leaves and other nodes, on one clock and with one call log."""
+    """Builds trees of mock leaves and other nodes, on one clock and with one call log."""
 
     def __init__(self, clock: SimClock, journal: CallLog) -> None:
         self.clock = clock

@@ -15,7 +15,7 @@ from btcore.logs.sqlite import read_sqlite
 from btcore.registry.registry import Registry
 from btcore.testing.substitution_rules import load_substitution_rules
 from btcore.xml.models.model_file import add_models
-from btcore.xml.read.read import parse_file
+from btcore.xml.read.document import parse_file
 
 IRREGULAR = {
     "pipe": "it is a named pipe, not a regular file",

@@ -41,7 +41,7 @@ class Journals:
 
 
 class Planned(batch.StatefulAction):
-    """Common base of the planned leaves."""
+    """Common base of the mock leaves."""
 
     def __init__(self, journals: Journals) -> None:
         self.journals = journals

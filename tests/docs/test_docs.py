@@ -447,7 +447,7 @@ def test_a_command_must_print_what_is_shown_or_succeed_if_nothing_is_shown(
         ("$ btcore --version\nother", False),
         ("$ btcore validate a.xml", False),
         ("$ btcore validate a.xml || true", True),
-        ("$ btcore validate a.xml\nerror: there is no file 'a.xml'.…", True),
+        ("$ btcore validate a.xml\nerror: there is no file 'a.xml';…", True),
         ("$ btcore nodes 'Inverter'\n…\n…Inverter…", True),
         ("$ btcore nodes --no-such-option || echo failed\n…\nfailed", True),
     ],

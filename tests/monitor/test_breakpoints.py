@@ -300,7 +300,7 @@ def test_the_command_watches_breakpoints_until_the_last_is_released(robot):
     [
         (["127.0.0.1:1", "--wait", "0.1", "list"], "no robot answers at tcp://127.0.0.1:1"),
         (["not an address", "list"], "'not an address' is not an address"),
-        (["relaese"], "there is no command 'relaese'. Did you mean 'release'?"),
+        (["relaese"], "there is no command 'relaese'; did you mean 'release'?"),
         (["1", "inject", "left", "RUNNING"], "'RUNNING' is not one of"),
     ],
 )

@@ -17,9 +17,9 @@ from rerun.chunk import RrdReader
 
 from btcore import Run, RunSettings
 from btcore.cli.main import main
+from btcore.errors import SettingsError
 from btcore.field_options import create_options
 from btcore.options import arguments, changed_option_names, from_values
-from btcore_monitor.errors import MonitorError
 from btcore_monitor.events import (
     ConnectionEvent,
     LostTransitionsEvent,
@@ -420,9 +420,9 @@ def test_monitor_without_a_display_is_refused_before_the_run(tree_file, monkeypa
 def test_a_port_in_use_is_recognised_by_the_name_of_its_setting(sample, tree_file, free_port):
     with serve(sample, groot2_port=free_port):
         settings = MonitorSettings(publish=("groot2",), port=free_port)
-        with pytest.raises(MonitorError, match=f"port {free_port} is in use") as caught:
+        with pytest.raises(SettingsError, match=f"port {free_port} is in use") as caught:
             Run(tree_file, settings=[settings, RunSettings(fast=True)]).__enter__()
-    assert getattr(caught.value, "option", None) == "port"
+    assert caught.value.setting == "port"
 
 
 def test_palette_of_the_environment_is_a_default_and_no_option(tree_file, monkeypatch):

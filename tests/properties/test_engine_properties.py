@@ -1,4 +1,4 @@
-"""Properties of every tree, tested on random trees of planned leaves."""
+"""Properties of every tree, tested on random trees of mock leaves."""
 
 import threading
 from collections import Counter

@@ -1,4 +1,4 @@
-"""Which ROS 2 is found: wheels, a sourced ROS 2, both or none; folders stand in for installations."""
+"""Which ROS 2 is found: wheels, a sourced ROS 2, both or none; folders take the place of installations."""
 
 import os
 import sys

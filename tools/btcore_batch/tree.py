@@ -17,7 +17,7 @@ from btcore.loading.load import load, loads
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.registry import Registry
 from btcore.status import RUNNING
-from btcore.suggestions import did_you_mean, nearest_name
+from btcore.suggestions import did_you_mean, nearest_name, suggestion
 from btcore.tree.tree import Tree
 from btcore_batch.agent_sets import AgentSets, Indices, Mask
 from btcore_batch.blackboard import BatchBlackboard
@@ -89,7 +89,7 @@ class BatchCompiler:
             supported = [ID for ID, cls in BUILTIN_NODES[4].items() if cls in BATCH_CLASSES]
             return f"it runs {', '.join(sorted(supported))}"
         nearest = nearest_name(plan.config.id, self.leaves)
-        question = f"did you mean <{nearest}>? " if nearest else ""
+        question = suggestion(f"<{nearest}>") + " " if nearest else ""
         declared = f"@batch.action(ID='{plan.config.id}')"
         advice = f"write it for all agents at once, {declared}, and pass it in leaves=[…]"
         return question + advice
@@ -414,16 +414,16 @@ def _prepare(
 ) -> tuple[list[LeafDeclaration], Registry, Blackboard]:
     """Return the arguments for loading the plan: declarations of the leaves, a registry and a blackboard.
 
-    The registry contains an ordinary stub for each leaf. The blackboard contains the values of the first
+    The registry contains an ordinary class for each leaf. The blackboard contains the values of the first
     agent.
     """
     registry = nodes.copy() if nodes is not None else Registry.standard()
     declarations = read_declarations(leaves, registry.types)
     for leaf in declarations:
         if leaf.id in registry:
-            registry.replace(**{leaf.id: leaf.make_stub()})
+            registry.replace(**{leaf.id: leaf.make_node_class()})
         else:
-            registry.add(leaf.make_stub(), ID=leaf.id)
+            registry.add(leaf.make_node_class(), ID=leaf.id)
     board = Blackboard(clock=clock)
     for key, value in (values or {}).items():
         # BatchBlackboard.initialise() reports invalid values.

@@ -1,15 +1,14 @@
 """Exceptions with which the search ends a tick.
 
-They derive from KeyboardInterrupt, because the engine passes on only interrupts as they are, and
-`except Exception` in the code of a node does not catch them.
+The engine passes them on as they are, and `except Exception` in the code of a node does not catch them.
 """
 
 from collections.abc import Callable
 
-from btcore.errors import UndecidedOperandError
+from btcore.errors import TickInterrupt, UndecidedOperandError
 
 
-class SearchInterrupt(KeyboardInterrupt):
+class SearchInterrupt(TickInterrupt):
     """The search ends a tick."""
 
 

@@ -4,12 +4,10 @@ from collections.abc import Callable, Sequence
 from itertools import combinations
 from typing import Final
 
-from btcore.blackboard.ports import Input
+from btcore.blackboard.ports import Input, PortRole
 from btcore.engine.control import ControlNode
 from btcore.engine.node import TreeNode
 from btcore.errors import BlackboardError
-from btcore.nodes.repeat import RepeatedNode
-from btcore.nodes.result_decorators import KeepRunningUntilFailure
 from btcore.status import IDLE, RUNNING
 from btcore.tree.tree import Tree
 from btcore_proof.entry_names import name_in_main_tree
@@ -47,12 +45,8 @@ def _is_endless_leaf(node: TreeNode) -> bool:
 
 
 def _is_endless_loop(node: TreeNode) -> bool:
-    if isinstance(node, KeepRunningUntilFailure):
-        return True
-    if not isinstance(node, RepeatedNode):
-        return False
-    limit = node.config.inputs.get(node.limit)
-    return limit is not None and limit.key is None and limit.literal == -1
+    limits = [each for each in node.config.inputs.values() if each.port.role is PortRole.REPETITIONS]
+    return node.spec.is_endless or any(limit.key is None and limit.literal == -1 for limit in limits)
 
 
 def _resource_check(tree: Tree) -> Check:

@@ -18,7 +18,7 @@ from typing import Final
 
 import click
 
-from btcore.suggestions import join_names, nearest_name
+from btcore.suggestions import did_you_mean, join_names
 
 BLACKBOARD: Final = "bb."
 MAX_EPISODES: Final = 10_000_000
@@ -163,10 +163,9 @@ def _check_key(key: str, choices: ParameterOptions) -> None:
         raise click.UsageError(f"--param {key}=…: {choices.refused[key]}.")
     if key in choices.options:
         return
-    nearest = nearest_name(key, choices.options)
-    hint = f"Did you mean '{nearest}'?" if nearest else f"Options: {join_names(choices.options, most=12)}."
+    hint = did_you_mean(key, choices.options) or f"; options: {join_names(choices.options, most=12)}."
     raise click.UsageError(
-        f"--param {key}=…: 'btcore run' has no option --{key}. {hint} For a blackboard entry write bb.{key}."
+        f"--param {key}=…: 'btcore run' has no option --{key}{hint} For a blackboard entry write bb.{key}."
     )
 
 

@@ -14,17 +14,11 @@ from btcore.documentation_site import node_url
 from btcore.field_options import pass_options
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
-from btcore.suggestions import join_names, nearest_name
+from btcore.suggestions import did_you_mean, join_names
 from btcore.values import DOUBLE
 from btcore.xml.models.tree_nodes_model import write_models
 
-_ORDER: Final = (
-    NodeType.CONTROL,
-    NodeType.DECORATOR,
-    NodeType.CONDITION,
-    NodeType.ACTION,
-    NodeType.SUBTREE,
-)
+_ORDER: Final = (NodeType.CONTROL, NodeType.DECORATOR, NodeType.CONDITION, NodeType.ACTION, NodeType.SUBTREE)
 _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "↔"}
 
 
@@ -33,33 +27,26 @@ _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "�
 @pass_options(PaletteOptions, "options")
 @click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot can import.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
-def nodes(
-    ids: Sequence[str],
-    options: PaletteOptions,
-    as_xml: bool,
-    as_json: bool,
-) -> None:
+def nodes(ids: Sequence[str], options: PaletteOptions, as_xml: bool, as_json: bool) -> None:
     """List the nodes that trees can use: built-in, installed, and loaded by --plugin or --model.
 
     With IDs, list only these nodes.
     """
     palette = load_libraries(options.plugins, options.models).nodes.manifests_of(options.format)
     if unknown := [node_id for node_id in ids if node_id not in palette]:
-        nearest = nearest_name(unknown[0], palette)
-        hint = f"Did you mean '{nearest}'?" if nearest else "Without an ID, all nodes are listed."
-        raise click.UsageError(f"unknown node {join_names(unknown)}. {hint}")
+        hint = did_you_mean(unknown[0], palette) or "; without an ID, all nodes are listed"
+        raise click.UsageError(f"unknown node {join_names(unknown)}{hint}")
     manifests = [palette[node_id] for node_id in ids] if ids else list(palette.values())
     if as_xml:
         terminal.print_xml(write_models(manifests, options.format))
     elif as_json:
-        data = {manifest.id: _as_data(manifest) for manifest in manifests}
+        data = {manifest.id: _to_json_data(manifest) for manifest in manifests}
         terminal.print_json(data, indent=2)
     else:
         _print(manifests)
 
 
 def _print(manifests: Sequence[Manifest]) -> None:
-    """Print *manifests* as a table with a section for each node type."""
     several = len({manifest.distribution for manifest in manifests}) > 1
     table = terminal.new_table()
     table.add_column("node", no_wrap=True)
@@ -83,7 +70,6 @@ def _print(manifests: Sequence[Manifest]) -> None:
 
 
 def _format_port(port: Port) -> Text:
-    """Return the direction, name, type and default of *port*, with no-break spaces between them."""
     # With normal spaces the terminal would break a port between its name and its type.
     text = Text.assemble((_ARROW[port.direction] + "\u00a0", "dim"), (port.name, "yellow"))
     type_name = port.type.name.replace("BT::", "").replace("std::", "").replace(" ", "\u00a0")
@@ -96,7 +82,7 @@ def _format_port(port: Port) -> Text:
     return text
 
 
-def _as_data(manifest: Manifest) -> dict[str, object]:
+def _to_json_data(manifest: Manifest) -> dict[str, object]:
     """Return *manifest* as JSON data."""
     return {
         "type": manifest.type.name,

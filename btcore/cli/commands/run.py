@@ -55,13 +55,7 @@ def parse_run(arguments: Sequence[str], installed: NodeLibraries | None = None) 
     """Return a context with the session of `btcore run` with *arguments*, before its providers are opened.
 
     Args:
-        arguments: The arguments of the command.
         installed: As in `btcore.cli.run_session.create_session`.
-
-    Raises:
-        click.ClickException: An argument is invalid.
-        TreeError: The tree has an error.
-        RegistrationError: A node library cannot be loaded.
     """
     with run.make_context("run", list(arguments)) as ctx:
         options = from_values(RunOptions, ctx.params)

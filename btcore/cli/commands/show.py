@@ -29,7 +29,7 @@ from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
     help=f"Write the drawing to a PNG file, at most {MAX_SIDE} pixels wide and high.",
 )
 @click.option(
-    "--data", "as_data", is_flag=True, help="List the nodes that write and read each blackboard entry."
+    "--data", "list_keys", is_flag=True, help="List the nodes that write and read each blackboard entry."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object; with --data a JSON list.")
 def show(
@@ -38,7 +38,7 @@ def show(
     ports: bool,
     svg: Path | None,
     png: Path | None,
-    as_data: bool,
+    list_keys: bool,
     as_json: bool,
 ) -> None:
     """Draw TREE with its subtrees in the terminal.
@@ -46,14 +46,14 @@ def show(
     TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore.
     """
     picture = "--svg" if svg is not None else "--png" if png is not None else None
-    if picture is not None and (as_data or as_json):
-        other = "--data" if as_data else "--json"
+    if picture is not None and (list_keys or as_json):
+        other = "--data" if list_keys else "--json"
         raise click.UsageError(f"{picture} and {other} cannot be used together.")
     path = find_source(source)
     plans = TreeSource(path, options).read_plans()
     main, format = plans.main_tree, plans.dialect.format
     assert main is not None, "a document without a main tree has errors"
-    if as_data:
+    if list_keys:
         rows = trace_dataflow(plans)
         if as_json:
             terminal.print_json([asdict(row) for row in rows], indent=2)
@@ -68,7 +68,7 @@ def show(
         if png is not None:
             files.write(png, svg_to_png(drawing))
     elif as_json:
-        terminal.print_json(_as_data(root), indent=2)
+        terminal.print_json(_to_json_data(root), indent=2)
     else:
         console = terminal.stdout_console()
         ascii = is_ascii_only(console.file)
@@ -81,7 +81,6 @@ def show(
 
 
 def _format_label(node: DiagramNode, ports: bool, ascii: bool) -> list[Fragment]:
-    """Return the symbol, name, ID and UID of a node, and its ports and scripts if *ports*."""
     line = [*node_label(node.name, node.id, node.symbol, node.type, ascii), (f"  {node.uid}", "dim")]
     if ports:
         for key, text, _ in node.ports:
@@ -92,7 +91,7 @@ def _format_label(node: DiagramNode, ports: bool, ascii: bool) -> list[Fragment]
     return line
 
 
-def _as_data(node: DiagramNode) -> dict[str, object]:
+def _to_json_data(node: DiagramNode) -> dict[str, object]:
     """Return a node and its descendants as JSON data."""
     return {
         "uid": node.uid,
@@ -101,12 +100,11 @@ def _as_data(node: DiagramNode) -> dict[str, object]:
         "type": node.type.name,
         "ports": {name: text for name, text, _ in node.ports},
         "scripts": dict(node.conditions),
-        "children": [_as_data(child) for child in node.children],
+        "children": [_to_json_data(child) for child in node.children],
     }
 
 
 def _print_data(rows: Sequence[DataflowRow]) -> None:
-    """Print *rows* as a table with a section for each blackboard scope."""
     table = terminal.new_table()
     table.add_column("entry", no_wrap=True)
     table.add_column("type", style="dim")

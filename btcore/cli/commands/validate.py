@@ -25,7 +25,7 @@ from btcore.field_options import pass_options
 from btcore.input_files import read_file, real_path
 from btcore.lint.validate import validate_document
 from btcore.xml.edit.fixes import FixMaker, fix_text
-from btcore.xml.read.read import parse_file, read
+from btcore.xml.read.document import parse_file
 
 MAX_ROUNDS: Final = 10
 """Maximum number of times that a file is fixed and checked again: a fix can reveal another problem."""
@@ -73,7 +73,7 @@ def validate(
     paths = [path for source in sources for path in _find_files(source)]
     if fix and STDIN in paths:
         raise click.UsageError("--fix cannot change stdin; --diff prints what it would change in a file.")
-    libraries = load_libraries(options.plugins, options.models, options.confined, partial=True)
+    libraries = load_libraries(options.plugins, options.models, options.confined, own_packages=False)
     keys = [remapped_key(key, key) or key for key in given]
 
     def check(file: Path, text: str | None = None) -> list[Diagnostic]:
@@ -85,16 +85,14 @@ def validate(
                 document = parse_file(file, confined=options.confined, unsaved={real_path(file): text})
         except TreeError as error:
             return list(error.diagnostics)
-        if libraries.is_partial:
-            libraries.load_missing(read(document, libraries.nodes.documents).documents)
         nodes = libraries.nodes_for(document)
         return validate_document(document, nodes=nodes, tree=options.tree, format=options.format, given=keys)
 
     fixed = [_fix_file(path, check) for path in paths if path != STDIN] if fix or diff else []
     if diff:
         _print_difference(fixed)
-    for path, before, after, _ in () if diff else fixed:
-        if before != after:
+    for path, before, after, _ in fixed:
+        if not diff and before != after:
             files.write(path, after.encode())
     diagnostics = [item for path in paths for item in check(path)]
     errors = [item for item in diagnostics if item.is_error]
@@ -107,7 +105,7 @@ def validate(
             "ok": valid,
             "files": len(paths),
             "fixed": fix_count,
-            "diagnostics": _as_data(shown),
+            "diagnostics": _to_json_data(shown),
             "omitted": len(diagnostics) - len(shown),
         }
         terminal.print_json(data)
@@ -118,7 +116,6 @@ def validate(
 
 
 def _find_files(source: str) -> list[Path]:
-    """Return the XML files that the argument *source* selects."""
     if not Path(source).is_dir():
         return [find_source(source)]
     files = sorted(Path(source).rglob("*.xml"))
@@ -145,7 +142,6 @@ def _fix_file(path: Path, check: Callable[[Path, str], list[Diagnostic]]) -> _Fi
 
 
 def _print_difference(fixed: Iterable[_FixedFile]) -> None:
-    """Print what the fixes change, as a unified diff."""
     console = terminal.stdout_console()
     styles = {"+": "green", "-": "red", "@": "cyan"}
     for path, before, after, _ in fixed:
@@ -157,15 +153,11 @@ def _print_difference(fixed: Iterable[_FixedFile]) -> None:
 def _print(
     errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, fixed: int, valid: bool
 ) -> None:
-    """Print the errors, the warnings, and their numbers."""
     console = terminal.stdout_console()
     diagnostics = [*errors, *warnings]
-    shown, more = shown_diagnostics(diagnostics)
-    for diagnostic in shown:
-        console.print(terminal.format_diagnostic(diagnostic), soft_wrap=True)
+    if diagnostics:
+        terminal.print_diagnostics(diagnostics, console)
         console.print()
-    for sentence in more:
-        console.print(Text(f"{sentence}\n", style="bold"), soft_wrap=True)
     mark = Text("✔ ", style="bold green") if valid else Text("✘ ", style="bold red")
     counts = {"file": files, "error": len(errors), "warning": len(warnings)}
     parts = [terminal.counted(count, noun, zero="no") for noun, count in counts.items()]
@@ -177,7 +169,7 @@ def _print(
         console.print(f"  --fix corrects {fixable} of them, --diff shows how")
 
 
-def _as_data(diagnostics: Iterable[Diagnostic]) -> list[dict[str, object]]:
+def _to_json_data(diagnostics: Iterable[Diagnostic]) -> list[dict[str, object]]:
     """Return *diagnostics* as JSON data."""
     makers: dict[str, FixMaker] = {}
     data: list[dict[str, object]] = []

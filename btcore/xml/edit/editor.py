@@ -13,7 +13,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.edit.edits import Edit, EditError, apply_edits, escape_value
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS
-from btcore.xml.read.read import Document, parse_text
+from btcore.xml.read.document import Document, parse_text
 from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, scan
 
 INDENT: Final = "  "
@@ -340,10 +340,10 @@ def apply_checked(document: Document, edits: Sequence[Edit], nodes: Registry) ->
         EditError: The result has an error that the document has not; the message is that of the error.
     """
     text = apply_edits(document.text, edits)
-    known = {error.code for error in plan_document(document, nodes).diagnostics.errors}
+    known = {error.code for error in plan_document(document, nodes, every_tree=True).diagnostics.errors}
     try:
         changed = parse_text(text, document.file)
-        errors = plan_document(changed, nodes).diagnostics.errors
+        errors = plan_document(changed, nodes, every_tree=True).diagnostics.errors
     except XmlSyntaxError as error:
         errors = error.diagnostics
     new = next((error for error in errors if error.code not in known), None)

@@ -141,6 +141,7 @@ def _rename(problem: _Problem, name: str) -> _TitledEdits:
 
 
 def _rename_element(problem: _Problem, name: str) -> _TitledEdits:
+    """Change the tag of the marked element, and its end tag."""
     if problem.element is not None:
         yield f"Change to <{_shown(name)}>", problem.editor.rename_element(problem.element, name)
 
@@ -152,12 +153,12 @@ def _rename_attribute(problem: _Problem, name: str) -> _TitledEdits:
         yield f"Write {name} instead of {attribute.name}", [Edit(attribute.start, attribute.name_end, name)]
 
 
-def _replace(problem: _Problem, text: str) -> _TitledEdits:
+def _replace_text(problem: _Problem, text: str) -> _TitledEdits:
     """Replace the marked characters by *text*, which is escaped already."""
     yield f"Write {_shown(text)}", [Edit(problem.start, problem.end, text)]
 
 
-def _insert(problem: _Problem, text: str) -> _TitledEdits:
+def _insert_text(problem: _Problem, text: str) -> _TitledEdits:
     """Insert *text* before the marked characters."""
     yield f"Insert '{_shown(text)}'", [Edit(problem.start, problem.start, text)]
 
@@ -174,7 +175,7 @@ def _escape(problem: _Problem) -> _TitledEdits:
         yield f"Write {names}", edits
 
 
-def _write_value(problem: _Problem, *values: str) -> _TitledEdits:
+def _set_value(problem: _Problem, *values: str) -> _TitledEdits:
     """Replace the marked value. Of several values, the most similar comes first."""
     attribute = problem.place.attribute
     if attribute is not None and attribute.is_closed:
@@ -183,7 +184,7 @@ def _write_value(problem: _Problem, *values: str) -> _TitledEdits:
             yield f"Write {_shown(value)}", [problem.editor.set_value(attribute, value)]
 
 
-def _write(problem: _Problem, *pairs: str) -> _TitledEdits:
+def _set_attributes(problem: _Problem, *pairs: str) -> _TitledEdits:
     """Give attributes of the marked element values; *pairs* are names and values in turn."""
     element = problem.element
     if element is not None:
@@ -200,10 +201,11 @@ def _create_entry(problem: _Problem) -> _TitledEdits:
         yield "Create the entry with :=", [Edit(*assignment.span(1), ":=")]
 
 
-def _set_format(problem: _Problem, format: str) -> _TitledEdits:
+def _set_format(problem: _Problem, format: int) -> _TitledEdits:
+    """Write the XML format in the root element."""
     root = next(iter(problem.editor.scan.roots), None)
     if root is not None:
-        edit = problem.editor.set_attribute(root, "BTCPP_format", format)
+        edit = problem.editor.set_attribute(root, "BTCPP_format", str(format))
         yield f'Write BTCPP_format="{format}"', [edit]
 
 
@@ -212,7 +214,7 @@ def _name_tree(problem: _Problem) -> _TitledEdits:
     trees = (element for root in problem.editor.scan.roots for element in root.iter("BehaviorTree"))
     known = {tree.get("ID") for tree in trees}
     number = next(number for number in range(1, len(known) + 2) if f"Tree{number}" not in known)
-    yield from _write(problem, "ID", f"Tree{number}")
+    yield from _set_attributes(problem, "ID", f"Tree{number}")
 
 
 def _remove(problem: _Problem) -> _TitledEdits:
@@ -239,11 +241,11 @@ def _call_tree(problem: _Problem) -> _TitledEdits:
         yield f"Change to <{_shown(call)}>", [start._replace(text=call), *end]
 
 
-def _connect(problem: _Problem, index: str, tree: str, key: str, value: str) -> _TitledEdits:
+def _connect(problem: _Problem, index: int, tree: str, key: str, value: str) -> _TitledEdits:
     """Connect *key* in the element with the number *index*, which calls *tree*."""
     elements = problem.editor.scan.elements
-    if int(index) < len(elements) and elements[int(index)].get("ID") == tree:
-        edit = problem.editor.set_attribute(elements[int(index)], key, value)
+    if index < len(elements) and elements[index].get("ID") == tree:
+        edit = problem.editor.set_attribute(elements[index], key, value)
         yield f"Connect {_shown(key)} in the SubTree of '{_shown(tree)}'", [edit]
 
 
@@ -298,25 +300,27 @@ def _root_and_step(problem: _Problem) -> tuple[ScannedElement, str]:
 # --- children
 
 
-def _add_children(problem: _Problem, count: str) -> _TitledEdits:
+def _add_children(problem: _Problem, count: int) -> _TitledEdits:
+    """Add *count* leaves after the children of the marked element."""
     if problem.element is not None:
-        title = "Add a child" if count == "1" else f"Add {count} children"
+        title = "Add a child" if count == 1 else f"Add {count} children"
         separator = "" if problem.editor.indent(problem.element) is None else "\n"
-        children = separator.join(["<AlwaysSuccess/>"] * int(count))
+        children = separator.join(["<AlwaysSuccess/>"] * count)
         index = len(problem.element.children)
         yield title, [problem.editor.insert(problem.element, index, children)]
 
 
 def _remove_children(problem: _Problem) -> _TitledEdits:
+    """Remove the children of the marked element."""
     if problem.element is not None and problem.element.children:
         yield "Remove the children", [problem.editor.remove_children(problem.element)]
 
 
-def _wrap_children(problem: _Problem, tag: str, first: str) -> _TitledEdits:
+def _wrap_children(problem: _Problem, tag: str, first: int) -> _TitledEdits:
     """Put the children from the index *first* into a new element."""
     if problem.element is not None:
-        children = problem.element.children[int(first) :]
-        which = "the children" if first == "0" else f"the last {len(children)} children"
+        children = problem.element.children[first:]
+        which = "the children" if first == 0 else f"the last {len(children)} children"
         yield f"Put {which} into a <{tag}>", problem.editor.wrap(children, tag)
 
 
@@ -370,16 +374,16 @@ _OPERATIONS: Final[dict[FixOperation, Callable[..., _TitledEdits]]] = {
     "declare_node": _declare_node,
     "end_tag": _end_tag,
     "escape": _escape,
-    "insert": _insert,
+    "insert_text": _insert_text,
     "name_tree": _name_tree,
     "remove": _remove,
     "remove_children": _remove_children,
     "rename": _rename,
     "rename_attribute": _rename_attribute,
     "rename_element": _rename_element,
-    "replace": _replace,
+    "replace_text": _replace_text,
+    "set_attributes": _set_attributes,
     "set_format": _set_format,
+    "set_value": _set_value,
     "wrap_children": _wrap_children,
-    "write": _write,
-    "write_value": _write_value,
 }

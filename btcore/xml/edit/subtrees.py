@@ -102,8 +102,8 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
         raise EditError("a node of one of the trees may use any key, or is unknown")
     names: dict[str, str] = {}
     for key in sorted(inner):
-        is_shared = key.startswith("@") or (call.autoremap and not key.startswith("_"))
-        names[key] = call.remaps.get(key) or (key if is_shared else _free_name(called.id, key, outer))
+        same = key if key.startswith("@") else call.outer_key(key)
+        names[key] = same or _free_name(called.id, key, outer)
     editor = DocumentEditor(called.definition.document.source_map.scan)
     top = called.definition.document.source_map.scanned(called.root.element)
     enums = plans.registry.types.enums
@@ -178,8 +178,8 @@ def _rename_keys(
         }
         if call.autoremap:
             nested = tree_keys.keys_of(call.tree_id) or set()
-            for key in sorted(nested - call.remaps.keys() - call.constants.keys()):
-                if names.get(key, key) != key and not key.startswith(("_", "@")):
+            for key in sorted(nested - call.remaps.keys()):
+                if call.outer_key(key) is not None and names.get(key, key) != key:
                     texts[key] = f"{{{names[key]}}}"
     for name, text in texts.items():
         if node.element.get(name) != text:

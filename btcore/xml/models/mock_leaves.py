@@ -1,18 +1,22 @@
 """Mock leaves: leaves that return what a test or a user planned, in the order of their outcomes.
 
 Leaves without code, leaves that a test replaces, and leaves of random trees are mock leaves. The grammar of
-outcomes is described in `parse_outcomes`.
+outcomes is described in `parse_outcomes`. Mock nodes are nodes without code of any type: mock leaves, and
+controls and decorators that have the ports of a model.
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from random import Random
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
 
 from btcore.blackboard.ports import Output, Port
+from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import StatefulAction
+from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import NodeSpec
+from btcore.nodes.sequences_and_fallbacks import Sequence as SequenceNode
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
 from btcore.suggestions import did_you_mean, join_names
 
@@ -57,12 +61,6 @@ def parse_outcomes(text: str) -> tuple[Start, ...]:
     The letters are R (RUNNING), S (SUCCESS), F (FAILURE), K (SKIPPED) and X (raises `MockLeafError`). A start
     ends at the first letter other than R, or at a `|`, which may be omitted after such a letter. Output ports
     that the leaf writes follow in parentheses: `S(cups=3, text='a, b')`. A quote in quotes is doubled.
-
-    Args:
-        text: The text.
-
-    Raises:
-        ValueError: The text is invalid.
     """
     starts: list[Start] = []
     start: list[Outcome] = []
@@ -109,9 +107,6 @@ def check_outputs(outputs: Mapping[str, Iterable[str]], ports: Mapping[str, Mapp
     Args:
         outputs: The names of the output ports, by the name or the ID of the leaf.
         ports: The ports of the mock leaves, by name and by ID.
-
-    Raises:
-        ValueError: There is no such leaf, or it does not have such an output port.
     """
     for name, names in outputs.items():
         if name not in ports:
@@ -329,3 +324,64 @@ class MockCondition(MockAction):
     def tick(self) -> Status:
         """Return the result of the next outcome. Each tick is a start."""
         return self.on_start()
+
+
+# --- nodes without code
+
+
+class MockControl(SequenceNode):
+    """Ticks its children as a Sequence does."""
+
+    spec = NodeSpec(symbol="")
+
+
+class MockDecorator(DecoratorNode):
+    """Returns the result of its child."""
+
+    def tick(self) -> Status:
+        """Tick the child, and return its result."""
+        self.set_status(RUNNING)
+        status = self.child.execute_tick()
+        if status is SUCCESS or status is FAILURE:
+            self.reset_child()
+        return status
+
+
+_OF_TYPE: Final[dict[NodeType, type[TreeNode]]] = {
+    NodeType.ACTION: MockAction,
+    NodeType.CONDITION: MockCondition,
+    NodeType.CONTROL: MockControl,
+    NodeType.DECORATOR: MockDecorator,
+}
+
+
+def is_mock(cls: type[TreeNode]) -> bool:
+    """Return whether *cls* is a mock node: its results and optional ports are unknown."""
+    return issubclass(cls, tuple(_OF_TYPE.values()))
+
+
+def make_mock_class(
+    id: str,
+    kind: NodeType,
+    ports: Sequence[Port],
+    description: str,
+    origin: str,
+    metadata: Mapping[str, str] | None = None,
+) -> type[TreeNode]:
+    """Return a new class of mock nodes, which have the ports of a model.
+
+    Args:
+        description: The docstring of the class, or "".
+        origin: The module name of the class, which names the source of the model.
+    """
+    listed, fields = list(ports), dict(metadata or {})
+    return type(
+        id,
+        (_OF_TYPE[kind],),
+        {
+            "provided_ports": staticmethod(lambda: listed),
+            "metadata": staticmethod(lambda: fields),
+            "__doc__": description or f"A mock node: the code of <{id}> is elsewhere.",
+            "__module__": origin,
+        },
+    )

@@ -1,6 +1,6 @@
-"""Register stubs: node classes without code, with the IDs and ports that a TreeNodesModel describes.
+"""Register mock nodes: node classes without code, with the IDs and ports that a TreeNodesModel describes.
 
-With stubs, trees whose leaves are written in C++ can be checked, drawn, converted, and run with
+With mock nodes, trees whose leaves are written in C++ can be checked, drawn, converted, and run with
 planned results.
 """
 
@@ -21,11 +21,12 @@ from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import ANY, ValueType
 from btcore.xml.define import parse_format
-from btcore.xml.models.stubs import make_stub_class
+from btcore.xml.models.mock_leaves import make_mock_class
 from btcore.xml.read.diagnostics import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS, SCRIPT_ATTRIBUTES
+from btcore.xml.read.document import Document, parse_file
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import Document, parse_file, read
+from btcore.xml.read.read import read
 
 # Other names for types of BehaviorTree.CPP, as users and other compilers write them.
 _ALIASES: Final = {
@@ -48,7 +49,7 @@ _ALIASES: Final = {
 
 
 def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = False) -> list[str]:
-    """Register a stub for every model in a file, and for every explicit tag in its trees.
+    """Register a mock node for every model in a file, and for every explicit tag in its trees.
 
     Registered nodes are not replaced, except for nodes of an installed library.
 
@@ -58,10 +59,7 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
         confined: Whether includes from outside of the file's folder are errors.
 
     Returns:
-        The IDs of the new stubs.
-
-    Raises:
-        TreeError: The file or an included file can't be read, or the file contains no valid model.
+        The IDs of the new mock nodes.
     """
     sources = read(parse_file(path, confined=confined))
     sources.diagnostics.raise_errors()
@@ -76,12 +74,12 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
 
 
 def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[str]:
-    """Register a stub for each unknown node that an explicit tag names, as `<Action ID="Move"/>`.
+    """Register a mock node for each unknown node that an explicit tag names, as `<Action ID="Move"/>`.
 
     The tag determines the node type. The attributes of all elements with this ID become its ports.
 
     Returns:
-        The IDs of the new stubs.
+        The IDs of the new mock nodes.
     """
     unknown: dict[str, tuple[Document, str, dict[str, Port]]] = {}
     for document in documents:
@@ -98,7 +96,7 @@ def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[s
 
 
 def add_undeclared_nodes(nodes: Registry, documents: Iterable[Document]) -> None:
-    """Register a stub for every unknown node of *documents*, so that their trees can be drawn.
+    """Register a mock node for every unknown node of *documents*, so that their trees can be drawn.
 
     The models and the explicit tags of the documents come first. For any other unknown tag, the number of
     child elements determines the node type.
@@ -148,13 +146,13 @@ def has_models(document: Document) -> bool:
 
 
 def add_document_models(nodes: Registry, document: Document, override: bool = False) -> list[str]:
-    """Register a stub for every model of *document* whose node is unknown.
+    """Register a mock node for every model of *document* whose node is unknown.
 
     Args:
         override: Whether the models override nodes of installed libraries.
 
     Returns:
-        The IDs of the new stubs.
+        The IDs of the new mock nodes.
 
     Raises:
         TreeError: A model is invalid; the others are registered.
@@ -183,7 +181,6 @@ def add_document_models(nodes: Registry, document: Document, override: bool = Fa
 
 
 def _metadata(model: Element) -> dict[str, str]:
-    """Return the metadata of a model: `<MetadataFields><Metadata name="text"/></MetadataFields>`."""
     metadata: dict[str, str] = {}
     for fields in model.iterchildren("MetadataFields"):
         for field in fields.iterchildren("Metadata"):
@@ -228,11 +225,11 @@ def _add(
     document: Document,
     metadata: Mapping[str, str] | None = None,
 ) -> None:
-    """Register a stub. Ports whose name is not valid in format 4 exist in format 3 only."""
+    """Register a mock node. Ports whose name is not valid in format 4 exist in format 3 only."""
     origin = Path(document.file).stem.replace(".", "_") if document.file else "model"
     allowed = [port for port in ports if not port_name_error(port.name) or port_name_error(port.name, 3)]
     if len(allowed) == len(ports):
-        nodes.add(make_stub_class(id, kind, ports, description, origin, metadata), ID=id)
+        nodes.add(make_mock_class(id, kind, ports, description, origin, metadata), ID=id)
     else:
-        nodes.add(make_stub_class(id, kind, ports, description, origin, metadata), ID=id, format=3)
-        nodes.add(make_stub_class(id, kind, allowed, description, origin, metadata), ID=id, format=4)
+        nodes.add(make_mock_class(id, kind, ports, description, origin, metadata), ID=id, format=3)
+        nodes.add(make_mock_class(id, kind, allowed, description, origin, metadata), ID=id, format=4)

@@ -62,7 +62,6 @@ def model_lines(manifests: Iterable[Manifest], format: int = 4) -> list[str]:
     """Return the lines of a TreeNodesModel, indented as a child of `<root>`.
 
     Args:
-        manifests: The nodes.
         format: 4, or 3 for Groot 1, where ports are sorted by direction and name.
     """
     lines = ["    <TreeNodesModel>"]

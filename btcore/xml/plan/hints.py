@@ -8,7 +8,7 @@ from btcore.errors import Fix, Hint
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
-from btcore.suggestions import join_names, nearest_name
+from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.values import BOOL, EnumType, ValueType
 from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 
@@ -30,7 +30,6 @@ class UnknownNodeHints:
         """Return a hint for an unknown node; the first of the hints suggests to load a plugin.
 
         Args:
-            name: The unknown name.
             trees: The trees of the document, by ID.
             declared_in: The file whose TreeNodesModel declares the node, or None.
         """
@@ -43,7 +42,7 @@ class UnknownNodeHints:
         other = 7 - self._format
         if self._registry.get(name, other) is not None:
             hint = f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
-            return Hint(hint, (Fix("set_format", (str(other),)),))
+            return Hint(hint, (Fix("set_format", (other,)),))
         if declared_in is not None:
             model = f"--model {declared_in or 'FILE'}"
             return Hint(
@@ -66,7 +65,7 @@ class UnknownNodeHints:
             return Hint(hint, declare)
         searched = "searched: " + ", ".join(self._distributions())
         near = nearest_name(name, [*self.names, *EXPLICIT_TAGS])
-        hint = searched if near is None else f"did you mean <{near}>?   {searched}"
+        hint = searched if near is None else f"{suggestion(f'<{near}>')}   {searched}"
         if not self._plugin_suggested:
             self._plugin_suggested = True
             hint += "; load a plugin that provides it (--plugin, or nodes.add_plugin)"
@@ -84,7 +83,6 @@ class UnknownNodeHints:
 
 @cache
 def _installed_nodes() -> tuple[Registry, list[UnavailableEntryPoint]]:
-    """Return the nodes of all installed libraries, and the libraries that cannot be loaded."""
     nodes = Registry()
     return nodes, nodes.add_installed()
 
@@ -99,7 +97,7 @@ def literals_of(kind: ValueType) -> list[str]:
 def value_hint(kind: ValueType) -> Hint:
     """Return the hint, without a text, for a literal that is not of the type *kind*."""
     literals = literals_of(kind)
-    return Hint("", (Fix("write_value", tuple(literals)),) if literals else ())
+    return Hint("", (Fix("set_value", tuple(literals)),) if literals else ())
 
 
 def port_hint(manifest: Manifest, name: str) -> Hint:
@@ -107,7 +105,8 @@ def port_hint(manifest: Manifest, name: str) -> Hint:
     similar = next((item for item in manifest.parameters if item.name == name and item.looks_like_port), None)
     if similar is not None:
         kind = similar.type_name
-        return Hint(f"its parameter '{name}: {kind}' is a resource; did you mean {name}: In[{kind}]?")
+        in_port = suggestion(f"{name}: In[{kind}]")
+        return Hint(f"its parameter '{name}: {kind}' is a resource; {in_port}")
     if not manifest.ports:
         return Hint("it has no ports")
     near = nearest_name(name, manifest.ports)

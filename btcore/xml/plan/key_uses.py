@@ -213,9 +213,10 @@ class TreeKeys:
 
     def _call_keys(self, call: SubtreeCall) -> set[str] | None:
         keys = {outer for key, outer in call.remaps.items() if key not in NON_KEY_ATTRIBUTES}
+        keys |= call.outer_constants
         if call.shares_blackboard or call.autoremap:
             inner = self.keys_of(call.tree_id) if self._bounded else None
             if inner is None:
                 return None
-            keys |= inner - call.remaps.keys() - call.constants.keys()
+            keys |= {outer for key in inner if (outer := call.outer_key(key)) is not None}
         return keys

@@ -27,8 +27,8 @@ from btcore.status import NodeType
 from btcore.xml.define import TreeDefinition
 from btcore.xml.plan.tree_plan import NodePlan, PlanContext
 from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
+from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import Document
 
 if TYPE_CHECKING:
     from btcore.xml.plan.hints import UnknownNodeHints
@@ -49,9 +49,8 @@ def count_text(count: int) -> str:
 
 
 def _one_child_hint(count: int) -> Hint:
-    """Return the hint for a decorator or a tree that has *count* children instead of one."""
     if not count:
-        return Hint("", (Fix("add_children", ("1",)),))
+        return Hint("", (Fix("add_children", (1,)),))
     return Hint("put them into a <Sequence>", wrapping_fixes(1))
 
 
@@ -61,7 +60,7 @@ def wrapping_fixes(most: int) -> tuple[Fix, ...]:
     Args:
         most: The maximum number of children.
     """
-    return tuple(Fix("wrap_children", (tag, str(most - 1))) for tag in ("Sequence", "Fallback"))
+    return tuple(Fix("wrap_children", (tag, most - 1)) for tag in ("Sequence", "Fallback"))
 
 
 def outline_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
@@ -115,7 +114,6 @@ class _TagCache:
         return node_type
 
     def unknown_node_hint(self, id: str) -> Hint:
-        """Return a hint for the unknown node *id*."""
         context = self._context
         if self._hints is None:
             from btcore.xml.plan.hints import UnknownNodeHints
@@ -175,7 +173,9 @@ class _TreeOutliner:
             if children:
                 children = element_children(element)
                 if len(children) != len(element.children):
-                    self._warn_obsolete_root(element)
+                    for child in element.iterchildren("Root"):
+                        hint = Hint("remove it", (Fix("remove", is_safe=True),))
+                        self._report(CAPITALISED_ROOT, "the obsolete <Root> is ignored", child, hint=hint)
             node_type = node_types[tag] if tag in node_types else self._tag_cache.classify(tag)
             if node_type is None:
                 self._check_other_tag(tag, element, children)
@@ -198,14 +198,7 @@ class _TreeOutliner:
         further_roots = nodes[0].children[1:]
         return nodes[1 : nodes.index(further_roots[0])] if further_roots else nodes[1:]
 
-    def _warn_obsolete_root(self, element: Element) -> None:
-        for child in element.iterchildren("Root"):
-            message = "the obsolete <Root> is ignored"
-            hint = Hint("remove it", (Fix("remove", is_safe=True),))
-            self._report(CAPITALISED_ROOT, message, child, hint=hint)
-
     def _check_other_tag(self, tag: str, element: Element, children: list[Element]) -> None:
-        """Check an element whose tag is not the ID of a node."""
         if tag == "BehaviorTree":
             self._check_tree(element, children)
         elif tag in self._dialect.subtree_tags:
@@ -236,7 +229,6 @@ class _TreeOutliner:
     def _check_child_count(
         self, id: str, node_type: NodeType, element: Element, children: list[Element]
     ) -> None:
-        """Add an error if *children* are too few or too many for the node *id*, which is of *node_type*."""
         count = len(children)
         has = count_text(count)
         if node_type is NodeType.DECORATOR:
@@ -256,12 +248,12 @@ class _TreeOutliner:
                 )
                 roles, needed = "", least
                 if manifest is not None:
-                    from btcore.xml.models.stubs import is_stub  # only errors need it
+                    from btcore.xml.models.mock_leaves import is_mock  # only errors need it
 
                     roles = manifest.spec.child_roles if least > 1 else ""
                     # More children may be needed at the first tick than to load the tree.
-                    needed = least if is_stub(manifest.cls) else max(least, manifest.spec.child_count[0])
-                hint = Hint(roles, (Fix("add_children", (str(needed - count),)),))
+                    needed = least if is_mock(manifest.cls) else max(least, manifest.spec.child_count[0])
+                hint = Hint(roles, (Fix("add_children", (needed - count,)),))
                 self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
             elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
                 self._check_asynchronous(children)
@@ -296,7 +288,7 @@ class _TreeOutliner:
         if element.get("ID") is None or (not id and self._dialect.format == 4):
             message = f"the ID of the tree is missing in <{tag}>"
             trees = [known for known in self._tag_cache.first_trees if known != self._own_id]
-            fixes = [Fix("write", ("ID", known)) for known in trees]
+            fixes = [Fix("set_attributes", ("ID", known)) for known in trees]
             self._report(MISSING_ID, message, element, hint=Hint(f'write <{tag} ID="…"/>', tuple(fixes)))
         elif self._dialect.checks_names:
             self._check_not_a_node(id, element)

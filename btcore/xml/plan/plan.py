@@ -18,7 +18,8 @@ from btcore.xml.plan.outline import outline_trees
 from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import Dialect
-from btcore.xml.read.read import Document, Sources, read
+from btcore.xml.read.document import Document
+from btcore.xml.read.read import Sources, read
 
 MAX_DEPTH: Final = 10_000
 """The maximum number of levels of a tree with all its subtrees, each of which may have fewer levels.
@@ -86,8 +87,6 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
     """Return the plans of the main tree and of the trees that it calls.
 
     Args:
-        definitions: The definitions of the trees.
-        registry: The registered nodes.
         every_tree: Whether all other trees are planned, too, and all scripts checked. Otherwise the scripts
             are checked only after errors: without errors they are compiled when the nodes are created.
     """
@@ -160,7 +159,7 @@ def define_and_plan(
         if avoided > 0:
             count = "1 error" if avoided == 1 else f"{avoided} errors"
             message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
-            hint = Hint('write <root BTCPP_format="4">', (Fix("set_format", ("4",)),))
+            hint = Hint('write <root BTCPP_format="4">', (Fix("set_format", (4,)),))
             cause = sources.main_document.diagnostic(UNKNOWN_FORMAT, message, root, hint=hint)
             return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
     return plans
@@ -203,7 +202,6 @@ def root_trees(trees: Mapping[str, TreePlan], main_tree: TreePlan | None) -> lis
 def _measure(
     trees: Mapping[str, TreePlan], main_tree: TreePlan | None, collector: DiagnosticCollector
 ) -> dict[str, TreeSize]:
-    """Return the sizes of *trees*, without those that are recursive or too large: errors."""
     sizes: dict[str, TreeSize] = {}
     checked: set[str] = set()
     # Trees that call each other may have no root among them.
@@ -278,7 +276,6 @@ def _add_cycle(
 
 
 def _check_scripts(tree: TreePlan, enums: dict[str, int], collector: DiagnosticCollector) -> None:
-    """Add an error for each invalid script of *tree*."""
     for node in tree.nodes():
         for key, text, _ in node.iter_scripts():
             if not text and key not in node.conditions:
@@ -296,7 +293,6 @@ def script_diagnostic(document: Document, node: NodePlan, key: str, error: Scrip
         document: The document that contains the script.
         node: The plan of the node that has the script.
         key: The attribute that holds the script.
-        error: The error of the parser.
     """
     message = f"invalid script in '{key}' of <{node.id}>: {error.message}"
     return document.diagnostic(SCRIPT_SYNTAX, message, node.element, key, within=error.column)

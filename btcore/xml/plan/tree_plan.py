@@ -3,7 +3,7 @@
 The caches of `PlanContext` only save time: without them the plans are the same.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from operator import attrgetter
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Binding, Input, Port, PortRole, braced_key
@@ -41,6 +41,10 @@ _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
 class SubtreeCall:
     """A SubTree element: the tree that it calls, and how the two blackboards are connected.
 
+    Args:
+        format: The XML format, 3 or 4.
+        defaults: The ports that the called tree's model declares, with their defaults.
+
     Attributes:
         tree_id: ID of the called tree.
         element: The SubTree element.
@@ -52,22 +56,89 @@ class SubtreeCall:
         outer_constants: The keys of the constants that *autoremap* maps, too: they are written to the entries
             of the calling tree. All other constants stay in the inner blackboard.
         shares_blackboard: Whether both trees use one blackboard (`__shared_blackboard` of format 3).
+        invalid_flags: The attributes that must be `true` or `false`, but are not.
     """
 
     __slots__ = (
-        "autoremap", "constants", "element", "outer_constants", "port_texts", "remaps", "shares_blackboard",
-        "tree_id",
+        "autoremap", "constants", "element", "format", "invalid_flags", "outer_constants", "port_texts",
+        "remaps", "shares_blackboard", "tree_id",
     )  # fmt: skip
 
-    def __init__(self, tree_id: str, element: Element) -> None:
-        self.tree_id = tree_id
+    def __init__(self, element: Element, format: int, defaults: Mapping[str, str | None]) -> None:
+        self.tree_id = element.get("ID") or ""
         self.element = element
+        self.format = format
         self.remaps: dict[str, str] = {}
         self.constants: dict[str, str] = {}
         self.port_texts: dict[str, str] = {}
         self.autoremap = False
         self.shares_blackboard = False
         self.outer_constants: set[str] = set()
+        self.invalid_flags: list[str] = []
+        if format == 3:
+            self._connect_3()
+        else:
+            self._connect_4(defaults)
+
+    def outer_key(self, key: str) -> str | None:
+        """Return the key of the calling tree whose entry a key of the called tree names.
+
+        None means an entry of the called tree itself; or of the main tree, if the key begins with `@`.
+        """
+        is_4 = self.format == 4
+        if self.shares_blackboard:
+            return key
+        if key in self.remaps or (is_4 and key.startswith("@")):
+            return self.remaps.get(key)
+        if key in self.constants:
+            return key if key in self.outer_constants else None
+        return key if self.autoremap and not (is_4 and key.startswith("_")) else None
+
+    def _connect_4(self, defaults: Mapping[str, str | None]) -> None:
+        for key, text in self.element.attributes.items():
+            if key == "_autoremap":
+                self.autoremap = self._read_flag(key, text)
+            elif key != "ID" and key != "name" and is_port_name(key):
+                self.port_texts[key] = text
+        for key, default in () if self.autoremap else defaults.items():
+            if default and key not in self.port_texts:
+                self.port_texts[key] = default
+        for key, text in self.port_texts.items():
+            # In a SubTree "=" is a constant, and only "{=}" stands for the key of the same name. As the
+            # default of a model it stands for the key "=".
+            outer = braced_key(text)
+            if outer is not None:
+                self.remaps[key] = key if text == "{=}" and key in self.element.attributes else outer
+            else:
+                self.constants[key] = text
+
+    def _connect_3(self) -> None:
+        tag = self.element.tag
+        for key, text in self.element.attributes.items():
+            if key == "ID":
+                continue
+            if key == "__shared_blackboard" and tag == "SubTree":
+                self.shares_blackboard = self._read_flag(key, text)
+            elif key == "__autoremap" and tag == "SubTreePlus":
+                self.autoremap = self._read_flag(key, text)
+            else:
+                self.port_texts[key] = text
+                # <SubTree> of format 3 has no braces: the text is the outer key itself.
+                outer = text if tag == "SubTree" else braced_key(text, 3)
+                if outer is not None:
+                    self.remaps[key] = outer
+                else:
+                    self.constants[key] = text
+                    # BehaviorTree.CPP 3.8 reads the attributes in order: autoremap maps those that follow.
+                    if self.autoremap:
+                        self.outer_constants.add(key)
+
+    def _read_flag(self, key: str, text: str) -> bool:
+        try:
+            return BOOL.from_text(text, self.format) is True
+        except ConversionError:
+            self.invalid_flags.append(key)
+            return False
 
 
 class NodePlan:
@@ -239,7 +310,6 @@ class TreePlanner:
                 node.children = [child for child in node.children if child not in unknown]
 
     def _find_known_node(self, tag: str, element: Element) -> KnownNode | None:
-        """Return the registered node that *element* names, or None if it is unknown."""
         id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
         known = self._context.known_nodes_by_id.get(id)
         if known is None:
@@ -354,10 +424,10 @@ class TreePlanner:
         hint = value_hint(kind)
         if binding.key is not None:
             key = "{=}" if "=" in text else text.strip()
-            fix = Fix("write_value", (key,), is_safe=True)
+            fix = Fix("set_value", (key,), is_safe=True)
             hint = Hint(f"write {key}" + (" without surrounding spaces" if key != "{=}" else ""), (fix,))
         elif is_port_name(text):
-            fix = Fix("write_value", (f"{{{text}}}",))
+            fix = Fix("set_value", (f"{{{text}}}",))
             hint = Hint(f"to use the blackboard entry, write {{{text}}}", (*hint.fixes, fix))
         message = f"the port '{port.name}' of <{node.id}> has the type {kind.name}: {error}"
         self._report(INCONVERTIBLE_TEXT, message, node.element, port.name, hint)
@@ -366,103 +436,55 @@ class TreePlanner:
     # --- SubTree elements
 
     def _plan_call(self, tag: str, node: NodePlan, tree: TreePlan) -> bool:
-        """Plan a SubTree element. Return whether the called tree exists."""
         element = node.element
-        id = element.get("ID") or ""
+        format, definitions = self._dialect.format, self._context.definitions
         node.id = tag
         node.manifest = self._context.manifest(tag)
-        call = SubtreeCall(id, element)
-        node.subtree_call = call
+        id = element.get("ID") or ""
+        model = definitions.subtree_models.get(id, {})
+        node.subtree_call = call = SubtreeCall(element, format, model)
         tree.calls.append(call)
-        if self._dialect.format == 3:
-            self._connect_call_of_3(node, call, tag)
+        if format == 3:
+            node.name = id  # format 3 ignores the name of a call
         else:
-            self._connect_call_of_4(node, call)
-        if id in self._context.definitions.by_id:
+            self._select_call_attributes(node)
+        self._report_call(call, model)
+        if id in definitions.by_id:
             return True
-        if element.get("ID") is not None and self._context.definitions.are_complete:
-            trees = self._context.definitions.by_id
+        if element.get("ID") is not None and definitions.are_complete:
+            trees = definitions.by_id
             hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else Hint()
             if id:
                 hint = Hint(hint.text, (*hint.fixes, Fix("create_tree", (id,))))
             self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
         return False
 
-    def _connect_call_of_4(self, node: NodePlan, call: SubtreeCall) -> None:
-        given: dict[str, str] = {}
+    def _select_call_attributes(self, node: NodePlan) -> None:
         conditions: dict[str, str] = {}
         attributes: dict[str, str] = {}
         for key, text in node.element.attributes.items():
-            if key == "_autoremap":
-                call.autoremap = self._read_bool(node, key, text)
-            elif key == "name":
+            if key == "name":
                 node.name = text
                 self._check_name(node, text)
             elif key in SCRIPT_ATTRIBUTES:
                 conditions[key] = text
-            elif key == "ID":
-                continue
-            elif is_port_name(key):
-                given[key] = text
-            else:
+            elif key != "ID" and key != "_autoremap" and not is_port_name(key):
                 attributes[key] = text
         node.conditions, node.attributes = conditions, attributes
-        if not call.autoremap:
-            for port, default in self._context.definitions.subtree_models.get(call.tree_id, {}).items():
-                if port in given:
-                    continue
-                if default is None or default == "":
-                    if self._collector.is_full(MISSING_SUBTREE_PORT):
-                        break
-                    message = (
-                        f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
-                    )
-                    text = f'write {port}="…", or declare a default in <TreeNodesModel>'
-                    hint = Hint(text, (Fix("write", (port, f"{{{port}}}")),))
-                    self._report(MISSING_SUBTREE_PORT, message, node.element, "", hint)
-                else:
-                    given[port] = default
-        call.port_texts = given
-        for key, text in given.items():
-            # In a SubTree "=" is a constant, and only "{=}" stands for the key of the same name. As the
-            # default of a model it stands for the key "=".
-            outer = braced_key(text)
-            if outer is not None:
-                call.remaps[key] = key if text == "{=}" and key in node.element.attributes else outer
-            else:
-                call.constants[key] = text
 
-    def _connect_call_of_3(self, node: NodePlan, call: SubtreeCall, tag: str) -> None:
-        for key, text in node.element.attributes.items():
-            if key == "ID":
-                continue
-            if key == "__shared_blackboard" and tag == "SubTree":
-                call.shares_blackboard = self._read_bool(node, key, text)
-            elif key == "__autoremap" and tag == "SubTreePlus":
-                call.autoremap = self._read_bool(node, key, text)
-            elif tag == "SubTree":
-                call.port_texts[key] = text
-                # <SubTree> of format 3 has no braces: the text is the outer key itself.
-                call.remaps[key] = text
-            else:
-                call.port_texts[key] = text
-                outer = braced_key(text, 3)
-                if outer is not None:
-                    call.remaps[key] = outer
-                else:
-                    call.constants[key] = text
-                    # BehaviorTree.CPP 3.8 reads the attributes in order: autoremap maps those that follow.
-                    if call.autoremap:
-                        call.outer_constants.add(key)
-        # Format 3 ignores the name of a call.
-        node.name = call.tree_id
-
-    def _read_bool(self, node: NodePlan, key: str, text: str) -> bool:
-        try:
-            return BOOL.from_text(text, self._dialect.format) is True
-        except ConversionError:
-            message = f"{key} must be 'true' or 'false', not '{text}'"
+    def _report_call(self, call: SubtreeCall, model: Mapping[str, str | None]) -> None:
+        element = call.element
+        for key in call.invalid_flags:
             from btcore.xml.plan.hints import value_hint  # only errors need it
 
-            self._report(NOT_A_BOOLEAN, message, node.element, key, value_hint(BOOL))
-            return False
+            message = f"{key} must be 'true' or 'false', not '{element.get(key)}'"
+            self._report(NOT_A_BOOLEAN, message, element, key, value_hint(BOOL))
+        for port, default in model.items() if call.format == 4 and not call.autoremap else ():
+            if default or port in call.port_texts:
+                continue
+            if self._collector.is_full(MISSING_SUBTREE_PORT):
+                break
+            message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
+            fix = Fix("set_attributes", (port, f"{{{port}}}"))
+            hint = Hint(f'write {port}="…", or declare a default in <TreeNodesModel>', (fix,))
+            self._report(MISSING_SUBTREE_PORT, message, element, "", hint)

@@ -88,14 +88,10 @@ def parse_with_expat(data: bytes) -> Element | None:
     finally:
         # Break the reference cycle between the handler and the parser.
         parser.StartElementHandler = None
-    if any(":" in name and not _has_known_prefix(name, names) for name in names):
+    prefixes = {name.partition(":")[0] for name in names if ":" in name} - {"xml", "xmlns"}
+    if any(f"xmlns:{prefix}" not in names for prefix in prefixes):
         return None
     return top[0]
-
-
-def _has_known_prefix(name: str, names: dict[str, str]) -> bool:
-    prefix = name.partition(":")[0]
-    return prefix in ("xml", "xmlns") or f"xmlns:{prefix}" in names
 
 
 def _declaration(version: str, encoding: str | None, standalone: int) -> None:

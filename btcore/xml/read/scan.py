@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
+from btcore.xml.read.element import Element
 from btcore.xml.read.tinyxml2_compat import OPAQUE, SPACE, START_TAG, WRITTEN_CHARACTER, decode
 
 # More than XML allows, so that a name with a wrong character is found as a whole.
@@ -105,6 +106,11 @@ class ScannedElement:
         attribute = self.attribute(name)
         return attribute.value if attribute is not None else None
 
+    def parsed(self) -> Element:
+        """Return the element as the parser returns it, but without children and line."""
+        attributes = {attribute.name: attribute.value or "" for attribute in reversed(self.attributes)}
+        return Element(self.tag, dict(reversed(attributes.items())), 0)
+
     def ancestors(self) -> "Iterator[ScannedElement]":
         """Return the elements around this element, from the inside to the outside."""
         element = self.parent
@@ -165,11 +171,7 @@ class Scan:
     """
 
     def __init__(
-        self,
-        text: str,
-        roots: list[ScannedElement],
-        elements: list[ScannedElement],
-        markup: list[_Markup],
+        self, text: str, roots: list[ScannedElement], elements: list[ScannedElement], markup: list[_Markup]
     ) -> None:
         self.text = text
         self.roots = roots
@@ -266,7 +268,6 @@ def scan(text: str, is_parsed: bool = False) -> Scan:
     """Find the elements of *text*. Never raises; takes time and memory linear in the length.
 
     Args:
-        text: The text.
         is_parsed: Whether the parser has accepted the text, so that no quote is missing.
     """
     return _Scanner(text, is_parsed).scan()

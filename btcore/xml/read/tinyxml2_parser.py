@@ -46,7 +46,7 @@ class Finding(NamedTuple):
 
 def _rewrite(before: str, after: str) -> tuple[Fix, ...]:
     """Return the fix that replaces the marked text *before*. Only a text in one line is marked as a whole."""
-    return () if "\n" in before or "\r" in before else (Fix("replace", (after,), is_safe=True),)
+    return () if "\n" in before or "\r" in before else (Fix("replace_text", (after,), is_safe=True),)
 
 
 class _SyntaxError(Exception):
@@ -65,9 +65,6 @@ def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Finding]]:
 
     Returns:
         The first outermost element, without lines, and a warning for whatever other XML tools reject.
-
-    Raises:
-        XmlSyntaxError: tinyxml2 rejects *text*, too.
     """
     try:
         return _Parser(text).parse()
@@ -87,7 +84,6 @@ class _Parser:
         self._prefixes = {"xml", "xmlns", *_DECLARED.findall(text)}
 
     def parse(self) -> tuple[Element, list[Finding]]:
-        """Return the outermost element and the warnings."""
         text = self._text
         at: int | None = 0
         while at is not None:
@@ -183,11 +179,11 @@ class _Parser:
             return len(text)
         bare = _BARE_AMPERSAND.search(text, at, end)
         if bare is not None:
-            fix = Fix("replace", ("&amp;",), is_safe=True)
+            fix = Fix("replace_text", ("&amp;",), is_safe=True)
             self._warn(bare.start(), 1, "unescaped '&' in text", "write &amp;", fix)
         closing = text.find("]]>", at, end)
         if closing >= 0:
-            fix = Fix("replace", ("]]&gt;",), is_safe=True)
+            fix = Fix("replace_text", ("]]&gt;",), is_safe=True)
             self._warn(closing, 3, "']]>' in text", "write ]]&gt;", fix)
         self._check_characters(at, end)
         return end
@@ -244,7 +240,6 @@ class _Parser:
         return after
 
     def _read_attributes(self, tag: re.Match[str]) -> tuple[dict[str, str], int]:
-        """Return the attributes of a tag, and the offset of its '>' or '/>'."""
         text, after_name = self._text, tag.end()
         attributes: dict[str, str] = {}
         while True:
@@ -260,14 +255,13 @@ class _Parser:
                 raise _SyntaxError(at, len(name), message, "remove one of them")
             if at == after_name:
                 message = f"missing white space before the attribute {name}"
-                fix = Fix("insert", (" ",), is_safe=True)
+                fix = Fix("insert_text", (" ",), is_safe=True)
                 self._warn(at, len(name), message, f"write a space before {name}", fix)
             self._check_name(match, 1)
             attributes[name] = self._value(match)
             after_name = match.end()
 
     def _refuse_tag(self, at: int, error_at: int) -> NoReturn:
-        """Raise the error for the tag at *at*, which cannot be read from *error_at* on."""
         text = self._text
         opening = OPEN_TAG.match(text, at)
         if START_TAG.match(text, at) is None and opening is not None:
@@ -282,12 +276,11 @@ class _Parser:
         if attribute[2] is None:
             name = attribute[1]
             message = f"the attribute {name} has no value"
-            fix = Fix("write", (name, f"{{{name}}}"))
+            fix = Fix("set_attributes", (name, f"{{{name}}}"))
             raise _SyntaxError(error_at, len(name), message, f'write {name}="…"', fix)
         raise _SyntaxError(attribute.end(), 1, "an attribute's value must be in quotes")
 
     def _refuse_unclosed_tag(self, opening: re.Match[str]) -> NoReturn:
-        """Raise the error for a tag without its end, or with an odd number of quotes."""
         at, width = opening.start(), len(opening[0])
         # Quoted values are blanked out, because they may contain "<".
         rest = re.sub(r"\"[^\"]*\"|'[^']*'", lambda match: "x" * len(match[0]), self._text[opening.end() :])
@@ -304,7 +297,6 @@ class _Parser:
             self._warn(match.start(group), len(prefix) + 1, message, "names of nodes and ports have no colon")
 
     def _value(self, attribute: re.Match[str]) -> str:
-        """Return the value of an attribute, and warn about its characters."""
         text = self._text
         group = 4 if attribute[3] is None else 3
         start, end = attribute.span(group)
@@ -322,7 +314,6 @@ class _Parser:
         return decode(attribute[group])
 
     def _check_characters(self, start: int, end: int) -> None:
-        """Warn about references to control characters; raise for invalid code points."""
         for reference in _NUMBER.finditer(self._text, start, end):
             code = int(reference[1], 16) if reference[1] else int(reference[2] or "0")
             if code == 0 or 0xD800 <= code <= 0xDFFF:

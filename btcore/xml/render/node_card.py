@@ -4,6 +4,7 @@ from typing import Final, NamedTuple
 
 from btcore.escaping import escape_text
 from btcore.status import NodeType
+from btcore.xml.render.symbols import symbol_path
 from btcore.xml.render.tree_drawing import DiagramNode
 
 FAMILY_COLOURS: Final = {
@@ -25,30 +26,6 @@ _MAX_TEXT: Final = 46
 _MONO: Final = 0.602  # the advance width of most monospaced fonts, in em
 _NARROW: Final = frozenset("ijlftrI.,:;'|!()[] ")
 _WIDE: Final = frozenset("mwMWQO@%—→")
-
-# SVG paths around (0, 0) within a radius of 7 px, by the symbol that the node's class declares.
-_GLYPHS: Final = {
-    "→": "M-6 0H5M1-4.2L5.4 0L1 4.2",
-    "?": "M-3.4-2.6C-3.4-7.4 4.2-6.8 3.5-2.6C3.1-.4 0-.6 0 2M0 5.4v.2",
-    "⇉": "M-6-3.2H4.4M1.8-5.8L4.8-3.2L1.8-.6M-6 3.2H4.4M1.8.6L4.8 3.2L1.8 5.8",
-    "⎇": "M-6 0H-1.5L4.5-4.4M-1.5 0L4.5 4.4",
-    "⋔": "M-6 0H-1.5L4.5-4.6M-1.5 0L4.5 4.6M-1.5 0H5",
-    "↩": "M-5.5-3.5H1Q4.5-3.5 4.5 0T1 3.5H-4.5M-1.8.8L-4.8 3.5L-1.8 6.2",
-    "¬": "M-5-2H5V3.5",
-    "↺": "M4.4-2.8A5.2 5.2 0 1 0 5.2 1M5-6V-2.4H1.4",
-    "◷": "M0-5.6A5.6 5.6 0 1 0 .01-5.6M0-2.8V0L2.2 1.6",
-    "⊤": "M-4.8.2L-1.4 3.6L4.8-3.6",
-    "⊥": "M-4-4L4 4M4-4L-4 4",
-    "§": "M-2-5C-4.6-5-2.6 0-5 0C-2.6 0-4.6 5-2 5M2-5C4.6-5 2.6 0 5 0C2.6 0 4.6 5 2 5",
-    "↓": "M0-5.5V1.6M-3.2-1.4L0 1.8L3.2-1.4M-5 5.2H5",
-    "▣": "M0-5.4V-.6M-4.4 5V-.6H4.4V5",
-}
-_OF_TYPE: Final = {
-    NodeType.CONTROL: "M-5 0h.1M0 0h.1M5 0h.1",
-    NodeType.DECORATOR: "M0-5.4L5.4 0L0 5.4L-5.4 0Z",
-    NodeType.CONDITION: "M0-5.4L5.4 0L0 5.4L-5.4 0Z",
-    NodeType.ACTION: "M-3-4.6L4.8 0L-3 4.6Z",
-}
 
 
 class Card(NamedTuple):
@@ -138,12 +115,11 @@ def _hover(node: DiagramNode) -> str:
 
 def _badge(node: DiagramNode, middle: float) -> str:
     kind = FAMILY_COLOURS[node.type][0]
-    glyph = _GLYPHS.get(node.symbol[-1:]) or _OF_TYPE.get(node.type, "M-2 0h.1M2 0h.1")
-    ring = '<circle class="ring" r="8.6"/>' if len(node.symbol) > 1 else ""
-    scale = ' transform="scale(.8)"' if ring else ""
     at = f"translate({_MARGIN + _BADGE:g} {middle:g})"
-    disc = f'<circle class="badge {kind}" r="{_BADGE:g}"/>{ring}'
-    return f'<g transform="{at}">{disc}<path class="glyph" d="{glyph}"{scale}/></g>'
+    disc = f'<circle class="badge {kind}" r="{_BADGE:g}"/>'
+    return (
+        f'<g transform="{at}">{disc}<path class="glyph" d="{symbol_path(node.id, kind, node.symbol)}"/></g>'
+    )
 
 
 def _shortened(text: str) -> str:

@@ -45,7 +45,6 @@ _STYLE: Final = f"""
     .glyph {{ stroke-linecap: round; stroke-linejoin: round; }}
     .pill {{ fill: #ffffff; stroke: #a9b2c1; stroke-width: 1.3; }}
     .count {{ font-size: 11px; font-weight: 700; text-anchor: middle; fill: #6a7485; }}
-    .ring {{ fill: none; stroke: #ffffff; stroke-width: 1.1; stroke-opacity: .85; }}
 """
 
 

@@ -11,7 +11,7 @@ import click
 
 from btcore.field_options import pass_options
 from btcore.signals import EndingSignals
-from btcore.suggestions import nearest_name
+from btcore.suggestions import did_you_mean
 from btcore_monitor.console import print_line
 from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import KeyOptions
@@ -44,9 +44,9 @@ class HookGroup(click.Group):
         # The index of the first argument after the options and their values.
         at = len(options) + len(more)
         if len(args) == at + 1 and args[at].isalpha() and args[at] not in self.commands:
-            near = nearest_name(args[at], self.commands)
-            if near is not None:
-                raise click.UsageError(f"there is no command '{args[at]}'. Did you mean '{near}'?", ctx)
+            hint = did_you_mean(args[at], self.commands)
+            if hint:
+                raise click.UsageError(f"there is no command '{args[at]}'{hint}", ctx)
         if args[at : at + 1] and args[at] in self.commands:
             args = [*args[:at], DEFAULT_ADDRESS, *args[at:]]
         return super().parse_args(ctx, args)

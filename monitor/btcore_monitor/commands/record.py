@@ -12,7 +12,7 @@ import click
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.signals import EndingSignals
-from btcore.suggestions import join_names
+from btcore.suggestions import join_names, suggestion
 from btcore_monitor.console import print_line
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.installed_packages import check_installed
@@ -77,9 +77,7 @@ def record(
     """
     if bag is not None:
         if bag.suffix != _BAG:
-            raise click.UsageError(
-                f"--bag {bag}: a bag ends in {_BAG}; did you mean {bag.with_suffix(_BAG)}?"
-            )
+            raise click.UsageError(f"--bag {bag}: a bag ends in {_BAG}; {suggestion(bag.with_suffix(_BAG))}")
         outputs = (*outputs, bag)
     if not outputs:
         raise click.UsageError("Missing option '-o' / '--output' or '--bag'.")
@@ -212,7 +210,7 @@ def _check(outputs: Sequence[Path], known: Sequence[str]) -> None:
         if path.suffix not in known:
             raise click.UsageError(
                 f"-o {path}: unknown file type; supported types are {join_names(known, 'and')}; "
-                f"did you mean {path.with_suffix(known[0])}?"
+                f"{suggestion(path.with_suffix(known[0]))}"
             )
         if path.resolve() in seen:
             raise click.UsageError(f"-o {path} is given twice")

@@ -4,7 +4,6 @@ Each set of visible nodes has its own drawing, which is drawn once. Over time, o
 moved into the view. A movement takes some bytes of the recording, a drawing many kilobytes.
 """
 
-from collections import deque
 from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import Any, Final
@@ -13,7 +12,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from btcore_monitor.events import RUNNING, ObservedNode, ObservedTree
+from btcore.xml.render.folding import fold as hidden_below
+from btcore_monitor.events import RUNNING, ObservedTree
 from btcore_monitor.screen import style
 from btcore_monitor.screen.legend import create_legend
 from btcore_monitor.screen.row_buffer import RowBuffer, Series
@@ -32,61 +32,26 @@ def fold(tree: ObservedTree, running: Collection[int] = (), most: int = MAX_FOLD
     """Return *tree* without the nodes that are folded into their parents.
 
     The children of running nodes are always in the result, and without running nodes the whole main tree.
-    Then subtrees are unfolded as long as there is room: first the subtrees that run, and the outer before the
-    inner subtrees.
 
     Args:
         tree: The tree.
         running: The uids of the running nodes.
         most: The greatest number of nodes in the result.
     """
+    children = {node.uid: node.children for node in tree.nodes}
+    calls = {node.uid for node in tree.nodes if node.type == "subtree"}
+    main = {node.uid for node in tree.nodes if node.subtree == tree.root.subtree} - calls
+    hidden = hidden_below(children, calls, most, unfolded=running or main)
     visible = {tree.root.uid}
     for node in tree.nodes:
-        if node.uid in visible and node.uid in running:
+        if node.uid in visible and node.uid not in hidden:
             visible.update(node.children)
-    for entry, content in _list_subtrees(tree, running):
-        added = [uid for uid in content if uid not in visible]
-        is_main = entry is None
-        if (is_main and not running) or (
-            (entry is None or entry in visible) and len(visible) + len(added) <= most
-        ):
-            visible.update(added)
-    _unfold_controls(tree, visible, most)
     nodes = [
-        replace(node, children=tuple(child for child in node.children if child in visible))
+        replace(node, children=()) if node.uid in hidden else node
         for node in tree.nodes
         if node.uid in visible
     ]
     return ObservedTree(tree.tree_id, tree.name, tuple(nodes), tree.subtrees)
-
-
-def _list_subtrees(tree: ObservedTree, running: Collection[int]) -> Iterable[tuple[int | None, list[int]]]:
-    """Return each subtree as its SubTree node (None: main tree) and its content, in order of priority."""
-    content: dict[str, list[ObservedNode]] = {}
-    for node in tree.nodes:
-        content.setdefault(node.subtree, []).append(node)
-    found: list[tuple[int | None, list[int]]] = []
-    waiting: deque[tuple[int | None, str]] = deque([(None, tree.root.subtree)])
-    while waiting:
-        entry, subtree = waiting.popleft()
-        nodes = content.pop(subtree, [])
-        found.append((entry, [node.uid for node in nodes]))
-        for node in nodes:
-            if node.type == "subtree" and node.children:
-                waiting.append((node.uid, tree.by_uid[node.children[0]].subtree))
-    return sorted(found, key=lambda each: each[0] is not None and each[0] not in running)
-
-
-def _unfold_controls(tree: ObservedTree, visible: set[int], most: int) -> None:
-    """Add children of *visible* nodes inside subtrees that are too big to be unfolded, outer nodes first."""
-    waiting = deque([tree.root])
-    while waiting:
-        node = waiting.popleft()
-        hidden = [child for child in node.children if child not in visible]
-        if hidden and (node.type == "subtree" or len(visible) + len(hidden) > most):
-            continue
-        visible.update(hidden)
-        waiting.extend(tree.by_uid[child] for child in node.children)
 
 
 class FoldedTreeView:

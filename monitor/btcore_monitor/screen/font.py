@@ -27,6 +27,9 @@ CAPITAL: Final = 20.0
 _SPACING: Final = 5.2
 _ARC_STEP: Final = 18.0
 """Degrees between the points of an arc, a compromise between smooth letters and speed with 1,000 names."""
+_CURVE_STEPS: Final = 5
+_COMMAND: Final = re.compile("([MLC])([^MLC]*)")
+_NUMBER: Final = re.compile(r"-?[0-9]*\.?[0-9]+")
 
 _GLYPHS: Final[dict[str, str]] = {
     line[0]: line[2:]
@@ -85,6 +88,32 @@ def parse(drawing: str) -> tuple[float, list[Stroke]]:
         if stroke:
             strokes.append(stroke)
     return float(head), strokes
+
+
+@lru_cache(maxsize=256)
+def path_strokes(path: str) -> list[Stroke]:
+    """Return the strokes of an SVG path of the commands `M`, `L` and `C` (absolute); y points up."""
+    strokes: list[Stroke] = []
+    for command, numbers in _COMMAND.findall(path):
+        values = [float(number) for number in _NUMBER.findall(numbers)]
+        points = [(x, -y) for x, y in zip(values[::2], values[1::2], strict=True)]
+        if command == "M":
+            strokes.append(points)
+        elif command == "L":
+            strokes[-1] += points
+        else:
+            strokes[-1] += _curve(strokes[-1][-1], *points)
+    return strokes
+
+
+def _curve(start: Point, first: Point, second: Point, end: Point) -> Stroke:
+    """Return the points of a cubic Bézier curve after its start."""
+
+    def at(axis: int, t: float) -> float:
+        s = 1 - t
+        return s**3 * start[axis] + 3 * s * t * (s * first[axis] + t * second[axis]) + t**3 * end[axis]
+
+    return [(at(0, step / _CURVE_STEPS), at(1, step / _CURVE_STEPS)) for step in range(1, _CURVE_STEPS + 1)]
 
 
 def _accent(mark: str, letter: str, width: float) -> list[Stroke]:

@@ -7,10 +7,11 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
+from btcore.xml.render.symbols import symbol_path
 from btcore_monitor.events import IDLE, RUNNING, ObservedNode, ObservedTree
 from btcore_monitor.screen import style
 from btcore_monitor.screen.captions import Caption, create_captions, format_ports
-from btcore_monitor.screen.font import Stroke, place_strokes, strokes_of
+from btcore_monitor.screen.font import Stroke, path_strokes, place_strokes, strokes_of
 from btcore_monitor.screen.legend import HEIGHT as LEGEND_HEIGHT
 from btcore_monitor.screen.legend import create_legend
 from btcore_monitor.screen.row_buffer import RowBuffer
@@ -23,7 +24,6 @@ from btcore_monitor.screen.subtree_drawing import (
     node_entities,
     split_by_subtree,
 )
-from btcore_monitor.screen.symbols import symbol_strokes
 from btcore_monitor.screen.tick_states import TickStates
 from btcore_monitor.screen.tree_layout import Box, Place, TreeLayout, lay_out
 
@@ -228,9 +228,8 @@ class TreeView:
             caption = self.captions[node.uid]
             centre = place.x + style.PILL_HEIGHT / 2
             left = centre + style.BADGE_RADIUS + 7.0
-            sign = place_strokes(
-                symbol_strokes(node.id, node.type), centre, place.y, style.BADGE_RADIUS * 0.066
-            )
+            symbol = path_strokes(symbol_path(node.id, node.type))
+            sign = place_strokes(symbol, centre, place.y, style.BADGE_RADIUS / 10)
             raise_by = style.NOTE_LIFT if caption.note else 0.0
             name = strokes_of(
                 caption.name, left, place.y + style.TEXT_HEIGHT * 0.46 - raise_by, style.TEXT_HEIGHT

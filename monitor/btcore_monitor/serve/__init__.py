@@ -9,6 +9,7 @@ from btcore.tree.tree import Tree
 from btcore_monitor.keys import RobotKeys
 from btcore_monitor.serve.hook_controller import MAX_HEARTBEAT_DELAY_S
 from btcore_monitor.serve.publisher import Publisher
+from btcore_monitor.serve.publisher_sockets import PublisherSockets
 from btcore_monitor.serve.tcp_ports import PortInUseError, ServeError
 from btcore_monitor.time_limits import GRACE_S
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
@@ -87,18 +88,12 @@ def serve(
         _check_exposure(bind, allow_control, insecure)
     if groot2_port is None and groot1_port is None:
         raise ServeError("there is nothing to serve: groot2_port and groot1_port are None")
-    return Publisher(
-        tree=tree,
-        groot2_port=groot2_port,
-        bind=bind,
-        serves_run_channel=run_channel,
-        resources=resources,
-        grace=grace,
-        groot1_port=groot1_port,
-        max_heartbeat_delay=max_heartbeat_delay if allow_control else None,
-        keys=keys,
-        watch_port=watch_port,
-    )
+    sockets = PublisherSockets(groot2_port, groot1_port, bind, run_channel, keys, watch_port)
+    try:
+        return Publisher(tree, sockets, resources, grace, max_heartbeat_delay if allow_control else None)
+    except BaseException:
+        sockets.close()
+        raise
 
 
 def is_loopback(bind: str) -> bool:

@@ -1,4 +1,4 @@
-"""The publisher's thread: it owns the sockets, drains the queue, replies to requests and sends messages.
+"""The publisher's thread: it drains the queue, replies to requests and sends messages.
 
 Only creating and closing a Publisher, and replacing its tree, run on the tick thread. ZeroMQ sockets are not
 thread-safe, so after their creation only the publisher's thread uses them.
@@ -16,29 +16,15 @@ import zmq
 
 from btcore.tree.tree import Tree
 from btcore_monitor.closeable import Closeable
-from btcore_monitor.keys import RobotKeys
-from btcore_monitor.serve.gateway import Gateway
-from btcore_monitor.serve.groot1 import Groot1Sockets
 from btcore_monitor.serve.published_tree import PublishedTree
+from btcore_monitor.serve.publisher_sockets import PublisherSockets
 from btcore_monitor.serve.request_socket import RequestSocket
 from btcore_monitor.serve.run_channel_server import RunChannelServer
-from btcore_monitor.serve.tcp_ports import (
-    GROOT1_ALONE_PORT_COUNT,
-    GROOT1_PORT_COUNT,
-    GROOT2_PORT_COUNT,
-    ServeError,
-    Socket,
-    bind_consecutive,
-)
+from btcore_monitor.serve.tcp_ports import Socket
 from btcore_monitor.time_limits import INTERRUPTED_GRACE_S
 from btcore_monitor.wire import run_channel
-from btcore_monitor.wire.groot1 import PORT_BESIDE_GROOT2
 
 _POLL_MS: Final = 10
-_MAX_REQUEST_BYTES: Final = 1 << 20
-_MAX_SUBSCRIPTION_BYTES: Final = 1 << 10
-_MAX_UNSENT_MESSAGES: Final = 2_000
-"""Maximum queued messages of a slow client; the client requests further messages again later."""
 
 _ANNOUNCE_AFTER_S: Final = 2.0
 """Time (s, wall clock) of waiting after which a warning explains the wait."""
@@ -46,133 +32,45 @@ _ANNOUNCE_AFTER_S: Final = 2.0
 _log = logging.getLogger("monitor")
 
 
-_ZAP_ENDPOINT: Final = "inproc://zeromq.zap.01"
-_ZAP_VERSION: Final = b"1.0"
-_ZAP_FRAMES: Final = 7
-
-
-class Authenticator:
-    """Checks the keys of clients: a handler of ZAP, the ZeroMQ Authentication Protocol (RFC 27).
-
-    libzmq sends a request to `socket` for each connection to a socket with keys, and waits for the reply
-    before the connection carries any message. Use it from one thread at a time.
-
-    Args:
-        context: The ZeroMQ context of the sockets with keys.
-        keys: The keys of the robot.
-    """
-
-    def __init__(self, context: "zmq.Context[Socket]", keys: RobotKeys) -> None:
-        self._allowed = keys.allowed
-        self.socket: Socket = context.socket(zmq.REP)
-        self.socket.setsockopt(zmq.LINGER, 0)
-        self.socket.bind(_ZAP_ENDPOINT)
-
-    def answer(self) -> None:
-        """Reply to a waiting request: accept clients with an allowed public key, and refuse all others."""
-        frames = self.socket.recv_multipart(zmq.DONTWAIT)
-        # The version, the request's number, the domain, the client's address and identity, the mechanism, and
-        # the public key. libzmq has verified that the client has the secret key.
-        allowed = len(frames) == _ZAP_FRAMES and frames[5] == b"CURVE" and frames[6] in self._allowed
-        status, text = (b"200", b"OK") if allowed else (b"400", b"unknown key")
-        self.socket.send_multipart([_ZAP_VERSION, frames[1], status, text, b"", b""])
-
-
 class Publisher(Closeable):
     """Publishes a tree until closed; a context manager. Created by `btcore_monitor.serve.serve`.
 
     Args:
         tree: The tree to publish.
-        groot2_port: The port for Groot 2's requests; 0 = a free port, None = no support for Groot 2.
-        bind: The interface (`*`: all interfaces).
-        serves_run_channel: Whether to publish the run channel.
+        sockets: The bound sockets, which the publisher closes.
         resources: Objects of the robot; those with `static_scene` and `moving_scene` are shown in 3D.
         grace: Maximum time (s, wall clock) that closing waits for clients that have not received the end.
-        groot1_port: The port for Groot 1's updates; 0 = a free port, None = no support for Groot 1.
         max_heartbeat_delay: The time (s) without requests after which hooks are disabled; None = clients
             cannot set hooks.
-        keys: The keys for encrypted connections; None = not encrypted.
-        watch_port: The first of further ports for clients without keys, see `serve`.
+
+    Attributes:
+        port: The port of Groot 2's requests, or of Groot 1's if Groot 2 is not served.
+        address: The address of the tree for a client on this machine.
+        groot1_port: The port of Groot 1's updates, or None; the next port answers its requests.
+        watch_address: The address of the tree for a client on this machine that has no key, or "".
+        watch_groot1_port: The port of Groot 1's updates for clients without keys, or None.
     """
 
     def __init__(
         self,
         tree: Tree,
-        groot2_port: int | None,
-        bind: str,
-        serves_run_channel: bool,
+        sockets: PublisherSockets,
         resources: Sequence[object],
         grace: float,
-        groot1_port: int | None = None,
         max_heartbeat_delay: float | None = None,
-        keys: RobotKeys | None = None,
-        watch_port: int | None = None,
     ) -> None:
-        if groot2_port and groot1_port and -GROOT1_PORT_COUNT < groot1_port - groot2_port < GROOT2_PORT_COUNT:
-            raise ServeError(
-                f"Groot 2 needs the ports {groot2_port} to {groot2_port + GROOT2_PORT_COUNT - 1} and Groot 1 "
-                f"needs {groot1_port} and {groot1_port + 1}, which overlap: choose another port, such as "
-                f"{PORT_BESIDE_GROOT2} for Groot 1"
-            )
+        self._sockets = sockets
+        self.port = sockets.port
+        self.address = sockets.address
+        self.groot1_port = sockets.groot1_port
+        self.watch_address = sockets.watch_address
+        self.watch_groot1_port = sockets.watch_groot1_port
         self._grace = grace
         self._resources = resources
-        self._serves_run_channel = serves_run_channel
         self._max_heartbeat_delay = max_heartbeat_delay
-        self._serves_groot2 = groot2_port is not None
         # After `replace_tree`, the previous tree stays `_published_tree` until its queue is drained.
-        self._ticking_tree = self._published_tree = PublishedTree(
-            tree,
-            resources,
-            serves_run_channel,
-            previous_uid=None if groot1_port is None else 0,
-            max_heartbeat_delay=max_heartbeat_delay,
-            serves_groot2=self._serves_groot2,
-        )
+        self._ticking_tree = self._published_tree = self._create_tree(tree, previous_uid=0)
         self._replacement_trees: deque[PublishedTree] = deque()
-        self._context: zmq.Context[Socket] = zmq.Context()
-        self._groot2_requests = RequestSocket(self._context, _MAX_REQUEST_BYTES)
-        self._notifications_socket = self._context.socket(zmq.PUB)
-        # Requests of clients without keys, if other clients have keys.
-        self._watch_requests = RequestSocket(self._context, _MAX_REQUEST_BYTES)
-        # An XPUB socket receives the subscriptions, which are the clients' requests.
-        self._run_channel_socket = self._context.socket(zmq.XPUB)
-        for socket in (self._notifications_socket, self._run_channel_socket):
-            socket.setsockopt(zmq.MAXMSGSIZE, _MAX_SUBSCRIPTION_BYTES)
-            # Otherwise closing would wait for clients that do not read.
-            socket.setsockopt(zmq.LINGER, 0)
-        self._run_channel_socket.setsockopt(zmq.SNDHWM, _MAX_UNSENT_MESSAGES)
-        self._groot1_sockets = None if groot1_port is None else Groot1Sockets(self._context)
-        host = "127.0.0.1" if bind in ("*", "0.0.0.0") else bind
-        self.watch_address = ""
-        """The address of the tree for a client on this machine that has no key; "" without *watch_port*."""
-        self.groot1_port: int | None
-        """The port of Groot 1's updates, or None; the next port answers its requests."""
-        self.watch_groot1_port: int | None = None
-        """The port of Groot 1's updates for clients without keys, or None."""
-        self._authenticator: Authenticator | None = None
-        try:
-            self._gateway = Gateway()
-        except OSError as error:
-            raise ServeError(f"cannot create a folder for the monitor's sockets: {error}") from None
-        try:
-            if keys is not None:
-                self._authenticator = Authenticator(self._context, keys)
-                if watch_port is not None:
-                    # In this order: a socket's keys apply to the ports to which it is bound afterwards.
-                    requests_port, self.watch_groot1_port = self._bind_watch_ports(
-                        groot2_port, groot1_port, watch_port, bind
-                    )
-                    self.watch_address = f"tcp://{host}:{requests_port}"
-                for socket in self._list_sockets():
-                    keys.secure(socket)
-            self.port, self.groot1_port = self._bind(self._groot2_requests, groot2_port, groot1_port, bind)
-            self._gateway.start()
-        except BaseException:
-            self._context.destroy(linger=0)
-            self._gateway.close()
-            raise
-        self.address = f"tcp://{host}:{self.port}"
-        """The address of the tree for a client on this machine."""
         self._clients_changed = threading.Condition()
         self._client_count = 0
         self._has_ended = False
@@ -181,53 +79,15 @@ class Publisher(Closeable):
         self._thread = threading.Thread(target=self._run, name="btcore-publisher", daemon=True)
         self._thread.start()
 
-    def _list_sockets(self) -> list[Socket]:
-        """Return the sockets to which clients with keys connect, if there are keys."""
-        groot1_sockets = self._groot1_sockets
-        return [
-            self._groot2_requests.socket,
-            self._notifications_socket,
-            self._run_channel_socket,
-            *([] if groot1_sockets is None else [groot1_sockets.updates, groot1_sockets.requests.socket]),
-        ]
-
-    def _bind(
-        self,
-        groot2_requests: RequestSocket,
-        groot2_port: int | None,
-        groot1_port: int | None,
-        host: str,
-        option: str = "--port",
-    ) -> tuple[int, int | None]:
-        """Bind the ports. Return those of requests (of Groot 2, or else 1) and of Groot 1's updates."""
-        stream = [self._run_channel_socket] if self._serves_run_channel else []
-        requests_port, updates_port = 0, None
-        row: list[Socket | None]
-        if groot2_port is not None:
-            row = [groot2_requests.socket, self._notifications_socket, *stream]
-            requests_port = bind_consecutive(self._gateway, row, host, groot2_port, option=option)
-        if self._groot1_sockets is not None and groot1_port is not None:
-            row = [self._groot1_sockets.updates, self._groot1_sockets.requests.socket]
-            count = GROOT1_PORT_COUNT
-            if groot2_port is None:
-                row += [None, *stream]
-                count = GROOT1_ALONE_PORT_COUNT
-            updates_port = bind_consecutive(self._gateway, row, host, groot1_port, count, option)
-            requests_port = requests_port or updates_port + 1
-        return requests_port, updates_port
-
-    def _bind_watch_ports(
-        self, groot2_port: int | None, groot1_port: int | None, first: int, host: str
-    ) -> tuple[int, int | None]:
-        """Bind the ports for clients without keys, and return them as `_bind` does.
-
-        If Groot 1 and Groot 2 are served, the distance of their ports is the same with and without keys.
-        """
-        watch_groot2_port = None if groot2_port is None else first
-        watch_groot1_port = None if groot1_port is None else first
-        if groot1_port is not None and groot2_port is not None:
-            watch_groot1_port = first and groot2_port and groot1_port and first + groot1_port - groot2_port
-        return self._bind(self._watch_requests, watch_groot2_port, watch_groot1_port, host, "--watch-port")
+    def _create_tree(self, tree: Tree, previous_uid: int) -> PublishedTree:
+        return PublishedTree(
+            tree,
+            self._resources,
+            self._sockets.run_channel is not None,
+            previous_uid=previous_uid if self._sockets.groot1 is not None else None,
+            max_heartbeat_delay=self._max_heartbeat_delay,
+            serves_groot2=self._sockets.serves_groot2,
+        )
 
     @property
     def tree_id(self) -> str:
@@ -275,14 +135,7 @@ class Publisher(Closeable):
             self._resources = resources
         # Groot 1 notices the new tree by its uids, so they continue after the previous tree.
         groot1_server = self._ticking_tree.groot1_server
-        new_tree = PublishedTree(
-            tree,
-            self._resources,
-            self._serves_run_channel,
-            previous_uid=None if groot1_server is None else groot1_server.end,
-            max_heartbeat_delay=self._max_heartbeat_delay,
-            serves_groot2=self._serves_groot2,
-        )
+        new_tree = self._create_tree(tree, previous_uid=0 if groot1_server is None else groot1_server.end)
         # In this order: when the publisher's thread finds the new tree, the old tree's queue is complete.
         self._ticking_tree.unsubscribe()
         new_tree.subscribe()
@@ -306,7 +159,7 @@ class Publisher(Closeable):
             return
         self.end_stream()
         try:
-            if self._serves_run_channel and self._thread.is_alive():
+            if self._sockets.run_channel is not None and self._thread.is_alive():
                 self._wait_for_readers(self._grace if grace is None else grace)
         finally:
             self._stopping.set()
@@ -329,35 +182,30 @@ class Publisher(Closeable):
     # The following methods run on the publisher's thread.
 
     def _run(self) -> None:
+        sockets = self._sockets
         poller = zmq.Poller()
-        for requests in (self._groot2_requests, self._watch_requests):
-            poller.register(requests.socket, zmq.POLLIN)
-        if self._authenticator is not None:
-            poller.register(self._authenticator.socket, zmq.POLLIN)
-        if self._serves_run_channel:
-            poller.register(self._run_channel_socket, zmq.POLLIN)
-        if self._groot1_sockets is not None:
-            poller.register(self._groot1_sockets.requests.socket, zmq.POLLIN)
+        for socket in sockets.readable():
+            poller.register(socket, zmq.POLLIN)
         next_heartbeat = 0.0
         try:
             while not self._stopping.is_set():
                 has_more = self._drain()
                 self._send_notifications()
                 ready = dict(poller.poll(0 if has_more else _POLL_MS))
-                if self._authenticator is not None and self._authenticator.socket in ready:
-                    self._authenticator.answer()
-                if self._groot2_requests.socket in ready:
-                    self._answer(self._groot2_requests)
-                if self._watch_requests.socket in ready:
-                    self._answer(self._watch_requests, may_control=False)
+                if sockets.authenticator is not None and sockets.authenticator.socket in ready:
+                    sockets.authenticator.answer()
+                if sockets.groot2_requests.socket in ready:
+                    self._answer(sockets.groot2_requests)
+                if sockets.watch_requests.socket in ready:
+                    self._answer(sockets.watch_requests, may_control=False)
                 self._serve_groot1(ready)
                 server = self._published_tree.run_channel_server
-                if server is not None and self._run_channel_socket in ready:
+                if server is not None and sockets.run_channel in ready:
                     self._read_subscriptions(server)
                 now = time.monotonic()
                 if now >= next_heartbeat:
                     next_heartbeat = now + run_channel.HEARTBEAT_INTERVAL_S
-                    self._gateway.restart_if_ended()
+                    sockets.gateway.restart_if_ended()
                     if server is not None:
                         self._send(*server.create_heartbeat())
             while self._drain():
@@ -369,17 +217,7 @@ class Publisher(Closeable):
             # No client can release a breakpoint any more.
             self._published_tree.remove_hooks()
             self._ticking_tree.remove_hooks()
-            # 200 ms for the last message to clients that read; closing does not wait for other clients.
-            self._run_channel_socket.close(linger=200)
-            self._groot2_requests.socket.close(linger=200)
-            self._watch_requests.socket.close(linger=200)
-            self._notifications_socket.close(linger=0)
-            if self._groot1_sockets is not None:
-                self._groot1_sockets.close(linger=200)
-            if self._authenticator is not None:
-                self._authenticator.socket.close(linger=0)
-            self._context.term()
-            self._gateway.close()
+            sockets.close()
             with self._clients_changed:
                 self._client_count = 0
                 self._clients_changed.notify_all()
@@ -408,7 +246,8 @@ class Publisher(Closeable):
                 self._send(topic, data)
 
     def _send(self, topic: bytes, data: bytes) -> None:
-        self._run_channel_socket.send_multipart([topic, data], zmq.DONTWAIT)
+        if self._sockets.run_channel is not None:
+            self._sockets.run_channel.send_multipart([topic, data], zmq.DONTWAIT)
 
     def _answer(self, requests: RequestSocket, may_control: bool = True) -> None:
         self._drain()  # so that the reply is up to date, unless the tree floods the queue
@@ -421,10 +260,10 @@ class Publisher(Closeable):
         hook_controller = self._published_tree.groot2_server.hook_controller
         if hook_controller is not None:
             for frames in hook_controller.take_notifications():
-                self._notifications_socket.send_multipart(frames, zmq.DONTWAIT)
+                self._sockets.notifications.send_multipart(frames, zmq.DONTWAIT)
 
     def _serve_groot1(self, ready: Mapping[Socket, int], at_once: bool = False) -> None:
-        sockets, server = self._groot1_sockets, self._published_tree.groot1_server
+        sockets, server = self._sockets.groot1, self._published_tree.groot1_server
         if sockets is None or server is None:
             return
         if sockets.requests.socket in ready:
@@ -434,10 +273,11 @@ class Publisher(Closeable):
         sockets.publish(server, time.monotonic(), at_once)
 
     def _read_subscriptions(self, server: RunChannelServer) -> None:
+        channel = self._sockets.run_channel
         # All subscriptions that wait; zmq.Again ends the loop.
         with contextlib.suppress(zmq.Again):
-            while True:
-                for topic, data in server.process_subscription(self._run_channel_socket.recv(zmq.DONTWAIT)):
+            while channel is not None:
+                for topic, data in server.process_subscription(channel.recv(zmq.DONTWAIT)):
                     self._send(topic, data)
         if len(server.client_tokens) != self._client_count:
             with self._clients_changed:

@@ -44,19 +44,20 @@ class PortInUseError(ServeError):
     Args:
         first: The first of the required ports.
         count: The number of required ports.
-        option: The command-line option that selects the ports.
+        setting: The field of `MonitorSettings` that selects the ports: "port" or "watch_port".
 
     Attributes:
         port: The port in use.
-        option: As given.
+        setting: As given.
     """
 
-    def __init__(self, port: int, first: int, count: int = GROOT2_PORT_COUNT, option: str = "--port") -> None:
+    def __init__(self, port: int, first: int, count: int = GROOT2_PORT_COUNT, setting: str = "port") -> None:
         self.port = port
-        self.option = option
+        self.setting = setting
         message = f"port {port} is in use"
         if port != first:
             message += f" ({first} to {first + count - 1} are needed)"
+        option = _option(setting)
         super().__init__(f"{message}: choose another port with {option}, or a free port with {option} 0")
 
 
@@ -69,7 +70,7 @@ def bind_consecutive(
     host: str,
     port: int,
     count: int = GROOT2_PORT_COUNT,
-    option: str = "--port",
+    setting: str = "port",
 ) -> int:
     """Bind *sockets* to consecutive ports of *host*, behind *gateway*.
 
@@ -79,7 +80,7 @@ def bind_consecutive(
         host: The address of the interface (`*`: all interfaces).
         port: The first port; 0 chooses free ports.
         count: The number of ports in the range, for error messages and free ports.
-        option: The command line's option for the port, for error messages.
+        setting: The field of `MonitorSettings` that selects the port, for errors.
 
     Returns:
         The first port.
@@ -93,31 +94,31 @@ def bind_consecutive(
     address = _resolve_interface(host)
     wanted = [socket is not None for socket in sockets]
     if port:
-        listeners = _listen(wanted, host, address, port, count, option)
+        listeners = _listen(wanted, host, address, port, count, setting)
     else:
-        port, listeners = _listen_at_free_ports(wanted, host, address, count, option)
+        port, listeners = _listen_at_free_ports(wanted, host, address, count, setting)
     for listener, target in zip(listeners, filter(None, sockets), strict=True):
         gateway.add_port(listener, target)
     return port
 
 
 def _listen_at_free_ports(
-    wanted: Sequence[bool], host: str, address: str, count: int, option: str
+    wanted: Sequence[bool], host: str, address: str, count: int, setting: str
 ) -> tuple[int, list[socket.socket]]:
     for _ in range(_ATTEMPTS):
         base = random.SystemRandom().randrange(_FREE_FROM, _FREE_TO, count)
         try:
-            return base, _listen(wanted, host, address, base, count, option)
+            return base, _listen(wanted, host, address, base, count, setting)
         except PortInUseError:
             continue
     raise ServeError(
         f"no {count} consecutive free ports were found from {_FREE_FROM} to {_FREE_TO}: choose a port with "
-        f"{option}"
+        f"{_option(setting)}"
     )
 
 
 def _listen(
-    wanted: Sequence[bool], host: str, address: str, port: int, count: int, option: str
+    wanted: Sequence[bool], host: str, address: str, port: int, count: int, setting: str
 ) -> list[socket.socket]:
     """Listen at the *wanted* ports from *port* on: at all of them, or at none if there is an error."""
     listeners: list[socket.socket] = []
@@ -135,7 +136,7 @@ def _listen(
         except OSError as error:
             for other in listeners:
                 other.close()
-            raise _explain_error(error.errno or 0, host, port, port + offset, count, option) from None
+            raise _explain_error(error.errno or 0, host, port, port + offset, count, setting) from None
     return listeners
 
 
@@ -156,12 +157,18 @@ def _resolve_interface(host: str) -> str:
     return endpoint.removeprefix("tcp://").rpartition(":")[0]
 
 
-def _explain_error(code: int, host: str, first: int, port: int, count: int, option: str) -> ServeError:
+def _explain_error(code: int, host: str, first: int, port: int, count: int, setting: str) -> ServeError:
     if code == errno.EADDRINUSE:
-        return PortInUseError(port, first, count, option)
+        return PortInUseError(port, first, count, setting)
     if code == errno.EACCES:
+        option = _option(setting)
         return ServeError(f"this user may not open port {port}: choose a port above 1023 with {option}")
     return ServeError(
         f"cannot listen at '{host}' ({os.strerror(code)}): --bind takes the address of an interface of this "
         "machine, 127.0.0.1 for this machine only, or * for all interfaces"
     )
+
+
+def _option(setting: str) -> str:
+    """Return the option of the command line that sets a field."""
+    return "--" + setting.replace("_", "-")

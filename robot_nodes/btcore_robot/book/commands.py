@@ -6,7 +6,7 @@ from typing import Annotated
 import click
 
 from btcore import RunSettings, Settings, option
-from btcore.program_runner import FiniteRange, add_options, pass_options
+from btcore.field_options import FiniteRange, add_options, pass_options
 from btcore_robot.book.runner import (
     BookRunner,
     OutputSettings,

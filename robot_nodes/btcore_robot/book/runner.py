@@ -11,16 +11,9 @@ from numpy.typing import NDArray
 from btcore import Run, RunSettings, Settings, option
 from btcore.errors import SettingsError
 from btcore.escaping import escape_controls
+from btcore.field_options import add_options, pass_options
 from btcore.options import from_values
-from btcore.program_runner import (
-    CommandRun,
-    ProviderCommand,
-    TreelessProgram,
-    add_options,
-    pass_options,
-    print_json,
-    print_result,
-)
+from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, print_json, print_result
 from btcore_robot.book.top_view import is_image_format_supported, save_picture
 from btcore_robot.process.process import Executor, LogMessage, Process, ProcessContext
 from btcore_robot.robot import Phase, Robot

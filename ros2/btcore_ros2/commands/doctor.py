@@ -8,7 +8,8 @@ from rich.console import Console
 from rich.text import Text
 
 from btcore.escaping import escape_controls
-from btcore.program_runner import FiniteRange, print_json
+from btcore.field_options import FiniteRange
+from btcore.program_runner import print_json
 from btcore_ros2.diagnosis import Finding, diagnose
 
 _SIGNS: Final = {"ok": ("✓", "green"), "warning": ("!", "bold yellow"), "error": ("✗", "bold red")}

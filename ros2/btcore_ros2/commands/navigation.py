@@ -3,14 +3,8 @@
 import click
 
 from btcore import RunSettings
-from btcore.program_runner import (
-    CommandRun,
-    ProviderCommand,
-    TreelessProgram,
-    add_options,
-    pass_options,
-    print_result,
-)
+from btcore.field_options import add_options, pass_options
+from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, print_result
 from btcore_robot.robot import Phase
 from btcore_ros2.commands.sim import SPARE_BOXES
 from btcore_ros2.providers import RosRobotSettings, RosSettings, open_session

@@ -8,7 +8,8 @@ import click
 
 from btcore import Run
 from btcore.clock import NS_PER_S
-from btcore.program_runner import CommandRun, FiniteRange, ProviderCommand, TreelessProgram, pass_options
+from btcore.field_options import FiniteRange, pass_options
+from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram
 from btcore_ros2.providers import RosSettings, open_session
 
 if TYPE_CHECKING:

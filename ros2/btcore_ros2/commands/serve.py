@@ -8,18 +8,11 @@ from pathlib import Path
 import click
 
 from btcore import Registry, Run, RunSettings, Tree
-from btcore.errors import BtcoreError, SettingsError
+from btcore.errors import SettingsError
 from btcore.escaping import escape_controls
 from btcore.extras import install_command
-from btcore.program_runner import (
-    CommandRun,
-    FiniteRange,
-    ProviderCommand,
-    TreelessProgram,
-    add_options,
-    load_nodes,
-    pass_options,
-)
+from btcore.field_options import FiniteRange, add_options, pass_options
+from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, load_nodes
 from btcore.suggestions import did_you_mean
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
@@ -189,8 +182,8 @@ def _explain_port(is_parameter: bool) -> Iterator[None]:
     """Return a context that explains how to choose another port, if a ROS parameter has chosen it."""
     try:
         yield
-    except BtcoreError as error:
-        if not is_parameter or getattr(error, "option", None) != "port":
+    except SettingsError as error:
+        if not is_parameter or error.setting != "port":
             raise
         hint = "for a server that ros2 launch starts, set the ROS parameter groot2_port"
         raise SettingsError(f"{error}; {hint}") from error

@@ -5,16 +5,8 @@ from typing import Final
 import click
 
 from btcore import RunSettings
-from btcore.program_runner import (
-    CommandRun,
-    FiniteRange,
-    ProviderCommand,
-    TreelessProgram,
-    add_options,
-    pass_options,
-    print_json,
-    print_result,
-)
+from btcore.field_options import FiniteRange, add_options, pass_options
+from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, print_json, print_result
 from btcore_robot.robot import Phase
 from btcore_ros2.providers import RosRobotSettings, RosSettings, open_session
 from btcore_ros2.session import DRAIN_RATE, RosSession

@@ -11,6 +11,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from btcore import entry_points
 from btcore.cli.main import OWN_COMMANDS, main
 from tests.btcore.cli.conftest import Cli
 
@@ -37,21 +38,7 @@ def test_ctrl_c_while_a_module_is_imported_prints_no_traceback(module: str) -> N
     assert "".join(printed).strip() == "interrupted"
 
 
-ADDED_COMMANDS = (
-    "monitor",
-    "hook",
-    "keys",
-    "record",
-    "replay",
-    "map",
-    "world",
-    "drive",
-    "book",
-    "sweep",
-    "convert",
-    "diff",
-    "stats",
-)
+ADDED_COMMANDS = sorted(point.name for point in entry_points.find(entry_points.COMMANDS_GROUP))
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ def test_rule_that_matches_no_node_is_reported(
     ("data", "message"),
     [
         (None, "rules.json: cannot read the file: No such file or directory."),
-        (b"{}", "rules.json: the substitution rules lack the object 'SubstitutionRules'."),
+        (b"{}", "rules.json: the substitution rules: 'SubstitutionRules' is missing."),
     ],
 )
 def test_invalid_rules_file_is_refused(

@@ -25,8 +25,8 @@ def assert_refused(result: Result, *expected: str) -> None:
     [
         ("run nowhere.xml", ["there is no file 'nowhere.xml'"]),
         ("show nowhere.xml", ["there is no file 'nowhere.xml'"]),
-        ("run tere.xml", ["Did you mean 'tree.xml'?"]),
-        ("run bumgpo", ["neither a file nor a tree 'bumgpo'", "Did you mean 'bumpgo'?"]),
+        ("run tere.xml", ["; did you mean 'tree.xml'?"]),
+        ("run bumgpo", ["neither a file nor a tree 'bumgpo'", "; did you mean 'bumpgo'?"]),
         ("run .", ["is a folder; give the path of a file"]),
         ("run tree.xml --tree Mian", ["Mian", "Main"]),
         ("run --tree tree.xml", ["missing argument 'TREE'", "note: --tree takes the ID of a tree in a file"]),
@@ -39,7 +39,7 @@ def assert_refused(result: Result, *expected: str) -> None:
         ("run tree.xml --seed -5", ["'--seed'"]),
         ("run tree.xml --until doen", ["done"]),
         ("run tree.xml --sed 3", ["--seed"]),
-        ("vaildate", ["unknown command 'vaildate'", "Did you mean 'validate'?"]),
+        ("vaildate", ["unknown command 'vaildate'", "; did you mean 'validate'?"]),
     ],
 )
 def test_invalid_arguments_are_refused(

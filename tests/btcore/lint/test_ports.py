@@ -8,7 +8,7 @@ import pytest
 import btcore
 from btcore import NodeExecutionError, NodeType, Port, Registry
 from btcore.values import INT
-from btcore.xml.models.stubs import make_stub_class
+from btcore.xml.models.mock_leaves import make_mock_class
 from tests.btcore.lint.conftest import Checker
 from tests.btcore.lint.documents import dedented, load_main
 
@@ -303,7 +303,7 @@ def test_constant_that_a_leaf_certainly_rejects_is_an_error(
     check: Checker, palette: Registry, value: str, body: str, format: int, codes: list[str]
 ) -> None:
     palette.add(Fetch, shift)
-    palette.add(make_stub_class("Fly", NodeType.ACTION, [Port("speed", type=INT)], "", "models"), ID="Fly")
+    palette.add(make_mock_class("Fly", NodeType.ACTION, [Port("speed", type=INT)], "", "models"), ID="Fly")
     call = f'<SubTree{"Plus" if format == 3 else ""} ID="Inner" n="{value}"/>'
     inner2 = '<BehaviorTree ID="Inner2"><Sleep msec="{n}"/></BehaviorTree>' if "Inner2" in body else ""
     more = f'<BehaviorTree ID="Inner">{body}</BehaviorTree>{inner2}'

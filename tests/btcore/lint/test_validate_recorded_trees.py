@@ -10,7 +10,7 @@ import pytest
 import btcore
 from btcore.errors import Diagnostic, TreeError
 from btcore.lint.validate import validate_document
-from btcore.xml.read.read import parse_text
+from btcore.xml.read.document import parse_text
 from tests.conformance.recorded_cases import CallLog, conformance_registry, read_cases
 
 DATA = Path(__file__).parents[2] / "conformance" / "data"

@@ -391,17 +391,23 @@ def test_a_configuration_may_have_the_name_of_a_registered_node_issue_927(nodes:
     ("text", "message"),
     [
         ("{", "are not valid JSON"),
-        ("[]", "must be an object"),
-        ("{}", "lack the object 'SubstitutionRules'"),
-        ('{"SubstitutionRules": ["Drive"]}', "'SubstitutionRules' must be an object"),
+        ("[]", "is [], and an object of keys and values is expected"),
+        ("{}", "'SubstitutionRules' is missing"),
+        (
+            '{"SubstitutionRules": ["Drive"]}',
+            "'SubstitutionRules' is [\"Drive\"], and an object of keys and values is expected",
+        ),
         (
             '{"SubstitutionRules": {"Drive": 3}}',
-            "the rule 'Drive' must name a configuration or the ID of a node, not 3",
+            "'SubstitutionRules.Drive' is 3, and a text is expected",
         ),
-        ('{"SubstitutionRules": {}, "TestNodeConfigs": {"a": {}}}', "needs 'return_status'"),
+        (
+            '{"SubstitutionRules": {}, "TestNodeConfigs": {"a": {}}}',
+            "'TestNodeConfigs.a' needs 'return_status'",
+        ),
         (
             '{"SubstitutionRules": {}, "TestNodeConfigs": {"a": {"return_status": "IDLE"}}}',
-            "RUNNING, SUCCESS, FAILURE or SKIPPED, not 'IDLE'",
+            '"RUNNING", "SUCCESS", "FAILURE" or "SKIPPED" is expected',
         ),
         (
             '{"SubstitutionRules": {}, "TestNodeConfigs": {"a": {"return_status": "SUCCESS", "delay": 3}}}',
@@ -410,7 +416,7 @@ def test_a_configuration_may_have_the_name_of_a_registered_node_issue_927(nodes:
         (
             '{"SubstitutionRules": {}, "TestNodeConfigs": {"a": {"return_status": "FAILURE", '
             '"async_delay": "3"}}}',
-            "a number of milliseconds, not '3'",
+            "'TestNodeConfigs.a.async_delay' is \"3\", and a whole number is expected",
         ),
     ],
 )

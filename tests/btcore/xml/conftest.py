@@ -9,7 +9,7 @@ from btcore import In, Registry, SyncAction, action
 from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.read import parse_text
+from btcore.xml.read.document import parse_text
 
 
 class Robot:

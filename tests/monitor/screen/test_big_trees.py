@@ -78,6 +78,11 @@ def test_a_main_tree_of_too_many_nodes_is_not_cut(big_tree):
     assert len(small.nodes) == len([node for node in tree.nodes if node.subtree == ""])
 
 
+def test_a_called_tree_that_is_too_large_for_any_drawing_is_unfolded_level_by_level(big_tree):
+    tree = big_tree(30)
+    assert [node.name for node in fold(tree, most=5).nodes] == ["Day", "Task1", "Steps", "Task11", "Task21"]
+
+
 def test_running_nodes_are_unfolded_with_their_siblings_and_the_others_as_long_as_there_is_room(big_tree):
     tree = big_tree(400)
     last = tree.nodes[-1]

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore_monitor.screen.font import elide, glyph, legible, place_strokes, spell, strokes_of, width_of
-from btcore_monitor.screen.symbols import symbol_strokes
+from btcore.xml.render.symbols import symbol_path
+from btcore_monitor.screen.font import elide, glyph, legible, path_strokes, spell, strokes_of, width_of
 
 BOX = glyph("漢")
 """The glyph of a character that the font does not have."""
@@ -64,17 +64,30 @@ def test_an_elided_name_fits_and_keeps_both_ends(text, room):
 )
 def test_similar_kinds_have_different_symbols(pair):
     one, other = pair
-    assert symbol_strokes(one, "control") != symbol_strokes(other, "control")
+    assert symbol_path(one, "control") != symbol_path(other, "control")
 
 
 def test_symbols_fit_the_badge_and_unknown_nodes_are_drawn_by_their_kind():
     kinds = ("action", "condition", "control", "decorator", "subtree")
-    for kind in kinds:
-        for stroke in place_strokes(symbol_strokes("SomethingOfYourOwn", kind), 100.0, 50.0, 1.0):
-            for x, y in stroke:
-                assert abs(x - 100.0) <= 11.0
-                assert abs(y - 50.0) <= 11.0
-    assert len({str(symbol_strokes("SomethingOfYourOwn", kind)) for kind in kinds}) == len(kinds)
+    for name in (*kinds, "Sequence", "ReactiveFallback", "RecoveryNode", "Timeout"):
+        for stroke in path_strokes(symbol_path(name, name)):
+            assert all(x**2 + y**2 <= 8.7**2 for x, y in stroke)
+    paths = {symbol_path("SomethingOfYourOwn", kind) for kind in kinds}
+    assert len(paths) == len(kinds)
+    assert symbol_path("SomethingOfYourOwn", "alien") not in paths
+
+
+def test_a_declared_symbol_is_drawn_and_of_two_characters_the_second():
+    assert symbol_path("Hold", "action", "◷") == symbol_path("Timeout", "decorator")
+    assert symbol_path("Hold", "action", "⌖◷") == symbol_path("Timeout", "decorator")
+    assert symbol_path("Hold", "action", "⌖") == symbol_path("Hold", "action")
+
+
+def test_a_path_becomes_strokes_with_y_up():
+    assert path_strokes("M-1.5-.5L0 2L.5 0M1 1L2 2") == [[(-1.5, 0.5), (0, -2), (0.5, 0)], [(1, -1), (2, -2)]]
+    (curve,) = path_strokes("M0 0C0 4 4 4 4 0")
+    assert curve[-1] == (4, 0)
+    assert min(y for _, y in curve) == pytest.approx(-3, abs=0.2)
 
 
 @pytest.mark.parametrize(

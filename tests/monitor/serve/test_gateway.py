@@ -389,7 +389,7 @@ def test_a_thread_continues_if_the_process_of_the_gateway_is_killed(endless, no_
         zmq.Context() as context,
         context.socket(zmq.REQ) as client,
     ):
-        process = publisher._gateway._process
+        process = publisher._sockets.gateway._process
         process.kill()
         process.wait()
         client.linger = 0
@@ -410,7 +410,7 @@ def test_without_unix_sockets_a_thread_forwards_by_tcp(endless, no_threads_left,
         client.connect(publisher.address)
         client.send(b"\x02S1234")
         assert client.poll(60_000)
-        assert publisher._gateway._process is None
+        assert publisher._sockets.gateway._process is None
 
 
 def is_listening(port: int) -> bool:
@@ -425,7 +425,7 @@ import btcore
 from btcore_monitor.serve import serve
 tree = btcore.loads('<root BTCPP_format="4"><BehaviorTree ID="T"><AlwaysSuccess/></BehaviorTree></root>')
 publisher = serve(tree, groot2_port=0)
-print(publisher.port, publisher._gateway._folder, flush=True)
+print(publisher.port, publisher._sockets.gateway._folder, flush=True)
 sys.stdin.read()
 """
 
@@ -449,7 +449,7 @@ def test_the_next_run_removes_the_folder_of_a_killed_robot_and_gateway(endless, 
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr(tempfile, "tempdir", None)
     with subprocess.Popen(
-        [sys.executable, "-c", ROBOT.replace("_gateway._folder", "_gateway._process.pid")],
+        [sys.executable, "-c", ROBOT.replace("gateway._folder", "gateway._process.pid")],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

@@ -1,4 +1,4 @@
-"""A stand-in for a robot that runs C++: BehaviorTree.CPP 4.10's publisher for Groot 2, from its description.
+"""A simulated robot that runs C++: BehaviorTree.CPP 4.10's publisher for Groot 2, from its description.
 
 It shares no code with the monitor. Its replies are checked against the captures of a real robot.
 """

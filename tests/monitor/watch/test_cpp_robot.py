@@ -48,10 +48,10 @@ def source(viewer):
     return viewer.of(TreeEvent)[-1].source
 
 
-# --- the stand-in
+# --- the simulated robot
 
 
-def test_the_stand_in_answers_like_the_captured_robot(cpp_robot, capture):
+def test_the_simulated_robot_answers_like_the_captured_robot(cpp_robot, capture):
     robot = cpp_robot(tree_id=capture("fulltree.rep")[0][6:])
     records = capture("get_transitions.rep")[1]
     steps = [records[at : at + 9] for at in range(0, len(records), 9)]

@@ -1,4 +1,4 @@
-"""Fixtures of the engine's regression tests: trees of planned leaves on simulated time."""
+"""Fixtures of the engine's regression tests: trees of mock leaves on simulated time."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 
 class TreeFactory:
-    """Builds trees of planned leaves and other nodes; ``journal`` records the calls of the leaves."""
+    """Builds trees of mock leaves and other nodes; ``journal`` records the calls of the leaves."""
 
     def __init__(self) -> None:
         self.journal = CallLog()

@@ -90,7 +90,7 @@ def test_several_parameters_make_a_grid_and_become_arguments_of_run() -> None:
     ("text", "message"),
     [
         ("battery", "is invalid: write KEY=VALUES"),
-        ("batery=1", "'btcore run' has no option --batery. Did you mean 'battery'?"),
+        ("batery=1", "'btcore run' has no option --batery; did you mean 'battery'?"),
         ("seed=1..5", "the seeds of a sweep are its --seeds"),
         ("battery=9..5", "9..5 descends"),
         ("battery=1..5:0", "the step must be greater than 0"),
@@ -117,7 +117,7 @@ def test_flag_accepts_only_true_and_false() -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--seeds", "3", "--param", "untl=done"], "Did you mean 'until'?"),
+        (["--seeds", "3", "--param", "untl=done"], "; did you mean 'until'?"),
         (["--seeds", "3", "--log", "run.btlog"], "no option '--log': it applies to a single run"),
         (["--seeds", "3", "--param", "until=done,soon"], "'soon' is not one of"),
         (

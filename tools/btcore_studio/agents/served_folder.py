@@ -10,7 +10,7 @@ from typing import Final
 from btcore import bundled_trees
 from btcore.errors import BtcoreError
 from btcore.input_files import real_path
-from btcore.suggestions import nearest_name
+from btcore.suggestions import did_you_mean
 
 MAX_TREE_SIZE: Final = 2_000_000
 """The maximum size of a tree or of a TreeNodesModel (bytes)."""
@@ -65,8 +65,7 @@ class ServedFolder:
         except OSError as error:
             message = f"'{name}' can't be read: {(error.strerror or 'invalid name').lower()}"
             known = [other for other in self.files(suffixes) if not isinstance(error, PermissionError)]
-            nearest = nearest_name(name, known)
-            raise RefusedError(message + (f"; did you mean '{nearest}'?" if nearest else "")) from None
+            raise RefusedError(message + did_you_mean(name, known)) from None
         if not stat.S_ISREG(state.st_mode):
             raise RefusedError(f"'{name}' is refused: it is not a regular file")
         if state.st_size > max_size:

@@ -24,7 +24,7 @@ import btcore
 from btcore.documentation_site import documentation_url
 from btcore.escaping import escape_controls
 from btcore.input_files import data_folder
-from btcore.suggestions import nearest_name
+from btcore.suggestions import did_you_mean
 from btcore_studio.agents.arguments import Arguments
 from btcore_studio.agents.command_process import CommandRunner
 from btcore_studio.agents.result_size import shorten_text
@@ -205,9 +205,8 @@ class _Tool:
         known = list(self.model.model_fields)
         for name in arguments:
             if name not in known:
-                nearest = nearest_name(name[:100], known)
-                hint = f"did you mean '{nearest}'?" if nearest else f"the arguments are {', '.join(known)}"
-                _refuse(f"'{self.function.__name__}' has no argument '{shorten_text(name, 100)}'; {hint}")
+                hint = did_you_mean(name[:100], known) or f"; the arguments are {', '.join(known)}"
+                _refuse(f"'{self.function.__name__}' has no argument '{shorten_text(name, 100)}'{hint}")
         # Some clients send lists and objects as texts of JSON.
         parsed = FuncMetadata(arg_model=self.model).pre_parse_json(arguments)
         try:
@@ -227,10 +226,8 @@ def _refuse(message: str) -> NoReturn:
 def _page(name: str) -> str:
     pages = documentation_pages()
     if name not in pages:
-        site = documentation_url("")
-        nearest = nearest_name(name[:200], pages)
-        hint = f"did you mean '{nearest}'?" if nearest else f"all pages are at {site}"
-        _refuse(f"there is no page '{shorten_text(name, 200)}'; {hint}")
+        hint = did_you_mean(name[:200], pages) or f"; all pages are at {documentation_url('')}"
+        _refuse(f"there is no page '{shorten_text(name, 200)}'{hint}")
     return pages[name].read_text(encoding="utf-8")
 
 

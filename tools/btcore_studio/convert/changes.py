@@ -4,9 +4,9 @@ from btcore.diagnostic_codes import DiagnosticCode
 from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import DocumentEditor
-from btcore.xml.edit.edits import Edit, apply_edits, escape_value
+from btcore.xml.edit.edits import Edit, escape_value
+from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element, ElementPart
-from btcore.xml.read.read import Document
 from btcore.xml.read.scan import ScannedElement
 
 
@@ -16,6 +16,10 @@ class ConversionChanges:
     Arguments always name attributes as in the original document, even after an attribute was renamed. The
     codes of the diagnostics classify the changes. `C1…`: another spelling with the same meaning. `C2…`:
     the tree behaves differently in format 4. `C3…`: the user must make the change.
+
+    Attributes:
+        edits: The edits.
+        diagnostics: The diagnostics.
     """
 
     def __init__(self, document: Document, registry: Registry) -> None:
@@ -23,7 +27,7 @@ class ConversionChanges:
         self.registry = registry
         self.diagnostics: list[Diagnostic] = []
         self._editor = DocumentEditor(document.source_map.scan)
-        self._edits: list[Edit] = []
+        self.edits: list[Edit] = []
 
     def note(
         self,
@@ -45,7 +49,7 @@ class ConversionChanges:
 
     def rename_element(self, element: Element, name: str) -> None:
         """Change the name of *element* to *name*, in the start tag and in the end tag."""
-        self._edits += self._editor.rename_element(self._scanned(element), name)
+        self.edits += self._editor.rename_element(self._scanned(element), name)
 
     def insert_attribute(self, element: Element, name: str, text: str) -> None:
         """Insert an attribute before the other attributes of an element.
@@ -54,7 +58,7 @@ class ConversionChanges:
             text: The value, not escaped.
         """
         at = self._scanned(element).tag_end
-        self._edits.append(Edit(at, at, f' {name}="{escape_value(text)}"'))
+        self.edits.append(Edit(at, at, f' {name}="{escape_value(text)}"'))
 
     def set_attribute(self, element: Element, attribute: str, text: str) -> None:
         """Replace the value of an attribute, and keep its quotes.
@@ -62,7 +66,7 @@ class ConversionChanges:
         Args:
             text: The new value, not escaped.
         """
-        self._edits.append(self._editor.set_attribute(self._scanned(element), attribute, text))
+        self.edits.append(self._editor.set_attribute(self._scanned(element), attribute, text))
 
     def rename_attribute(self, element: Element, attribute: str, name: str) -> None:
         """Rename an attribute.
@@ -73,7 +77,7 @@ class ConversionChanges:
         Raises:
             EditError: The element has no such attribute.
         """
-        self._edits.append(self._editor.rename_attribute(self._scanned(element), attribute, name))
+        self.edits.append(self._editor.rename_attribute(self._scanned(element), attribute, name))
 
     def remove_attribute(self, element: Element, attribute: str) -> None:
         """Remove an attribute and the space before it.
@@ -81,11 +85,7 @@ class ConversionChanges:
         Raises:
             EditError: The element has no such attribute.
         """
-        self._edits.append(self._editor.remove_attribute(self._scanned(element), attribute))
+        self.edits.append(self._editor.remove_attribute(self._scanned(element), attribute))
 
     def _scanned(self, element: Element) -> ScannedElement:
         return self.document.source_map.scanned(element)
-
-    def text(self) -> str:
-        """Return the text of the document with all edits applied."""
-        return apply_edits(self.document.text, self._edits)

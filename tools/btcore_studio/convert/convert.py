@@ -1,5 +1,6 @@
 """Convert a document from format 3 to format 4. Text that needn't change keeps its bytes."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from btcore.diagnostic_codes import (
@@ -14,11 +15,12 @@ from btcore.diagnostic_codes import (
 from btcore.errors import Diagnostic, TreeError
 from btcore.registry.registry import Registry
 from btcore.xml.define import parse_format
+from btcore.xml.edit.edits import Edit, apply_edits
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.diagnostics import sort_diagnostics
 from btcore.xml.read.dialect import DIALECTS
+from btcore.xml.read.document import Document, parse_text
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import Document, parse_text
 from btcore_studio.convert.changes import ConversionChanges
 from btcore_studio.convert.nodes import convert_node
 from btcore_studio.convert.subtree import convert_subtree
@@ -29,12 +31,14 @@ class Conversion(NamedTuple):
 
     Attributes:
         text: The converted text.
+        edits: The edits of the original text that result in *text*.
         changes: The changes, with their positions in the original document: another spelling with the same
             meaning (codes `C1…`), another meaning (`C2…`), and steps that the user must take (`C3…`).
         remaining: The errors in *text*, except in included files.
     """
 
     text: str
+    edits: Sequence[Edit]
     changes: list[Diagnostic]
     remaining: list[Diagnostic]
 
@@ -57,13 +61,13 @@ def convert(document: Document, registry: Registry) -> Conversion:
         message = f"unknown BTCPP_format '{root.get('BTCPP_format')}'"
         raise TreeError([document.diagnostic(UNKNOWN_FORMAT, message, root, "BTCPP_format")])
     if format == 4:
-        return Conversion(document.text, [], _errors(document, registry))
+        return Conversion(document.text, (), [], _errors(document, registry))
     changes = ConversionChanges(document, registry)
     _convert_root(changes, root)
     _convert_trees(changes)
-    text = changes.text()
+    text = apply_edits(document.text, changes.edits)
     remaining = _errors(parse_text(text, document.file), registry)
-    return Conversion(text, sort_diagnostics(changes.diagnostics), remaining)
+    return Conversion(text, changes.edits, sort_diagnostics(changes.diagnostics), remaining)
 
 
 def _convert_root(changes: ConversionChanges, root: Element) -> None:

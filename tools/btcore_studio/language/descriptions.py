@@ -10,7 +10,7 @@ from btcore.lint.ports import is_required
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.values import DOUBLE, ValueType
-from btcore.xml.models.stubs import is_stub
+from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.hints import literals_of
 
 ARROWS: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "↔"}
@@ -74,8 +74,8 @@ def type_name(kind: ValueType) -> str:
 
 def is_mandatory(manifest: Manifest, port: Port) -> bool:
     """Return whether a node of *manifest* cannot be loaded, or raises, without *port*."""
-    # In a stub, node_models has marked the ports that the node works without as optional.
-    if port.role in LOAD_TIME_ROLES or is_stub(manifest.cls):
+    # In a mock node, node_models has marked the ports that the node works without as optional.
+    if port.role in LOAD_TIME_ROLES or is_mock(manifest.cls):
         return port.default is None and not port.optional
     return is_required(manifest, port)
 
@@ -100,7 +100,7 @@ def port_markdown(manifest: Manifest, port: Port) -> str:
 def node_markdown(manifest: Manifest) -> str:
     """Return the specification of a node: what it does, and its ports."""
     facts = [manifest.type.name.lower()]
-    if manifest.type in (NodeType.CONTROL, NodeType.DECORATOR) and not is_stub(manifest.cls):
+    if manifest.type in (NodeType.CONTROL, NodeType.DECORATOR) and not is_mock(manifest.cls):
         facts.append(_children(manifest))
     facts.append(f"from {code(manifest.distribution)}")
     lines = [f"**{manifest.id}** — {', '.join(facts)}", "", prose(manifest.description)]

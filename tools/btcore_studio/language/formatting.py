@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 from lsprotocol import types
 
-from btcore.xml.read.scan import ScannedElement
+from btcore.xml.edit.edits import Edit, difference
+from btcore.xml.read.scan import Scan, ScannedElement
 from btcore_studio.language.project import Project, SourceDocument
 
 
@@ -35,10 +36,7 @@ def format_document(
         params: The indentation.
     """
     unit = " " * params.options.tab_size if params.options.insert_spaces else "\t"
-    return [
-        types.TextEdit(document.positions.range(start, end), text)
-        for start, end, text in _edits(document, unit)
-    ]
+    return document.text_edits(formatting_edits(document.scan, unit))
 
 
 def format_range(
@@ -54,23 +52,43 @@ def format_range(
     ]
 
 
-def _edits(document: SourceDocument, unit: str) -> Iterator[tuple[int, int, str]]:
-    """Yield the start and the end of each white space to replace, and the new white space."""
-    scan, text = document.scan, document.text
+def formatting_edits(scan: Scan, unit: str) -> list[Edit]:
+    """Return the edits that format a text; none if a tag is incomplete or missing.
+
+    Args:
+        scan: The elements of the text.
+        unit: The indentation of a child.
+    """
+    text = scan.text
     if len(scan.roots) != 1 or not all(_is_whole(text, element) for element in scan.elements):
-        return
+        return []
     new_line = "\r\n" if "\r\n" in text else "\n"
-    tokens = _tokens(document)
-    fixed = _fixed_gaps(document, tokens)
+    edits: list[Edit] = []
+    for start, end, wanted in _white_space(scan, unit, new_line):
+        gap = text[start:end]
+        if gap == wanted:
+            continue
+        change = difference(gap, wanted)
+        if {"\r", "\n"} & {*gap.replace(new_line, "")}:  # an edit must not begin or end in a line break
+            change = Edit(0, len(gap), wanted)
+        edits.append(Edit(start + change.start, start + change.end, change.text))
+    return edits
+
+
+def _white_space(scan: Scan, unit: str, new_line: str) -> Iterator[tuple[int, int, str]]:
+    """Yield the start and the end of each white space that may change, and the wanted white space."""
+    text = scan.text
+    tokens = _tokens(scan)
+    fixed = _fixed_gaps(text, tokens)
     for index, (left, right) in enumerate(pairwise(tokens)):
-        gap = text[left.end : right.start]
-        if index not in fixed and (wanted := _gap(gap, left, right, unit, new_line)) != gap:
-            yield left.end, right.start, wanted
+        if index not in fixed:
+            gap = text[left.end : right.start]
+            yield left.end, right.start, _gap(gap, left, right, unit, new_line)
     for token in tokens:
         if token.kind == "start" and token.element is not None:
-            yield from _edits_in_tag(text, token.element, unit * (token.depth + 2), new_line)
+            yield from _white_space_in_tag(text, token.element, unit * (token.depth + 2), new_line)
     end = tokens[-1].end
-    if text[end:] != new_line and not text[end:].strip():
+    if not text[end:].strip():
         yield end, len(text), new_line
 
 
@@ -79,14 +97,14 @@ def _is_whole(text: str, element: ScannedElement) -> bool:
     return closed and element.is_complete and all(item.is_closed for item in element.attributes)
 
 
-def _tokens(document: SourceDocument) -> list[_Token]:
+def _tokens(scan: Scan) -> list[_Token]:
     """Return the tags and comments in the order of the text."""
     found: list[tuple[int, int, str, ScannedElement | None]] = []
-    for element in document.scan.elements:
+    for element in scan.elements:
         found.append((element.start, element.start_tag_end, "start", element))
         if not element.is_empty:
             found.append((element.end_tag_start, element.end, "end", element))
-    found += ((start, end, "comment", None) for start, end in document.scan.comments)
+    found += ((start, end, "comment", None) for start, end in scan.comments)
     tokens: list[_Token] = []
     depth = 0
     for start, end, kind, owner in sorted(found, key=lambda item: item[0]):
@@ -96,9 +114,8 @@ def _tokens(document: SourceDocument) -> list[_Token]:
     return tokens
 
 
-def _fixed_gaps(document: SourceDocument, tokens: list[_Token]) -> set[int]:
+def _fixed_gaps(text: str, tokens: list[_Token]) -> set[int]:
     """Return the numbers of the gaps in elements that contain text, which keep their white space."""
-    text = document.text
     fixed: set[int] = set()
     # The gaps that belong to each open element, and whether one of them contains text.
     open_gaps: list[list[int]] = [[]]
@@ -131,17 +148,17 @@ def _gap(gap: str, left: _Token, right: _Token, unit: str, new_line: str) -> str
     return new_line * (1 + is_blank) + unit * right.depth
 
 
-def _edits_in_tag(
+def _white_space_in_tag(
     text: str, element: ScannedElement, indent: str, new_line: str
 ) -> Iterator[tuple[int, int, str]]:
-    """Yield the edits between the attributes of a start tag. Line breaks between attributes are kept."""
+    """Yield the white space in a start tag, as `_white_space` does; line breaks between attributes remain."""
     end = element.tag_end
     for attribute in element.attributes:
         gap = text[end : attribute.start]
         wanted = f"{new_line}{indent}" if "\n" in gap else " "
-        if gap != wanted and not gap.strip():
+        if not gap.strip():
             yield end, attribute.start, wanted
         end = attribute.end
     last = element.start_tag_end - (2 if element.is_empty else 1)
-    if end != last and not text[end:last].strip():
+    if not text[end:last].strip():
         yield end, last, ""

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Final, NamedTuple, TypeVar
 from weakref import WeakKeyDictionary
 
+from btcore.xml.plan.tree_plan import SubtreeCall
 from btcore_studio.language.project import Project
 from btcore_studio.language.project_symbols import ProjectSymbols, symbols_of
 from btcore_studio.language.symbols import CallPort, KeyForm, KeyUse, TreeCall, TreeSymbol
@@ -66,8 +67,8 @@ class KeyLinks:
         self._roots: dict[TreeSymbol, list[TreeSymbol]] = {}
         # The call of each attribute that names a key of the called tree.
         self._calls: dict[KeyUse, TreeCall] = {}
-        # The connected keys of each call by inner key, with the defaults of the tree's model.
-        self._ports: dict[TreeCall, dict[str, CallPort]] = {}
+        # The connected keys of each call and their places, with the defaults of the tree's model.
+        self._connections: dict[TreeCall, tuple[SubtreeCall, list[CallPort]]] = {}
         for file in symbols.files.values():
             for tree in file.trees:
                 self._add_tree(tree)
@@ -107,7 +108,7 @@ class KeyLinks:
 
     def is_called_with_autoremap(self, tree: TreeSymbol) -> bool:
         """Return whether a SubTree element calls *tree* with `_autoremap`."""
-        return any(call.autoremap for call in self._callers.get(tree, ()))
+        return any(call.connections.autoremap for call in self._callers.get(tree, ()))
 
     def uses_of(self, keys: Iterable[TreeKey]) -> list[KeyUse]:
         """Return the places that name one of *keys*, each once."""
@@ -123,8 +124,13 @@ class KeyLinks:
             for inner_tree in called:
                 self._callers.setdefault(inner_tree, []).append(call)
             # Every call has all ports of the tree's model: a short document could fill the memory.
-            ports = self._ports[call] = self._ports_of(call) if self.is_complete else call.ports
-            for port in ports.values():
+            if self.is_complete:
+                self._connections[call] = self.symbols.connections_of(call)
+            else:
+                self._connections[call] = call.connections, list(call.ports.values())
+            _, ports = self._connections[call]
+            self._count(len(ports))
+            for port in ports:
                 for inner_tree in called:
                     self._name(port.inner, TreeKey(inner_tree, port.inner.key))
                 if port.inner.form is KeyForm.ATTRIBUTE:
@@ -133,11 +139,6 @@ class KeyLinks:
                     self._name(port.outer, TreeKey(tree, port.outer.key))
                     if port.outer.form is KeyForm.OF_PORT:
                         self.own_name_remaps.append((port.inner, port.outer))
-
-    def _ports_of(self, call: TreeCall) -> dict[str, CallPort]:
-        ports = {port.inner.key: port for port in self.symbols.ports_of(call)}
-        self._count(len(ports))
-        return ports
 
     def _add_models(self) -> None:
         for file in self.symbols.files.values():
@@ -182,16 +183,10 @@ class KeyLinks:
                 yield _Link(TreeKey(root, key.key.lstrip("@")), True)
             return
         for call in self._callers.get(key.tree, ()):
-            port = self._ports[call].get(key.key)
-            if call.shared:
-                yield _Link(TreeKey(call.caller, key.key), True)
-            elif port is not None and port.outer is not None:
-                yield _Link(TreeKey(call.caller, port.outer.key), False)
-            elif port is not None:
-                if port.is_outer_constant:
-                    yield _Link(TreeKey(call.caller, key.key), True)
-            elif call.autoremap and (format == 3 or not key.key.startswith("_")):
-                yield _Link(TreeKey(call.caller, key.key), True)
+            connections, _ = self._connections[call]
+            outer = connections.outer_key(key.key)
+            if outer is not None:
+                yield _Link(TreeKey(call.caller, outer), key.key not in connections.remaps)
 
     def _namesakes(self, key: TreeKey) -> Iterator[TreeKey]:
         for link in (*self._outer.get(key, ()), *self._inner.get(key, ())):
@@ -231,7 +226,7 @@ class KeyLinks:
             if isinstance(item, KeyUse):
                 yield item
             elif isinstance(item, TreeCall):
-                ports = self._ports[item].values()
+                _, ports = self._connections[item]
                 yield from (use for port in ports for use in (port.inner, port.outer) if use is not None)
                 pending += reversed(self.symbols.trees_called(item.id, item.caller.file))
             elif item not in seen:

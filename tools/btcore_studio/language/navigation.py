@@ -10,7 +10,7 @@ from lsprotocol.types import Location, Position, Range
 from pygls import uris
 
 from btcore.input_files import read_file
-from btcore.xml.models.stubs import is_stub
+from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import Place, ScannedElement
 from btcore_studio.language.key_links import KeyLinks, TreeKey, links_of
@@ -208,7 +208,7 @@ def _builtin_source(symbols: ProjectSymbols, id: str, format: int) -> list[Locat
     """Return the place of a built-in node in the source of btcore; nothing if the source is not installed."""
     manifest = symbols.registry.get(id, format)
     module = sys.modules.get(manifest.cls.__module__) if manifest is not None else None
-    if manifest is None or is_stub(manifest.cls) or module is None or not module.__file__:
+    if manifest is None or is_mock(manifest.cls) or module is None or not module.__file__:
         return []
     # The file of a compiled module is in the same folder as its source.
     file = Path(module.__file__).parent / (module.__name__.rpartition(".")[2] + ".py")

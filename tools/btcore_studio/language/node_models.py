@@ -13,7 +13,7 @@ from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import EnumType, ValueType
-from btcore.xml.models.stubs import is_stub, make_stub_class
+from btcore.xml.models.mock_leaves import is_mock, make_mock_class
 from btcore_studio.language.descriptions import is_mandatory
 
 
@@ -93,8 +93,8 @@ def models_of(nodes: Registry) -> list[NodeModel]:
     return models
 
 
-def add_stubs(nodes: Registry, models: Iterable[NodeModel], enums: Mapping[str, int]) -> None:
-    """Register a stub for each model. A model whose ID is registered already is ignored.
+def add_mock_nodes(nodes: Registry, models: Iterable[NodeModel], enums: Mapping[str, int]) -> None:
+    """Register a mock node for each model. A model whose ID is registered already is ignored.
 
     Args:
         nodes: The registry to extend.
@@ -111,19 +111,19 @@ def add_stubs(nodes: Registry, models: Iterable[NodeModel], enums: Mapping[str, 
         ports = [_port(nodes, port) for port in model.ports]
         origin = model.distribution or "model"
         kind = NodeType[model.type]
-        cls = make_stub_class(model.id, kind, ports, model.description, origin, model.metadata)
+        cls = make_mock_class(model.id, kind, ports, model.description, origin, model.metadata)
         cls.spec = NodeSpec(symbol=model.symbol)
         nodes.add(cls, ID=model.id, format=model.format or None)
 
 
 def _model_of(manifest: Manifest, format: int) -> NodeModel:
     file, line = _source_of(manifest)
-    described = "" if is_stub(manifest.cls) and "A stub" in manifest.description else manifest.description
+    has_no_text = is_mock(manifest.cls) and "A mock node" in manifest.description
     return NodeModel(
         manifest.id,
         manifest.type.name,
         tuple(_port_model(manifest, port) for port in manifest.ports.values()),
-        described,
+        "" if has_no_text else manifest.description,
         manifest.distribution,
         file,
         line,
@@ -135,7 +135,7 @@ def _model_of(manifest: Manifest, format: int) -> NodeModel:
 
 def _source_of(manifest: Manifest) -> tuple[str, int]:
     thing: Any = manifest.function or manifest.cls
-    if is_stub(manifest.cls):
+    if is_mock(manifest.cls):
         return "", 0
     try:
         return inspect.getsourcefile(thing) or "", inspect.getsourcelines(thing)[1]
@@ -144,7 +144,7 @@ def _source_of(manifest: Manifest) -> tuple[str, int]:
 
 
 def _port_model(manifest: Manifest, port: Port) -> PortModel:
-    is_needed = port.reads if is_stub(manifest.cls) else is_mandatory(manifest, port)
+    is_needed = port.reads if is_mock(manifest.cls) else is_mandatory(manifest, port)
     return PortModel(
         port.name,
         port.direction.value,

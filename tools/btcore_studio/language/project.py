@@ -14,10 +14,11 @@ from pygls import uris
 from btcore.errors import TreeError
 from btcore.input_files import read_file, real_path
 from btcore.registry.registry import Registry
-from btcore.xml.read.read import Document, parse_file, parse_text
+from btcore.xml.edit.edits import Edit
+from btcore.xml.read.document import Document, parse_file, parse_text
 from btcore.xml.read.scan import Scan, scan
 from btcore_studio.language.diagnostics import Report
-from btcore_studio.language.node_models import NodeModel, add_stubs
+from btcore_studio.language.node_models import NodeModel, add_mock_nodes
 from btcore_studio.language.text_positions import TextPositions
 
 MAX_FILES: Final = 2_000
@@ -99,6 +100,10 @@ class SourceDocument:
         """The lines of the text, to convert offsets and positions."""
         return TextPositions(self.text)
 
+    def text_edits(self, edits: Iterable[Edit]) -> list[types.TextEdit]:
+        """Return *edits* of the text as edits of the protocol."""
+        return [types.TextEdit(self.positions.range(start, end), text) for start, end, text in edits]
+
     def apply(
         self, changes: Iterable[types.TextDocumentContentChangeEvent], version: int
     ) -> "SourceDocument":
@@ -128,7 +133,7 @@ class Project:
     Attributes:
         folders: The folders of the workspace.
         settings: The settings of the client.
-        registry: The available nodes. Nodes of Python libraries are stubs with the same ports.
+        registry: The available nodes. Nodes of Python libraries are mock nodes with the same ports.
         models: The nodes of Python libraries and model files by ID, with the places of their source.
     """
 
@@ -297,7 +302,7 @@ class Project:
             enums: The registered enum names.
         """
         registry = Registry.standard()
-        add_stubs(registry, models, enums)
+        add_mock_nodes(registry, models, enums)
         self.registry = registry
         self.models = {model.id: model for model in models}
 

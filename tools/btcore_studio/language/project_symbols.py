@@ -8,6 +8,7 @@ from weakref import WeakKeyDictionary
 
 from btcore.input_files import real_path
 from btcore.registry.registry import Registry
+from btcore.xml.plan.tree_plan import SubtreeCall
 from btcore.xml.read.read import MAX_INCLUDED_FILES
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement
 from btcore_studio.language.project import Project, SourceDocument
@@ -229,15 +230,20 @@ class ProjectSymbols:
         visible = self.visible_files(file)
         return [model for model in found if model.file in visible] or found
 
-    def ports_of(self, call: TreeCall) -> list[CallPort]:
+    def connections_of(self, call: TreeCall) -> tuple[SubtreeCall, list[CallPort]]:
         """Return the connected keys of a SubTree element, with the defaults of the tree's model."""
-        ports = list(call.ports.values())
-        if not call.autoremap and self.files[call.caller.file].format == 4:
-            for model in self.models(call.id, call.caller.file, of_subtree=True):
-                for name, port in model.ports.items():
-                    if name not in call.ports and port.text:
-                        ports.append(CallPort(port.name, port.default))
-        return ports
+        models = self.models(call.id, call.caller.file, of_subtree=True)
+        defaults = {name: port for model in reversed(models) for name, port in model.ports.items()}
+        if not defaults:
+            return call.connections, list(call.ports.values())
+        own = call.connections
+        whole = SubtreeCall(own.element, own.format, {name: port.text for name, port in defaults.items()})
+        added = [
+            CallPort(defaults[name].name, defaults[name].default)
+            for name in whole.port_texts
+            if name not in own.port_texts
+        ]
+        return whole, [*call.ports.values(), *added]
 
     def places_of_tree(self, id: str, file: str) -> Iterator[tuple[str, ScannedAttribute, bool]]:
         """Yield (file, attribute, whether it is a definition) for each attribute that names the tree."""

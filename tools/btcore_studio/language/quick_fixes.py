@@ -64,5 +64,5 @@ def _overlap(one: types.Range, other: types.Range) -> bool:
 
 
 def _action(document: SourceDocument, fix: TextFix, kind: types.CodeActionKind) -> types.CodeAction:
-    edits = [types.TextEdit(document.positions.range(edit.start, edit.end), edit.text) for edit in fix.edits]
-    return types.CodeAction(fix.title, kind, edit=types.WorkspaceEdit({document.uri: edits}))
+    changes = {document.uri: document.text_edits(fix.edits)}
+    return types.CodeAction(fix.title, kind, edit=types.WorkspaceEdit(changes))

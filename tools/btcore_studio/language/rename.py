@@ -1,22 +1,22 @@
 """Rename trees, nodes and blackboard keys in all files of a project, so that the trees behave as before."""
 
 import re
-from collections.abc import Iterable
 from typing import Final, NamedTuple
 
-from lsprotocol.types import LSPErrorCodes, PrepareRenamePlaceholder, TextEdit, WorkspaceEdit
+from lsprotocol.types import LSPErrorCodes, PrepareRenamePlaceholder, WorkspaceEdit
 from pygls.exceptions import JsonRpcException
 
 from btcore.names import RESERVED_IDS, forbidden_in, port_name_error
 from btcore.script import lexer
-from btcore.xml.models.stubs import is_stub
+from btcore.xml.edit.edits import Edit
+from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement
 from btcore_studio.language.key_links import MAX_LINKS, KeyLinks, TreeKey, links_of
 from btcore_studio.language.navigation import NamedKey, NamedNode, NamedTree, named_at, node_span
 from btcore_studio.language.project import Project, SourceDocument
-from btcore_studio.language.project_symbols import ProjectSymbols
+from btcore_studio.language.project_symbols import ProjectSymbols, symbols_of
 from btcore_studio.language.symbols import KeyForm, KeyUse, TreeSymbol, is_call, node_id
 
 MAX_NAME_LENGTH: Final = 1_000
@@ -44,13 +44,9 @@ class NodeName(NamedTuple):
     attribute: ScannedAttribute
 
 
-class _Edit(NamedTuple):
-    """Replace the text of *file* from *start* to *end* by *text*, which needs no more escapes."""
-
-    file: str
-    start: int
-    end: int
-    text: str
+FileEdits = dict[str, list[Edit]]
+"""The edits of each file, by URI."""
+_FileEdit = tuple[str, Edit]
 
 
 _Target = NamedKey | NamedTree | NamedNode | NodeName
@@ -82,8 +78,8 @@ def prepare_rename(project: Project, document: SourceDocument, offset: int) -> P
     return PrepareRenamePlaceholder(range=document.positions.range(start, end), placeholder=name)
 
 
-def rename_symbol(project: Project, document: SourceDocument, offset: int, new_name: str) -> WorkspaceEdit:
-    """Return the changes of all files that rename what the cursor is on.
+def rename_symbol(project: Project, document: SourceDocument, offset: int, new_name: str) -> FileEdits:
+    """Return the edits of all files that rename what the cursor is on.
 
     A key is renamed in its tree. SubTree elements that remap the key keep the key on their other side;
     `_autoremap`, shared blackboards and `@` make several trees use one name, so it changes in all of them.
@@ -112,7 +108,10 @@ def rename_symbol(project: Project, document: SourceDocument, offset: int, new_n
         edits = _rename_node(links.symbols, target, new_name)
     else:
         edits = _rename_instance(document, target, new_name)
-    return _workspace_edit(links.symbols, edits)
+    changes: FileEdits = {}
+    for file, edit in sorted(set(edits)):
+        changes.setdefault(file, []).append(edit)
+    return changes
 
 
 def _target_at(project: Project, links: KeyLinks, document: SourceDocument, offset: int) -> _Target:
@@ -160,7 +159,7 @@ def _check_key(project: Project, links: KeyLinks, keys: list[TreeKey]) -> None:
             )
 
 
-def _rename_key(project: Project, links: KeyLinks, target: NamedKey, new_name: str) -> list[_Edit]:
+def _rename_key(project: Project, links: KeyLinks, target: NamedKey, new_name: str) -> list[_FileEdit]:
     symbols = links.symbols
     renamed = links.same_name_keys(target.keys)
     uses = links.uses_of(renamed)
@@ -183,7 +182,7 @@ def _rename_key(project: Project, links: KeyLinks, target: NamedKey, new_name: s
         if inner in edits and outer in edits:
             del edits[outer]  # both names change: "{=}" still means the same key
         elif inner in edits:
-            edits[outer] = _Edit(outer.file, outer.start, outer.end, _escaped(f"{{{outer.key}}}"))
+            edits[outer] = (outer.file, Edit(outer.start, outer.end, _escaped(f"{{{outer.key}}}")))
     return list(edits.values())
 
 
@@ -197,12 +196,12 @@ def _plain_name(symbols: ProjectSymbols, use: KeyUse) -> str:
     return use.key.removeprefix("@") if symbols.files[use.file].format == 4 else use.key
 
 
-def _key_edit(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> _Edit:
+def _key_edit(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> _FileEdit:
     if use.form is KeyForm.OF_PORT:
-        return _Edit(use.file, use.start, use.end, _escaped(f"{{{new_name}}}"))
+        return use.file, Edit(use.start, use.end, _escaped(f"{{{new_name}}}"))
     start = use.start + len(use.key) - len(_plain_name(symbols, use))
     text = new_name if use.form is KeyForm.ATTRIBUTE else _escaped(new_name)
-    return _Edit(use.file, start, use.end, text)
+    return use.file, Edit(start, use.end, text)
 
 
 def _check_new_key(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> None:
@@ -243,7 +242,7 @@ def _place_of(symbols: ProjectSymbols, use: KeyUse) -> str:
 
 def _rename_tree(
     symbols: ProjectSymbols, document: SourceDocument, target: NamedTree, new_name: str
-) -> list[_Edit]:
+) -> list[_FileEdit]:
     if new_name == target.id:
         return []
     places = list(symbols.places_of_tree(target.id, document.uri))
@@ -262,7 +261,7 @@ def _rename_tree(
             if taken in symbols.visible_files(file):
                 raise RenameError(f"{_name_of(symbols, taken)} names a tree '{new_name}' already")
     text = _escaped(new_name)
-    return [_Edit(file, attribute.value_start, attribute.value_end, text) for file, attribute, _ in places]
+    return [(file, Edit(attribute.value_start, attribute.value_end, text)) for file, attribute, _ in places]
 
 
 def _name_of(symbols: ProjectSymbols, file: str) -> str:
@@ -281,13 +280,13 @@ def _check_node(project: Project, symbols: ProjectSymbols, named: NamedNode) -> 
     if known is not None and known.file.endswith(".py"):
         raise RenameError(f"the Python code of <{named.id}> declares its ID: rename it in {known.file}")
     registered = symbols.registry.get(named.id, 4) or symbols.registry.get(named.id, 3)
-    if registered is not None and not is_stub(registered.cls):
+    if registered is not None and not is_mock(registered.cls):
         raise RenameError(f"<{named.id}> is a node of {registered.distribution}")
     if not symbols.node_models(named.id):
         raise RenameError(f"no <TreeNodesModel> of the project declares the node '{named.id}'")
 
 
-def _rename_node(symbols: ProjectSymbols, target: NamedNode, new_name: str) -> list[_Edit]:
+def _rename_node(symbols: ProjectSymbols, target: NamedNode, new_name: str) -> list[_FileEdit]:
     if new_name == target.id:
         return []
     character = forbidden_in(new_name)
@@ -305,40 +304,38 @@ def _rename_node(symbols: ProjectSymbols, target: NamedNode, new_name: str) -> l
     if new_name in symbols.trees:
         raise RenameError(f"the project has a tree '{new_name}' already")
     text = _escaped(new_name)
-    edits: list[_Edit] = []
+    edits: list[_FileEdit] = []
     for model in symbols.node_models(target.id):
-        edits.append(_Edit(model.file, *node_span(model.element), text))
+        edits.append((model.file, Edit(*node_span(model.element), text)))
     for file, element in symbols.nodes(target.id):
-        edits.append(_Edit(file, *node_span(element), text))
+        edits.append((file, Edit(*node_span(element), text)))
         if element.tag not in EXPLICIT_TAGS:
             if _XML_NAME.fullmatch(new_name) is None:
                 raise RenameError(f"'{new_name}' cannot be a tag: it is not a name in XML")
             if element.end_tag_start >= 0:
                 at = symbols.documents[file].text.index(element.tag, element.end_tag_start)
-                edits.append(_Edit(file, at, at + len(element.tag), text))
+                edits.append((file, Edit(at, at + len(element.tag), text)))
     return edits
 
 
-def _rename_instance(document: SourceDocument, target: NodeName, new_name: str) -> list[_Edit]:
+def _rename_instance(document: SourceDocument, target: NodeName, new_name: str) -> list[_FileEdit]:
     attribute = target.attribute
     for call in target.tree.calls if is_call(target.element) else ():
         if call.element is not target.element and call.element.get("name") == new_name:
             message = f"another SubTree element of '{target.tree.id}' has the name '{new_name}' already"
             raise RenameError(message)
-    return [_Edit(document.uri, attribute.value_start, attribute.value_end, _escaped(new_name))]
+    return [(document.uri, Edit(attribute.value_start, attribute.value_end, _escaped(new_name)))]
 
 
 # --- edits
 
 
+def workspace_edit(project: Project, changes: FileEdits) -> WorkspaceEdit:
+    """Return *changes* of the files of *project* as the protocol describes them."""
+    documents = symbols_of(project).documents
+    return WorkspaceEdit(changes={file: documents[file].text_edits(edits) for file, edits in changes.items()})
+
+
 def _escaped(text: str) -> str:
     """Return *text* as it is written in an attribute with either quotes."""
     return quoted(text)[1:-1]
-
-
-def _workspace_edit(symbols: ProjectSymbols, edits: Iterable[_Edit]) -> WorkspaceEdit:
-    changes: dict[str, list[TextEdit]] = {}
-    for file, start, end, text in sorted(set(edits)):
-        place = symbols.documents[file].positions.range(start, end)
-        changes.setdefault(file, []).append(TextEdit(place, text))
-    return WorkspaceEdit(changes=changes)

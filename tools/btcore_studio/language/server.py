@@ -209,8 +209,9 @@ def _add_features(server: TreeServer) -> None:
         return navigation.find_references(project, document, offset, params.context.include_declaration)
 
     def renaming(project: Project, document: SourceDocument, params: types.RenameParams) -> Any:
-        return rename.rename_symbol(
-            project, document, document.positions.offset(params.position), params.new_name
+        offset = document.positions.offset(params.position)
+        return rename.workspace_edit(
+            project, rename.rename_symbol(project, document, offset, params.new_name)
         )
 
     of_request(types.TEXT_DOCUMENT_REFERENCES, references)

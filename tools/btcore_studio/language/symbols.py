@@ -9,14 +9,19 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Port, braced_key, remapped_key
-from btcore.errors import ConversionError
-from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script import lexer
-from btcore.values import BOOL
 from btcore.xml.define import parse_format
-from btcore.xml.plan.key_uses import READING, WRITING, AccessKind, find_name_uses, port_uses
+from btcore.xml.plan.key_uses import (
+    NON_KEY_ATTRIBUTES,
+    READING,
+    WRITING,
+    AccessKind,
+    find_name_uses,
+    port_uses,
+)
+from btcore.xml.plan.tree_plan import SubtreeCall
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS, SCRIPT_ATTRIBUTES
 from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, value_offsets
 
@@ -78,12 +83,10 @@ class CallPort:
     Attributes:
         inner: The key of the called tree.
         outer: The key of the calling tree; None if the inner key is set to a constant.
-        is_outer_constant: Whether the constant is written to the calling tree's entry of the same name.
     """
 
     inner: KeyUse
     outer: KeyUse | None
-    is_outer_constant: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,17 +97,15 @@ class TreeCall:
         caller: The tree that contains the element.
         id: The ID of the called tree.
         element: The element.
-        ports: The connected keys by inner key.
-        autoremap: Whether every other key of the called tree is the caller's key of the same name.
-        shared: Whether both trees use one blackboard.
+        ports: The places that the element connects, by inner key.
+        connections: The connected keys, without the defaults of the tree's model.
     """
 
     caller: "TreeSymbol"
     id: str
     element: ScannedElement
     ports: dict[str, CallPort]
-    autoremap: bool
-    shared: bool
+    connections: SubtreeCall
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -291,9 +292,8 @@ class _SymbolReader:
             name, default = element.attribute("name"), element.attribute("default")
             if name is not None and name.value:
                 text = default.value if default is not None else None
-                outer = (
-                    self._outer_key(element, name.value, default) if default and model.is_subtree else None
-                )
+                key = braced_key(text or "", self._format) if model.is_subtree else None
+                outer = self._braced(element, default, key) if default is not None and key else None
                 use = KeyUse(
                     self._file, name.value, name.value_start, name.value_end, KeyForm.MODEL, element,
                     writes=bool(text) and outer is None, port=name.value,
@@ -304,61 +304,25 @@ class _SymbolReader:
     # --- SubTree elements
 
     def _call(self, tree: TreeSymbol, element: ScannedElement) -> TreeCall:
-        autoremap = shared = False
+        call = SubtreeCall(element.parsed(), self._format, {})
         ports: dict[str, CallPort] = {}
         for attribute in element.attributes:
             name = attribute.name
-            if self._format == 3:
-                if name == "__shared_blackboard" and element.tag == "SubTree":
-                    shared = self._truth(attribute)
-                    continue
-                if name == "__autoremap" and element.tag == "SubTreePlus":
-                    autoremap = self._truth(attribute)
-                    continue
-                is_port = name not in ("ID", "name", "_description")
-            else:
-                if name == "_autoremap":
-                    autoremap = self._truth(attribute)
-                    continue
-                is_port = is_port_name(name)
-            if is_port and name not in ports:
-                ports[name] = self._call_port(element, attribute, autoremap)
-        return TreeCall(tree, element.get("ID") or "", element, ports, autoremap, shared)
+            if name in call.port_texts and name not in ports and name not in NON_KEY_ATTRIBUTES:
+                inner = KeyUse(
+                    self._file, name, attribute.start, attribute.name_end, KeyForm.ATTRIBUTE, element,
+                    writes=name in call.constants, port=name,
+                )  # fmt: skip
+                outer = call.remaps.get(name)
+                ports[name] = CallPort(inner, self._outer_use(element, attribute, outer) if outer else None)
+        return TreeCall(tree, call.tree_id, element, ports, call)
 
-    def _call_port(self, element: ScannedElement, attribute: ScannedAttribute, autoremap: bool) -> CallPort:
-        name = attribute.name
-        outer = None
-        if attribute.value is not None:
-            if self._format == 3 and element.tag == "SubTree":
-                # <SubTree> of format 3 has no braces: the text is the outer key itself.
-                outer = self._use(element, attribute, attribute.value, 0, len(attribute.value), KeyForm.BARE)
-            else:
-                outer = self._outer_key(element, name, attribute)
-        is_constant = outer is None
-        inner = KeyUse(
-            self._file, name, attribute.start, attribute.name_end, KeyForm.ATTRIBUTE, element,
-            writes=is_constant, port=name,
-        )  # fmt: skip
-        return CallPort(inner, outer, is_constant and autoremap and self._format == 3)
-
-    def _outer_key(self, element: ScannedElement, name: str, attribute: ScannedAttribute) -> KeyUse | None:
-        """Return the key of the calling tree that the text of *attribute* names, or None for a constant."""
+    def _outer_use(self, element: ScannedElement, attribute: ScannedAttribute, key: str) -> KeyUse:
+        """Return the use of *key* of the calling tree, which the text of *attribute* names."""
         text = attribute.value or ""
-        key = braced_key(text, self._format)
-        if key is None:
-            return None
-        if key == "=" and self._format != 3:
-            return KeyUse(
-                self._file, name, attribute.value_start, attribute.value_end, KeyForm.OF_PORT, element,
-                port=name,
-            )  # fmt: skip
-        return self._braced(element, attribute, key)
-
-    def _truth(self, attribute: ScannedAttribute) -> bool:
-        try:
-            return BOOL.from_text(attribute.value or "", self._format) is True
-        except ConversionError:
-            return False
+        if braced_key(text, self._format) is None or (element.tag == "SubTree" and self._format == 3):
+            return self._use(element, attribute, key, 0, len(text), KeyForm.BARE)
+        return self._remapped(element, attribute, key)
 
     # --- other nodes
 

@@ -26,9 +26,10 @@ from btcore.xml.models.model_file import (
     add_models,
     has_models,
 )
-from btcore.xml.read.read import Document, parse_file, parse_text, read
+from btcore.xml.read.document import Document, parse_file, parse_text
+from btcore.xml.read.read import read
 from btcore_studio.language.diagnostics import check
-from btcore_studio.language.node_models import NodeModel, add_stubs, models_of
+from btcore_studio.language.node_models import NodeModel, add_mock_nodes, models_of
 
 MAX_SOURCES: Final = 5_000
 """Maximum number of source files whose changes are watched."""
@@ -118,7 +119,7 @@ class Libraries:
         if not is_complete:
             known = {model.id for model in models_of(self.nodes)}
             self.kept = {model.id: model for model in last[0] if model.id not in known}
-            add_stubs(self.nodes, self.kept.values(), last[1])
+            add_mock_nodes(self.nodes, self.kept.values(), last[1])
         for module in list(sys.modules.values()) if trusted else ():
             source = getattr(module, "__file__", None)
             if source and any(real_path(source).is_relative_to(folder) for folder in folders):

@@ -12,7 +12,9 @@ from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
 from btcore.xml.models.model_file import add_undeclared_nodes
 from btcore.xml.plan.plan import Plans, define_and_plan, plan
-from btcore.xml.read.read import Document, parse_file, parse_text, read
+from btcore.xml.read.document import Document, parse_file, parse_text
+from btcore.xml.read.read import read
+from btcore.xml.render.folding import fold
 from btcore.xml.render.node_card import FAMILY_COLOURS
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
@@ -141,7 +143,8 @@ def draw(plans: Plans, tree: str | None, folded: Collection[str], styled: bool =
     root = diagram_of_document(plans)
     nodes = diagram_nodes(root)
     keys = diagram_keys(nodes)
-    hidden = _fold(root, {uid for uid, key in keys.items() if key in folded}, len(nodes))
+    children = {node.uid: [child.uid for child in node.children] for node, _ in nodes}
+    hidden = fold(children, (), MAX_CARDS, {uid for uid, key in keys.items() if key in folded})
     files: dict[str, tuple[int, Document]] = {}
     rows = []
     for node, parent in nodes:
@@ -175,27 +178,6 @@ def draw(plans: Plans, tree: str | None, folded: Collection[str], styled: bool =
         "about": {node.id: node.about for node, _ in nodes if node.about},
         "files": [{"name": name, "text": document.text} for name, (_, document) in files.items()],
     }
-
-
-def _fold(root: DiagramNode, folded: set[int], count: int) -> dict[int, int]:
-    """Return the number of hidden descendants of each visible node with hidden children."""
-    # Nodes are numbered in pre-order: the descendants of a node follow it without a gap.
-    hidden: dict[int, int] = {}
-    visible = 1
-    level = [(root, root.uid + count)]
-    while level:
-        below: list[tuple[DiagramNode, int]] = []
-        for node, end in level:
-            if not node.children:
-                continue
-            if node.uid in folded or visible + len(node.children) > MAX_CARDS:
-                hidden[node.uid] = end - node.uid - 1
-                continue
-            visible += len(node.children)
-            ends = [child.uid for child in node.children[1:]]
-            below += zip(node.children, [*ends, end], strict=True)
-        level = below
-    return hidden
 
 
 def _pruned(node: DiagramNode, hidden: dict[int, int]) -> DiagramNode:

@@ -41,7 +41,7 @@ def test_xml_is_a_model_that_groot_imports(cli: Cli, library: Path) -> None:
 def test_mistyped_id_is_refused_with_a_suggestion(cli: Cli) -> None:
     result = cli("nodes", "Sequnce")
     assert result.exit_code == 2
-    assert "Did you mean 'Sequence'?" in result.stderr
+    assert "; did you mean 'Sequence'?" in result.stderr
 
 
 def test_json_describes_a_port(cli: Cli) -> None:

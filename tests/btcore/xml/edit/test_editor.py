@@ -18,15 +18,16 @@ from btcore.errors import TreeError
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import DocumentEditor, apply_checked
 from btcore.xml.edit.edits import Edit, EditError, apply_edits, invert_edits, rebase_edits
+from btcore.xml.read.document import parse_text
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import ScannedElement, scan
 
 ROOT = Path(__file__).parents[4]
 FOLDERS = ("trees", "tests/robot_nodes", "tests/monitor/captures", "ros2")
 RECORDED = ("v3_full", "v3_mutated", "v4_control", "v4_full", "v4_mutated", "v4_scopes")
-COUNT = int(os.environ.get("BTCORE_EDITS", "500"))
-"""The number of random operations."""
+COUNT = 500
+"""The number of random operations with each seed."""
+SEEDS = range(max(1, int(os.environ.get("BTCORE_EDITS", COUNT)) // COUNT))
 
 MAIN = '<root BTCPP_format="4"><BehaviorTree ID="A">{}</BehaviorTree></root>'
 Plain = tuple[str, dict[str, str], list["Plain"]]
@@ -66,6 +67,8 @@ def decorated(text: str, chance: random.Random) -> str:
         text = re.sub(r"/>$", "/> <!-- <Sleep/> -->", text, flags=re.MULTILINE)
     if chance.random() < 0.3:
         text = text.replace("</BehaviorTree>", "<![CDATA[ <x> ]]></BehaviorTree>")
+    if chance.random() < 0.3:
+        text = re.sub(r"(?=<BehaviorTree)", '<include path="included.xml"/>', text, count=1)
     return text.replace("\n", "\r\n") if chance.random() < 0.3 else text
 
 
@@ -195,14 +198,18 @@ def comments(text: str) -> list[str]:
     return [found.text[start:end] for start, end in found.comments]
 
 
-def test_random_operations(nodes: Registry, texts: dict[str, list[str]]) -> None:
-    chance = random.Random(f"edits:{os.environ.get('BTCORE_EDITS_SEED', '1')}")
+@pytest.mark.parametrize("seed", SEEDS)
+def test_random_operations(nodes: Registry, texts: dict[str, list[str]], tmp_path: Path, seed: int) -> None:
+    chance = random.Random(f"edits:{seed}")
+    (tmp_path / "included.xml").write_text(
+        '<root><BehaviorTree ID="Included"><Sleep msec="1"/></BehaviorTree></root>'
+    )
     outcomes = {"done": 0, "refused": 0}
     for number in range(COUNT):
         name = chance.choice(list(texts))
         text = decorated(chance.choice(texts[name]), chance)
         try:
-            document = parse_text(text, name)
+            document = parse_text(text, str(tmp_path / name))
             made = Operation(text, plain(document.root), chance)
         except (TreeError, IndexError):
             continue  # a recorded document that is invalid, or has no nodes

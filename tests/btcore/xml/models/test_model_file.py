@@ -1,4 +1,4 @@
-"""Models without code: trees with C++ leaves are checked, and run with planned leaves."""
+"""Models without code: trees with C++ leaves are checked, and run with mock leaves."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from btcore.lint.validate import validate_document
 from btcore.xml.models.mock_leaves import Outcomes
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.models.tree_nodes_model import write_models
-from btcore.xml.read.read import parse_file, parse_text
+from btcore.xml.read.document import parse_file, parse_text
 
 MODELS = """<root BTCPP_format="4">
   <TreeNodesModel>
@@ -134,7 +134,7 @@ def test_tree_of_modelled_nodes_is_checked_like_any_other(tmp_path: Path, models
     ]
 
 
-def test_stub_succeeds_immediately_or_follows_its_plan(models: Path) -> None:
+def test_a_mock_leaf_succeeds_immediately_or_follows_its_outcomes(models: Path) -> None:
     nodes = Registry.standard()
     add_models(nodes, models)
     assert btcore.loads(TREE, nodes=nodes).tick_exactly_once() is Status.SUCCESS

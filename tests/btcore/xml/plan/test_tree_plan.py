@@ -13,7 +13,7 @@ from btcore.errors import PortError, TreeError
 from btcore.lint.validate import validate_document
 from btcore.loading.instantiate import instantiate
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.read import parse_text
+from btcore.xml.read.document import parse_text
 
 Write = Callable[..., str]
 Refused = Callable[[object], TreeError]

@@ -10,7 +10,7 @@ from lxml import etree
 
 from btcore import Registry
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.read import parse_text
+from btcore.xml.read.document import parse_text
 from btcore.xml.render.svg import diagram_to_svg
 from btcore.xml.render.tidy_layout import LayoutBox, Spacing, layout_tree
 from btcore.xml.render.tree_drawing import diagram_of_document

@@ -137,7 +137,7 @@ def plan(name: str, letters: str) -> str:
 
 
 def restarting_leaf(name: str, letters: str) -> str:
-    """A planned leaf that starts again when it is ticked after its end, as below a decorator."""
+    """A mock leaf that starts again when it is ticked after its end, as below a decorator."""
     return f"<Inverter><Inverter>{plan(name, letters)}</Inverter></Inverter>"
 
 

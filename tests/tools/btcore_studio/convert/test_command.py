@@ -116,7 +116,7 @@ def test_model_defines_which_ports_are_outputs(cli: Cli, old: Path) -> None:
     ("arguments", "message"),
     [
         (("old.xml", "--in-place", "-o", "x.xml"), "--in-place and --output cannot be used together"),
-        (("odl.xml",), "Did you mean 'old.xml'?"),
+        (("odl.xml",), "; did you mean 'old.xml'?"),
         (("old.xml", "-o", "no/such/folder.xml"), "cannot write 'no/such/folder.xml'"),
         (("old.xml", "--model", "none.xml"), "no such file"),
     ],

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from btcore import Diagnostic, Registry, TreeError
-from btcore.xml.read.read import parse_text
+from btcore.xml.edit.edits import apply_edits, invert_edits
+from btcore.xml.read.document import parse_text
 from btcore.xml.read.scan import scan
 from btcore.xml.read.tinyxml2_compat import START_TAG
 from btcore_studio.convert.convert import Conversion, convert
@@ -244,7 +245,7 @@ def test_model_of_a_subtree_plus_becomes_a_model_of_a_subtree() -> None:
 def test_format_4_is_returned_unchanged() -> None:
     text = '<root BTCPP_format="4"><BehaviorTree ID="A"><SequenceStar/></BehaviorTree></root>'
     result = convert(parse_text(text), NODES)
-    assert result[:2] == (text, [])
+    assert result[:3] == (text, (), [])
     assert [one.code for one in result.remaining] == ["E101"]
 
 
@@ -271,6 +272,7 @@ def test_only_tags_are_changed_and_a_second_conversion_changes_nothing(
             line = text.count("\n", 0, before.start) + 1
             assert any(line <= at <= line + old.count("\n") for at, _ in reported_values)
     assert convert(parse_text(result.text), NODES).text == result.text
+    assert apply_edits(result.text, invert_edits(text, result.edits)) == text
 
 
 # --- behaviour

@@ -20,7 +20,7 @@ def robot_project() -> Project:
     nodes.add_plugins()
     made = Project()
     made.set_models(models_of(nodes), {"RED": 1, "GREEN": 2})
-    assert nodes.manifests.keys() == made.registry.manifests.keys(), "every node has a stand-in"
+    assert nodes.manifests.keys() == made.registry.manifests.keys(), "every node has a mock node"
     return made
 
 

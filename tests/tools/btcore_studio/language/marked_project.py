@@ -3,9 +3,11 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from lsprotocol.types import Location, Range, WorkspaceEdit
+from lsprotocol.types import Location, Range
 
+from btcore.xml.edit.edits import apply_edits, invert_edits
 from btcore_studio.language.project import Project, Settings, SourceDocument
+from btcore_studio.language.rename import FileEdits, workspace_edit
 
 CURSOR = "¦"
 
@@ -59,20 +61,28 @@ class MarkedProject:
             for item in locations
         ]
 
-    def apply(self, edit: WorkspaceEdit) -> dict[str, str]:
-        """Return the texts of the changed files."""
+    def apply(self, edits: FileEdits) -> dict[str, str]:
+        """Return the texts of the changed files. The inverse of the edits restores them."""
         changed: dict[str, str] = {}
-        for uri, edits in (edit.changes or {}).items():
+        changes = workspace_edit(self.project, edits).changes or {}
+        for uri, text_edits in changes.items():
             document = self.project.document(uri)
             assert document is not None
-            lines = [line.encode("utf-16-le") for line in document.text.split("\n")]
-            for change in sorted(edits, key=lambda item: item.range.start, reverse=True):
+            before = document.text
+            lines = [line.encode("utf-16-le") for line in before.split("\n")]
+            for change in sorted(text_edits, key=lambda item: item.range.start, reverse=True):
                 start, end = change.range.start, change.range.end
                 assert start.line == end.line
                 line = lines[start.line]
-                before, after = line[: 2 * start.character], line[2 * end.character :]
-                lines[start.line] = before + change.new_text.encode("utf-16-le") + after
-            changed[self._name(uri)] = "\n".join(line.decode("utf-16-le") for line in lines)
+                lines[start.line] = (
+                    line[: 2 * start.character]
+                    + change.new_text.encode("utf-16-le")
+                    + line[2 * end.character :]
+                )
+            text = "\n".join(line.decode("utf-16-le") for line in lines)
+            assert text == apply_edits(before, edits[uri])
+            assert apply_edits(text, invert_edits(before, edits[uri])) == before
+            changed[self._name(uri)] = text
         return changed
 
     def _name(self, uri: str) -> str:

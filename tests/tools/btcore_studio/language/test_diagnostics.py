@@ -10,7 +10,7 @@ pytest.importorskip("pygls")
 from btcore import Registry
 from btcore.errors import Diagnostic, TreeError
 from btcore.lint.validate import validate_document
-from btcore.xml.read.read import parse_file
+from btcore.xml.read.document import parse_file
 from btcore_studio.language.diagnostics import Report, check, merge
 from btcore_studio.language.worker import Libraries
 

@@ -1,4 +1,5 @@
 # ruff: noqa: E501 - the layout is the result
+import random
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,11 +10,14 @@ pytest.importorskip("pygls")
 
 from lsprotocol import types
 
+from btcore.xml.edit.edits import apply_edits, invert_edits
+from btcore.xml.read.document import parse_text
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import parse_text
-from btcore_studio.language.formatting import format_document, format_range
+from btcore.xml.read.scan import scan
+from btcore_studio.language.formatting import format_document, format_range, formatting_edits
 from btcore_studio.language.lenses import code_lenses
 from btcore_studio.language.project import Project, SourceDocument
+from tests.btcore.xml.edit.test_editor import decorated
 
 TREES = Path(__file__).parents[4] / "trees"
 OPTIONS = types.FormattingOptions(tab_size=4, insert_spaces=True)
@@ -53,6 +57,26 @@ def test_the_same_tree_is_formatted_again_after_white_space_changed(file: Path) 
     assert formatted(squeezed) == once
 
 
+@pytest.mark.parametrize("file", sorted(TREES.rglob("*.xml")), ids=lambda file: file.stem)
+def test_formatting_changes_only_white_space_and_can_be_undone(file: Path) -> None:
+    chance = random.Random(f"format:{file.stem}")
+    for _ in range(5):
+        text = decorated(file.read_text(encoding="utf-8"), chance)
+        edits = formatting_edits(scan(text), chance.choice(["\t", "    "]))
+        for start, end, new in edits:
+            old = text[start:end]
+            assert not (old + new).strip(), (old, new)
+            assert old != new
+            # Nothing is replaced by itself, and no line break is divided.
+            assert old[:1] != new[:1], (old, new)
+            assert old[-1:] != new[-1:], (old, new)
+            assert not text.startswith("\r\n", start - 1)
+            assert not text.startswith("\r\n", end - 1)
+        formatted = apply_edits(text, edits)
+        assert "".join(formatted.split()) == "".join(text.split())
+        assert apply_edits(formatted, invert_edits(text, edits)) == text
+
+
 def test_layout_of_elements_comments_attributes_and_text() -> None:
     text = (
         '<?xml version="1.0"?>\n<!-- 🤖 --><root   BTCPP_format="4" >\n\n\n<BehaviorTree ID="Äpfel"><!-- why -->\n'
@@ -89,7 +113,7 @@ def test_a_range_is_formatted() -> None:
     identifier = types.TextDocumentIdentifier(document.uri)
     line = types.Range(types.Position(2, 0), types.Position(2, 4))
     edits = format_range(project, document, types.DocumentRangeFormattingParams(identifier, line, OPTIONS))
-    assert [(edit.range.end.line, edit.new_text) for edit in edits] == [(2, "\n    ")]
+    assert [(edit.range.end.line, edit.new_text) for edit in edits] == [(2, "    ")]
 
 
 def test_code_lenses_of_each_tree() -> None:

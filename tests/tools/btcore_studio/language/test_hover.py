@@ -6,7 +6,7 @@ from lsprotocol import types
 
 from btcore.lint.data_flow import trace_dataflow
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.read import parse_file
+from btcore.xml.read.document import parse_file
 from btcore_studio.language.entries import entry_facts
 from btcore_studio.language.hover import hover
 from btcore_studio.language.key_links import TreeKey, links_of

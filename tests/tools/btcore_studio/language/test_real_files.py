@@ -11,7 +11,7 @@ from lsprotocol import types
 
 from btcore.registry.registry import Registry
 from btcore.xml.edit.edits import Edit, apply_edits
-from btcore.xml.read.read import parse_text
+from btcore.xml.read.document import parse_text
 from btcore.xml.read.scan import ScannedElement
 from btcore_studio.language.completion import complete
 from btcore_studio.language.diagnostics import Report, check
@@ -197,14 +197,8 @@ def test_a_renamed_file_has_the_same_diagnostics(
     places += [place.value_start for element in nodes_of(document) if (place := element.attribute("name"))]
     for offset in chosen(places, document, 4):
         old = prepare_rename(project, document, offset).placeholder
-        edit = rename_symbol(project, document, offset, "renamed_2")
-        changes = (edit.changes or {})[document.uri]
-        assert {text_at(document, change.range) for change in changes} <= {old, "{=}"}
-        positions = document.positions
-        edits = [
-            Edit(positions.offset(change.range.start), positions.offset(change.range.end), change.new_text)
-            for change in changes
-        ]
+        edits = rename_symbol(project, document, offset, "renamed_2")[document.uri]
+        assert {document.text[start:end] for start, end, _ in edits} <= {old, "{=}"}
         text = apply_edits(document.text, edits)
         assert sorted(report.code for report in codes(nodes, text)) == before
 

@@ -11,8 +11,9 @@ import pytest
 import btcore
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
+from btcore.xml.edit.edits import apply_edits, invert_edits
 from btcore.xml.models.model_file import add_models
-from btcore.xml.read.read import parse_file
+from btcore.xml.read.document import parse_file
 from btcore_studio.language.navigation import find_definition
 from btcore_studio.language.node_models import NodeModel, PortModel
 from btcore_studio.language.project import Project, Settings
@@ -272,16 +273,12 @@ def renamings(project: Project, choose: random.Random, count: int) -> Iterator[t
         offset = choose.choice(trees) if is_tree else choose.choice(uses).start
         try:
             old = prepare_rename(project, document, offset).placeholder
-            changes = rename_symbol(project, document, offset, "renamed").changes or {}
+            changes = rename_symbol(project, document, offset, "renamed")
         except RenameError:
             continue
-        text = document.text
-        for edit in reversed(changes[document.uri]):
-            start, end = (
-                document.positions.offset(edit.range.start),
-                document.positions.offset(edit.range.end),
-            )
-            text = text[:start] + edit.new_text + text[end:]
+        edits = changes[document.uri]
+        text = apply_edits(document.text, edits)
+        assert apply_edits(text, invert_edits(document.text, edits)) == document.text
         yield old, text, is_tree
 
 
