@@ -132,13 +132,14 @@ def this_line() -> int:
 
 def test_all_errors_are_reported_with_the_lines_of_the_code(b: Builder) -> None:
     start = this_line()
-    main = b.Sequence(b.Near(distnace=1), b.Repeat(b.AlwaysSuccess(), b.AlwaysSuccess(), num_cycles="often"))
+    main = b.Sequence(
+        b.Near(distnace=1),
+        b.Repeat(b.AlwaysSuccess(), b.AlwaysSuccess(), num_cycles="often"),
+    )
     with pytest.raises(TreeError) as caught:
         b.build(main)
-    reported_values = [
-        (one.code, one.file.rsplit("/")[-1], one.line - start) for one in caught.value.diagnostics
-    ]
-    assert sorted(reported_values) == [
+    told = [(one.code, one.file.rsplit("/")[-1], one.line - start) for one in caught.value.diagnostics]
+    assert sorted(told) == [
         ("E104", "test_builder.py", 3),
         ("E201", "test_builder.py", 2),
         ("E202", "test_builder.py", 3),
