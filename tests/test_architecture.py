@@ -121,10 +121,10 @@ def inside(name: str, package: str) -> bool:
 
 def tier(module: str) -> int:
     """Return the index of the tier of *module*: that of its folder, or of the folder within its folder."""
-    rooms = module.split(".")[1:]
-    for room in (".".join(rooms[:2]), ".".join(rooms[:1])):
+    packages = module.split(".")[1:]
+    for package in (".".join(packages[:2]), ".".join(packages[:1])):
         for rank, names in enumerate(TIERS):
-            if room in names:
+            if package in names:
                 return rank
     raise AssertionError(f"{module}: give its folder a place in TIERS")
 
@@ -134,9 +134,9 @@ OTHERS = sorted(PARENTS.keys() - {"btcore"})
 MOVED = {"btcore.moved_modules": "MOVED_MODULES"}
 
 
-@pytest.mark.parametrize("stranger", OTHERS)
-def test_engine_does_not_import_the_other_packages(stranger: str) -> None:
-    assert violations("btcore", stranger) == []
+@pytest.mark.parametrize("package", OTHERS)
+def test_engine_does_not_import_the_other_packages(package: str) -> None:
+    assert violations("btcore", package) == []
 
 
 TOOLS = [package for package, folder in PARENTS.items() if folder == "tools" and package != "btcore_bags"]
@@ -205,7 +205,7 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
     for module in shared:
         assert third_party_imports(module) == set()
         assert all(tier(name) == 0 for name in imports(module) if inside(name, "btcore"))
-    assert [one for guest in ROBOT_PACKAGES for one in violations("btcore_monitor", guest)] == []
+    assert [one for dependency in ROBOT_PACKAGES for one in violations("btcore_monitor", dependency)] == []
 
 
 def test_scene_messages_need_only_the_standard_library() -> None:
@@ -234,15 +234,9 @@ def test_simulation_imports_only_the_robot_protocol_and_maps() -> None:
         == []
     )
     engine = violations("btcore_sim", "btcore", but=("btcore_sim.errors", "btcore_sim.providers"))
-    assert {edge.split(" → ")[1] for edge in engine} == {
-        "btcore.clock",
-        "btcore.suggestions",
-        "btcore.typed_data",
-    }
-    assert {edge.split(" → ")[1] for edge in violations("btcore_sim", "btcore_robot")} <= {
-        *SHARED,
-        *MAPS,
-    }
+    reached = {edge.split(" → ")[1] for edge in engine}
+    assert reached == {"btcore.clock", "btcore.suggestions", "btcore.typed_data"}
+    assert {edge.split(" → ")[1] for edge in violations("btcore_sim", "btcore_robot")} <= {*SHARED, *MAPS}
     for module in SHARED:
         assert third_party_imports(module) <= {"numpy", "numpy.typing", "msgspec", "yaml"}
     for module in MAPS:
@@ -269,7 +263,9 @@ def test_navigation_uses_the_robot_only_through_its_protocol() -> None:
         for name in imports(module)
     }
     assert not any(
-        inside(name, guest) for name in reached for guest in ("btcore_sim", "pybullet", "btcore_monitor")
+        inside(name, dependency)
+        for name in reached
+        for dependency in ("btcore_sim", "pybullet", "btcore_monitor")
     )
     promised = {name for name in vars(Robot) if not name.startswith("_")}
     assert not any("true" in name or name in {"place", "world", "contacts"} for name in promised)
@@ -281,19 +277,19 @@ WITH_TREES = tuple(
 
 
 FILES_AND_ERRORS = {
-    "btcore.clock",
-    f"btcore.{name}" for name in ("errors", "input_files", "output_files", "suggestions", "typed_data")
+    f"btcore.{name}"
+    for name in ("clock", "errors", "input_files", "output_files", "suggestions", "typed_data")
 }
 
 
 def test_robot_servers_do_not_import_the_engine() -> None:
-    for room in (
+    for package in (
         "btcore_navigation",
         "btcore_robot.control",
         "btcore_robot.perception",
         "btcore_robot.process",
     ):
-        found = violations(room, "btcore", but=WITH_TREES)
+        found = violations(package, "btcore", but=WITH_TREES)
         assert {text.partition(" → ")[2] for text in found} <= FILES_AND_ERRORS
 
 
@@ -309,11 +305,11 @@ def test_robots_do_not_import_their_navigation() -> None:
 
 
 @pytest.mark.parametrize(
-    ("guest", "room"),
+    ("dependency", "package"),
     [("rerun", "btcore_monitor.screen"), ("pybullet", "btcore_sim"), ("rclpy", "btcore_ros2")],
 )
-def test_a_heavy_dependency_is_imported_in_one_package_only(guest: str, room: str) -> None:
-    assert violations("", guest, but=(room,)) == []
+def test_a_heavy_dependency_is_imported_in_one_package_only(dependency: str, package: str) -> None:
+    assert violations("", dependency, but=(package,)) == []
 
 
 def test_engine_imports_follow_the_tiers() -> None:

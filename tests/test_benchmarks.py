@@ -30,12 +30,12 @@ def test_a_benchmark_runs(file: Path) -> None:
     command = [sys.executable, str(file), "--quick", "--pairs", "1", "--json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
-    told: dict[str, Any] = json.loads(done.stdout)
-    assert told["benchmark"] == file.stem
-    assert told["rows"]
-    assert all(0 < row["low"] <= row["median"] <= row["high"] for row in told["rows"])
+    reported: dict[str, Any] = json.loads(done.stdout)
+    assert reported["benchmark"] == file.stem
+    assert reported["rows"]
+    assert all(0 < row["low"] <= row["median"] <= row["high"] for row in reported["rows"])
     if file.stem == "ticking" and importlib.util.find_spec("py_trees") is not None:
-        rows = {row["what"]: row for row in told["rows"]}
+        rows = {row["what"]: row for row in reported["rows"]}
         for tree in ("bump-and-go", "deep", "wide"):
             assert "target" in rows[f"{tree}, class leaves: py_trees / btcore"]
         assert "wide, class leaves: btcore / the loop" in rows

@@ -9,11 +9,7 @@ import pytest
 EXAMPLES = Path(__file__).parent.parent / "examples"
 EXPECTED_OUTPUT = {
     "01_first_tree.py": ["battery 90%: SUCCESS, alarm off", "battery 10%: SUCCESS, alarm on"],
-    "02_stateful_action.py": [
-        "  gripper at rest",
-        "  gripper at rest",
-        "SUCCESS after 8.0 s, 2.5 m",
-    ],
+    "02_stateful_action.py": ["  gripper at rest", "  gripper at rest", "SUCCESS after 8.0 s, 2.5 m"],
     "03_custom_control_node.py": ["working", "resting"],
     "04_bump_and_go.py": [" m, 0 collisions"],
     "05_watch_a_tree.py": ["the tree: Repeat, Sleep", "changes of status"],
@@ -38,5 +34,5 @@ def test_example_prints_the_expected_lines(name: str) -> None:
     )
     lines = done.stdout.splitlines()
     assert len(lines) == len(EXPECTED_OUTPUT[name])
-    for line, said in zip(lines, EXPECTED_OUTPUT[name], strict=True):
-        assert line.endswith(said)
+    for line, message in zip(lines, EXPECTED_OUTPUT[name], strict=True):
+        assert line.endswith(message)

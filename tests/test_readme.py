@@ -22,6 +22,6 @@ def test_every_file_linked_in_the_readme_exists() -> None:
 
 
 def test_every_folder_named_in_the_readme_exists() -> None:
-    rooms = re.findall(r"^- `(\w+)/`", README, re.MULTILINE)
-    assert set(rooms) >= {"btcore", "monitor", "robot_nodes", "sim", "trees"}
-    assert [room for room in rooms if not (Path(__file__).parent.parent / room).is_dir()] == []
+    packages = re.findall(r"^- `(\w+)/`", README, re.MULTILINE)
+    assert set(packages) >= {"btcore", "monitor", "robot_nodes", "sim", "trees"}
+    assert [package for package in packages if not (Path(__file__).parent.parent / package).is_dir()] == []

@@ -114,7 +114,7 @@ async def session(
         # Editors offer several encodings; the server must choose UTF-16, which all of them support.
         general=types.GeneralClientCapabilities(
             position_encodings=[types.PositionEncodingKind.Utf8, types.PositionEncodingKind.Utf16]
-        ),
+        )
     )
     try:
         result = await editor.initialize_session(

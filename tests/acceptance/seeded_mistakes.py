@@ -233,10 +233,7 @@ TREES: dict[str, GoodTree] = {
                 "</RetryUntilSuccessful>",
                 "</Repeat>",
             ),
-            "lifts although the grasp failed": (
-                "<Grasp/>",
-                "<ForceSuccess><Grasp/></ForceSuccess>",
-            ),
+            "lifts although the grasp failed": ("<Grasp/>", "<ForceSuccess><Grasp/></ForceSuccess>"),
             "keeps running until it fails": (
                 """RetryUntilSuccessful num_attempts="3\"""",
                 "KeepRunningUntilFailure",
@@ -290,12 +287,7 @@ TREES: dict[str, GoodTree] = {
                 """<Timeout msec="5000"> <Confirm/> </Timeout>""",
             ),
             "confirms only if the call failed": ("<Sequence>", "<Fallback>", "</Sequence>", "</Fallback>"),
-            "confirms before it calls": (
-                "<Call/> <Delay",
-                "<Delay",
-                "</Delay>",
-                "</Delay> <Call/>",
-            ),
+            "confirms before it calls": ("<Call/> <Delay", "<Delay", "</Delay>", "</Delay> <Call/>"),
             "cancels always": ("<Fallback>", "<Sequence>", "</Fallback>", "</Sequence>"),
             "hides the expired Timeout": (
                 """<Timeout msec="5000">""",
@@ -364,10 +356,7 @@ TREES: dict[str, GoodTree] = {
         {
             "an empty queue": ("'hall;lab'", "''"),
             "a queue that is not written": ("""<Script code="places := 'hall;lab'"/>""", ""),
-            "a queue with another name": (
-                "places :=",
-                "place_list :=",
-            ),
+            "a queue with another name": ("places :=", "place_list :="),
             "a value with another name": ("""value="{place}\"""", """value="{goal}\""""),
             "an empty place": ("'hall;lab'", "'hall;;lab'"),
             "one place only": ("'hall;lab'", "'hall'"),

@@ -59,11 +59,7 @@ def test_letter_of_a_code_defines_its_severity() -> None:
 def test_codes_are_unique_and_can_be_pickled() -> None:
     assert len(set(ALL_CODES)) == len(ALL_CODES)
     copied = pickle.loads(pickle.dumps(ALL_CODES[0]))
-    assert (copied, copied.severity, copied.summary) == (
-        "E001",
-        ALL_CODES[0].severity,
-        ALL_CODES[0].summary,
-    )
+    assert (copied, copied.severity, copied.summary) == ("E001", ALL_CODES[0].severity, ALL_CODES[0].summary)
 
 
 def test_every_code_is_used_and_comes_from_the_table() -> None:

@@ -14,7 +14,7 @@ RECORDED = Path(__file__).parent / "data" / "convert.jsonl.gz"
 def test_conversions_match_the_recordings():
     with gzip.open(RECORDED, "rt", encoding="utf-8") as lines:
         cases = [json.loads(line) for line in lines]
-    differences = {case["id"]: said for case in cases if (said := compare_conversion_case(case))}
+    differences = {case["id"]: message for case in cases if (message := compare_conversion_case(case))}
     assert len(cases) == 1600
     assert differences == {}
 

@@ -58,7 +58,9 @@ def recorded(name: str) -> list[Case]:
     ],
 )
 def test_trees_match_the_recordings(name: str, count: int) -> None:
-    differences = {case["id"]: said for case in recorded(name) if (said := compare_tree_case(case, NODES))}
+    differences = {
+        case["id"]: message for case in recorded(name) if (message := compare_tree_case(case, NODES))
+    }
     assert differences == {}
     assert len(recorded(name)) == count
 
@@ -261,9 +263,9 @@ def unexpected_exception(ticks: list[Any]) -> None:
 def test_altered_expectation_is_reported_as_a_difference(alter: Callable[[list[Any]], None]) -> None:
     case = case_with_all_data()
     assert compare_tree_case(case, NODES) is None
-    said = compare_tree_case(altered(case, alter), NODES)
-    assert said is not None
-    assert "expected" in said
+    message = compare_tree_case(altered(case, alter), NODES)
+    assert message is not None
+    assert "expected" in message
 
 
 def test_unexpected_tick_is_a_difference() -> None:
@@ -377,10 +379,10 @@ def test_unreadable_file_ends_the_command_with_status_2_and_a_message(
     if content is not None:
         file.write_bytes(content)
     assert main([str(file)]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith(f"{file}: cannot read the file as recorded cases: ")
-    assert said.err.count("\n") == 1
+    message = capsys.readouterr()
+    assert message.out == ""
+    assert message.err.startswith(f"{file}: cannot read the file as recorded cases: ")
+    assert message.err.count("\n") == 1
 
 
 def test_program_exits_with_1_and_prints_the_difference(tmp_path: Path) -> None:

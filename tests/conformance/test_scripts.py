@@ -12,7 +12,7 @@ RECORDED = Path(__file__).parent / "data" / "scripts.jsonl.gz"
 def test_scripts_match_the_recordings():
     with gzip.open(RECORDED, "rt", encoding="utf-8") as lines:
         cases = [json.loads(line) for line in lines]
-    differences = {case["id"]: said for case in cases if (said := compare_script_case(case))}
+    differences = {case["id"]: message for case in cases if (message := compare_script_case(case))}
     assert len(cases) == 800
     assert differences == {}
 

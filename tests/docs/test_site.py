@@ -74,10 +74,7 @@ def test_parameters_of_the_navigation_have_plain_defaults() -> None:
     extensions = griffe.load_extensions(field_defaults.FieldDefaults)
     folder = ROOT / "robot_nodes"
     module = griffe.load(
-        "btcore_navigation.parameters",
-        search_paths=[folder],
-        extensions=extensions,
-        allow_inspection=False,
+        "btcore_navigation.parameters", search_paths=[folder], extensions=extensions, allow_inspection=False
     )
     assert isinstance(module, griffe.Module)
     defaults = {it.name: str(it.default) for it in module["AmclParameters"].parameters}

@@ -284,8 +284,8 @@ def test_the_command_watches_breakpoints_until_the_last_is_released(robot):
         env={**os.environ, "PYTHONPATH": PYTHON_PATH},
     )
     assert watching.stdout is not None
-    said = [watching.stdout.readline() for _ in range(3)]
-    assert said == ["breakpoint before go/left\n", "breakpoint before go/right\n", "reached go/left\n"]
+    message = [watching.stdout.readline() for _ in range(3)]
+    assert message == ["breakpoint before go/left\n", "breakpoint before go/right\n", "reached go/left\n"]
     with BreakpointClient(robot.address) as breaks:
         breaks.release("left")
         assert watching.stdout.readline() == "reached go/right\n"
@@ -296,7 +296,7 @@ def test_the_command_watches_breakpoints_until_the_last_is_released(robot):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["127.0.0.1:1", "--wait", "0.1", "list"], "no robot answers at tcp://127.0.0.1:1"),
         (["not an address", "list"], "'not an address' is not an address"),
@@ -304,11 +304,11 @@ def test_the_command_watches_breakpoints_until_the_last_is_released(robot):
         (["1", "inject", "left", "RUNNING"], "'RUNNING' is not one of"),
     ],
 )
-def test_a_usage_error_is_reported_with_exit_code_2(arguments, said):
+def test_a_usage_error_is_reported_with_exit_code_2(arguments, message):
     result = hook(*arguments)
     assert result.exit_code == 2
     assert isinstance(result.exception, SystemExit)
-    assert said in result.stderr
+    assert message in result.stderr
 
 
 def test_ctrl_c_ends_a_run_that_waits_at_a_breakpoint(tmp_path):
@@ -329,9 +329,9 @@ def test_ctrl_c_ends_a_run_that_waits_at_a_breakpoint(tmp_path):
             breaks.break_at("left")
             breaks.wait(LIMIT)
             run.send_signal(signal.SIGINT)
-            said = run.communicate(timeout=LIMIT)[1]
+            message = run.communicate(timeout=LIMIT)[1]
         assert run.returncode == 130
-        assert "interrupted" in said
+        assert "interrupted" in message
     finally:
         run.kill()
         run.wait()

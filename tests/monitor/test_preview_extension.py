@@ -116,7 +116,7 @@ def test_robot_with_keys_is_watched_and_controlled_by_its_clients_only(
 ) -> None:
     create_keys(tmp_path / "robot")
     create_keys(tmp_path / "desk")
-    create_keys(tmp_path / "stranger")
+    create_keys(tmp_path / "unknown_client")
     allowed = RobotKeys(tmp_path / "robot", [str(tmp_path / "desk.pub")])
     with serve(tree, groot2_port=0, allow_control=True, keys=allowed) as publisher:
 
@@ -131,7 +131,7 @@ def test_robot_with_keys_is_watched_and_controlled_by_its_clients_only(
             state = connection.poll(0.01)
             assert (state.breakpoints, state.problem) == ({3}, "")
         with (
-            closing(connect("stranger")) as connection,
+            closing(connect("unknown_client")) as connection,
             pytest.raises(MonitorError, match="does not know this key"),
         ):
             until(connection, lambda state: state.nodes)

@@ -159,8 +159,8 @@ def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
         text=True,
     )
     assert process.stderr is not None
-    told = process.stderr.readline()
-    address = told.split("publishing at ")[1].split()[0]
+    reported = process.stderr.readline()
+    address = reported.split("publishing at ")[1].split()[0]
     with Feed(address) as feed:
         events = feed.events(until_end=True)
         assert next(event for event in events if isinstance(event, TickEvent)).tick >= 1
@@ -257,12 +257,12 @@ def test_a_changed_tree_is_published_at_the_same_port_and_saved_separately(tmp_p
                     Path(tree_file).write_text(TREE.replace('"M"', '"Saved"'))
                 elif ticks == 2:
                     process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=60)
-    assert process.returncode == 130, told
+    _, reported = process.communicate(timeout=60)
+    assert process.returncode == 130, reported
     assert [event.tree.name for event in seen] == ["M", "Saved"]
     # A robot on a starved machine may count as lost for a moment.
     assert re.fullmatch(r"waiting connected( lost connected)*( lost)? ended", " ".join(links))
-    assert "Traceback" not in told
+    assert "Traceback" not in reported
     for file in (recording, tmp_path / "run.2.rrd"):
         assert file.stat().st_size > 1000
 
@@ -281,8 +281,8 @@ def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_printed(both:
     lines = [process.stderr.readline() for _ in range(2)]
     try:
         first = free_port + (999 if both else 0)
-        told = f"Groot 1 finds it at publisher port {first} and server port {first + 1}"
-        assert told + (f", since Groot 2 has {free_port}" if both else "") in lines[1]
+        reported = f"Groot 1 finds it at publisher port {first} and server port {first + 1}"
+        assert reported + (f", since Groot 2 has {free_port}" if both else "") in lines[1]
         # alone, Groot 1's ports have the run channel; beside Groot 2, it is next to Groot 2's ports
         spoken = "Groot 1's protocol" if both else "run channel"
         with Feed(f":{first + 1}") as feed:
@@ -394,12 +394,12 @@ KEY_ERRORS = [
 def test_a_usage_error_is_reported_once_before_the_run_starts(
     name: str, sample, tree_file, free_port, no_threads_left: Callable[..., None]
 ):
-    options, said = usage_errors(free_port, tree_file)[name]
+    options, message = usage_errors(free_port, tree_file)[name]
     with serve(sample, groot2_port=free_port):
         arguments = ["run", tree_file, "--fast", "--duration", "1", *options]
         done = CliRunner().invoke(main, arguments, prog_name="btcore")
     assert done.exit_code == 2
-    assert said in done.stderr
+    assert message in done.stderr
     assert "Traceback" not in done.stderr
     assert done.stdout == ""
     assert done.stderr.count("error") == 1

@@ -20,17 +20,19 @@ def trace_of_case(text: str, outcomes: str, ticks: int) -> list[object]:
     for key in SCRIPT_KEYS:
         board[key] = 0
     harness = Harness(btcore.loads(text, nodes=NODES, blackboard=board, clock=clock))
-    told: list[object] = []
+    reported: list[object] = []
     try:
         Outcomes(outcomes).drive(harness.tree, ticks)
     except NodeExecutionError as error:
-        told.append(str(error))
+        reported.append(str(error))
     harness.halt()
     for step in harness.trace:
         results = {path: [one.name for one in gave] for path, gave in step.results.items()}
         changes = [str(change) for change in step.changes]
-        told.append([str(step), changes, results, step.halted, step.written, list(step.statuses.values())])
-    return told
+        reported.append(
+            [str(step), changes, results, step.halted, step.written, list(step.statuses.values())]
+        )
+    return reported
 
 
 if __name__ == "__main__":

@@ -126,12 +126,7 @@ class AgentBatch:
             key: np.array([one[at] for one in values]) for at, key in enumerate(SCRIPT_KEYS) if values[0]
         }
         self.tree = BatchTree.loads(
-            xml,
-            len(plans),
-            [ActForAll, ask_for_all],
-            resources=[self.plans],
-            blackboard=columns,
-            clock=clock,
+            xml, len(plans), [ActForAll, ask_for_all], resources=[self.plans], blackboard=columns, clock=clock
         )
 
 

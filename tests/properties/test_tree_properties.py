@@ -17,12 +17,7 @@ INNER = {id for format in (3, 4) for id, one in BUILTIN_MANIFESTS[format].items(
 CLEAN = INNER - {"IfThenElse", "RunOnce", "SequenceWithMemory", "SequenceStar"}
 
 everything = trees(max_nodes=30, timed=True, subtrees=2, conditions=True, scripts=True)
-with_reactive = trees(
-    timed=True,
-    subtrees=2,
-    conditions=True,
-    tags=INNER,
-)
+with_reactive = trees(timed=True, subtrees=2, conditions=True, tags=INNER)
 format_3 = trees(max_nodes=30, timed=True, subtrees=2, format=3)
 
 
@@ -56,8 +51,7 @@ def test_completed_tree_is_idle_and_has_no_running_leaves(planned: tuple[Tree, O
 
 @given(
     st.one_of(
-        trees(skipped=False, tags=CLEAN, subtrees=2, conditions=True),
-        trees(tags=CLEAN, subtrees=2, format=3),
+        trees(skipped=False, tags=CLEAN, subtrees=2, conditions=True), trees(tags=CLEAN, subtrees=2, format=3)
     ),
     outcomes(),
     st.integers(1, 10),

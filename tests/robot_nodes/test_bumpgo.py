@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytest.importorskip("pybullet")
+
 import btcore
 from btcore import Registry, Status, Tree
 from btcore.engine.node import count_ticks

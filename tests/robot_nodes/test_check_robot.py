@@ -405,7 +405,7 @@ class ReportsMotion(PlainRobot):
 
 
 @pytest.mark.parametrize(
-    ("robot", "said"),
+    ("robot", "message"),
     [
         (EndlessCommands, "older than command_timeout"),
         (InDegrees, "rad/s were commanded"),
@@ -437,6 +437,6 @@ class ReportsMotion(PlainRobot):
         (PartialRecharge, "was recharged, and is at 80 %"),
     ],
 )
-def test_a_violation_of_the_contract_is_reported(robot: type[PlainRobot], said: str):
-    with pytest.raises(AssertionError, match=said):
+def test_a_violation_of_the_contract_is_reported(robot: type[PlainRobot], message: str):
+    with pytest.raises(AssertionError, match=message):
         check_robot(robot)

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+pytest.importorskip("pybullet")
+
 from btcore import Registry, Status, Tree, load, loads
 from btcore.cli.main import main
 from btcore_robot.leaves import LocateObjects, TurnToFree, register
@@ -125,8 +127,8 @@ def test_locate_objects_writes_new_boxes_and_deactivates_on_halt(robot):
 
 
 def run(*arguments: str | Path) -> dict:
-    told = ["run", *map(str, arguments), "--fast", "--json"]
-    done = CliRunner().invoke(main, told, prog_name="btcore")
+    reported = ["run", *map(str, arguments), "--fast", "--json"]
+    done = CliRunner().invoke(main, reported, prog_name="btcore")
     assert done.exit_code == 0, done.stderr
     return json.loads(done.stdout)
 

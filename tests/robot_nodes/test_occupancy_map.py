@@ -12,14 +12,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 from btcore_robot.occupancy_map import MapError, OccupancyMap, load_map, save_map
 
-ROOM = np.array(
-    [
-        [100, 100, 100, 100],
-        [100, 0, 0, -1],
-        [100, 0, 0, 100],
-    ],
-    dtype=np.int8,
-)
+ROOM = np.array([[100, 100, 100, 100], [100, 0, 0, -1], [100, 0, 0, 100]], dtype=np.int8)
 """Row 0 is the lowest y."""
 
 
@@ -178,7 +171,7 @@ GOOD = "image: room.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (GOOD.replace("resolution", "reslution"), ":2: 'reslution' is unknown: known are image, resolution"),
         (GOOD.replace("0.05", "-1"), ":2: 'resolution' is -1, and a number greater than 0 is expected"),
@@ -192,11 +185,11 @@ GOOD = "image: room.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
         ("", ":1: expected 'key: value' lines of a map"),
     ],
 )  # fmt: skip
-def test_an_error_is_reported_with_file_and_line(tmp_path, text, said):
+def test_an_error_is_reported_with_file_and_line(tmp_path, text, message):
     path = written(tmp_path, text, np.zeros((2, 2), dtype=np.uint8))
     with pytest.raises(MapError) as fault:
         load_map(path)
-    assert str(fault.value).startswith(f"{path}{said}")
+    assert str(fault.value).startswith(f"{path}{message}")
 
 
 def test_unknown_keys_without_a_similar_key_are_ignored(tmp_path):
@@ -231,19 +224,19 @@ def test_a_missing_or_unreadable_map_raises(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("keepout: [[1, 1, 0, 2]]\n", ":1: 'keepout' has the rectangle [1, 1, 0, 2]"),
         ("# tables\nkeepout: [[1, 1, 0]]\n", ":2: 'keepout[0]' is [1, 1, 0], and a list of 4 numbers"),
     ],
 )
-def test_errors_in_keepouts_are_reported_with_the_keepout_file(tmp_path, text, said):
+def test_errors_in_keepouts_are_reported_with_the_keepout_file(tmp_path, text, message):
     path = written(tmp_path, GOOD, np.zeros((2, 2), dtype=np.uint8))
     beside = tmp_path / "room.keepout.yaml"
     beside.write_text(text, encoding="utf-8")
     with pytest.raises(MapError) as fault:
         load_map(path)
-    assert str(fault.value).startswith(f"{beside}{said}")
+    assert str(fault.value).startswith(f"{beside}{message}")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="other systems raise a different error")

@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
+pytest.importorskip("pybullet")
+
 from btcore import Registry
 from btcore.cli.main import main
 from btcore.lint.validate import validate_document
@@ -101,14 +103,16 @@ def test_the_navigator_accepts_a_third_party_tree_and_its_nodes(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         ("plugin_lib_names: [no_such_library]", "plugin 'no_such_library'"),
         ("default_nav_to_pose_bt_xml: nowhere.xml", "there is no tree nowhere.xml: navigate_to_pose_w_"),
     ],
 )
-def test_a_missing_plugin_or_tree_in_the_parameters_is_reported(tmp_path: Path, line: str, said: str) -> None:
+def test_a_missing_plugin_or_tree_in_the_parameters_is_reported(
+    tmp_path: Path, line: str, message: str
+) -> None:
     parameters = tmp_path / "nav.yaml"
     parameters.write_text(f"bt_navigator:\n  ros__parameters:\n    {line}\n")
     options = ["--world", "house", "--duration", "0.2", "--nav-params", str(parameters)]
-    assert said in btcore_run("patrolling", *options).stderr
+    assert message in btcore_run("patrolling", *options).stderr

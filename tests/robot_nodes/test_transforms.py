@@ -197,8 +197,7 @@ def test_frames_without_a_common_root_are_not_connected() -> None:
     tree = chain()
     tree.set_static(frame("hand", "arm"))
     with pytest.raises(
-        ConnectivityError,
-        match="'hand' and 'map' are not connected: their roots are 'arm' and 'map'",
+        ConnectivityError, match="'hand' and 'map' are not connected: their roots are 'arm' and 'map'"
     ):
         tree.lookup("map", "hand")
     assert not tree.can_transform("map", "hand")

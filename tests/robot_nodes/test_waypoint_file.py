@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+pytest.importorskip("pybullet")
+
 from btcore import Run
 from btcore.cli.main import main
 from btcore.program_runner import TreelessProgram
@@ -29,7 +31,7 @@ def test_the_heading_of_a_waypoint_may_be_omitted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("waypoint: {}\n", ":1: 'waypoint' is unknown: known are waypoints; did you mean 'waypoints'?"),
         ("a: 1\n", ":1: 'waypoints' is missing"),
@@ -39,10 +41,10 @@ def test_the_heading_of_a_waypoint_may_be_omitted(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_an_error_is_reported_with_file_and_line(tmp_path: Path, text: str, said: str) -> None:
+def test_an_error_is_reported_with_file_and_line(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "room.waypoints.yaml"
     path.write_text(text)
-    with pytest.raises(MapError, match=re.escape(f"{path}{said}")):
+    with pytest.raises(MapError, match=re.escape(f"{path}{message}")):
         load_waypoints(path)
 
 

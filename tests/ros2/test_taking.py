@@ -13,12 +13,7 @@ from action_msgs.msg import GoalStatus, GoalStatusArray
 from rclpy.action import ActionClient, ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.qos import (
-    QoSHistoryPolicy,
-    QoSProfile,
-    QoSReliabilityPolicy,
-    qos_profile_action_status_default,
-)
+from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy, qos_profile_action_status_default
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from test_msgs.action import Fibonacci
@@ -213,8 +208,7 @@ def test_action_of_a_process_reports_feedback_and_result(session: RosSession, se
     client = fibonacci(session)
     seen: list[Any] = []
     goal = client.send_goal_async(
-        Fibonacci.Goal(order=5),
-        feedback_callback=lambda message: seen.append(len(message.feedback.sequence)),
+        Fibonacci.Goal(order=5), feedback_callback=lambda message: seen.append(len(message.feedback.sequence))
     )
     arrives(session, goal.done)
     assert goal.result().accepted

@@ -420,9 +420,7 @@ def check_changes_of_parameters(folder: Path, client: ClientProcess) -> None:
     def change(name: str, kind: int, field: str, value: Any) -> str:
         parameter = {"name": name, "value": {"type": kind, field: value}}
         response = client.call(
-            "/bt_action_server/set_parameters",
-            "rcl_interfaces/srv/SetParameters",
-            parameters=[parameter],
+            "/bt_action_server/set_parameters", "rcl_interfaces/srv/SetParameters", parameters=[parameter]
         )
         (result,) = response["results"]
         return str(result["reason"]) if not result["successful"] else ""

@@ -71,11 +71,7 @@ def test_the_depth_of_the_floor_follows_from_the_geometry(robot_at, steer):
     eye, turned = body._camera.pose(body.physics_body, body._camera_link)
     rotation = Transform(quaternion=turned).rotation
     for row, column in ((60, 80), (119, 0), (90, 159), (30, 40)):
-        ray = rotation @ (
-            1.0,
-            (lens.cx - column) / lens.fx,
-            (lens.cy - row) / lens.fy,
-        )
+        ray = rotation @ (1.0, (lens.cx - column) / lens.fx, (lens.cy - row) / lens.fy)
         assert depth[row, column] == pytest.approx(-eye[2] / ray[2], rel=1e-4)
 
 

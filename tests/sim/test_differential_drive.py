@@ -10,11 +10,7 @@ from hypothesis import strategies as st
 
 from btcore_robot.command_multiplexer import CommandMultiplexer
 from btcore_robot.robot import BaseInfo, Odometry, Pose2D, Twist2D
-from btcore_sim.differential_drive import (
-    DifferentialDrive,
-    WheelErrorModel,
-    WheelOdometry,
-)
+from btcore_sim.differential_drive import DifferentialDrive, WheelErrorModel, WheelOdometry
 from btcore_sim.robot_description import OdometryInfo
 
 SECOND = 1_000_000_000

@@ -184,15 +184,15 @@ def test_robots_are_not_put_into_doors(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("door", "said"),
+    ("door", "message"),
     [
         ({**HINGED, "name": "a:b"}, 'name\' is "a:b", and a text like "kitchen_door" is expected'),
         ({"kind": "hinged_door", "position": [0, 0]}, "name' is missing"),
         ({**SLIDING, "swing": "left"}, "swing' is unknown"),
     ],
 )
-def test_a_mistake_in_a_door_is_reported(tmp_path: Path, door: dict, said: str):
-    with pytest.raises(SimError, match=said):
+def test_a_mistake_in_a_door_is_reported(tmp_path: Path, door: dict, message: str):
+    with pytest.raises(SimError, match=message):
         load(tmp_path, door)
 
 

@@ -55,7 +55,7 @@ def test_events_are_parsed_and_shown_in_the_same_form(text: str, event: Event):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("bx:3", r"kinds are box, kidnap, carry, door; did you mean 'box'\?"),
         ("rain:3", "unknown kind 'rain': kinds are box"),
@@ -69,24 +69,20 @@ def test_events_are_parsed_and_shown_in_the_same_form(text: str, event: Event):
         ("door:kitchen:opn@3", "unknown action 'opn': a door can open or close; did you mean 'open'"),
     ],
 )
-def test_an_invalid_event_raises_with_an_explanation(text: str, said: str):
-    with pytest.raises(SimError, match=said):
+def test_an_invalid_event_raises_with_an_explanation(text: str, message: str):
+    with pytest.raises(SimError, match=message):
         parse_event(text)
 
 
 @pytest.mark.parametrize(
-    ("text", "duration", "said"),
+    ("text", "duration", "message"),
     [
         ("box:30", 20.0, r"event 'box:30' is after the end of the run \(--duration 20\)"),
-        (
-            "door:kitchen:open@3",
-            None,
-            "'door:kitchen:open@3': world 'house': there is no door 'kitchen'",
-        ),
+        ("door:kitchen:open@3", None, "'door:kitchen:open@3': world 'house': there is no door 'kitchen'"),
     ],
 )
-def test_an_event_that_cannot_happen_in_the_run_raises(text: str, duration: float | None, said: str):
-    with pytest.raises(SimError, match=said):
+def test_an_event_that_cannot_happen_in_the_run_raises(text: str, duration: float | None, message: str):
+    with pytest.raises(SimError, match=message):
         check_events([parse_event(text)], load_world_description("house"), duration)
 
 
@@ -150,22 +146,18 @@ def test_a_triggered_box_drops_at_once(meet):
 
 
 @pytest.mark.parametrize(
-    ("pose", "event", "said"),
+    ("pose", "event", "message"),
     [
-        (
-            Pose2D(0.0, 0.0, 0.0),
-            "box:1",
-            r"'box:1' is not possible: 'wall_.*; a window, like box:30-60",
-        ),
+        (Pose2D(0.0, 0.0, 0.0), "box:1", r"'box:1' is not possible: 'wall_.*; a window, like box:30-60"),
         (Pose2D(-8.0, -0.5, 0.0), "box:1@0,0", "the robot is where the box would drop"),
         (Pose2D(-8.0, -0.5, 0.0), "box:1@0.3,0.2", None),
     ],
 )
-def test_a_box_drops_at_its_time_and_place_or_raises(meet, pose: Pose2D, event: str, said: str | None):
+def test_a_box_drops_at_its_time_and_place_or_raises(meet, pose: Pose2D, event: str, message: str | None):
     body, events = meet("house", event)
     body.teleport(pose)
-    if said is not None:
-        with pytest.raises(SimError, match=said):
+    if message is not None:
+        with pytest.raises(SimError, match=message):
             go(body, 1.5, 0.0)
         return
     go(body, 1.5, 0.0, 0.0)
@@ -368,7 +360,7 @@ def test_a_robot_is_carried_only_through_open_doors(meet, flat, start, events: l
 
 
 @pytest.mark.parametrize(
-    ("start", "events", "said"),
+    ("start", "events", "message"),
     [
         (
             (-4.2, 2.0, 0.0),
@@ -382,9 +374,9 @@ def test_a_robot_is_carried_only_through_open_doors(meet, flat, start, events: l
         ),
     ],
 )
-def test_a_way_that_a_door_prevents_is_an_error(meet, flat, start, events: list[str], said: str):
+def test_a_way_that_a_door_prevents_is_an_error(meet, flat, start, events: list[str], message: str):
     body, _ = meet(flat(*start), *events)
-    with pytest.raises(SimError, match=said):
+    with pytest.raises(SimError, match=message):
         go(body, 4.0, 0.0)
 
 

@@ -31,7 +31,7 @@ def test_a_fault_without_an_end_does_not_end():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("lasr:20-25", "did you mean 'laser'"),
         ("arm:1-2", "parts are laser, odometry, camera, wheel"),
@@ -41,8 +41,8 @@ def test_a_fault_without_an_end_does_not_end():
         ("laser:25-20", "ends before it starts"),
     ],
 )
-def test_an_invalid_fault_raises_with_an_explanation(text: str, said: str):
-    with pytest.raises(SimError, match=said):
+def test_an_invalid_fault_raises_with_an_explanation(text: str, message: str):
+    with pytest.raises(SimError, match=message):
         parse_fault(text)
 
 

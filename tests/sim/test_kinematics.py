@@ -137,23 +137,25 @@ def described(folder: Path, change: Any) -> Any:
 
 def test_a_sensor_has_a_frame_even_without_a_description_of_it(tmp_path: Path):
     bare = Kinematics(described(tmp_path, lambda data: data.pop("frames")))
-    told = Kinematics(load_robot_description())
-    zeros = [0.0] * len(told.joints)
+    reported = Kinematics(load_robot_description())
+    zeros = [0.0] * len(reported.joints)
     name = "head_front_camera_rgb_optical_frame"
-    for one, other in zip(pose(bare.frames(zeros, 0), name), pose(told.frames(zeros, 0), name), strict=True):
+    for one, other in zip(
+        pose(bare.frames(zeros, 0), name), pose(reported.frames(zeros, 0), name), strict=True
+    ):
         assert one == pytest.approx(other, abs=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("frame", "said"),
+    ("frame", "message"),
     [
         ({"name": "hat", "parent": "head_3_link"}, "'hat' is fixed to 'head_3_link'.*; did you mean 'head_"),
         ({"name": "base_link", "parent": "head_2_link"}, "there are two frames 'base_link'"),
         ({"name": "hat", "parent": "hat"}, "'hat' is fixed to itself"),
     ],
 )
-def test_a_frame_with_an_invalid_name_or_parent_raises(tmp_path: Path, frame: dict[str, str], said: str):
-    with pytest.raises(SimError, match=said):
+def test_a_frame_with_an_invalid_name_or_parent_raises(tmp_path: Path, frame: dict[str, str], message: str):
+    with pytest.raises(SimError, match=message):
         Kinematics(described(tmp_path, lambda data: data["frames"].append(frame)))
 
 

@@ -67,9 +67,7 @@ def test_a_robots_readings_are_as_old_as_the_latency_and_at_most_a_period_older(
 
 def test_localiser_and_locator_wait_for_an_odometry_that_is_later_than_scans_and_pictures():
     late = replace(
-        TIAGO,
-        laser=replace(TIAGO.laser, latency=0.0),
-        odometry=replace(TIAGO.odometry, latency=0.1),
+        TIAGO, laser=replace(TIAGO.laser, latency=0.0), odometry=replace(TIAGO.odometry, latency=0.1)
     )
     world = World(load_world_description("house"), seed=1)
     body = SimulatedRobot(world, late, camera=CameraSettings(160, 120, 10.0))

@@ -47,10 +47,7 @@ def test_walls_on_the_grid_fill_whole_cells(room):
 
 
 def test_unreachable_cells_are_unknown(room, box):
-    closet = [
-        box(1.0, 1.5, (0.1, 1.0, 2.0), name="side"),
-        box(1.5, 1.0, (1.1, 0.1, 2.0), name="front"),
-    ]
+    closet = [box(1.0, 1.5, (0.1, 1.0, 2.0), name="side"), box(1.5, 1.0, (1.1, 0.1, 2.0), name="front")]
     map = rasterise(room(*closet))
     assert map.cells[map.cell(1.5, 1.5)] == -1
     assert map.cells[map.cell(0.0, 1.5)] == 0

@@ -54,7 +54,7 @@ def test_the_triangles_of_each_format_are_read(tmp_path: Path, name: str, data: 
 
 
 @pytest.mark.parametrize(
-    ("name", "data", "said"),
+    ("name", "data", "message"),
     [
         ("mesh.dae", b"<COLLADA/>", "meshes of this format are not drawn: use STL or OBJ"),
         ("mesh.stl", b"solid\nvertex 1 2\n", "not a valid stl file"),
@@ -63,16 +63,12 @@ def test_the_triangles_of_each_format_are_read(tmp_path: Path, name: str, data: 
         ("mesh.obj", b"v 0 0 0\nf -2 1 1\n", "not a valid obj file"),
         ("mesh.obj", b"v nan 0 0\nf 1 1 1\n", "not finite"),
         ("mesh.obj", b"", "no triangles"),
-        (
-            "mesh.obj",
-            b"v 0 0 0\n" + b"f 1 1 1\n" * (MAX_TRIANGLES + 1),
-            "20001 triangles, but only",
-        ),
+        ("mesh.obj", b"v 0 0 0\n" + b"f 1 1 1\n" * (MAX_TRIANGLES + 1), "20001 triangles, but only"),
     ],
 )
-def test_a_mesh_that_cannot_be_drawn_is_an_error(tmp_path: Path, name: str, data: bytes, said: str):
+def test_a_mesh_that_cannot_be_drawn_is_an_error(tmp_path: Path, name: str, data: bytes, message: str):
     (tmp_path / name).write_bytes(data)
-    with pytest.raises(SimError, match=re.compile(said, re.IGNORECASE)):
+    with pytest.raises(SimError, match=re.compile(message, re.IGNORECASE)):
         read_triangles(tmp_path / name)
 
 

@@ -58,7 +58,7 @@ WALL = {"name": "w", "kind": "wall", "height": 1}
 
 
 @pytest.mark.parametrize(
-    ("thing", "said"),
+    ("thing", "message"),
     [
         (
             {**POLYGON, "points": [[0, 0], [2, 2], [2, 0], [0, 2]]},
@@ -87,8 +87,8 @@ WALL = {"name": "w", "kind": "wall", "height": 1}
         ({**WALL, "points": [[0, 0], [3, 0], [3, 1], [1, 1], [1, -1]]}, "meet, but an outline must not"),
     ],
 )
-def test_a_mistake_in_an_outline_is_reported_with_its_place(tmp_path: Path, thing: dict, said: str):
-    with pytest.raises(SimError, match=said):
+def test_a_mistake_in_an_outline_is_reported_with_its_place(tmp_path: Path, thing: dict, message: str):
+    with pytest.raises(SimError, match=message):
         load(tmp_path, thing)
 
 

@@ -125,7 +125,7 @@ def test_a_run_that_fails_is_reported():
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"world": "aren"}, "did you mean 'arena'"),
         ({"world": "nowhere.json"}, "no such file"),
@@ -137,14 +137,14 @@ def test_a_run_that_fails_is_reported():
         ({"obstacles": 100}, "no room for 100 obstacles"),
     ],
 )
-def test_an_invalid_setting_is_a_usage_error(changes: dict[str, Any], said: str):
-    with pytest.raises(SimError, match=said):
+def test_an_invalid_setting_is_a_usage_error(changes: dict[str, Any], message: str):
+    with pytest.raises(SimError, match=message):
         drive(msgspec.structs.replace(ARENA, **changes))
 
 
 def test_a_rate_at_which_the_base_would_stop_is_an_error():
-    said = r"--rate 2 is too slow for a tree that drives: the base stops 0.25 s after .* 4 times"
-    with pytest.raises(BtcoreError, match=said):
+    message = r"--rate 2 is too slow for a tree that drives: the base stops 0.25 s after .* 4 times"
+    with pytest.raises(BtcoreError, match=message):
         drive(rate=2.0)
     report: Any = drive(rate=4.0, seconds=3.0)["robot"]
     assert report["distance_m"] == pytest.approx(0.6, abs=0.08)

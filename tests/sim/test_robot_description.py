@@ -80,7 +80,7 @@ def test_a_description_without_a_head_gives_a_robot_without_a_head(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (lambda d: d.update(urdf="nowhere.urdf"), "'urdf' names .*nowhere.urdf, but there is no such file"),
         (lambda d: d["wheels"].update(raduis=1), "'wheels.raduis' is unknown: .*; did you mean 'radius'"),
@@ -99,14 +99,14 @@ def test_a_description_without_a_head_gives_a_robot_without_a_head(tmp_path: Pat
         (lambda d: d["shells"][0].update(sections=[]), "sections' is .*, and a list of at least 2 lists"),
     ],
 )
-def test_an_error_in_a_description_raises(tmp_path: Path, change: Any, said: str):
-    with pytest.raises(SimError, match=said) as caught:
+def test_an_error_in_a_description_raises(tmp_path: Path, change: Any, message: str):
+    with pytest.raises(SimError, match=message) as caught:
         load_robot_description(write(tmp_path, change))
     assert "mine.json:1: " in str(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (
             lambda d: d["wheels"].update(left="wheel_lift_joint"),
@@ -115,8 +115,8 @@ def test_an_error_in_a_description_raises(tmp_path: Path, change: Any, said: str
         (lambda d: d["laser"].update(link="base"), "no link 'base': .*; did you mean 'base_link'"),
     ],
 )
-def test_a_name_that_the_urdf_does_not_have_raises(tmp_path: Path, robot_at: Any, change: Any, said: str):
-    with pytest.raises(SimError, match=said):
+def test_a_name_that_the_urdf_does_not_have_raises(tmp_path: Path, robot_at: Any, change: Any, message: str):
+    with pytest.raises(SimError, match=message):
         robot_at(description=load_robot_description(write(tmp_path, change)))
 
 

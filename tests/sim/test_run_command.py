@@ -83,19 +83,16 @@ def test_a_rate_at_which_the_base_would_stop_is_a_usage_error(run: Run) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (("--event", "kidnap:9"), "event 'kidnap:9' is after the end of the run (--duration 1)"),
-        (
-            ("--start", "1,1", "--event", "box:0.5@0"),
-            "event 'box:0.5@0,0' is not possible: the robot",
-        ),
+        (("--start", "1,1", "--event", "box:0.5@0"), "event 'box:0.5@0,0' is not possible: the robot"),
         (("--start", "2.8,0"), "world 'arena': the robot cannot start at (2.8, 0), because it would touch"),
     ],
 )
-def test_impossible_events_and_starts_are_errors(run: Run, options: Sequence[str], said: str) -> None:
+def test_impossible_events_and_starts_are_errors(run: Run, options: Sequence[str], message: str) -> None:
     result = run("bumpgo", "--fast", "--duration", "1", *options)
-    assert_usage_error(result, said)
+    assert_usage_error(result, message)
     assert result.stdout == ""
 
 

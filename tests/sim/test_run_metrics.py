@@ -60,8 +60,8 @@ def test_the_odometry_error_is_measured_from_the_true_start(
     body = robot_at(pose=start, description=noiseless_tiago)
     steer(body, 8.0, (0.3, 0.2))
     assert odometry_error(body) < 0.03
-    said: Odometry = body.odometry()
-    body.odometry = lambda: replace(said, pose=replace(said.pose, x=said.pose.x + 2.0))
+    message: Odometry = body.odometry()
+    body.odometry = lambda: replace(message, pose=replace(message.pose, x=message.pose.x + 2.0))
     assert odometry_error(body) == pytest.approx(2.0, abs=0.04)
 
 

@@ -19,11 +19,11 @@ def test_a_picture_is_sent_once_and_only_if_it_was_taken(robot_at, steer):
     assert body._camera.newest is None
 
     picture = body.camera()
-    told = body.moving_scene().pictures
-    assert [(one.name, one.size, one.format, one.stamp) for one in told] == [
+    reported = body.moving_scene().pictures
+    assert [(one.name, one.size, one.format, one.stamp) for one in reported] == [
         ("camera", (64, 48), "rgb8", picture.stamp)
     ]
-    assert np.frombuffer(told[0].data, np.uint8).reshape(48, 64, 3).tolist() == picture.rgb.tolist()
+    assert np.frombuffer(reported[0].data, np.uint8).reshape(48, 64, 3).tolist() == picture.rgb.tolist()
     assert not body.moving_scene().pictures
     body.static_scene()
     assert body.moving_scene().pictures
@@ -48,9 +48,9 @@ def test_the_scene_has_the_battery_level_while_it_drains(robot_at, steer):
     body = robot_at(battery=60.0)
     assert body.static_scene().battery == pytest.approx(60.0)
     steer(body, 10.0, (0.3, 0.0))
-    told = body.moving_scene().battery
-    assert told == body.battery().level
-    assert told < 59.0
+    reported = body.moving_scene().battery
+    assert reported == body.battery().level
+    assert reported < 59.0
 
 
 def test_the_scene_has_the_named_places_of_the_world():

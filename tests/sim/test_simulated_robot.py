@@ -49,9 +49,9 @@ def test_the_robot_drives_as_commanded_and_odometry_without_errors_agrees_with_t
 ):
     body = robot_at(description=noiseless_tiago, physics_rate=rate)
     steer(body, 10.0, (v, w))
-    true, said = body.true_pose(), body.odometry().pose
-    assert math.hypot(true.x - said.x, true.y - said.y) < 0.02
-    assert math.remainder(true.yaw - said.yaw, 2 * math.pi) == pytest.approx(0.0, abs=0.01)
+    true, message = body.true_pose(), body.odometry().pose
+    assert math.hypot(true.x - message.x, true.y - message.y) < 0.02
+    assert math.remainder(true.yaw - message.yaw, 2 * math.pi) == pytest.approx(0.0, abs=0.01)
     # The ramps take 0.045 m of the way at 0.3 m/s, and 0.059 rad of the angle at 0.5 rad/s.
     if (v, w) == (0.3, 0.0):
         assert true.x == pytest.approx(3.0 - 0.045, abs=0.02)

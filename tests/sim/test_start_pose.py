@@ -83,7 +83,7 @@ def test_a_start_is_given_in_metres_and_degrees():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("somewhere", "use random, unknown, X,Y or X,Y,YAW"),
         ("1", "use random"),
@@ -91,8 +91,8 @@ def test_a_start_is_given_in_metres_and_degrees():
         ("nan,0", "X, Y and YAW have to be finite numbers"),
     ],
 )
-def test_an_invalid_start_raises(text: str, said: str):
-    with pytest.raises(SimError, match=re.escape(said)):
+def test_an_invalid_start_raises(text: str, message: str):
+    with pytest.raises(SimError, match=re.escape(message)):
         with_start(load_world_description("house"), text, random_generator(0, "start"), RADIUS)
 
 
@@ -111,7 +111,7 @@ def yard(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("start", "said"),
+    ("start", "message"),
     [
         ("21,11", "cannot start at (21, 11), because it would touch 'crate' there"),
         ("20.23,11", "touch 'crate'"),
@@ -119,12 +119,12 @@ def yard(tmp_path: Path) -> Path:
         ("20.2,11", None),
     ],
 )
-def test_a_robot_cannot_start_where_it_touches_an_object(yard: Path, start: str, said: str | None):
+def test_a_robot_cannot_start_where_it_touches_an_object(yard: Path, start: str, message: str | None):
     world = World(with_start(load_world_description(str(yard)), start, random_generator(0, "start"), RADIUS))
-    if said is None:
+    if message is None:
         assert SimulatedRobot(world).contacts.events == []
     else:
-        with pytest.raises(SimError, match=re.escape(said)):
+        with pytest.raises(SimError, match=re.escape(message)):
             SimulatedRobot(world)
     world.close()
 

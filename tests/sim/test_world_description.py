@@ -150,7 +150,7 @@ BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         (
             {"objects": [{**BOX, "kind": "bx"}]},
@@ -178,9 +178,9 @@ BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
     ],
 )
 def test_an_error_in_a_world_is_reported_with_its_place(
-    tmp_path: Path, changes: dict[str, object], said: str
+    tmp_path: Path, changes: dict[str, object], message: str
 ):
-    with pytest.raises(SimError, match=said) as caught:
+    with pytest.raises(SimError, match=message) as caught:
         load_world_description(write(tmp_path, **changes))
     assert "mine.json:1: " in str(caught.value)
 

@@ -64,7 +64,7 @@ def test_run_uses_outcomes_by_name_and_by_id(
 
 
 @pytest.mark.parametrize(
-    ("plans", "said"),
+    ("plans", "expected_message"),
     [
         (["Hual=S"], "--plan: the tree has no mock leaf 'Hual'; did you mean 'Haul'?"),
         (["Sequence=S"], "it has IsOk, short, Haul, long and Rest."),
@@ -77,12 +77,12 @@ def test_run_uses_outcomes_by_name_and_by_id(
     ],
 )
 def test_invalid_plan_is_refused(
-    cli: Cli, tree_file: TreeFile, model: Path, plans: list[str], said: str
+    cli: Cli, tree_file: TreeFile, model: Path, plans: list[str], expected_message: str
 ) -> None:
     options = [part for plan in plans for part in ("--plan", plan)]
     result = cli("run", tree_file(BODY), "--model", model, "--fast", *options)
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert expected_message in result.stderr
 
 
 def test_plan_without_a_model_is_refused(cli: Cli, tree_file: TreeFile) -> None:

@@ -36,7 +36,7 @@ def test_the_json_object_is_the_last_line_after_a_log_on_stdout(cli: Cli, tree_f
 
 
 @pytest.mark.parametrize(
-    ("names", "said"),
+    ("names", "message"),
     [
         (["run.btlgo"], "did you mean run.btlog?"),
         (["run.btlog", "./run.btlog"], "--log './run.btlog' is given more than once"),
@@ -44,12 +44,12 @@ def test_the_json_object_is_the_last_line_after_a_log_on_stdout(cli: Cli, tree_f
     ],
 )
 def test_invalid_log_name_is_refused_before_the_first_tick(
-    cli: Cli, tree_file: TreeFile, library: Path, names: list[str], said: str
+    cli: Cli, tree_file: TreeFile, library: Path, names: list[str], message: str
 ) -> None:
     logs = [part for name in names for part in ("--log", name)]
     result = cli("run", tree_file("<Say/>"), "--plugin", library, "--fast", *logs)
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert message in result.stderr
     assert "here we go" not in result.stdout
     assert "Traceback" not in result.stderr
 
@@ -78,7 +78,4 @@ def test_output_on_a_full_disk_is_an_error_with_the_exit_code_4() -> None:
     command = [sys.executable, "-m", "btcore", "show", "bumpgo"]
     with Path("/dev/full").open("wb") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert (done.returncode, done.stderr) == (
-        4,
-        "error: cannot write the output: No space left on device\n",
-    )
+    assert (done.returncode, done.stderr) == (4, "error: cannot write the output: No space left on device\n")

@@ -26,10 +26,10 @@ class Running:
     def __init__(self, *options: str | Path) -> None:
         command = [sys.executable, "-u", "-m", "btcore", "run", *map(str, options)]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self.said: list[str] = []
+        self.printed: list[str] = []
         self.complained: list[str] = []
         self.readers: list[threading.Thread] = []
-        self._read(self.process.stdout, self.said)
+        self._read(self.process.stdout, self.printed)
         self._read(self.process.stderr, self.complained)
 
     def _read(self, stream: Any, into: list[str]) -> None:
@@ -43,8 +43,8 @@ class Running:
     def wait_for(self, words: str, times: int = 1) -> None:
         """Return when *words* have been printed on stdout or stderr, this number of times."""
         deadline = time.monotonic() + 100
-        while sum(words in line for line in [*self.said, *self.complained]) < times:
-            assert time.monotonic() < deadline, (words, self.said, self.complained)
+        while sum(words in line for line in [*self.printed, *self.complained]) < times:
+            assert time.monotonic() < deadline, (words, self.printed, self.complained)
             assert self.process.poll() is None, self.complained
             time.sleep(0.005)
 
@@ -68,7 +68,7 @@ class Running:
 
     def report(self) -> dict[str, Any]:
         """Return the object that ``--json`` printed."""
-        data: dict[str, Any] = json.loads(self.said[-1])
+        data: dict[str, Any] = json.loads(self.printed[-1])
         return data
 
 
@@ -95,7 +95,7 @@ def test_saved_tree_replaces_the_old_tree_and_keeps_the_blackboard(
     tree_file(SECOND)
     running.wait_for("second                    IDLE -> RUNNING")
     assert running.end() == 130
-    changes = [line.split("]: ")[1] for line in running.said if "]: " in line]
+    changes = [line.split("]: ")[1] for line in running.printed if "]: " in line]
     halted = changes.index("first                     RUNNING -> IDLE")
     began = changes.index("Sequence                  IDLE -> RUNNING", 1)
     assert halted < began, "the old tree is halted before the new one is ticked"
@@ -114,7 +114,7 @@ def test_broken_tree_is_reported_and_the_old_tree_continues(
     tree_file('<Sequense name="second"/>')
     running.wait_for("tree.xml:3:5: E101 unknown node <Sequense>")
     running.wait_for("tree.xml has errors: the previous tree continues")
-    so_far = sum("blink" in line for line in running.said)
+    so_far = sum("blink" in line for line in running.printed)
     running.wait_for("blink", so_far + 20)
     tree_file(SECOND.replace("n == 1", "true"))
     running.wait_for("second                    IDLE -> RUNNING")
@@ -201,12 +201,12 @@ def test_new_tree_gets_its_own_logs_and_the_old_logs_are_complete(
     for log in logs:
         for name, path in (("first", log), ("second", log.with_name(f"run.2{log.suffix}"))):
             recording = read_log(path)
-            told = [
+            reported_values = [
                 change.status.name
                 for change in recording.transitions
                 if recording.nodes[change.uid].name == name
             ]
-            assert told == ["RUNNING", "IDLE"], path
+            assert reported_values == ["RUNNING", "IDLE"], path
             assert recording.damage == ""
 
 

@@ -103,7 +103,7 @@ def test_a_read_of_an_entry_that_was_never_written_suggests_to_set_it(
 
 
 @pytest.mark.parametrize(
-    ("texts", "said"),
+    ("texts", "message"),
     [
         (["far"], "write KEY=VALUE"),
         (["=3"], "write KEY=VALUE"),
@@ -113,10 +113,10 @@ def test_a_read_of_an_entry_that_was_never_written_suggests_to_set_it(
     ],
 )
 def test_invalid_values_are_refused(
-    cli: Cli, tree_file: TreeFile, library: Path, texts: list[str], said: str
+    cli: Cli, tree_file: TreeFile, library: Path, texts: list[str], message: str
 ) -> None:
     tree = tree_file('<Walk steps="{far}"/>')
     options = [part for text in texts for part in ("--set", text)]
     result = cli("run", tree, "--plugin", library, "--fast", *options)
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert message in result.stderr

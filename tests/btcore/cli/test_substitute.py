@@ -57,21 +57,21 @@ def test_rule_that_matches_no_node_is_reported(
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "message"),
     [
         (None, "rules.json: cannot read the file: No such file or directory."),
         (b"{}", "rules.json: the substitution rules: 'SubstitutionRules' is missing."),
     ],
 )
 def test_invalid_rules_file_is_refused(
-    cli: Cli, tree_file: TreeFile, tmp_path: Path, data: bytes | None, said: str
+    cli: Cli, tree_file: TreeFile, tmp_path: Path, data: bytes | None, message: str
 ) -> None:
     file = tmp_path / "rules.json"
     if data is not None:
         file.write_bytes(data)
     result = cli("run", tree_file("<AlwaysSuccess/>"), "--substitute", file)
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert message in result.stderr
 
 
 def test_rule_with_an_unknown_node_is_reported_at_the_replaced_node(

@@ -189,11 +189,7 @@ def test_option_of_a_missing_extra_is_explained(tree_file: TreeFile) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "extra"),
-    [
-        (("monitor", "tcp://localhost:1667"), "monitor"),
-        (("world", "office"), "robot"),
-    ],
+    ("arguments", "extra"), [(("monitor", "tcp://localhost:1667"), "monitor"), (("world", "office"), "robot")]
 )
 def test_command_of_a_missing_extra_is_explained(arguments: tuple[str, ...], extra: str) -> None:
     done = without_extras(*arguments)

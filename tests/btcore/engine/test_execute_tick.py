@@ -162,16 +162,16 @@ def test_callback_may_replace_the_running_result(make_tree: MakeTree) -> None:
 
 
 @pytest.mark.parametrize("guard", ["", '_skipIf="false"'])
-@pytest.mark.parametrize("said", [None, 1, 0, "SUCCESS", Status.IDLE, 2.0, 7, np.int64(1)])
-def test_only_a_status_or_a_bool_ends_a_tick(said: Any, guard: str, make_tree: MakeTree) -> None:
+@pytest.mark.parametrize("message", [None, 1, 0, "SUCCESS", Status.IDLE, 2.0, 7, np.int64(1)])
+def test_only_a_status_or_a_bool_ends_a_tick(message: Any, guard: str, make_tree: MakeTree) -> None:
     class Odd(Condition):
         def tick(self) -> Any:
-            return said
+            return message
 
     error = tick_error(make_tree(f'<Sequence><Odd name="o" {guard}/></Sequence>', Odd))
     assert error.path == "o"
     assert "a tick must return RUNNING, SUCCESS" in str(error)
-    assert f"not {'IDLE' if said is Status.IDLE else repr(said)}" in str(error)
+    assert f"not {'IDLE' if message is Status.IDLE else repr(message)}" in str(error)
 
 
 @pytest.mark.parametrize("body", ["<Stop/>", "<Inverter><Stop/></Inverter>", '<Stop _skipIf="false"/>'])

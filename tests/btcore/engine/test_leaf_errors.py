@@ -109,17 +109,19 @@ def test_every_tick_method_raises_the_error(step: Callable[[Tree], Status], make
 
 
 def test_observers_are_notified_of_an_error_before_the_tree_is_halted(make_tree: MakeTree) -> None:
-    heard: list[tuple[str, int, list[str]]] = []
+    received: list[tuple[str, int, list[str]]] = []
 
     class Listener(Observer):
         def raised(self, error: NodeExecutionError, stamp: int) -> None:
-            heard.append((error.path, stamp, [node.name for node in tree if node.status is Status.RUNNING]))
+            received.append(
+                (error.path, stamp, [node.name for node in tree if node.status is Status.RUNNING])
+            )
 
     tree = make_tree(PARALLEL, Explode)
     tree.subscribe(Listener())
     tree.sleep(0.5)
     tick_raises(tree)
-    assert heard == [("boom", 500_000_000, ["all", "a", "i"])]
+    assert received == [("boom", 500_000_000, ["all", "a", "i"])]
 
 
 def test_error_of_the_following_halt_does_not_hide_the_first_error(
@@ -133,7 +135,7 @@ def test_error_of_the_following_halt_does_not_hide_the_first_error(
     )
     error = tick_raises(tree)
     assert error.path == "boom"
-    assert all(said in str(error) for said in ("the fuse was lit", "c can't let go", "d can't let go"))
+    assert all(message in str(error) for message in ("the fuse was lit", "c can't let go", "d can't let go"))
     assert idle(tree)
     assert journal.calls == ["a:start", "a:halted"]
 
@@ -228,17 +230,17 @@ def test_script_that_cannot_be_run_on_a_halt_names_its_node(make_tree: MakeTree)
 
 
 def test_observers_are_notified_of_an_error_while_halting(make_tree: MakeTree) -> None:
-    heard: list[str] = []
+    received: list[str] = []
 
     class Listener(Observer):
         def raised(self, error: NodeExecutionError, stamp: int) -> None:
-            heard.append(error.path)
+            received.append(error.path)
 
     tree = make_tree('<Cling name="c"/>', Cling)
     tree.subscribe(Listener())
     tree.tick_once()
     halt_raises(tree)
-    assert heard == ["c"]
+    assert received == ["c"]
 
 
 class Leaving(BaseException):

@@ -183,13 +183,13 @@ def test_resource_may_be_requested_by_a_protocol(make_tree: MakeTree) -> None:
             return "ahooga"
 
     @action
-    def warn(horn: Horn, said: Put[str]) -> bool:
-        said(horn.honk())
+    def warn(horn: Horn, expected_message: Put[str]) -> bool:
+        expected_message(horn.honk())
         return True
 
-    tree = make_tree('<Warn said="{said}"/>', warn, resources=[Klaxon()])
+    tree = make_tree('<Warn expected_message="{expected_message}"/>', warn, resources=[Klaxon()])
     tree.tick_once()
-    assert tree.blackboard["said"] == "ahooga"
+    assert tree.blackboard["expected_message"] == "ahooga"
 
 
 def test_clock_and_blackboard_of_the_tree_are_always_available_resources(
@@ -229,13 +229,13 @@ def test_tree_state_is_shared_within_a_tree_and_separate_between_trees(make_tree
 
 def test_resource_with_a_default_is_optional(make_tree: MakeTree) -> None:
     @action
-    def greet(robot: Robot = Robot("nobody"), *, said: Put[str]) -> bool:  # noqa: B008
-        said(robot.name)
+    def greet(robot: Robot = Robot("nobody"), *, expected_message: Put[str]) -> bool:  # noqa: B008
+        expected_message(robot.name)
         return True
 
-    tree = make_tree('<Greet said="{said}"/>', greet)
+    tree = make_tree('<Greet expected_message="{expected_message}"/>', greet)
     tree.tick_once()
-    assert tree.blackboard["said"] == "nobody"
+    assert tree.blackboard["expected_message"] == "nobody"
 
 
 def test_missing_resource_is_named_when_the_tree_is_built(make_tree: MakeTree) -> None:
@@ -543,8 +543,8 @@ def test_missing_mandatory_port_raises_at_the_tick(make_tree: MakeTree) -> None:
         return True
 
     assert "<Look> needs port [level], which the tree does not give" in raised(make_tree("<Look/>", look))
-    said = raised(make_tree('<Look level="1"/>', look))
-    assert "<Look> writes port [distance], which the tree does not give" in said
+    expected_message = raised(make_tree('<Look level="1"/>', look))
+    assert "<Look> writes port [distance], which the tree does not give" in expected_message
 
 
 def test_an_entry_that_was_never_written_is_named(make_tree: MakeTree) -> None:
@@ -609,7 +609,7 @@ async def yields():  # type: ignore[no-untyped-def]
 
 
 @pytest.mark.parametrize(
-    ("function", "said"),
+    ("function", "expected_message"),
     [
         (
             unannotated,
@@ -622,8 +622,8 @@ async def yields():  # type: ignore[no-untyped-def]
         (yields, "async def"),
     ],
 )
-def test_function_that_cannot_be_a_leaf_is_refused(function: Any, said: str) -> None:
-    assert said in registration_error(function)
+def test_function_that_cannot_be_a_leaf_is_refused(function: Any, expected_message: str) -> None:
+    assert expected_message in registration_error(function)
 
 
 def test_a_port_of_a_function_may_be_of_any_type(make_tree: MakeTree) -> None:

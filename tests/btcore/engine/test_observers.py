@@ -47,8 +47,8 @@ def test_every_status_change_is_a_transition_in_order(make_tree: MakeTree) -> No
     tree.tick_exactly_once()
     tree.tick_exactly_once()
     names = {node.uid: node.name for node in tree}
-    told = [(names[one.uid], one.previous.name, one.status.name) for one in listener.changes]
-    assert told == [
+    reported = [(names[one.uid], one.previous.name, one.status.name) for one in listener.changes]
+    assert reported == [
         ("s", "IDLE", "RUNNING"),
         ("a", "IDLE", "SUCCESS"),
         ("b", "IDLE", "RUNNING"),
@@ -162,10 +162,10 @@ class Keeper(Observer):
     """Keeps the batches of transitions that it receives."""
 
     def __init__(self) -> None:
-        self.told: list[Transitions] = []
+        self.reported: list[Transitions] = []
 
     def transitions(self, changes: Transitions) -> None:
-        self.told.append(changes)
+        self.reported.append(changes)
 
 
 def test_transitions_arrive_at_the_end_of_each_tick_and_after_a_halt(
@@ -178,13 +178,13 @@ def test_transitions_arrive_at_the_end_of_each_tick_and_after_a_halt(
     tree.tick_while_running(period=0.25)
     tree.tick_once()
     tree.halt()
-    assert [list(one) for one in keeper.told] == [
+    assert [list(one) for one in keeper.reported] == [
         [change for change in listener.changes if change.tick == 1],
         [change for change in listener.changes if change.tick == 2],
         listener.changes[8:11],
         listener.changes[11:],
     ]
-    assert [(len(one), one.first, one.tick, one[0]) for one in keeper.told] == [
+    assert [(len(one), one.first, one.tick, one[0]) for one in keeper.reported] == [
         (3, 1, 1, listener.changes[0]),
         (5, 4, 2, listener.changes[3]),
         (3, 9, 3, listener.changes[8]),
@@ -222,7 +222,7 @@ def test_observer_unsubscribed_within_a_tick_receives_the_earlier_transitions(ma
     tree.subscribe(Leaving())
     tree.tick_exactly_once()
     tree.flush_observers()
-    assert [change.number for one in keeper.told for change in one] == [1, 2]
+    assert [change.number for one in keeper.reported for change in one] == [1, 2]
 
 
 def test_observer_that_raises_on_transitions_is_removed_and_others_are_notified(
@@ -238,7 +238,7 @@ def test_observer_that_raises_on_transitions_is_removed_and_others_are_notified(
     tree.subscribe(keeper)
     tree.tick_exactly_once()
     tree.tick_exactly_once()
-    assert [len(one) for one in keeper.told] == [3, 5]
+    assert [len(one) for one in keeper.reported] == [3, 5]
     assert len(caplog.records) == 1
 
 
@@ -263,7 +263,7 @@ class Doing(Observer):
 
 
 def numbers(keeper: Keeper) -> list[int]:
-    return [change.number for one in keeper.told for change in one]
+    return [change.number for one in keeper.reported for change in one]
 
 
 def test_observer_subscribed_within_a_tick_receives_the_following_transitions(make_tree: MakeTree) -> None:
@@ -292,7 +292,7 @@ def test_first_observer_subscribed_within_a_tick_receives_its_error(make_tree: M
         tree.tick_once()
     assert (listener.errors, listener.ticks) == (["x"], [])
     assert [change.status.name for change in listener.changes] == ["SUCCESS", "IDLE", "IDLE"]
-    assert [list(one) for one in keeper.told] == [listener.changes[:1], listener.changes[1:]]
+    assert [list(one) for one in keeper.reported] == [listener.changes[:1], listener.changes[1:]]
 
 
 def test_tree_halted_by_an_observer_notifies_all_observers_in_order(make_tree: MakeTree) -> None:
@@ -366,10 +366,10 @@ def test_transitions_are_a_sequence_that_is_built_only_once(make_tree: MakeTree)
     keeper = Keeper()
     tree.subscribe(keeper)
     tree.tick_exactly_once()
-    (told,) = keeper.told
-    assert told.to_list() is told.to_list()
-    assert (told[-1], list(told), len(told)) == (told[2], told.to_list(), 3)
-    assert told[0] == Transition(1, 0, 1, 1, Status.IDLE, Status.RUNNING)
-    assert isinstance(told[0], Transition)
+    (reported,) = keeper.reported
+    assert reported.to_list() is reported.to_list()
+    assert (reported[-1], list(reported), len(reported)) == (reported[2], reported.to_list(), 3)
+    assert reported[0] == Transition(1, 0, 1, 1, Status.IDLE, Status.RUNNING)
+    assert isinstance(reported[0], Transition)
     with pytest.raises(IndexError):
-        told[3]
+        reported[3]

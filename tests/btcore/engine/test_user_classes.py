@@ -333,10 +333,10 @@ def test_clock_observer_and_tree_can_be_subclassed() -> None:
 
     class Listens(Observer):
         def __init__(self) -> None:
-            self.heard: list[Transition] = []
+            self.received: list[Transition] = []
 
         def transition(self, change: Transition) -> None:
-            self.heard.append(change)
+            self.received.append(change)
 
     class Own(Tree):
         pass
@@ -348,7 +348,7 @@ def test_clock_observer_and_tree_can_be_subclassed() -> None:
     )
     tree.subscribe(listener)
     tree.tick_once()
-    assert [(change.stamp, change.status) for change in listener.heard] == [
+    assert [(change.stamp, change.status) for change in listener.received] == [
         (7, Status.SUCCESS),
         (7, Status.IDLE),
     ]
@@ -367,12 +367,12 @@ def test_port_type_can_be_subclassed(make_tree: MakeTree) -> None:
             return isinstance(value, list)
 
     @action
-    def greet(names: In[Annotated[list[str], Names()]], said: Put[str]) -> bool:
-        said(", ".join(names))
+    def greet(names: In[Annotated[list[str], Names()]], message: Put[str]) -> bool:
+        message(", ".join(names))
         return True
 
     tree = make_tree(
-        '<Sequence><Greet names="Ada|Bob" said="{a}"/><Greet names="{n}" said="{b}"/></Sequence>', greet
+        '<Sequence><Greet names="Ada|Bob" message="{a}"/><Greet names="{n}" message="{b}"/></Sequence>', greet
     )
     tree.blackboard["n"] = ["Cy"]
     assert tree.tick_once() is Status.SUCCESS
@@ -443,9 +443,9 @@ requires_source = pytest.mark.skipif(
 @pytest.mark.parametrize("name", [name for name in btcore.__all__ if callable(getattr(btcore, name))])
 def test_every_public_callable_has_a_docstring(name: str) -> None:
     thing = getattr(btcore, name)
-    said = inspect.getdoc(thing)
-    assert said
-    assert "mypyc" not in said
+    message = inspect.getdoc(thing)
+    assert message
+    assert "mypyc" not in message
 
 
 @requires_source

@@ -113,8 +113,8 @@ def test_replaced_built_in_node_has_unknown_results(check: Checker, palette: Reg
 def test_wrong_number_of_children_is_an_error_but_the_tree_can_be_loaded(
     check: Checker, palette: Registry, document: Callable[..., str], body: str, has: str
 ) -> None:
-    told = [one for one in check.found(body) if one.is_error]
-    assert [(one.code, one.line, one.message) for one in told] == [("E119", 3, has)]
+    reported = [one for one in check.found(body) if one.is_error]
+    assert [(one.code, one.line, one.message) for one in reported] == [("E119", 3, has)]
     tree = btcore.loads(document(body), nodes=palette)
     with pytest.raises(btcore.NodeExecutionError):
         tree.tick_once()
@@ -124,8 +124,8 @@ def test_in_format_3_a_decorator_in_the_tag_of_a_leaf_loads_without_a_child(
     check: Checker, palette: Registry, document: Callable[..., str]
 ) -> None:
     body = '<Action ID="Inverter"/>'
-    told = [(one.code, one.message) for one in check.found(body, format=3) if one.is_error]
-    assert told == [("E119", "<Inverter> has no child; a decorator has exactly 1")]
+    reported = [(one.code, one.message) for one in check.found(body, format=3) if one.is_error]
+    assert reported == [("E119", "<Inverter> has no child; a decorator has exactly 1")]
     tree = btcore.loads(document(body), nodes=palette, format=3)
     assert next(iter(tree)).children == []
     with pytest.raises(btcore.NodeExecutionError, match="<Inverter> has no child to tick"):
@@ -138,8 +138,11 @@ def test_children_of_a_subtree_plus_are_checked_but_ignored(
 ) -> None:
     others = '<BehaviorTree ID="Inner"><AlwaysSuccess/></BehaviorTree>'
     body = '<SubTreePlus ID="Inner">{}</SubTreePlus>'
-    (told,) = check.found(body.format("<AlwaysFailure/>"), others, format=3)
-    assert (told.code, told.message) == ("W105", 'the children of <SubTreePlus ID="Inner"> are ignored')
+    (reported,) = check.found(body.format("<AlwaysFailure/>"), others, format=3)
+    assert (reported.code, reported.message) == (
+        "W105",
+        'the children of <SubTreePlus ID="Inner"> are ignored',
+    )
     tree = btcore.loads(document(body.format("<AlwaysFailure/>"), others), nodes=palette, format=3)
     assert tree.tick_once() is Status.SUCCESS
     assert [node.id for node in tree] == ["SubTreePlus", "AlwaysSuccess"]

@@ -141,8 +141,10 @@ RAISING = [
 @pytest.mark.parametrize("name", RAISING)
 def test_tree_with_a_warning_raises_when_ticked(palette: Registry, name: str) -> None:
     body, more, _ = CASES[name]
-    said, skipped = '<Say text="{n}"/>', '<Say text="{n}" _skipIf="true"/>'
-    made = load_main(palette, body.replace(said, skipped), more.replace(said, skipped))
+    expected_message, skipped = '<Say text="{n}"/>', '<Say text="{n}" _skipIf="true"/>'
+    made = load_main(
+        palette, body.replace(expected_message, skipped), more.replace(expected_message, skipped)
+    )
     with pytest.raises(NodeExecutionError):
         made.tick_once()
 

@@ -73,7 +73,7 @@ def test_a_navigation_tree_lacks_only_its_goal(files: Files) -> None:
 
 
 @pytest.mark.parametrize(
-    ("written", "instead", "said"),
+    ("written", "instead", "message"),
     [
         (
             'path="{path}" code',
@@ -87,8 +87,8 @@ def test_a_navigation_tree_lacks_only_its_goal(files: Files) -> None:
         ),
     ],
 )
-def test_ports_of_a_model_are_checked(files: Files, written: str, instead: str, said: str) -> None:
-    assert said in files.diagnostics_of(NAVIGATE.replace(written, instead), given=["goal"])
+def test_ports_of_a_model_are_checked(files: Files, written: str, instead: str, message: str) -> None:
+    assert message in files.diagnostics_of(NAVIGATE.replace(written, instead), given=["goal"])
 
 
 def test_properties_unknown_from_a_model_are_not_reported(files: Files) -> None:

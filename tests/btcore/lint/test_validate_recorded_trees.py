@@ -45,17 +45,17 @@ def names_of(xml: str, found: list[Diagnostic], code: str) -> Iterator[str]:
 def test_tree_that_can_be_run_has_no_errors_and_a_node_reported_as_never_ticked_was_never_ticked(
     name: str, least: int
 ) -> None:
-    told = 0
+    reported = 0
     for case in read_cases(DATA / f"{name}.jsonl.gz"):
         found = diagnostics_of(case)
         if "load_error" not in case["expect"]:
             assert [one for one in found if one.is_error] == [], case["id"]
         for node in names_of(case["xml"], found, "W105"):
-            told += 1
+            reported += 1
             for tick in case["expect"].get("ticks", ()):
                 assert node not in [event[0] for event in tick.get("events", ())], case["id"]
                 assert node not in [call.split(":")[0] for call in tick.get("calls", ())], case["id"]
-    assert told >= least
+    assert reported >= least
 
 
 @pytest.mark.parametrize("name", MUTATED)

@@ -106,10 +106,7 @@ def test_output_of_a_derived_class_connects_to_an_input_of_its_base(
 
 @pytest.mark.parametrize(
     ("leaves", "declared"),
-    [
-        (["FeedAnimal", "MakeSphynx"], "Animal"),
-        (["MakeSphynx", "ReplaceAnimal"], "Cat"),
-    ],
+    [(["FeedAnimal", "MakeSphynx"], "Animal"), (["MakeSphynx", "ReplaceAnimal"], "Cat")],
 )
 def test_output_needs_exactly_the_class_of_the_entry(
     leaves: list[str], declared: str, nodes: Registry

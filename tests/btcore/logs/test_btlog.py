@@ -149,11 +149,11 @@ def test_damaged_file_gives_a_recording_or_a_log_error(captures: Path, tmp_path:
         except LogError as fault:
             faults.append(str(fault))
     assert 0 < len(faults) < 300
-    assert all(said.startswith(f"{path}: ") for said in faults)
+    assert all(message.startswith(f"{path}: ") for message in faults)
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (b"BTCPP4-FileLogger2\x07\0\0\0\0", "has protocol version 7; btcore supports version 1"),
         (b"BTCPP4-FileLogger2\x01\xff\xff\xff\xff" + bytes(8), "the length of the tree is -1"),
@@ -163,9 +163,9 @@ def test_damaged_file_gives_a_recording_or_a_log_error(captures: Path, tmp_path:
         (b"BTCPP4-FileLogger2\x01", "this log ends in its header, after 19 bytes"),
     ],
 )
-def test_file_that_is_not_a_btlog_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
+def test_file_that_is_not_a_btlog_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "other.btlog"
     path.write_bytes(content)
     with pytest.raises(LogError) as caught:
         read_btlog(path)
-    assert said in str(caught.value)
+    assert message in str(caught.value)

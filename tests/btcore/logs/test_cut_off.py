@@ -107,8 +107,8 @@ def test_btlog_cut_at_any_byte_gives_its_beginning(
     recording = read_btlog(path)
     count, rest = divmod(cut - head, RECORD)
     assert recording.transitions == changes(rows)[:count]
-    said = f"the file is truncated within a transition, {rest} bytes after the last complete transition"
-    assert recording.damage == (said if rest else "")
+    message = f"the file is truncated within a transition, {rest} bytes after the last complete transition"
+    assert recording.damage == (message if rest else "")
 
 
 @pytest.fixture(scope="module")

@@ -114,7 +114,7 @@ def test_damaged_file_gives_a_recording_or_a_log_error(captures: Path, tmp_path:
         except LogError as fault:
             faults.append(str(fault))
     assert 0 < len(faults) < 1000
-    assert all(said.startswith(f"{path}: this is not a .fbl file") for said in faults)
+    assert all(message.startswith(f"{path}: this is not a .fbl file") for message in faults)
 
 
 def test_transition_with_an_invalid_status_ends_the_reading(captures: Path, tmp_path: Path) -> None:

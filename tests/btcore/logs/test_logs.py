@@ -70,9 +70,9 @@ def run_and_kill(path: Path, last_words: str) -> str:
     with process:
         assert process.stdin is not None
         assert process.stdout is not None
-        said = ""
+        message = ""
         for line in process.stdout:
-            said += line
+            message += line
             if line.strip() == last_words:
                 break
             if line.startswith(("ticked", "in tick")):
@@ -80,9 +80,9 @@ def run_and_kill(path: Path, last_words: str) -> str:
                 process.stdin.flush()
         process.send_signal(signal.SIGKILL)
         process.wait()
-        said += process.stdout.read()
-    assert last_words in said
-    return said
+        message += process.stdout.read()
+    assert last_words in message
+    return message
 
 
 def statuses_in(path: Path) -> list[str]:
@@ -106,8 +106,8 @@ def test_a_killed_process_loses_at_most_the_tick_in_progress(
 
 
 def test_killed_process_has_printed_every_completed_tick(tmp_path: Path) -> None:
-    said = run_and_kill(Path("-"), "ticked 3")
-    assert re.findall(r"-> (\w+)$", said, re.MULTILINE) == ONE_TICK * 3
+    message = run_and_kill(Path("-"), "ticked 3")
+    assert re.findall(r"-> (\w+)$", message, re.MULTILINE) == ONE_TICK * 3
 
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
@@ -202,7 +202,7 @@ def test_file_extension_selects_the_log_class(
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         (
             "a.btlgo",
@@ -217,10 +217,10 @@ def test_file_extension_selects_the_log_class(
         ("a.fbl", "a.fbl: btcore reads but does not write .fbl, a log of format 3; use a.btlog"),
     ],
 )
-def test_unknown_file_extension_is_refused(small: Callable[..., Tree], name: str, said: str) -> None:
+def test_unknown_file_extension_is_refused(small: Callable[..., Tree], name: str, message: str) -> None:
     with pytest.raises(LogError) as caught:
         open_log(small("<AlwaysSuccess/>"), name)
-    assert str(caught.value) == said
+    assert str(caught.value) == message
 
 
 def test_each_log_requires_its_file_extension(small: Callable[..., Tree], tmp_path: Path) -> None:
@@ -239,12 +239,12 @@ def test_invalid_location_is_reported(small: Callable[..., Tree], tmp_path: Path
     tree = small("<AlwaysSuccess/>")
     (tmp_path / "file").touch()
     (tmp_path / name).mkdir()
-    for place, said in (
+    for place, message in (
         (tmp_path / "nowhere" / name, "the folder .*nowhere does not exist; create it first"),
         (tmp_path / "file" / name, "file is not a folder"),
         (tmp_path / name, "this is a folder; give the path of a file"),
     ):
-        with pytest.raises(LogError, match=f"^{re.escape(str(place))}: cannot write a log here: .*{said}"):
+        with pytest.raises(LogError, match=f"^{re.escape(str(place))}: cannot write a log here: .*{message}"):
             open_log(tree, place)
 
 

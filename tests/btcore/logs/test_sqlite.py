@@ -146,8 +146,12 @@ def test_extra_data_comes_from_a_function(sample: Tree, tmp_path: Path) -> None:
     with SqliteLog(sample, path, idle=False, extra=lambda node, change: f"{node.path} {change.status.name}"):
         sample.tick_while_running()
     found = rows(path, "SELECT extra_data FROM Transitions ORDER BY timestamp")
-    assert [said for (said,) in found][:3] == ["root_seq RUNNING", "Script::2 SUCCESS", "Fallback::3 RUNNING"]
-    assert not [said for (said,) in found if said.endswith("IDLE")]
+    assert [message for (message,) in found][:3] == [
+        "root_seq RUNNING",
+        "Script::2 SUCCESS",
+        "Fallback::3 RUNNING",
+    ]
+    assert not [message for (message,) in found if message.endswith("IDLE")]
 
 
 def test_another_program_can_read_while_the_tree_runs(sample: Tree, tmp_path: Path) -> None:

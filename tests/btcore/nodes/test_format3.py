@@ -90,7 +90,7 @@ def test_values_are_checked_while_the_child_runs_and_a_mismatch_halts_it(
 
 COUNT = (
     '<BehaviorTree ID="Count"><Sequence><Inc in="{n}" out="{n}"/>'
-    '<SetBlackboard value="done" output_key="said"/></Sequence></BehaviorTree>'
+    '<SetBlackboard value="done" output_key="message"/></Sequence></BehaviorTree>'
 )
 
 
@@ -107,7 +107,7 @@ def test_braces_connect_two_entries(make_tree: MakeTree) -> None:
     tree.blackboard["outside"] = 41
     assert tree.tick_once() is S
     assert tree.blackboard["outside"] == 42
-    assert "said" not in tree.blackboard
+    assert "message" not in tree.blackboard
 
 
 def test_other_attributes_are_constants_of_the_inner_tree(make_tree: MakeTree) -> None:
@@ -242,10 +242,7 @@ def test_some_control_nodes_may_be_empty(make_tree: MakeTree) -> None:
 @pytest.mark.parametrize("tag", ["RetryUntilSuccessful", "RetryUntilSuccesful"])
 def test_retry_completes_in_a_single_tick(make_tree: MakeTree, journal: CallLog, tag: str) -> None:
     """BehaviorTree.CPP 3 keeps the first spelling, which it calls a typo."""
-    tree = make_tree(
-        f'<{tag} num_attempts="3"><PlanSync name="p" plan="F"/></{tag}>',
-        format=3,
-    )
+    tree = make_tree(f'<{tag} num_attempts="3"><PlanSync name="p" plan="F"/></{tag}>', format=3)
     assert tree.tick_exactly_once() is F
     assert journal.calls == ["p:tick"] * 3
 

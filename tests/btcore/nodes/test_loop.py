@@ -6,18 +6,7 @@ from typing import Any
 
 import pytest
 
-from btcore import (
-    In,
-    LoopNode,
-    NodeExecutionError,
-    Out,
-    Registry,
-    Status,
-    Tree,
-    TreeError,
-    action,
-    loads,
-)
+from btcore import In, LoopNode, NodeExecutionError, Out, Registry, Status, Tree, TreeError, action, loads
 from tests.btcore.conftest import MakeTree
 from tests.conformance.recorded_cases import CallLog
 
@@ -161,9 +150,11 @@ def test_literal_value_is_ignored(make_tree: MakeTree) -> None:
         assert ticks(tree, 2) == [R, S]
 
 
-@pytest.mark.parametrize(("queue", "said"), [("", "queue"), ('queue="="', "queue"), ('queue="1;two"', "two")])
-def test_missing_or_invalid_queue_is_a_tree_error(queue: str, said: str, make_tree: MakeTree) -> None:
-    with pytest.raises(TreeError, match=said):
+@pytest.mark.parametrize(
+    ("queue", "message"), [("", "queue"), ('queue="="', "queue"), ('queue="1;two"', "two")]
+)
+def test_missing_or_invalid_queue_is_a_tree_error(queue: str, message: str, make_tree: MakeTree) -> None:
+    with pytest.raises(TreeError, match=message):
         make_tree(f'<LoopInt {queue} value="{{v}}"><AlwaysSuccess/></LoopInt>')
 
 

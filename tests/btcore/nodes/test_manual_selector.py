@@ -53,9 +53,9 @@ def test_invalid_answer_at_the_terminal_repeats_the_question(
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("7\nno\n2\n"))
     assert tree_of().tick_once() is Status.FAILURE
-    said = capsys.readouterr().out
-    assert "'7' is not a number from 1 to 5" in said
-    assert "  2  no\n" in said
+    message = capsys.readouterr().out
+    assert "'7' is not a number from 1 to 5" in message
+    assert "  2  no\n" in message
 
 
 def test_end_of_input_raises_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

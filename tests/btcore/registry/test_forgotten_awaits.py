@@ -67,9 +67,7 @@ class OwnBody(CoroutineAction):
         return self.body()
 
     async def body(self) -> bool:
-        sleep(
-            1,
-        )
+        sleep(1)
         return True
 
 

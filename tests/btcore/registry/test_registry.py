@@ -116,18 +116,18 @@ def test_id_may_be_given_to_add() -> None:
 
 
 def test_id_for_several_nodes_is_refused() -> None:
-    said = refused(Registry.standard().add, Wave, bow, ID="Both")
-    assert said == "ID='Both' names one thing, but 2 are given"
+    expected_message = refused(Registry.standard().add, Wave, bow, ID="Both")
+    assert expected_message == "ID='Both' names one thing, but 2 are given"
 
 
 def test_duplicate_id_is_refused_with_both_places() -> None:
     nodes = Registry.standard()
     nodes.add(bow)
-    said = refused(nodes.add, Wave, ID="Bow")
-    assert said.startswith("'Bow' is registered twice: by bow (")
-    assert said.count(f"{__file__}:") == 2
-    assert "Wave (" in said
-    assert "replace(" in said
+    expected_message = refused(nodes.add, Wave, ID="Bow")
+    assert expected_message.startswith("'Bow' is registered twice: by bow (")
+    assert expected_message.count(f"{__file__}:") == 2
+    assert "Wave (" in expected_message
+    assert "replace(" in expected_message
 
 
 def test_id_of_a_built_in_node_of_any_format_is_refused() -> None:
@@ -141,7 +141,7 @@ def test_id_that_groot_cannot_show_is_refused(ID: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("thing", "said"),
+    ("thing", "expected_message"),
     [
         (7, "7 is neither a function nor a node class"),
         ("Wave", "'Wave' is neither a function nor a node class"),
@@ -149,8 +149,8 @@ def test_id_that_groot_cannot_show_is_refused(ID: str) -> None:
         ([bow, Wave], "is neither a function nor a node class: nodes.add(first, second)"),
     ],
 )
-def test_object_that_is_not_a_node_is_refused(thing: object, said: str) -> None:
-    assert said in refused(Registry.standard().add, thing)
+def test_object_that_is_not_a_node_is_refused(thing: object, expected_message: str) -> None:
+    assert expected_message in refused(Registry.standard().add, thing)
 
 
 def test_stateful_and_threaded_actions_require_their_methods() -> None:
@@ -191,13 +191,13 @@ INVALID_DEFAULTS: dict[str, tuple[Any, object, str]] = {
 
 @pytest.mark.parametrize("case", INVALID_DEFAULTS)
 def test_default_that_its_port_cannot_hold_is_refused(case: str) -> None:
-    kind, default, said = INVALID_DEFAULTS[case]
+    kind, default, expected_message = INVALID_DEFAULTS[case]
 
     def leaf(x: Any = default) -> bool:
         return True
 
     leaf.__annotations__["x"] = In[kind]
-    assert f"the port 'x' of <Leaf> {said}" in refused(Registry.standard().add, leaf)
+    assert f"the port 'x' of <Leaf> {expected_message}" in refused(Registry.standard().add, leaf)
 
 
 @pytest.mark.parametrize(
@@ -244,9 +244,9 @@ def test_port_name_valid_only_in_format_3_can_be_added_for_format_3() -> None:
 def test_adding_the_same_node_twice_is_refused() -> None:
     nodes = Registry.standard()
     nodes.add(bow)
-    said = refused(nodes.add, bow)
-    assert said.startswith("'Bow' is registered already, from the same place: bow (")
-    assert said.endswith("; add it once")
+    expected_message = refused(nodes.add, bow)
+    assert expected_message.startswith("'Bow' is registered already, from the same place: bow (")
+    assert expected_message.endswith("; add it once")
 
 
 # --- loading with a registry
@@ -618,10 +618,10 @@ def test_two_plugins_with_the_same_id_are_both_named(library: Path) -> None:
     second.write_text(LIBRARY, encoding="utf-8")
     nodes = Registry.standard()
     nodes.add_plugin("gestures")
-    said = refused(nodes.add_plugin, "gestures_again")
-    assert said.startswith("plugin 'gestures_again': 'FlagRaised' is registered twice")
-    assert f"{library}:5" in said
-    assert f"{second}:5" in said
+    expected_message = refused(nodes.add_plugin, "gestures_again")
+    assert expected_message.startswith("plugin 'gestures_again': 'FlagRaised' is registered twice")
+    assert f"{library}:5" in expected_message
+    assert f"{second}:5" in expected_message
 
 
 @pytest.mark.parametrize(
@@ -643,9 +643,11 @@ def test_plugin_that_raises_on_import_is_named_with_line_and_exception(
 ) -> None:
     library.write_text(text, encoding="utf-8")
     for given in ("gestures", str(library)):
-        said = refused(Registry.standard().add_plugin, given)
-        assert said.startswith(f"plugin '{given}' raised while it was imported: {library}:{place}: ")
-        assert cause in said
+        expected_message = refused(Registry.standard().add_plugin, given)
+        assert expected_message.startswith(
+            f"plugin '{given}' raised while it was imported: {library}:{place}: "
+        )
+        assert cause in expected_message
 
 
 def test_moved_modules_exist_and_are_in_the_change_log() -> None:
@@ -660,19 +662,21 @@ def test_moved_modules_exist_and_are_in_the_change_log() -> None:
 
 def test_plugin_whose_register_raises_is_named(library: Path) -> None:
     library.write_text("def register(nodes):\n    return 1 / 0\n", encoding="utf-8")
-    said = refused(Registry.standard().add_plugin, "gestures")
-    assert said.startswith(f"plugin 'gestures' raised while its register() was called: {library}:2: ")
-    assert "ZeroDivisionError" in said
+    expected_message = refused(Registry.standard().add_plugin, "gestures")
+    assert expected_message.startswith(
+        f"plugin 'gestures' raised while its register() was called: {library}:2: "
+    )
+    assert "ZeroDivisionError" in expected_message
 
 
 def test_plugin_with_an_invalid_leaf_is_named(library: Path) -> None:
     library.write_text("from btcore import action\n@action\ndef drive(speed): ...\n", encoding="utf-8")
-    said = refused(Registry.standard().add_plugin, "gestures")
-    assert said.startswith("plugin 'gestures': parameter 'speed' of drive has no annotation")
+    expected_message = refused(Registry.standard().add_plugin, "gestures")
+    assert expected_message.startswith("plugin 'gestures': parameter 'speed' of drive has no annotation")
 
 
 @pytest.mark.parametrize(
-    ("plugin", "said"),
+    ("plugin", "expected_message"),
     [
         (" ", "a plugin has no name"),
         ("gestured", "plugin 'gestured' is not found"),
@@ -684,23 +688,23 @@ def test_plugin_with_an_invalid_leaf_is_named(library: Path) -> None:
         ),
     ],
 )
-def test_missing_or_repeated_plugin_is_named(library: Path, plugin: str, said: str) -> None:
-    assert refused(Registry.standard().add_plugin, plugin).startswith(said)
+def test_missing_or_repeated_plugin_is_named(library: Path, plugin: str, expected_message: str) -> None:
+    assert refused(Registry.standard().add_plugin, plugin).startswith(expected_message)
 
 
 def test_a_broken_entry_point_names_its_distribution(library: Path) -> None:
     library.write_text("raise ValueError('out of luck')\n", encoding="utf-8")
     install_metadata(library.parent, "broken-robot", "gestures = gestures")
-    said = refused(Registry.standard().add_plugins)
-    assert "broken-robot" in said
-    assert "out of luck" in said
+    expected_message = refused(Registry.standard().add_plugins)
+    assert "broken-robot" in expected_message
+    assert "out of luck" in expected_message
 
 
 def test_installed_plugin_that_lacks_a_module_is_skipped_and_reported(library: Path) -> None:
     library.write_text("import no_such_camera\n", encoding="utf-8")
     install_metadata(library.parent, "seeing-robot", "gestures = gestures")
-    (told,) = [fault for fault in Registry.standard().add_plugins() if "seeing-robot" in str(fault)]
-    assert "ModuleNotFoundError: No module named 'no_such_camera'" in str(told)
+    (reported,) = [fault for fault in Registry.standard().add_plugins() if "seeing-robot" in str(fault)]
+    assert "ModuleNotFoundError: No module named 'no_such_camera'" in str(reported)
 
 
 def test_an_entry_point_may_name_a_function_of_a_module(library: Path) -> None:

@@ -107,15 +107,15 @@ class LampSettings(Settings):
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "message"),
     [
         (LampSettings(watts=-1.0), "LampSettings: Expected `float` > 0.0 - at `$.watts`"),
         (LampSettings(watts="bright"), "LampSettings: Expected `float`, got `str` - at `$.watts`"),  # type: ignore[arg-type]
         (LampSettings, "is not a settings object: write"),
     ],
 )
-def test_the_values_of_a_program_are_checked_like_options(settings: Any, said: str) -> None:
-    with pytest.raises((TypeError, ValueError), match=re.escape(said)):
+def test_the_values_of_a_program_are_checked_like_options(settings: Any, message: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=re.escape(message)):
         Run(program(), settings=[settings])
 
 

@@ -74,12 +74,12 @@ def test_insufficient_coverage_fails_with_the_report(tree: Tree) -> None:
     coverage.require(nodes=0.7)
     with pytest.raises(AssertionError) as failed:
         coverage.require(nodes=0.9, results=0.5)
-    said = str(failed.value)
-    assert said.startswith(
+    message = str(failed.value)
+    assert message.startswith(
         "tree coverage: 71% of the nodes ran, 90% are required; "
         "38% of the results were returned, 50% are required\n"
     )
-    assert said.endswith(coverage.report())
+    assert message.endswith(coverage.report())
 
 
 def test_node_that_raised_has_no_result(tree: Tree) -> None:

@@ -32,9 +32,9 @@ def run(folder: Path, test: str, *options: str, without: str = "") -> subprocess
     if without:
         blocked = folder / "blocked"
         blocked.mkdir()
-        said = f"No module named '{without}'"
+        message = f"No module named '{without}'"
         (blocked / f"{without}.py").write_text(
-            f"raise ModuleNotFoundError({said!r}, name={without!r})\n", encoding="utf-8"
+            f"raise ModuleNotFoundError({message!r}, name={without!r})\n", encoding="utf-8"
         )
     paths = [str(folder / "blocked")] * bool(without) + [str(HOME)]
     return subprocess.run(

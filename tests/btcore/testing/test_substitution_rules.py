@@ -212,14 +212,14 @@ def test_rule_with_an_unknown_node_is_refused_at_the_replaced_node(nodes: Regist
     nodes.substitute("patrol/*", "AlwaysSucess")
     with pytest.raises(TreeError) as refused:
         load(nodes)
-    said = str(refused.value)
-    assert "<text>:11:5: E118" in said
-    assert "'patrol/*' replaces <Fallback> by 'AlwaysSucess'" in said
-    assert "did you mean 'AlwaysSuccess'?" in said
+    message = str(refused.value)
+    assert "<text>:11:5: E118" in message
+    assert "'patrol/*' replaces <Fallback> by 'AlwaysSucess'" in message
+    assert "did you mean 'AlwaysSuccess'?" in message
 
 
 @pytest.mark.parametrize(
-    ("filter", "by", "said"),
+    ("filter", "by", "message"),
     [
         (
             "home",
@@ -232,13 +232,13 @@ def test_rule_with_an_unknown_node_is_refused_at_the_replaced_node(nodes: Regist
     ],
 )
 def test_rule_whose_node_requires_other_children_is_refused(
-    nodes: Registry, filter: str, by: str, said: str
+    nodes: Registry, filter: str, by: str, message: str
 ) -> None:
     nodes.substitute(filter, by)
     nodes.substitute("Drive", "AlwaysSuccess")
     with pytest.raises(TreeError, match="E118") as refused:
         load(nodes)
-    assert said in str(refused.value)
+    assert message in str(refused.value)
 
 
 def test_object_that_is_not_a_node_cannot_substitute(nodes: Registry) -> None:
@@ -287,23 +287,25 @@ def test_halted_delay_is_cancelled_and_restarts() -> None:
 
 def test_result_script_and_post_script_run_at_the_end() -> None:
     settings = TestNodeConfig(
-        success_script="said := 'yes'",
-        failure_script="said := 'no'",
-        post_script="after := said",
+        success_script="message := 'yes'",
+        failure_script="message := 'no'",
+        post_script="after := message",
         async_delay=10,
     )
     tree = load_test_node(settings)
     tree.tick_once()
-    assert "said" not in tree.blackboard
+    assert "message" not in tree.blackboard
     assert tree.tick_while_running() is Status.SUCCESS
-    assert (tree.blackboard["said"], tree.blackboard["after"]) == ("yes", "yes")
+    assert (tree.blackboard["message"], tree.blackboard["after"]) == ("yes", "yes")
 
 
 def test_failure_runs_the_failure_script() -> None:
-    settings = TestNodeConfig(Status.FAILURE, success_script="said := 'yes'", failure_script="said := 'no'")
+    settings = TestNodeConfig(
+        Status.FAILURE, success_script="message := 'yes'", failure_script="message := 'no'"
+    )
     tree = load_test_node(settings)
     tree.tick_once()
-    assert tree.blackboard["said"] == "no"
+    assert tree.blackboard["message"] == "no"
 
 
 @pytest.mark.parametrize(
@@ -386,7 +388,7 @@ def test_a_configuration_may_have_the_name_of_a_registered_node_issue_927(nodes:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("{", "are not valid JSON"),
         ("[]", "is [], and an object of keys and values is expected"),
@@ -418,10 +420,10 @@ def test_a_configuration_may_have_the_name_of_a_registered_node_issue_927(nodes:
         ),
     ],
 )
-def test_errors_in_the_json_are_reported(nodes: Registry, text: str, said: str) -> None:
+def test_errors_in_the_json_are_reported(nodes: Registry, text: str, message: str) -> None:
     with pytest.raises(SubstitutionError) as refused:
         load_substitution_rules(nodes, text)
-    assert said in str(refused.value)
+    assert message in str(refused.value)
     assert list(nodes.substitutions) == ["Charged"]
 
 

@@ -180,7 +180,7 @@ def test_exception_in_a_thread_is_raised_by_the_next_tick() -> None:
 
 
 def test_tick_woken_by_a_thread_finds_its_result_before_the_thread_ends() -> None:
-    told, release = threading.Event(), threading.Event()
+    reported, release = threading.Event(), threading.Event()
 
     class Held(ThreadedAction):
         def work(self) -> bool:
@@ -188,13 +188,13 @@ def test_tick_woken_by_a_thread_finds_its_result_before_the_thread_ends() -> Non
 
         def wake_up(self) -> None:
             super().wake_up()
-            told.set()
+            reported.set()
             release.wait(100)
 
     tree = tree_of("<Held/>", Held)
     try:
         assert tree.tick_exactly_once() is Status.RUNNING
-        assert told.wait(100)
+        assert reported.wait(100)
         assert tree.tick_exactly_once() is Status.SUCCESS
     finally:
         release.set()

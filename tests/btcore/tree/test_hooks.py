@@ -160,14 +160,14 @@ def test_pre_condition_takes_precedence_over_a_hook() -> None:
 
 
 def test_post_conditions_follow_a_pre_hook_status_but_not_a_post_hook_status() -> None:
-    tree = tree_of(body_of('<AlwaysSuccess _onFailure="said := 1" _onSuccess="said := 2"/>'))
+    tree = tree_of(body_of('<AlwaysSuccess _onFailure="message := 1" _onSuccess="message := 2"/>'))
     tree.hooks.insert(Hook(1, HookPosition.PRE, HookMode.REPLACE, Status.FAILURE))
     tree.tick_once()
-    assert tree.blackboard["said"] == 1
+    assert tree.blackboard["message"] == 1
     tree.hooks.remove(1)
     tree.hooks.insert(Hook(1, HookPosition.POST, HookMode.REPLACE, Status.FAILURE))
     assert tree.tick_once() is Status.FAILURE
-    assert tree.blackboard["said"] == 2
+    assert tree.blackboard["message"] == 2
 
 
 def test_a_skipped_node_is_overridden_after_its_tick() -> None:

@@ -85,7 +85,7 @@ def test_text_port_keeps_json_as_text(make_tree: MakeTree) -> None:
 def test_converter_and_json_are_both_accepted(make_tree: MakeTree) -> None:
     seen = Seen()
     nodes = make_tree("<AlwaysSuccess/>").registry
-    nodes.add_type(Pose, lambda said: Pose(*map(float, said.split(","))))
+    nodes.add_type(Pose, lambda message: Pose(*map(float, message.split(","))))
     body = "<Sequence><Pose given='1,2'/><Pose given='json:{\"x\": 1, \"y\": 2}'/></Sequence>"
     make_tree(body, pose, nodes=nodes, resources=[seen]).tick_once()
     assert seen.values == [Pose(1, 2), Pose(1, 2)]

@@ -26,8 +26,8 @@ def test_a_key_pair_is_created_and_its_public_key_is_printed(tmp_path):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """The working directory, with the key pairs of a robot, of a client that it knows, and of a stranger."""
-    for name in ("robot", "desk", "stranger"):
+    """The working directory, with the key pairs of a robot, of a known client, and of an unknown client."""
+    for name in ("robot", "desk", "unknown_client"):
         create_keys(tmp_path / name)
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -65,7 +65,7 @@ def test_missing_and_wrong_keys_are_usage_errors(folder, command, options, messa
 def test_an_unknown_key_ends_the_command_with_an_error(folder, endless, no_threads_left, command):
     allowed = RobotKeys("robot", ["desk.pub"])
     with serve(endless, groot2_port=0, keys=allowed, allow_control=True) as publisher:
-        keys = ["--key-file", "stranger", "--robot-key", "robot.pub"]
+        keys = ["--key-file", "unknown_client", "--robot-key", "robot.pub"]
         arguments = {
             "monitor": ["monitor", publisher.address, "--no-view", "--save", "run.rrd", *keys],
             "record": ["record", publisher.address, "-o", "run.btlog", *keys],

@@ -29,7 +29,7 @@ def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.Comple
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["--no-view"], "--no-view leaves nothing to do: add --save FILE.rrd"),
         (["tcp://host:99999", "--no-view", "--save", "x.rrd"], "port 99999 is out of range"),
@@ -51,12 +51,12 @@ def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.Comple
         pytest.param(["127.0.0.1:1"], "there is no display here. Use --serve-web", marks=NEEDS_LINUX),
     ],
 )
-def test_a_usage_error_is_reported_with_exit_code_2(arguments, said):
+def test_a_usage_error_is_reported_with_exit_code_2(arguments, message):
     nowhere_to_show = {"DISPLAY": None, "WAYLAND_DISPLAY": None}
     result = CliRunner().invoke(main, ["monitor", *arguments], prog_name="btcore", env=nowhere_to_show)
     assert result.exit_code == 2
     assert isinstance(result.exception, SystemExit)
-    assert said in result.stderr
+    assert message in result.stderr
 
 
 def test_the_error_without_rerun_names_the_package_to_install():

@@ -129,16 +129,16 @@ def test_a_robot_with_only_groot_1_is_recorded_in_every_file(endless, record, tm
         for _ in range(50):
             endless.tick_exactly_once()
         endless.halt()
-        told = len(read_btlog(tmp_path / "own.btlog").transitions)
-        assert told > 300
-        until(lambda: len(read_btlog(tmp_path / "run.btlog").transitions) >= told, "the transitions")
+        reported = len(read_btlog(tmp_path / "own.btlog").transitions)
+        assert reported > 300
+        until(lambda: len(read_btlog(tmp_path / "run.btlog").transitions) >= reported, "the transitions")
         assert recorder.end(signal.SIGINT) == 0, recorder.stderr_text
     own = read_btlog(tmp_path / "own.btlog")
     for name in names[:2]:
         recording = read_log(tmp_path / name)
         assert find_divergence(steps(own), steps(recording)) is None, name
         assert (recording.damage, recording.gaps) == ("", ())
-    assert sorted(_numbers(tmp_path / "run.rrd")) == list(range(1, told + 1))
+    assert sorted(_numbers(tmp_path / "run.rrd")) == list(range(1, reported + 1))
     assert all(
         f"record: {topic}: not sent by Groot 1" in recorder.stderr_text
         for topic in ("ticks", "exceptions", "blackboard")
@@ -186,14 +186,11 @@ def _lines(path: Path) -> Iterator[str]:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ([], "Missing option '-o'"),
         (["--bag", "run.btlog"], "a bag ends in .mcap; did you mean run.mcap?"),
-        (
-            ["-o", "run.txt"],
-            "types are .btlog, .db3, .btdb, .mcap and .rrd; did you mean run.btlog?",
-        ),
+        (["-o", "run.txt"], "types are .btlog, .db3, .btdb, .mcap and .rrd; did you mean run.btlog?"),
         (["-o", "nowhere/run.btlog"], "there is no folder"),
         (["-o", "a.btlog", "-o", "./a.btlog"], "is given twice"),
         (["not an address", "-o", "a.btlog"], "'not an address' is not an address"),
@@ -201,13 +198,13 @@ def _lines(path: Path) -> Iterator[str]:
     ],
 )
 def test_an_error_is_reported_with_exit_code_2_and_leaves_no_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments, said: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments, message: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(main, ["record", *arguments])
     assert result.exit_code == 2
     assert isinstance(result.exception, SystemExit)
-    assert said.casefold() in result.stderr.casefold()
+    assert message.casefold() in result.stderr.casefold()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -300,12 +297,7 @@ def test_missed_transitions_are_marked_as_a_gap_and_other_missed_data_is_not(log
 
 
 def test_transitions_before_the_recording_are_marked_as_a_gap(logs: list[Path]) -> None:
-    write(
-        logs,
-        TreeEvent(TREE, 0, WALL, {}),
-        changed(500, 1, 2, 0, 1),
-        changed(501, 2, 2, 1, 2),
-    )
+    write(logs, TreeEvent(TREE, 0, WALL, {}), changed(500, 1, 2, 0, 1), changed(501, 2, 2, 1, 2))
     assert read_log(logs[0]).gaps == ((0, "the transitions up to 499 were before the recording"),)
 
 

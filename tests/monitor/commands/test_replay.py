@@ -70,7 +70,7 @@ def test_options_select_a_time_span_and_nodes(replay: Replay) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--text", "--save", "x.rrd"], "--text and --save exclude each other"),
         (["--node", "cnt", "--save", "x.rrd"], "--node selects lines, so it needs --text"),
@@ -85,10 +85,10 @@ def test_options_select_a_time_span_and_nodes(replay: Replay) -> None:
         (["--screenshot", "nowhere/x.png"], "there is no folder"),
     ],
 )
-def test_a_usage_error_is_reported_with_exit_code_2(replay: Replay, options: list[str], said: str) -> None:
+def test_a_usage_error_is_reported_with_exit_code_2(replay: Replay, options: list[str], message: str) -> None:
     result = replay(LOGS[0], *options)
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert message in result.stderr
     assert "Traceback" not in result.stderr
 
 
@@ -150,8 +150,8 @@ def test_truncation_and_gaps_are_reported_as_missed_data(tmp_path: Path) -> None
     (tmp_path / "run.btlog").write_bytes(LOGS[0].read_bytes()[:-5])
     (tmp_path / "run.btlog.gaps").write_text("2 the transitions 3 to 9 are lost\n")
     recording = read_log(tmp_path / "run.btlog")
-    told = list(events(recording, range(56)))
-    assert [(at, one.reason) for at, one in enumerate(told) if isinstance(one, MissingDataEvent)] == [
+    reported = list(events(recording, range(56)))
+    assert [(at, one.reason) for at, one in enumerate(reported) if isinstance(one, MissingDataEvent)] == [
         (3, "the transitions 3 to 9 are lost"),
         (58, recording.damage),
     ]

@@ -76,10 +76,7 @@ TOPICS = {
     "flags": (V30 + b"\x08\1\1", "not a frame of ZMTP"),
     "a command with more frames": (V31 + b"\x05\1\1", "not a frame of ZMTP"),
     "a topic of 201 bytes": (V30 + frame(b"\1" + bytes(201)), "too many bytes"),
-    "a topic of 201 bytes by command": (
-        V31 + command(b"SUBSCRIBE", bytes(201)),
-        "too many subscriptions",
-    ),
+    "a topic of 201 bytes by command": (V31 + command(b"SUBSCRIBE", bytes(201)), "too many subscriptions"),
     "33 topics": (V30 + b"".join(frame(b"\1" + one) for one in MANY), "too many subscriptions"),
     "33 topics by command": (
         V31 + b"".join(command(b"SUBSCRIBE", one) for one in MANY),
@@ -435,10 +432,7 @@ sys.stdin.read()
 
 def test_a_killed_robot_leaves_neither_process_nor_files_nor_ports(until):
     robot = subprocess.Popen(
-        [sys.executable, "-c", ROBOT],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
+        [sys.executable, "-c", ROBOT], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     with robot:
         assert robot.stdout is not None

@@ -35,12 +35,7 @@ NODE = {
 }
 REMAP = {"port_name": (0, "text"), "remap": (1, "text")}
 MODEL = {"registration_name": (0, "text"), "type": (1, "b"), "ports": (2, ["port"])}
-PORT = {
-    "port_name": (0, "text"),
-    "direction": (1, "b"),
-    "type_info": (2, "text"),
-    "description": (3, "text"),
-}
+PORT = {"port_name": (0, "text"), "direction": (1, "b"), "type_info": (2, "text"), "description": (3, "text")}
 TABLES = {"node": NODE, "remap": REMAP, "model": MODEL, "port": PORT}
 
 
@@ -158,7 +153,7 @@ NESTED = """
       <Inverter><SubTree ID="Sub" lim="7"/></Inverter>
       <Parallel>
         <Look name="" far="{distance}"/>
-        <Greet text="übers Feld" answer="{said}"/>
+        <Greet text="übers Feld" answer="{expected_message}"/>
             <Sleep msec="100000"/>
       </Parallel>
     </ReactiveFallback>
@@ -244,7 +239,7 @@ def test_nodes_unknown_to_groot1_have_their_ports_and_types(nested, window):
     by_name = {node["instance_name"]: node for node in flat["nodes"]}
     assert by_name["Greet"]["port_remaps"] == [
         {"port_name": "text", "remap": "übers Feld"},
-        {"port_name": "answer", "remap": "{said}"},
+        {"port_name": "answer", "remap": "{expected_message}"},
     ]
     # a port that is input and output comes twice, as in the original
     assert [one["remap"] for one in by_name[""]["port_remaps"]] == ["{distance}", "{distance}"]
@@ -325,21 +320,21 @@ def test_updates_equal_the_originals_bytes(sample3):
     """Tick by tick, with the original's times."""
     captured = [(CAPTURES / f"v3_pub_{number}.bin").read_bytes() for number in (1, 2, 3)]
     server = Groot1Server(sample3)
-    heard: list[Transition] = []
+    received: list[Transition] = []
 
     class Recorder(btcore.Observer):
         def transition(self, change: Transition) -> None:
-            heard.append(change)
+            received.append(change)
 
     sample3.subscribe(Recorder())
     for frame in captured:
         stamps = [(one[0] * 1_000_000 + one[1]) * 1_000 for one in Message.read(frame).changes]
-        while len(heard) < len(stamps):
+        while len(received) < len(stamps):
             assert sample3.ticks < 5
             sample3.tick_exactly_once()
-        for change, stamp in zip(heard, stamps, strict=True):
+        for change, stamp in zip(received, stamps, strict=True):
             server.add_transition(TransitionItem(change, stamp), 0.0)
-        heard.clear()
+        received.clear()
         assert server.update(1.0) == frame
 
 

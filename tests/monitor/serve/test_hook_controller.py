@@ -31,14 +31,7 @@ from btcore_monitor.wire.hooks import (
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 CAPTURES = Path(__file__).parents[1] / "captures"
-BREAKPOINT = {
-    "enabled": True,
-    "uid": 4,
-    "mode": 0,
-    "once": False,
-    "desired_status": "SKIPPED",
-    "position": 0,
-}
+BREAKPOINT = {"enabled": True, "uid": 4, "mode": 0, "once": False, "desired_status": "SKIPPED", "position": 0}
 
 
 def frames_of(name: str) -> list[bytes]:

@@ -30,8 +30,8 @@ HANDSHAKES = (
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder with the key pairs of the robot, of a client that it knows, and of a stranger."""
-    for name in ("robot", "desk", "stranger"):
+    """A folder with the key pairs of the robot, of a known client, and of an unknown client."""
+    for name in ("robot", "desk", "unknown_client"):
         create_keys(tmp_path / name)
     return tmp_path
 
@@ -49,8 +49,8 @@ def desk(folder) -> ClientKeys:
 def wrong_keys(folder, kind: str) -> ClientKeys | None:
     return {
         "none": lambda: None,
-        "unknown": lambda: ClientKeys(folder / "stranger", folder / "robot.pub"),
-        "another robot's": lambda: ClientKeys(folder / "desk", folder / "stranger.pub"),
+        "unknown": lambda: ClientKeys(folder / "unknown_client", folder / "robot.pub"),
+        "another robot's": lambda: ClientKeys(folder / "desk", folder / "unknown_client.pub"),
     }[kind]()
 
 
@@ -270,21 +270,21 @@ def test_clients_without_keys_can_watch_where_it_is_asked_for(endless, robot_key
         how, name, _ = watch(endless, publisher.watch_address, None)
         assert (how, name) == (f"{publisher.watch_address}, by btcore's run channel", "Endless")
         with (
-            BreakpointClient(publisher.watch_address) as stranger,
+            BreakpointClient(publisher.watch_address) as unknown_client,
             BreakpointClient(publisher.address, keys=desk) as client,
         ):
-            assert stranger.statuses()["step"] == "IDLE"
+            assert unknown_client.statuses()["step"] == "IDLE"
             for change in (
-                lambda: stranger.break_at("step"),
-                stranger.clear,
-                stranger.disable,
-                stranger.hooks,
+                lambda: unknown_client.break_at("step"),
+                unknown_client.clear,
+                unknown_client.disable,
+                unknown_client.hooks,
             ):
                 with pytest.raises(BreakpointError, match="hooks need a key"):
                     change()
             client.break_at("step")
             with pytest.raises(BreakpointError, match="hooks need a key"):
-                stranger.release("step")
+                unknown_client.release("step")
             assert len(client.hooks()) == 1
 
 

@@ -434,12 +434,7 @@ def test_transitions_recorded_during_a_short_silence_are_not_lost(cpp_robot, wat
     robot.resume()
     until(lambda: len(viewer.steps) == 8 + len(ROUND) * 20, "what happened meanwhile")
     assert viewer.steps == with_previous(*TICK_1, (5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
-    assert viewer.links == [
-        "waiting",
-        "connected",
-        "lost",
-        "connected",
-    ]
+    assert viewer.links == ["waiting", "connected", "lost", "connected"]
     assert not viewer.of(MissingDataEvent)
     assert len(viewer.of(TreeEvent)) == 1
 
@@ -471,15 +466,15 @@ def test_several_robots_are_followed_at_once(cpp_robot, watch, until):
 
 
 @pytest.mark.parametrize(
-    ("rate", "said"),
+    ("rate", "message"),
     [(20.0, "requested 20 times a second: short changes are not seen"), (0, "not requested")],
 )
-def test_blackboards_are_requested_at_the_given_rate(cpp_robot, watch, until, capture, rate, said):
+def test_blackboards_are_requested_at_the_given_rate(cpp_robot, watch, until, capture, rate, message):
     robot = cpp_robot()
     robot.boards = capture("blackboard_after.rep")[1]
     viewer = watch(robot.address, blackboard_rate=rate)
     until(lambda: robot.asked["S"] > 20, "a second of looks")
-    assert source(viewer).unavailable["blackboard"] == said
+    assert source(viewer).unavailable["blackboard"] == message
     assert robot.asked["B"] <= rate * 2
     if rate:
         until(lambda: robot.asked["B"] > 5, "questions")
@@ -522,12 +517,14 @@ def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch, until, cap
 
 
 def test_a_btcore_robot_can_be_followed_through_groot_2(endless, watch, until, changes):
-    told = changes(endless)
+    reported_values = changes(endless)
     with serve(endless, groot2_port=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeEvent), "the tree")
         for tick in range(1, 21):
             endless.tick_exactly_once()
-            until(lambda number=told.count: len(viewer.of(TransitionEvent)) == number, f"tick {tick}")
+            until(
+                lambda number=reported_values.count: len(viewer.of(TransitionEvent)) == number, f"tick {tick}"
+            )
         assert not viewer.of(MissingDataEvent)
         assert source(viewer).name == "Groot 2, recorded"

@@ -110,13 +110,7 @@ def test_a_viewer_that_starts_before_the_robot_sees_everything(sample, watch, un
     assert seen.tree.name == "Main"
     assert set(seen.statuses.values()) == {0}
     assert numbers(early) == list(range(1, len(numbers(early)) + 1))
-    assert early.steps[:5] == [
-        (1, 0, 1),
-        (2, 0, 2),
-        (3, 0, 1),
-        (4, 0, 3),
-        (5, 0, 1),
-    ]
+    assert early.steps[:5] == [(1, 0, 1), (2, 0, 2), (3, 0, 1), (4, 0, 3), (5, 0, 1)]
     assert [one.tick for one in early.of(TickEvent)] == [1, 2, 3]
     assert early.of(StaticSceneEvent)[0].data.frame == "map"
     assert early.of(MovingSceneEvent)[0].data.scan.ranges == b"\x00\x00\x80\x3f"
@@ -259,7 +253,7 @@ def test_a_viewer_that_connects_after_the_last_tick_gets_the_run(sample, watch, 
 
 
 def test_slow_viewers_of_a_fast_tree_miss_no_transition(endless, watch, until, changes):
-    told = changes(endless)
+    reported = changes(endless)
     with serve(endless, groot2_port=0, grace=60) as publisher:
         viewers = [watch(publisher.address), watch(publisher.address, pause=0.002)]
         assert publisher.wait_for_clients(2, 10)
@@ -268,7 +262,7 @@ def test_slow_viewers_of_a_fast_tree_miss_no_transition(endless, watch, until, c
             if tick == 500:
                 viewers.append(watch(publisher.address, pause=0.001))
         endless.halt()
-        total = told.count
+        total = reported.count
         assert total > 5000
     until(lambda: all(one.ended() for one in viewers), "everybody's goodbye")
     for viewer in viewers:
@@ -289,12 +283,7 @@ def test_a_robot_that_restarts_shows_its_new_tree(sample, endless, watch, until)
     trees = [event.tree for event in viewer.of(TreeEvent)]
     assert [tree.name for tree in trees] == ["Main", "Endless"]
     assert trees[1].tree_id == second.tree_id
-    assert viewer.links[:4] == [
-        "waiting",
-        "connected",
-        "ended",
-        "connected",
-    ]
+    assert viewer.links[:4] == ["waiting", "connected", "ended", "connected"]
 
 
 def test_a_replaced_tree_is_seen_on_the_same_connection(sample, endless, watch, until, changes):
@@ -348,18 +337,18 @@ def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until)
         client = RunChannelClient(address)
 
         def question() -> bytes:
-            heard = [b""]
+            received_messages = [b""]
 
             def asked() -> bool:
                 # The client repeats its request after some time only, because a reply may be on its way.
                 robot.send_multipart([wire.HEARTBEAT_TOPIC, wire.encode(wire.HeartbeatMessage("second", 0))])
                 client.read()
-                while robot.poll(0) and not heard[-1].startswith(b"\x01request/tree/"):
-                    heard.append(robot.recv())
-                return heard[-1].startswith(b"\x01request/tree/")
+                while robot.poll(0) and not received_messages[-1].startswith(b"\x01request/tree/"):
+                    received_messages.append(robot.recv())
+                return received_messages[-1].startswith(b"\x01request/tree/")
 
             until(asked, "a question")
-            return heard[-1][1:]
+            return received_messages[-1][1:]
 
         try:
             for name in ("first", "second"):

@@ -7,13 +7,7 @@ from pathlib import Path
 import pytest
 import zmq
 
-from btcore_monitor.events import (
-    ConnectionEvent,
-    MissingDataEvent,
-    TickEvent,
-    TransitionEvent,
-    TreeEvent,
-)
+from btcore_monitor.events import ConnectionEvent, MissingDataEvent, TickEvent, TransitionEvent, TreeEvent
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
@@ -171,10 +165,7 @@ def test_a_robot_that_does_not_publish_transitions_to_idle_has_no_gaps(watch, un
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeEvent), "the tree")
-        robot.publish(
-            update([0, 0], (1, 0, 1), (2, 0, 2), (2, 0, 3)),
-            update([1, 0], (2, 0, 2)),
-        )
+        robot.publish(update([0, 0], (1, 0, 1), (2, 0, 2), (2, 0, 3)), update([1, 0], (2, 0, 2)))
         until(lambda: len(viewer.steps) == 6, "the updates")
     assert viewer.steps == [(1, 0, 1), (2, 0, 2), (2, 2, 0), (2, 0, 3), (2, 3, 0), (2, 0, 2)]
     assert not viewer.of(MissingDataEvent)
@@ -274,14 +265,14 @@ def test_an_unusual_publish_port_is_reported_and_can_be_given_in_the_address(wat
 
 
 def test_every_transition_of_a_btcore_robot_arrives_by_groot1(endless, watch, until, changes):
-    told = changes(endless)
+    reported = changes(endless)
     with serve(endless, groot2_port=None, groot1_port=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeEvent), "the tree")
         for _ in range(500):
             endless.tick_exactly_once()
         endless.halt()
-        total = told.count
+        total = reported.count
         until(lambda: len(viewer.steps) == total, "all transitions")
     assert [one.number for one in viewer.of(TransitionEvent)] == list(range(1, total + 1))
     assert not viewer.of(MissingDataEvent)

@@ -277,7 +277,7 @@ SCENES: dict[str, list[bytes]] = {
         detections=[{"picture": "c", "name": "x" * 9_999, "box": [1e9, -1e9, -1e9, 1e9]}]
     ),
     "wild boxes": moving(
-        boxes=[{"name": "b", "position": [1e9] * 3, "size": [-1e9] * 3, "quaternion": [0, 0, 0, 0]}],
+        boxes=[{"name": "b", "position": [1e9] * 3, "size": [-1e9] * 3, "quaternion": [0, 0, 0, 0]}]
     ),
     "wild parts": static(
         parts=[
@@ -535,7 +535,7 @@ def test_monitor_ends_at_its_time_limit_with_a_message(attacker, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("attack", "arguments", "said"),
+    ("attack", "arguments", "expected_message"),
     [
         ("hooks nested 100,000 deep", ["list"], "sent an invalid reply: [json.exception.parse_error.101]"),
         ("hooks that are not JSON", ["clear"], "sent an invalid reply: [json.exception.parse_error.101]"),
@@ -545,13 +545,13 @@ def test_monitor_ends_at_its_time_limit_with_a_message(attacker, tmp_path: Path)
         ("a tree nested 100,000 deep", ["break", "x"], "sent an invalid reply: expected"),
     ],
 )
-def test_hook_reports_hostile_replies(attacker, attack, arguments, said):
+def test_hook_reports_hostile_replies(attacker, attack, arguments, expected_message):
     robot = attacker(REPLIES[attack])
-    assert said in run("hook", robot.address, *arguments)
+    assert expected_message in run("hook", robot.address, *arguments)
 
 
 @pytest.mark.parametrize(
-    ("notices", "arguments", "said"),
+    ("notices", "arguments", "expected_message"),
     [
         ([b"x" * 100], ["step", "1"], "no tick began within 0.5 s"),
         (encode_breakpoint_reached(2, 1), ["step", "1"], "no tick began within 0.5 s"),
@@ -559,9 +559,11 @@ def test_hook_reports_hostile_replies(attacker, attack, arguments, said):
         ([b"\0" * 1_000_000], ["inject", "second", "FAILURE"], "not ticked within 0.5 s"),
     ],
 )
-def test_hook_ends_at_its_time_limit_though_notifications_never_end(attacker, notices, arguments, said):
+def test_hook_ends_at_its_time_limit_though_notifications_never_end(
+    attacker, notices, arguments, expected_message
+):
     robot = attacker({}, notices)
-    assert said in run("hook", robot.address, *arguments, "--within", "0.5")
+    assert expected_message in run("hook", robot.address, *arguments, "--within", "0.5")
 
 
 def test_a_time_limit_ends_a_command_that_draws_a_huge_tree(attacker, tmp_path: Path):

@@ -81,8 +81,8 @@ def test_each_panel_shows_which_data_is_not_sent(seen, tmp_path):
 
 
 def test_panels_of_a_robot_that_sends_all_data_have_no_such_notes(seen, tmp_path):
-    told = TreeEvent(TREE, 0, 0, {1: IDLE, 2: IDLE})
-    path = shown([told, TickEvent(1, MS, MS, 1, RUNNING)], tmp_path / "x.rrd")
+    reported = TreeEvent(TREE, 0, 0, {1: IDLE, 2: IDLE})
+    path = shown([reported, TickEvent(1, MS, MS, 1, RUNNING)], tmp_path / "x.rrd")
     assert "| by |" not in documents(path, "/now")[0]
 
 
@@ -144,12 +144,12 @@ def test_several_robots_are_watched_in_one_window_and_in_one_recording(cpp_robot
             robot.change((4, RUNNING), (4, SUCCESS), (4, IDLE))
         until(lambda: all(not robot._recorded for robot in robots), "that the monitor took it in")
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=100)
+        _, message = process.communicate(timeout=100)
     finally:
         process.kill()
     assert process.returncode == 0
     for robot in robots:
-        assert f"{robot.address}, by Groot 2's protocol" in said.decode()
+        assert f"{robot.address}, by Groot 2's protocol" in message.decode()
         assert robot.asked["B"] == 0
         assert not robot.recording, "the monitor stopped what it began"
     assert [file.name for file in tmp_path.iterdir()] == ["two.rrd"]

@@ -42,8 +42,8 @@ def watched() -> tuple[list[Any], dict[str, Any]]:
             text=True,
         )
         events = list(feed.events(until_end=True))
-        output, said = run.communicate(timeout=100)
-    assert run.returncode == 0, said
+        output, message = run.communicate(timeout=100)
+    assert run.returncode == 0, message
     return events, report(output)
 
 

@@ -67,12 +67,12 @@ def test_after_a_loss_the_statuses_are_right_or_a_gap_is_reported(one, two, thre
     look = robot.snapshot()
     batch += robot.walk(two)
     kept = batch[data.draw(st.integers(0, len(batch))) :]
-    told = False
+    reported = False
     for found in (kept, robot.walk(three), []):
-        told = told or not validator.apply(look, found).is_complete
+        reported = reported or not validator.apply(look, found).is_complete
         look = robot.snapshot()
     now = {uid: record.status for uid, record in validator.statuses.items()}
-    assert told or now == {uid: record.status for uid, record in robot.statuses.items()}
+    assert reported or now == {uid: record.status for uid, record in robot.statuses.items()}
 
 
 @given(WALK, WALK, WALK, WALK, st.data())

@@ -133,7 +133,7 @@ def test_the_observed_tree_has_uids_from_1_for_a_second_tree_of_a_process():
 
 
 @pytest.mark.parametrize(
-    ("children", "said"),
+    ("children", "message"),
     [
         ([(), ()], "expected a tree, and node 2 has no parent"),
         ([(2,), (1,)], "node 2 has node 1 as a child"),
@@ -141,9 +141,9 @@ def test_the_observed_tree_has_uids_from_1_for_a_second_tree_of_a_process():
         ([(7,), ()], "node 1 has node 7 as a child"),
     ],
 )
-def test_nodes_that_do_not_form_a_tree_are_reported(children, said):
+def test_nodes_that_do_not_form_a_tree_are_reported(children, message):
     nodes = tuple(WireNode(uid, below, 0, "n", "N") for uid, below in enumerate(children, start=1))
-    with pytest.raises(ProtocolError, match=said):
+    with pytest.raises(ProtocolError, match=message):
         read_groot1(WireTree(nodes, ()), UUID)
 
 
@@ -156,7 +156,7 @@ def test_a_tree_without_nodes_or_with_a_duplicate_uid_is_reported():
 
 
 @pytest.mark.parametrize(
-    ("frame", "said"),
+    ("frame", "message"),
     [
         (b"", "got nothing"),
         (b"\0\0\0", "3 bytes"),
@@ -170,13 +170,13 @@ def test_a_tree_without_nodes_or_with_a_duplicate_uid_is_reported():
         (struct.pack("<IIIIHbb", 0, 1, 0, 0, 7, 0, 9), "a status 0–3 of node 7, and got 9"),
     ],
 )
-def test_a_malformed_update_is_reported(frame, said):
-    with pytest.raises(ProtocolError, match=said):
+def test_a_malformed_update_is_reported(frame, message):
+    with pytest.raises(ProtocolError, match=message):
         decode_update(frame)
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "message"),
     [
         (b"", "byte 0, but has 0 bytes: nothing"),
         (b"\xff\xff\xff\xff", "points to byte 4294967295"),
@@ -184,8 +184,8 @@ def test_a_malformed_update_is_reported(frame, said):
         (bytes(64), "lacks its field 1"),
     ],
 )
-def test_data_that_is_not_a_tree_is_reported(data, said):
-    with pytest.raises(ProtocolError, match=said):
+def test_data_that_is_not_a_tree_is_reported(data, message):
+    with pytest.raises(ProtocolError, match=message):
         decode_tree(data)
 
 

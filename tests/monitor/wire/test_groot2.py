@@ -193,7 +193,7 @@ BOMB = b'<!DOCTYPE r [<!ENTITY a "aaaa">]>' + tree_of(b'<X _uid="1" name="&a;"/>
 
 
 @pytest.mark.parametrize(
-    ("xml", "said"),
+    ("xml", "expected_message"),
     [
         (BOMB, "document type"),
         (b"<root>", "expected the full tree as XML"),
@@ -215,8 +215,8 @@ BOMB = b'<!DOCTYPE r [<!ENTITY a "aaaa">]>' + tree_of(b'<X _uid="1" name="&a;"/>
     ],
     ids=lambda one: one if isinstance(one, str) else "",
 )
-def test_an_invalid_full_tree_is_refused_with_its_reason(xml, said):
-    with pytest.raises(ProtocolError, match=said):
+def test_an_invalid_full_tree_is_refused_with_its_reason(xml, expected_message):
+    with pytest.raises(ProtocolError, match=expected_message):
         read_fulltree(xml, UUID)
 
 
@@ -230,7 +230,7 @@ def test_a_tree_of_a_thousand_levels_is_read():
 
 
 @pytest.mark.parametrize(
-    ("decode", "data", "said"),
+    ("decode", "data", "expected_message"),
     [
         (RequestHeader.decode, b"\x02T\x00", "6 bytes, and got 3 bytes"),
         (groot2.decode_statuses, b"\x01\x00", "3 bytes each"),
@@ -252,8 +252,8 @@ def test_a_tree_of_a_thousand_levels_is_read():
     ],
     ids=lambda one: one if isinstance(one, str) else "",
 )
-def test_invalid_bytes_are_reported(decode, data, said):
-    with pytest.raises(ProtocolError, match=said):
+def test_invalid_bytes_are_reported(decode, data, expected_message):
+    with pytest.raises(ProtocolError, match=expected_message):
         decode(data)
 
 

@@ -89,7 +89,7 @@ def test_a_missing_or_invalid_field_is_reported(message):
 
 
 @pytest.mark.parametrize(
-    ("message", "changed", "said"),
+    ("message", "changed", "expected_message"),
     [
         (TICKS, {"transitions": [[1, 2, 3, 4, 0]]}, "six integers"),
         (TICKS, {"transitions": ["row"]}, "six integers"),
@@ -108,9 +108,9 @@ def test_a_missing_or_invalid_field_is_reported(message):
         (MESSAGES[8], {"messages": ["text"]}, "messages as bytes in a 'piece' message"),
     ],
 )
-def test_an_invalid_value_is_reported(message, changed, said):
+def test_an_invalid_value_is_reported(message, changed, expected_message):
     whole = msgpack.unpackb(encode(message), strict_map_key=False)
-    with pytest.raises(ProtocolError, match=said):
+    with pytest.raises(ProtocolError, match=expected_message):
         decode(msgpack.packb(whole | changed))
 
 

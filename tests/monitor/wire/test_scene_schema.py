@@ -155,7 +155,7 @@ def test_unknown_fields_are_passed_on():
 
 
 @pytest.mark.parametrize(
-    ("key", "entries", "said"),
+    ("key", "entries", "expected_message"),
     [
         ("grids", [{**GRID, "kind": "soup"}], "'kind' of 'grids' .* occupancy or costs, and got 'soup'"),
         ("grids", [{**GRID, "size": [40, 31]}], "expected 1240 bytes of 'cells' for 'global_costmap'"),
@@ -185,11 +185,11 @@ def test_unknown_fields_are_passed_on():
         ("parts", [{"kind": "blob"}], "box or cylinder or sphere, and got 'blob'"),
     ],
 )  # fmt: skip
-def test_invalid_data_is_reported(key, entries, said):
+def test_invalid_data_is_reported(key, entries, expected_message):
     static = StaticSceneMessage(ID, STATIC)
     whole = msgpack.unpackb(encode(static if key in ("parts", "meshes") else moving()))
     whole["data"][key] = entries
-    with pytest.raises(ProtocolError, match=said):
+    with pytest.raises(ProtocolError, match=expected_message):
         decode(msgpack.packb(whole))
 
 
@@ -248,11 +248,7 @@ def test_scenes_of_several_sources_are_merged():
         frames=[there], notes={"mind": "sure", "body": "cold"}, stamp=2, velocity=(3, 4), boxes=()
     )
     assert merge_scenes(MovingScene, [body, mind, MovingScene()]) == MovingScene(
-        frames=(here, there),
-        notes={"body": "warm", "mind": "sure"},
-        stamp=1,
-        velocity=(0.1, 0.2),
-        boxes=(),
+        frames=(here, there), notes={"body": "warm", "mind": "sure"}, stamp=1, velocity=(0.1, 0.2), boxes=()
     )
     assert body.frames == [here]
     assert merge_scenes(StaticScene, []) == StaticScene()

@@ -58,9 +58,7 @@ def test_cpp_909_a_literal_loop_queue_starts_again(make_tree: MakeTree) -> None:
 
 
 def test_cpp_909_a_literal_queue_starts_again_after_a_halt_and_a_failure(make_tree: MakeTree) -> None:
-    tree = make_tree(
-        '<LoopInt queue="1;2;3" value="{n}"><PlanSync name="leaf" plan="SSSFSSS"/></LoopInt>',
-    )
+    tree = make_tree('<LoopInt queue="1;2;3" value="{n}"><PlanSync name="leaf" plan="SSSFSSS"/></LoopInt>')
     ticks(tree, 2)
     tree.halt()
     assert ticks(tree, 2) == [R, F]
@@ -246,8 +244,8 @@ def test_cpp_930_substitution_rules_without_configurations(make_tree: MakeTree) 
 
 def test_cpp_888_sleep_returns_at_once_before_a_synchronous_retry(make_tree: MakeTree) -> None:
     tree = make_tree('<RetryUntilSuccessful num_attempts="3"><PlanSync plan="F"/></RetryUntilSuccessful>')
-    said = [(tree.tick_exactly_once(), tree.sleep(1.0)) for _ in range(3)]
-    assert said == [(R, True), (R, True), (F, False)]
+    message = [(tree.tick_exactly_once(), tree.sleep(1.0)) for _ in range(3)]
+    assert message == [(R, True), (R, True), (F, False)]
     assert tree.clock.now() == 1_000_000_000
     assert tree.tick_once() is F
     assert tree.ticks == 6

@@ -82,10 +82,7 @@ def test_cpp_pr_1168_root_blackboard_in_groot2_dump_of_a_tree_with_an_outer_blac
     board = Blackboard(outer)
     board["own"] = 7
     with published(PLAIN, board) as publisher:
-        assert blackboards(connect(publisher.address), "Main") == {
-            "Main": {"own": 7},
-            "ROOT": {"shared": 42},
-        }
+        assert blackboards(connect(publisher.address), "Main") == {"Main": {"own": 7}, "ROOT": {"shared": 42}}
 
 
 def test_cpp_pr_1168_root_is_the_main_trees_blackboard_in_a_subtrees_reply(connect: Connect) -> None:
@@ -176,8 +173,8 @@ class LoadController(SyncAction):
 
 
 def test_groot2_64_dots_in_port_names_are_refused_as_in_4_10(tmp_path: Path) -> None:
-    said = r"<LoadController> can't have a port called 'request\.name': it contains '\.'"
-    with pytest.raises(RegistrationError, match=said):
+    message = r"<LoadController> can't have a port called 'request\.name': it contains '\.'"
+    with pytest.raises(RegistrationError, match=message):
         Registry.standard().add(LoadController)
     # A palette of an older robot can still be read, and the attributes are reported with their line.
     (tmp_path / "palette.xml").write_text(DOTTED, encoding="utf-8")

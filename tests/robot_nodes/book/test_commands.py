@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+pytest.importorskip("pybullet")
+
 from btcore.cli.main import main
 
 BOX = {
@@ -28,9 +30,9 @@ def run(*arguments: str) -> tuple[int, str, str]:
 
 
 def report(*arguments: str) -> dict:
-    code, said, error = run(*arguments, "--fast", "--json", "--quiet")
+    code, expected_message, error = run(*arguments, "--fast", "--json", "--quiet")
     assert code == 0, error
-    return json.loads(said.splitlines()[-1])
+    return json.loads(expected_message.splitlines()[-1])
 
 
 @pytest.fixture
@@ -96,7 +98,7 @@ def test_vff_with_all_obstacles_avoids_collisions():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected_message"),
     [
         (["colour", "--hsv", "1,2,3"], "'1,2,3' is not a colour range"),
         (["colour", "--hsv", "1,2,3,4,5,999"], "is not a colour range"),
@@ -115,10 +117,10 @@ def test_vff_with_all_obstacles_avoids_collisions():
         (["hello", "--params", "none.yaml"], "none.yaml: no such file"),
     ],
 )
-def test_a_usage_error_is_reported(arguments: list[str], said: str):
+def test_a_usage_error_is_reported(arguments: list[str], expected_message: str):
     code, _, error = run(*arguments, "--fast")
     assert code == 2
-    assert said in error
+    assert expected_message in error
 
 
 def test_an_unknown_parameter_is_reported_with_a_suggestion(tmp_path: Path):

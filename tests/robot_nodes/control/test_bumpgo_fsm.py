@@ -6,6 +6,8 @@ import threading
 import numpy as np
 import pytest
 
+pytest.importorskip("pybullet")
+
 from btcore_robot.control.bumpgo_fsm import (
     BumpGo,
     BumpGoState,

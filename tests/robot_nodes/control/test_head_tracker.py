@@ -129,15 +129,15 @@ def detector(robot, **parameters) -> tuple[ProcessContext, Process, ObjectDetect
 
 def test_the_detector_process_publishes_its_detections_to_subscribers(robot):
     _, other, process = detector(robot, hsv_ranges=[15, 20, 50, 200, 20, 200])
-    images, heard = other.create_publisher("input_image", CameraImage), []
+    images, received = other.create_publisher("input_image", CameraImage), []
     images.publish(picture((100, 50, 40, 20)))
     robot.clock.sleep(0.0)
     assert not process.detections.has_subscribers
-    other.create_subscription("detection", Detections, heard.append)
+    other.create_subscription("detection", Detections, received.append)
     images.publish(picture())
     images.publish(picture((100, 50, 40, 20), (300, 200, 40, 60)))
     robot.clock.sleep(0.0)
-    assert [len(one.objects) for one in heard] == [1]
+    assert [len(one.objects) for one in received] == [1]
 
 
 def test_the_detector_process_requires_six_numbers_in_hsv_ranges(robot):
@@ -241,12 +241,7 @@ def test_the_states_and_transitions_have_the_numbers_of_ros():
             LifecycleState.ACTIVE,
             LifecycleState.FINALIZED,
         )
-    ] == [
-        1,
-        2,
-        3,
-        4,
-    ]
+    ] == [1, 2, 3, 4]
     assert [
         LifecycleTransition.CONFIGURE,
         LifecycleTransition.CLEANUP,

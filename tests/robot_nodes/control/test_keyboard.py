@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+pytest.importorskip("pybullet")
+
 from btcore.cli.main import main
 from btcore_robot.control.keyboard import KEY_TIMEOUT, KeyInputError, Terminal, parse_key_script, parse_keys
 
@@ -51,9 +53,9 @@ def test_arrows_and_capitals_are_keys() -> None:
 def test_the_robot_drives_by_the_keys(drive: Run) -> None:
     result = drive("--keys", "w:4,s:2", "--seed", "2", "--json")
     assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout.splitlines()[-1])
-    assert told["time_s"] == pytest.approx(6.0, abs=0.2)
-    assert told["robot"]["distance_m"] == pytest.approx(4 * 0.3 + 2 * 0.2, abs=0.25)
+    reported = json.loads(result.stdout.splitlines()[-1])
+    assert reported["time_s"] == pytest.approx(6.0, abs=0.2)
+    assert reported["robot"]["distance_m"] == pytest.approx(4 * 0.3 + 2 * 0.2, abs=0.25)
 
 
 def test_a_map_is_made_while_driving(drive: Run, tmp_path: Path) -> None:
@@ -66,10 +68,10 @@ def test_a_map_is_made_while_driving(drive: Run, tmp_path: Path) -> None:
         drive("--keys", "a:14,w:3", "--map-to", str(file), "--seed", "3", "--json").stdout for _ in range(2)
     ]
     assert lines[0] == lines[1]
-    told = json.loads(lines[0].splitlines()[-1])
+    reported = json.loads(lines[0].splitlines()[-1])
     map = load_map(file)
-    assert told["map"]["scans"] > 20
-    assert (map.width, map.height) == (told["map"]["width"], told["map"]["height"])
+    assert reported["map"]["scans"] > 20
+    assert (map.width, map.height) == (reported["map"]["width"], reported["map"]["height"])
     assert map.occupied.sum() > 400
     assert map.free.sum() * map.resolution**2 > 30.0
     # The walls are where they are in the world, although the robot started elsewhere.
@@ -108,12 +110,12 @@ def test_keys_of_a_terminal_drive_and_x_ends() -> None:
             for key in (*8 * [b"w"], b"x"):
                 os.write(ours, key)
                 select.select([driven.stdout], [], [], 0.2)
-            told = json.loads(driven.stdout.read().splitlines()[-1])
+            reported = json.loads(driven.stdout.read().splitlines()[-1])
         finally:
             driven.kill()
             os.close(ours)
             os.close(theirs)
-    assert told["robot"]["distance_m"] > 0.1
+    assert reported["robot"]["distance_m"] > 0.1
 
 
 def test_keys_of_a_windows_console_drive(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -152,11 +152,11 @@ def test_no_command_is_sent_without_a_scan(robot):
 def test_the_arrows_are_published_for_subscribers_only(robot):
     avoiding = Avoiding(robot)
     avoiding.run(CASES["4 ahead to the right"], 0.5)
-    heard: list[Arrows] = []
+    received: list[Arrows] = []
     assert not avoiding.process.arrows.has_subscribers
-    avoiding.laser.create_subscription("vff_debug", Arrows, heard.append)
+    avoiding.laser.create_subscription("vff_debug", Arrows, received.append)
     avoiding.run(CASES["4 ahead to the right"], 0.5)
-    arrows = {arrow.number: arrow for arrow in heard[-1].arrows}
+    arrows = {arrow.number: arrow for arrow in received[-1].arrows}
     assert {number: arrow.colour for number, arrow in arrows.items()} == {2: BLUE, 0: RED, 1: GREEN}
     assert {arrow.frame for arrow in arrows.values()} == {"base_footprint"}
     assert (arrows[2].shaft, arrows[2].head, arrows[2].end) == (0.05, 0.1, (1.0, 0.0, 0.0))

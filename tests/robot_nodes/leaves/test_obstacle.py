@@ -25,12 +25,7 @@ def obstacle(robot, **ports: float) -> bool:
 
 @pytest.mark.parametrize(
     ("reading", "ports", "found"),
-    [
-        (2.0, {}, False),
-        (0.3, {}, True),
-        (0.3, {"distance": 0.5}, True),
-        (0.6, {"distance": 0.5}, False),
-    ],
+    [(2.0, {}, False), (0.3, {}, True), (0.3, {"distance": 0.5}, True), (0.6, {"distance": 0.5}, False)],
 )
 def test_is_obstacle_with_the_books_readings(robot, reading: float, ports: dict[str, float], found: bool):
     robot.see(reading)

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("pybullet")
+
 import btcore
 from btcore import Registry, Status, Tree
 from btcore_navigation.action import ActionServer, GoalHandle
@@ -170,8 +172,8 @@ def test_a_missing_waypoint_is_an_error_when_the_tree_is_created():
     text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
     places = Waypoints({"wp1": WP1}, source="the map", remedy="add '{name}' to the file")
     assert btcore.loads(text.format("{kind}"), nodes=nodes, resources=[places])
-    said = "the map has no waypoint 'recharge', but GetWaypoint::1 needs it; add 'recharge' to the file"
-    with pytest.raises(WaypointError, match=said):
+    message = "the map has no waypoint 'recharge', but GetWaypoint::1 needs it; add 'recharge' to the file"
+    with pytest.raises(WaypointError, match=message):
         btcore.loads(text.format("recharge"), nodes=nodes, resources=[places])
     with pytest.raises(WaypointError, match=r"this world has no waypoints, but GetWaypoint::1 needs them$"):
         btcore.loads(text.format("next"), nodes=nodes, resources=[Waypoints({})])
@@ -361,9 +363,7 @@ def test_the_skipping_tree_skips_a_waypoint_and_ends_when_it_can_reach_nothing(
     nodes.add_plugin("btcore_navigation.leaves")
     tracker.configure()
     tree = btcore.load(
-        TREES / "patrolling_skipping.xml",
-        nodes=nodes,
-        resources=[robot, server, tracker, Waypoints(places)],
+        TREES / "patrolling_skipping.xml", nodes=nodes, resources=[robot, server, tracker, Waypoints(places)]
     )
     tree.blackboard["battery_level"] = level
     assert tick(tree, robot, 120.0) is result

@@ -57,10 +57,7 @@ def test_a_written_pose_is_read_unchanged() -> None:
         ("", []),
         ("1;2", [Pose2D(1.0, 2.0, 0.0)]),
         ("1;2|3;4;0.5", [Pose2D(1.0, 2.0, 0.0), Pose2D(3.0, 4.0, 0.5)]),
-        (
-            "0;map;1;2;0;0;0;0;1;0;map;3;4;0;0;0;0;1",
-            [Pose2D(1.0, 2.0, 0.0), Pose2D(3.0, 4.0, 0.0)],
-        ),
+        ("0;map;1;2;0;0;0;0;1;0;map;3;4;0;0;0;0;1", [Pose2D(1.0, 2.0, 0.0), Pose2D(3.0, 4.0, 0.0)]),
     ],
 )
 def test_several_poses_are_separated_by_bars_or_written_in_nav2s_form(text: str, poses: list[Pose2D]) -> None:

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import pytest
 
+pytest.importorskip("pybullet")
+
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.behaviours import BackUpGoal, SpinGoal
 from btcore_robot.robot import Pose2D

@@ -8,15 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.ndimage import distance_transform_edt
 
-from btcore_navigation.costmap import (
-    FREE,
-    INSCRIBED,
-    LETHAL,
-    UNKNOWN,
-    Costmap,
-    GlobalCostmap,
-    LocalCostmap,
-)
+from btcore_navigation.costmap import FREE, INSCRIBED, LETHAL, UNKNOWN, Costmap, GlobalCostmap, LocalCostmap
 from btcore_navigation.costmap_layers import InflationLayer, ObstacleLayer
 from btcore_navigation.mapping.exploration import REMEMBERED, GrowingCostmap
 from btcore_robot.occupancy_map import OccupancyMap
@@ -145,8 +137,7 @@ def test_readings_mark_obstacles_from_the_minimum_range_on():
 
 
 @pytest.mark.parametrize(
-    ("reading", "cleared_to"),
-    [(math.inf, 3.0), (25.0, 3.0), (8.0, 3.0), (2.0, 1.9), (0.5, 0.4)],
+    ("reading", "cleared_to"), [(math.inf, 3.0), (25.0, 3.0), (8.0, 3.0), (2.0, 1.9), (0.5, 0.4)]
 )
 def test_a_ray_clears_unknown_cells_up_to_its_end_or_its_range(reading, cleared_to):
     costmap = GlobalCostmap(floor(8.0, cells=-1))

@@ -81,13 +81,7 @@ class Wanderer:
         ranges[ranges < info.range_min] = -np.inf
         ranges[ranges > info.range_max] = np.inf
         self.newest = LaserScan(
-            ranges.astype(np.float32),
-            self.time,
-            info.angle_min,
-            info.angle_increment,
-            0.05,
-            25.0,
-            info.frame,
+            ranges.astype(np.float32), self.time, info.angle_min, info.angle_increment, 0.05, 25.0, info.frame
         )
 
 

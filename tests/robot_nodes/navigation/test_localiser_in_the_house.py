@@ -6,6 +6,8 @@ import threading
 import numpy as np
 import pytest
 
+pytest.importorskip("pybullet")
+
 from btcore_navigation.localiser import Localiser
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import FrameBroadcaster, TransformTree
@@ -38,9 +40,9 @@ class House:
         return np.array(errors)
 
     def error(self):
-        told, true = self.localiser.pose(), self.body.true_pose()
-        return math.hypot(told.x - true.x, told.y - true.y), abs(
-            math.remainder(told.yaw - true.yaw, math.tau)
+        reported, true = self.localiser.pose(), self.body.true_pose()
+        return math.hypot(reported.x - true.x, reported.y - true.y), abs(
+            math.remainder(reported.yaw - true.yaw, math.tau)
         )
 
 

@@ -151,11 +151,7 @@ def test_the_noise_of_a_straight_motion_follows_the_model_in_both_directions(hea
 
 def test_the_noise_of_a_turn_on_the_spot_follows_the_model():
     end = sample_motion_model(
-        np.zeros((200_000, 3)),
-        Pose2D(0, 0, 0),
-        Pose2D(0, 0, 0.4),
-        ALPHAS,
-        np.random.default_rng(1),
+        np.zeros((200_000, 3)), Pose2D(0, 0, 0), Pose2D(0, 0, 0.4), ALPHAS, np.random.default_rng(1)
     )
     assert np.mean(end[:, 2]) == pytest.approx(0.4, abs=0.01)
     assert np.std(end[:, 2]) == pytest.approx(math.sqrt(0.2 * 0.4**2), rel=0.02)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+pytest.importorskip("pybullet")
+
 from btcore.cli.main import main
 from btcore_robot.occupancy_map import OccupancyMap, save_map
 
@@ -39,15 +41,15 @@ def started(*arguments: str) -> subprocess.Popen[str]:
 
 def test_the_same_seed_gives_the_same_bytes_in_two_processes():
     arguments = ("patrolling", "--world", "aws_house", "--duration", "8", "--seed", "3")
-    said = [one.communicate()[0] for one in [started(*arguments), started(*arguments)]]
-    one, other = ({**json.loads(text), "real_time_factor": 0.0} for text in said)
+    message = [one.communicate()[0] for one in [started(*arguments), started(*arguments)]]
+    one, other = ({**json.loads(text), "real_time_factor": 0.0} for text in message)
     assert one["robot"]["distance_m"] > 1.0
     assert json.dumps(one) == json.dumps(other)
 
 
 def test_goal_or_home_goes_home_and_logs_the_reason():
-    said, logged = started("tutorials/goal_or_home", "--world", "house", "--duration", "30").communicate()
-    result = json.loads(said)
+    message, logged = started("tutorials/goal_or_home", "--world", "house", "--duration", "30").communicate()
+    result = json.loads(message)
     assert result["status"] == "SUCCESS"
     assert result["nodes"]["Goal"]["failure"] == 1
     assert result["nodes"]["Home"]["ticks"] > 10
@@ -56,7 +58,7 @@ def test_goal_or_home_goes_home_and_logs_the_reason():
 
 
 @pytest.mark.parametrize(
-    ("option", "text", "said"),
+    ("option", "text", "message"),
     [
         ("--map", None, "no such file"),
         ("--map", "image: [", "not valid YAML"),
@@ -64,14 +66,14 @@ def test_goal_or_home_goes_home_and_logs_the_reason():
         ("--nav-params", "a: [", "not valid YAML"),
     ],
 )
-def test_a_missing_or_invalid_file_is_a_usage_error(tmp_path, option, text, said):
+def test_a_missing_or_invalid_file_is_a_usage_error(tmp_path, option, text, message):
     file = tmp_path / "file.yaml"
     if text is not None:
         file.write_text(text)
     done = run("patrolling", "--world", "house", "--duration", "1", option, str(file))
     assert done.exit_code == 2
     assert "file.yaml" in done.stderr
-    assert said in done.stderr
+    assert message in done.stderr
 
 
 def test_a_patrol_in_a_world_without_waypoints_is_a_usage_error():
@@ -85,9 +87,9 @@ def test_a_robot_outside_its_map_logs_the_unknown_pose_and_does_not_drive(tmp_pa
     # The map contains the first waypoint, but not the robot.
     save_map(room(0, 100, origin=(0.0, -13.3)), tmp_path / "far.yaml")
     options = ("--world", "house", "--duration", "2", "--map", str(tmp_path / "far.yaml"))
-    said, logged = started("patrolling", *options).communicate()
+    message, logged = started("patrolling", *options).communicate()
     assert "the robot's pose is unknown" in logged
-    assert json.loads(said)["robot"]["distance_m"] < 0.02
+    assert json.loads(message)["robot"]["distance_m"] < 0.02
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,7 @@ import pytest
 
 from btcore.bundled_trees import folder
 from btcore_navigation.behaviours import BackUpGoal, SpinGoal
-from btcore_navigation.error_codes import (
-    CONTROLLER_RECOVERY_HELPS,
-    PLANNER_RECOVERY_HELPS,
-    Nav2ErrorCode,
-)
+from btcore_navigation.error_codes import CONTROLLER_RECOVERY_HELPS, PLANNER_RECOVERY_HELPS, Nav2ErrorCode
 from btcore_navigation.parameters import NavigationParameters, load_parameters
 from btcore_navigation.stack import Navigation
 from btcore_robot.occupancy_map import OccupancyMap

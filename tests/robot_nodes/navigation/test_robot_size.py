@@ -65,7 +65,7 @@ def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(floor, path, follo
     assert handle.status is (GoalStatus.SUCCEEDED if passes else GoalStatus.ABORTED)
     if not passes:
         assert handle.result.code == Nav2ErrorCode.NO_VALID_PATH
-        # The controller refuses the gap, too, even if it is told to drive through.
+        # The controller refuses the gap, too, even if it is commanded to drive through.
         handle = navigation.servers.follow_path.send_goal(follow(path((0.0, 0.0), (3.0, 0.0))))
         run(60.0)
         assert handle.status is GoalStatus.ABORTED

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytest.importorskip("pybullet")
+
 from btcore_navigation.controller import FollowPathGoal
 from btcore_navigation.scene import MAX_PARTICLES
 from btcore_navigation.stack import Navigation

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytest.importorskip("pybullet")
+
 from btcore_navigation import sensor_watch, stack
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.costmap import INSCRIBED

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+pytest.importorskip("pybullet")
+
 from btcore.bundled_trees import folder
 from btcore_navigation.stack import Navigation
 from btcore_robot.perception.colour import WOOD
@@ -151,9 +153,9 @@ def test_boxes_are_detected_only_while_the_locator_is_active(body: SimulatedRobo
     locator.activate()
     wait(body, 0.6)
     assert locator.boxes
-    told = locator.moving_scene().boxes
-    assert [(one.position, one.size) for one in told] == [(box.centre, box.size) for box in locator.boxes]
-    assert {one.frame for one in told} == {"odom"}
+    reported = locator.moving_scene().boxes
+    assert [(one.position, one.size) for one in reported] == [(box.centre, box.size) for box in locator.boxes]
+    assert {one.frame for one in reported} == {"odom"}
     locator.deactivate()
     wait(body, 0.6)
     assert locator.boxes == ()

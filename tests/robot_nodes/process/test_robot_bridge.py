@@ -72,13 +72,13 @@ def test_the_head_is_published_and_commanded(bridged: Bridged):
     ("topic", "priority"), [("/cmd_vel", 10), ("/nav_vel", 10), ("/key_vel", 90), ("/joy_vel", 100)]
 )
 def test_velocities_are_passed_on_with_their_priority(bridged: Bridged, topic: str, priority: int):
-    told: list[int] = []
+    reported: list[int] = []
     drive = bridged.robot.drive
-    bridged.robot.drive = lambda v, w, *, priority: (told.append(priority), drive(v, w))
+    bridged.robot.drive = lambda v, w, *, priority: (reported.append(priority), drive(v, w))
     bridged.other.create_publisher(topic, Twist2D).publish(Twist2D(0.2, 0.1))
     bridged.sleep(0.0)
     assert bridged.robot.commands == [(0.2, 0.1)]
-    assert told == [priority]
+    assert reported == [priority]
 
 
 def test_a_picture_is_requested_only_while_there_is_a_subscriber(bridged: Bridged):

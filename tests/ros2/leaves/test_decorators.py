@@ -15,13 +15,7 @@ from test_msgs.srv import BasicTypes
 
 import btcore
 from btcore import In, NodeExecutionError, Put, RegistrationError, Registry, Status, Tree
-from btcore_ros2.leaves import (
-    RosCallError,
-    ros_action,
-    ros_publisher,
-    ros_service,
-    ros_subscriber,
-)
+from btcore_ros2.leaves import RosCallError, ros_action, ros_publisher, ros_service, ros_subscriber
 from btcore_ros2.session import RosSession
 from tests.ros2.discovery import wait_until_known
 

@@ -82,12 +82,7 @@ class Qos(NamedTuple):
 
     def profile(self) -> Any:
         """Return the QoS for rclpy."""
-        from rclpy.qos import (
-            DurabilityPolicy,
-            QoSProfile,
-            ReliabilityPolicy,
-            qos_profile_system_default,
-        )
+        from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_system_default
 
         if self.reliability == "default":
             return qos_profile_system_default

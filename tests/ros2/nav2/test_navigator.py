@@ -223,11 +223,7 @@ def test_the_result_has_the_error_code_of_the_server_that_failed(client, tmp_pat
 
 @pytest.mark.parametrize(
     ("text", "code", "message"),
-    [
-        ("<root", 9001, "tree.xml"),
-        (BROKEN, 9000, "missing"),
-        (None, 9001, "tree.xml"),
-    ],
+    [("<root", 9001, "tree.xml"), (BROKEN, 9000, "missing"), (None, 9001, "tree.xml")],
 )
 def test_a_tree_that_cannot_be_used_aborts_the_goal(client, tmp_path, text, code, message):
     file = tmp_path / "tree.xml"

@@ -156,11 +156,7 @@ def test_commands_are_compared_with_the_recorded_commands(replay: Replay, tmp_pa
         "only_sent": 0,
         "only_recorded": 0,
         "largest_difference": 0.4,
-        "first_difference": {
-            "time_s": 0.2,
-            "sent": {"v": 0.5, "w": 0.0},
-            "recorded": {"v": 0.1, "w": 0.0},
-        },
+        "first_difference": {"time_s": 0.2, "sent": {"v": 0.5, "w": 0.0}, "recorded": {"v": 0.1, "w": 0.0}},
     }
     head = report[topic]
     assert isinstance(head, dict)

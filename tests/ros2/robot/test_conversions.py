@@ -12,14 +12,7 @@ from sensor_msgs.msg import BatteryState, Image, LaserScan, Range
 
 from btcore_robot.rigid_transform import Transform, from_rpy
 from btcore_ros2.errors import RosError
-from btcore_ros2.robot.conversions import (
-    ScanConverter,
-    battery_level,
-    depth_of,
-    ranges_of,
-    rgb_of,
-    sonar_of,
-)
+from btcore_ros2.robot.conversions import ScanConverter, battery_level, depth_of, ranges_of, rgb_of, sonar_of
 
 
 def laser_scan(ranges: list[float], angle_min: float, increment: float, frame: str = "laser") -> Any:

@@ -14,14 +14,7 @@ pytest.importorskip("tf2_msgs")
 from btcore.clock import NS_PER_S
 from btcore_robot import time_limits
 from btcore_robot.robot import CameraInfo, Robot
-from btcore_robot.testing import (
-    check_camera,
-    check_frames,
-    check_info,
-    check_scan,
-    check_sonars,
-    wait,
-)
+from btcore_robot.testing import check_camera, check_frames, check_info, check_scan, check_sonars, wait
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.session import RosSession

@@ -61,10 +61,7 @@ def test_duration_and_options_of_the_simulator_apply(start: Callable[..., SimPro
     ],
 )
 def test_a_mistake_of_the_user_is_a_message(
-    monkeypatch: pytest.MonkeyPatch,
-    arguments: list[str],
-    environment: dict[str, str],
-    message: str,
+    monkeypatch: pytest.MonkeyPatch, arguments: list[str], environment: dict[str, str], message: str
 ) -> None:
     for name, value in environment.items():
         monkeypatch.setenv(name, value)

@@ -46,11 +46,7 @@ def test_run_that_violates_the_question_fails(file: Path) -> None:
 def test_leaf_without_an_outcome_takes_its_next_result_then_repeats_the_last(file: Path) -> None:
     file.write_text(SEQUENCE.format(kind="ReactiveSequence"))
     # Ready has outcomes in the first and the third tick only.
-    ticks = [
-        (0.0, {"Ready": "S", "Grasp": "R"}),
-        (0.1, {"Grasp": "R"}),
-        (0.2, {"Ready": "F"}),
-    ]
+    ticks = [(0.0, {"Ready": "S", "Grasp": "R"}), (0.1, {"Grasp": "R"}), (0.2, {"Ready": "F"})]
     with pytest.raises(AssertionError, match="'Ready is FAILURE & Grasp halted' holds"):
         assert_holds_in_run(file, "never Ready is FAILURE & Grasp halted", ticks, models=[file])
     # Beyond its outcomes, Ready still succeeds, but Grasp does not run forever.
@@ -63,10 +59,7 @@ def test_leaf_without_an_outcome_takes_its_next_result_then_repeats_the_last(fil
 def test_cycle_is_repeated_until_the_tree_ends(file: Path) -> None:
     file.write_text(RETRY.format(attempts=-1))
     # No outcome lets the endless loop end.
-    ticks = [
-        (0.0, {"Ready": "S", "Grasp": "R"}),
-        (0.1, {"Ready": "S", "Grasp": "S(object=?)"}),
-    ]
+    ticks = [(0.0, {"Ready": "S", "Grasp": "R"}), (0.1, {"Ready": "S", "Grasp": "S(object=?)"})]
     with pytest.raises(AssertionError, match="still RUNNING"):
         assert_holds_in_run(file, ENDS, ticks, cycle=(0, 0.2), models=[file])
     file.write_text(RETRY.format(attempts=50))

@@ -54,11 +54,7 @@ def test_the_reactive_hand_over_is_refuted_and_its_order_is_shown():
     [
         ("<Sequence><Drive/><Charge/><Brake/></Sequence>", {}, PROVED),
         # An action of one tick uses the wheels while another drives.
-        (
-            '<Parallel><Sequence><Sleep msec="9"/><Brake/></Sequence><Drive/></Parallel>',
-            {},
-            REFUTED,
-        ),
+        ('<Parallel><Sequence><Sleep msec="9"/><Brake/></Sequence><Drive/></Parallel>', {}, REFUTED),
         # The second action starts before the first one completes, later in the same tick.
         (
             '<Parallel><Sequence><Sleep msec="9"/><Charge/></Sequence>'

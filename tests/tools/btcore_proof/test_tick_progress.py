@@ -5,15 +5,7 @@ from typing import Annotated
 
 import pytest
 
-from btcore import (
-    ControlNode,
-    DecoratorNode,
-    In,
-    InOut,
-    NodeSpec,
-    Out,
-    Status,
-)
+from btcore import ControlNode, DecoratorNode, In, InOut, NodeSpec, Out, Status
 from btcore_proof.search import search
 from btcore_proof.state_graph import Outcome
 from btcore_proof.tick_progress import TickProgress

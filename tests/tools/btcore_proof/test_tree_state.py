@@ -54,10 +54,7 @@ def copied(tree: Tree, xml: str) -> tuple[Tree, TreeState]:
     return other, state
 
 
-@given(
-    xml_documents(max_nodes=14, timed=True, conditions=True, scripts=True, subtrees=1),
-    st.integers(1, 3),
-)
+@given(xml_documents(max_nodes=14, timed=True, conditions=True, scripts=True, subtrees=1), st.integers(1, 3))
 def test_a_restored_tree_continues_as_the_tree_itself(xml: str, ticks: int) -> None:
     tree = grown(xml)
     for _ in range(ticks):

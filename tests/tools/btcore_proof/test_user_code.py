@@ -373,11 +373,7 @@ KNOWN = "<Sequence><Script code='u := 4'/>{}</Sequence>"
         (Within, "", REFUTED),
         (Catches, RAISES, REFUTED),
         (Compares, KNOWN, REFUTED),
-        (
-            ReadsByKey,
-            WRITTEN.replace("{u}", "{written}"),
-            REFUTED,
-        ),
+        (ReadsByKey, WRITTEN.replace("{u}", "{written}"), REFUTED),
     ],
     indirect=["decorator"],
 )

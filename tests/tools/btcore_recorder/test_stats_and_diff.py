@@ -87,7 +87,7 @@ def test_gap_is_reported(cli: Cli, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("command", [["stats"], ["diff", str(BTLOG)], ["replay", "--text"]])
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "message"),
     [
         ("gone.btlog", None, "cannot read this log: no such file"),
         ("run.rrd", b"RRF2", "logs that can be read end in .btlog, .db3, .btdb, .fbl or .mcap"),
@@ -97,14 +97,14 @@ def test_gap_is_reported(cli: Cli, tmp_path: Path) -> None:
     ],
 )
 def test_file_that_is_not_a_log_exits_with_2_and_a_message(
-    cli: Cli, tmp_path: Path, command: list[str], name: str, content: bytes | None, said: str
+    cli: Cli, tmp_path: Path, command: list[str], name: str, content: bytes | None, message: str
 ) -> None:
     if content is not None:
         (tmp_path / name).write_bytes(content)
     result = cli(*command, name)
     assert result.exit_code == 2, result.output
     assert f"error: {name}: " in result.stderr
-    assert said in result.stderr
+    assert message in result.stderr
     assert "Traceback" not in result.stderr
 
 

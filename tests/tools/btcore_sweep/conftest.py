@@ -1,12 +1,10 @@
 """Fixtures for the tests of sweeps: workers that are started once, and leaves that depend on the seed."""
 
-import json
 import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -152,14 +150,3 @@ def sweep(folder: Path) -> Callable[..., Result]:
         return CliRunner().invoke(main, arguments, prog_name="btcore")
 
     return call
-
-
-@pytest.fixture
-def last_json() -> Callable[[Result], dict[str, Any]]:
-    """Return the JSON object in the last line of stdout."""
-
-    def read(result: Result) -> dict[str, Any]:
-        data: dict[str, Any] = json.loads(result.stdout.splitlines()[-1])
-        return data
-
-    return read

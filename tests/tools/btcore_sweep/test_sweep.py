@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 import shlex
 import signal
 import subprocess
@@ -16,6 +15,7 @@ from click.testing import CliRunner, Result
 
 from btcore.cli.main import main
 from tests.btcore.cli.conftest import LastJson
+from tests.tools.btcore_sweep.conftest import environment
 
 psutil = pytest.importorskip("psutil")
 pytest.importorskip("distributed")
@@ -191,11 +191,9 @@ def test_episode_that_kills_its_workers_is_recorded_and_the_others_continue(
 
 def start_sweep(*words: str) -> subprocess.Popen[str]:
     """Start a sweep in its own process and session, as from a terminal."""
-    from_root = str(Path(__file__).parents[3])
-    paths = os.pathsep.join(filter(None, [from_root, os.environ.get("PYTHONPATH")]))
     return subprocess.Popen(
         [sys.executable, "-m", "btcore", "sweep", *words, "--plugin", str(Path("things.py").resolve())],
-        env={**os.environ, "PYTHONPATH": paths},
+        env=environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -238,8 +236,8 @@ def test_signal_ends_the_sweep_and_prints_how_to_continue(tree: Tree, sweep: Swe
         # While the sweep runs, its lock prevents other sweeps from writing to the folder.
         assert "is writing to 'tree.sweep'" in " ".join(sweep(*words).stderr.split())
         process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=PATIENCE)
+        _, message = process.communicate(timeout=PATIENCE)
     assert process.returncode == 143
-    assert "Traceback" not in said
-    assert "run the same command again to continue" in said
+    assert "Traceback" not in message
+    assert "run the same command again to continue" in message
     assert 2 <= len(read_table()) == len(journal()) < 500

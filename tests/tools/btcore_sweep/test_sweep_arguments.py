@@ -39,7 +39,7 @@ def test_seeds_are_a_count_a_range_or_a_list(text: str, meant: tuple[int, ...]) 
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("0", "a sweep needs at least one seed"),
         ("9..5", "9..5 descends; write 5..9"),
@@ -49,8 +49,8 @@ def test_seeds_are_a_count_a_range_or_a_list(text: str, meant: tuple[int, ...]) 
         ("0..99999999999", "seeds exceed the limit of 10000000"),
     ],
 )
-def test_invalid_seeds_are_reported(text: str, said: str) -> None:
-    with pytest.raises(click.UsageError, match=re.escape(said)):
+def test_invalid_seeds_are_reported(text: str, message: str) -> None:
+    with pytest.raises(click.UsageError, match=re.escape(message)):
         parameters.parse_seeds(text)
 
 
@@ -87,7 +87,7 @@ def test_several_parameters_make_a_grid_and_become_arguments_of_run() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("battery", "is invalid: write KEY=VALUES"),
         ("batery=1", "'btcore run' has no option --batery; did you mean 'battery'?"),
@@ -99,8 +99,8 @@ def test_several_parameters_make_a_grid_and_become_arguments_of_run() -> None:
         ("bb.=1", "the name of the entry is missing"),
     ],
 )
-def test_invalid_parameter_is_reported(text: str, said: str) -> None:
-    with pytest.raises(click.UsageError, match=re.escape(said)):
+def test_invalid_parameter_is_reported(text: str, message: str) -> None:
+    with pytest.raises(click.UsageError, match=re.escape(message)):
         parameters.parse_parameters([text], CHOICES)
 
 
@@ -115,7 +115,7 @@ def test_flag_accepts_only_true_and_false() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["--seeds", "3", "--param", "untl=done"], "; did you mean 'until'?"),
         (["--seeds", "3", "--log", "run.btlog"], "no option '--log': it applies to a single run"),
@@ -136,11 +136,11 @@ def test_flag_accepts_only_true_and_false() -> None:
     ],
 )
 def test_usage_error_exits_with_2_before_any_worker_starts(
-    sweep: Callable[..., Result], tree: Callable[[str], str], words: list[str], said: str
+    sweep: Callable[..., Result], tree: Callable[[str], str], words: list[str], message: str
 ) -> None:
     result = sweep(tree("<AlwaysSuccess/>"), *words)
     assert result.exit_code == 2
-    assert said in " ".join(result.stderr.split())
+    assert message in " ".join(result.stderr.split())
 
 
 @pytest.mark.parametrize("module", ["distributed", "pyarrow"])
@@ -154,9 +154,9 @@ def test_missing_extra_is_reported_with_the_install_command(
     monkeypatch.setitem(sys.modules, module, None)  # Python's mark for a module that is missing
     result = sweep(tree("<AlwaysSuccess/>"), "--seeds", "3", "--format", "parquet")
     assert result.exit_code == 2
-    said = " ".join(result.stderr.split())
-    assert f"'sweep' requires an optional dependency: the module '{module}' is not installed" in said
-    assert "pip install 'btcore[sweep]'" in said
+    message = " ".join(result.stderr.split())
+    assert f"'sweep' requires an optional dependency: the module '{module}' is not installed" in message
+    assert "pip install 'btcore[sweep]'" in message
     assert not (folder / "tree.sweep").exists()
 
 

@@ -271,10 +271,10 @@ def test_signal_halts_the_tree_completes_the_log_and_exits_with_its_code(
         # These tests may run under nohup, and a child process inherits ignored signals.
         preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     ) as process:
-        said = _lines(process.stdout)
-        assert next(said) == "here we go"
+        expected_message = _lines(process.stdout)
+        assert next(expected_message) == "here we go"
         process.send_signal(number)
-        rest = list(said)
+        rest = list(expected_message)
         assert process.stderr is not None
         complaint = process.stderr.read()
     assert process.returncode == code
@@ -300,10 +300,10 @@ def test_first_ctrl_c_ends_an_endless_tick_between_two_nodes(
         text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
-        said = _lines(process.stdout)
-        assert next(said) == "here we go"
+        expected_message = _lines(process.stdout)
+        assert next(expected_message) == "here we go"
         process.send_signal(signal.SIGINT)
-        report = json.loads(list(said)[-1])
+        report = json.loads(list(expected_message)[-1])
         assert process.stderr is not None
         complaint = process.stderr.read()
     assert process.returncode == 130

@@ -159,7 +159,7 @@ def test_svg_is_written_to_a_file_and_stdout_is_empty(cli: Cli, file: Path, tmp_
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--svg", "no/such/folder.svg"], "cannot write 'no/such/folder.svg'"),
         (["--svg", "tree.svg", "--json"], "--svg and --json cannot be used together"),
@@ -167,7 +167,7 @@ def test_svg_is_written_to_a_file_and_stdout_is_empty(cli: Cli, file: Path, tmp_
         (["--svg", "."], "is a directory"),
     ],
 )
-def test_invalid_options_are_refused(cli: Cli, file: Path, options: list[str], said: str) -> None:
+def test_invalid_options_are_refused(cli: Cli, file: Path, options: list[str], message: str) -> None:
     result = cli("show", file, *options)
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert message in result.stderr

@@ -171,17 +171,17 @@ def test_compact_tag_without_a_model_stays_unknown() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ('<root BTCPP_format="4"/>', "contains no model"),
         ('<root><TreeNodesModel><Action name="x"/></TreeNodesModel></root>', "missing ID"),
         ('<root><TreeNodesModel><Action ID="a b"/></TreeNodesModel></root>', "'a b' can't be the ID"),
     ],
 )
-def test_file_without_valid_models_is_refused(tmp_path: Path, text: str, said: str) -> None:
+def test_file_without_valid_models_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "odd.xml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(TreeError, match=said):
+    with pytest.raises(TreeError, match=message):
         add_models(Registry.standard(), path)
 
 

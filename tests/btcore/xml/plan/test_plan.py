@@ -127,10 +127,7 @@ CASES = {
         """,
     ),
     "a tree that contains itself": (
-        (
-            '<Sequence><SubTree ID="A"/></Sequence>',
-            {"A": '<SubTree ID="B"/>', "B": '<SubTree ID="A"/>'},
-        ),
+        ('<Sequence><SubTree ID="A"/></Sequence>', {"A": '<SubTree ID="B"/>', "B": '<SubTree ID="A"/>'}),
         TreeError,
         """
         t.xml:6:37: E110 the trees call each other recursively: A → B → A
@@ -339,9 +336,9 @@ def no_installed_libraries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.mark.usefixtures("no_installed_libraries")
 @pytest.mark.parametrize("case", CASES)
 def test_error_message(case: str, nodes: Registry, tree_error: Refused) -> None:
-    source, kind, said = CASES[case]
+    source, kind, expected_message = CASES[case]
     fault = tree_error(source)
-    assert str(fault) == dedent(said).strip("\n").replace("SEARCHED", searched(nodes)).replace(
+    assert str(fault) == dedent(expected_message).strip("\n").replace("SEARCHED", searched(nodes)).replace(
         "; PLUGIN", PLUGIN
     )
     assert type(fault) is kind

@@ -192,9 +192,9 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_error_message(case: str, tree_error: Refused) -> None:
-    source, kind, said = CASES[case]
+    source, kind, expected_message = CASES[case]
     fault = tree_error(source)
-    assert str(fault) == dedent(said).strip("\n")
+    assert str(fault) == dedent(expected_message).strip("\n")
     assert type(fault) is kind
 
 

@@ -83,7 +83,7 @@ def test_doctype_that_only_names_the_root_is_accepted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected_message"),
     [
         (
             "",
@@ -199,8 +199,8 @@ def test_doctype_that_only_names_the_root_is_accepted() -> None:
         ),
     ],
 )
-def test_invalid_xml_is_refused_with_its_position(text: str, said: str) -> None:
-    assert tree_error(text) == message(said)
+def test_invalid_xml_is_refused_with_its_position(text: str, expected_message: str) -> None:
+    assert tree_error(text) == message(expected_message)
 
 
 def test_positions_refer_to_the_original_text_after_escaping() -> None:
@@ -212,7 +212,7 @@ def test_positions_refer_to_the_original_text_after_escaping() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected_message"),
     [
         ('<root><A x="1"y="2"/></root>', "t.xml:1:15: W109 missing white space before the attribute y"),
         ("<root><!-- a -- b --><A/></root>", "t.xml:1:14: W109 '--' inside a comment"),
@@ -245,11 +245,11 @@ def test_positions_refer_to_the_original_text_after_escaping() -> None:
         ),
     ],
 )
-def test_markup_that_tinyxml2_accepts_is_read_with_a_warning(text: str, said: str) -> None:
+def test_markup_that_tinyxml2_accepts_is_read_with_a_warning(text: str, expected_message: str) -> None:
     document = parse_text(text, "t.xml")
     assert [child.tag for child in document.root.children] == ["A"]
     assert len(document.warnings) == 1
-    assert str(document.warnings[0]).startswith(said)
+    assert str(document.warnings[0]).startswith(expected_message)
     assert "other XML tools reject it; " in document.warnings[0].hint
 
 
@@ -293,15 +293,18 @@ def test_an_external_entity_is_refused_and_not_fetched(tmp_path: Path) -> None:
     secret = tmp_path / "secret"
     secret.write_text("secret")
     text = f'<!DOCTYPE root [<!ENTITY a SYSTEM "{secret}">]><root>&a;</root>'
-    said = tree_error(text)
-    assert "t.xml:1:1: E005 a document type that defines or fetches something is not supported" in said
+    expected_message = tree_error(text)
+    assert (
+        "t.xml:1:1: E005 a document type that defines or fetches something is not supported"
+        in expected_message
+    )
     assert "E005" in tree_error(f'<!DOCTYPE root SYSTEM "{secret}"><root/>')
 
 
 def test_elements_nested_too_deep_are_refused() -> None:
-    said = tree_error("<root>" + "<A>" * 5000 + "</A>" * 5000 + "</root>")
-    assert "E002 elements are nested more than 2048 deep" in said
-    assert said.endswith("split the tree into subtrees")
+    expected_message = tree_error("<root>" + "<A>" * 5000 + "</A>" * 5000 + "</root>")
+    assert "E002 elements are nested more than 2048 deep" in expected_message
+    assert expected_message.endswith("split the tree into subtrees")
 
 
 @pytest.mark.parametrize("piece", ["<", "<!--", "<a ", '<a x="', "</a", "<![CDATA[", "<?", "&", "<a>"])

@@ -51,9 +51,7 @@ def test_includes_of_a_text_are_searched_in_the_current_folder(
     assert loads(text, tree="A").tick_once() is Status.FAILURE
 
 
-def test_main_tree_of_an_included_document_is_ignored(
-    tmp_path: Path,
-) -> None:
+def test_main_tree_of_an_included_document_is_ignored(tmp_path: Path) -> None:
     write(tmp_path / "a.xml", "A=<AlwaysFailure/>", "B=<AlwaysFailure/>", main="A")
     include = '<include path="a.xml"/>'
     named = write(

@@ -11,14 +11,7 @@ from numpy.typing import NDArray
 from btcore_navigation.mapping.key_scan import KeyScan, LocalisedScan, key_scan
 from btcore_navigation.mapping.mapper import SCANS_PER_KEY, Mapper
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import (
-    LaserInfo,
-    LaserScan,
-    Odometry,
-    Pose2D,
-    TransformStamped,
-    Twist2D,
-)
+from btcore_robot.robot import LaserInfo, LaserScan, Odometry, Pose2D, TransformStamped, Twist2D
 from btcore_robot.transforms import TransformTree
 from tests.robot_nodes.conftest import RecordingRobot
 from tests.robot_nodes.navigation.conftest import box_distances

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+pytest.importorskip("pybullet")
+
 from btcore.cli.main import main
 from btcore_navigation.likelihood import obstacle_distances
 from btcore_navigation.mapping import map_quality
@@ -83,14 +85,14 @@ def covered(made: OccupancyMap, true: OccupancyMap) -> float:
 def test_exploration_ends_by_itself_with_a_good_map_on_which_the_robot_can_navigate(flat: Path) -> None:
     result = explore(flat, "made.yaml")
     assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout.splitlines()[-1])
-    assert told["status"] == "SUCCESS"
-    assert told["time_s"] < 200.0
-    robot = told["robot"]
+    reported = json.loads(result.stdout.splitlines()[-1])
+    assert reported["status"] == "SUCCESS"
+    assert reported["time_s"] < 200.0
+    robot = reported["robot"]
     assert (robot["collisions"], robot["grazes"]) == (0, 0)
     assert robot["localization_error_m"]["max"] is None or robot["localization_error_m"]["max"] < 0.1
 
-    quality = told["map"]
+    quality = reported["map"]
     assert quality["fit"] > 0.99
     assert quality["residual_m"] < 0.04
     assert quality["through_walls"] < 0.05
@@ -126,9 +128,9 @@ def test_an_unfinished_and_poor_map_is_saved_with_a_warning(
 def test_the_robot_recharges_at_its_start_and_then_completes_the_map(flat: Path) -> None:
     result = explore(flat, "recharged.yaml", "--battery", "33")
     assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout.splitlines()[-1])
-    robot = told["robot"]
-    assert (told["status"], robot["recharges"], robot["goals_failed"]) == ("SUCCESS", 1, 0)
+    reported = json.loads(result.stdout.splitlines()[-1])
+    robot = reported["robot"]
+    assert (reported["status"], robot["recharges"], robot["goals_failed"]) == ("SUCCESS", 1, 0)
     assert 20.0 < robot["battery_min"] < 30.0
     assert np.hypot(robot["pose"]["x"], robot["pose"]["y"]) < 0.35
     assert (
@@ -146,20 +148,20 @@ def test_an_interrupted_exploration_continues_and_keeps_its_start(flat: Path) ->
 
 
 def test_a_robot_with_a_low_battery_recharges_before_it_explores(flat: Path) -> None:
-    told = json.loads(explore(flat, "low.yaml", "--battery", "20", "--duration", "7").stdout)
-    assert told["robot"]["recharges"] == 1
-    assert told["robot"]["battery_min"] > 19.9
-    assert [node["ticks"] > 10 for node in told["nodes"].values() if node["id"] == "Explore"] == [True]
+    reported = json.loads(explore(flat, "low.yaml", "--battery", "20", "--duration", "7").stdout)
+    assert reported["robot"]["recharges"] == 1
+    assert reported["robot"]["battery_min"] > 19.9
+    assert [node["ticks"] > 10 for node in reported["nodes"].values() if node["id"] == "Explore"] == [True]
 
 
 def test_an_exploration_with_an_empty_battery_fails_with_this_cause(
     flat: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     result = explore(flat, "empty.yaml", "--battery", "1", tree=str(flat / "explore.xml"))
-    told = json.loads(result.stdout.splitlines()[-1])
-    assert told["status"] == "FAILURE"
+    reported = json.loads(result.stdout.splitlines()[-1])
+    assert reported["status"] == "FAILURE"
     cause = "FAILED_TO_MAKE_PROGRESS: the battery is empty"
-    assert [goal["cause"] for goal in told["robot"]["failed_goals"]] == [cause]
+    assert [goal["cause"] for goal in reported["robot"]["failed_goals"]] == [cause]
     assert f"Explore::1: the exploration ends: {cause}" in caplog.messages
     assert f"cause {cause}" in result.stderr
 
@@ -168,10 +170,10 @@ def test_an_exploration_without_a_laser_from_the_start_fails_with_this_cause(
     flat: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     more = ("--fault", "laser:0-", "--duration", "90")
-    told = json.loads(explore(flat, "blind.yaml", *more, tree=str(flat / "explore.xml")).stdout)
-    assert (told["status"], told["robot"]["faults"]) == ("FAILURE", ["laser:0-"])
-    assert 60.0 <= told["time_s"] <= 61.0
-    assert told["robot"]["unlocalized_s"] == pytest.approx(59.0, abs=0.5)
+    reported = json.loads(explore(flat, "blind.yaml", *more, tree=str(flat / "explore.xml")).stdout)
+    assert (reported["status"], reported["robot"]["faults"]) == ("FAILURE", ["laser:0-"])
+    assert 60.0 <= reported["time_s"] <= 61.0
+    assert reported["robot"]["unlocalized_s"] == pytest.approx(59.0, abs=0.5)
     assert "Explore::1: the exploration ends: no laser scan for 60 s" in caplog.text
 
 

@@ -94,8 +94,8 @@ def test_the_mapper_publishes_the_transform_from_map_to_odom(survey: MappingRig,
     led = survey(room, Pose2D(-2.0, 0.5, 0.3), slip=1.05).along((1.0, -0.5))
     mapper = led.mapper
     assert led.tree.lookup("map", "odom", mapper.stamp) == mapper.map_to_odom
-    told = led.tree.lookup("map", "base_footprint", mapper.stamp).to_pose()
-    assert (told.x, told.y) == pytest.approx((mapper.pose().x, mapper.pose().y))
+    reported = led.tree.lookup("map", "base_footprint", mapper.stamp).to_pose()
+    assert (reported.x, reported.y) == pytest.approx((mapper.pose().x, mapper.pose().y))
 
 
 def test_key_scans_are_half_a_metre_or_a_quarter_of_a_radian_apart(survey: MappingRig, room: Boxes) -> None:

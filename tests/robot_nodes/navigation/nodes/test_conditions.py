@@ -153,7 +153,7 @@ def test_initial_pose_received_reads_its_port_or_the_entry_of_that_name(bench):
     assert bench.letters(tree, 1) == "F"
     tree.blackboard["initial_pose_received"] = True
     assert bench.letters(tree, 1) == "S"
-    other = bench.tree('<InitialPoseReceived initial_pose_received="{told}"/>', told=False)
+    other = bench.tree('<InitialPoseReceived initial_pose_received="{reported}"/>', reported=False)
     assert bench.letters(other, 1) == "F"
 
 

@@ -162,9 +162,7 @@ def test_an_agent_learns_why_a_tree_failed(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs symbolic links and named pipes")
-def test_a_sample_of_the_hostile_calls_does_no_harm(
-    acceptance_script: Callable[[str], ModuleType],
-) -> None:
+def test_a_sample_of_the_hostile_calls_does_no_harm(acceptance_script: Callable[[str], ModuleType]) -> None:
     attacks = acceptance_script("mcp_attacks")
     attacks.LIMIT = 90.0  # s; the machine may be slow
     count, faults = attacks.run(["path", "resource", "a map here", "a ROS leaf", "run {", "SIGTERM"])

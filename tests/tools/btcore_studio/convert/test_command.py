@@ -113,7 +113,7 @@ def test_model_defines_which_ports_are_outputs(cli: Cli, old: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("old.xml", "--in-place", "-o", "x.xml"), "--in-place and --output cannot be used together"),
         (("odl.xml",), "; did you mean 'old.xml'?"),
@@ -121,8 +121,10 @@ def test_model_defines_which_ports_are_outputs(cli: Cli, old: Path) -> None:
         (("old.xml", "--model", "none.xml"), "no such file"),
     ],
 )
-def test_usage_errors_show_no_traceback(cli: Cli, old: Path, arguments: tuple[str, ...], said: str) -> None:
+def test_usage_errors_show_no_traceback(
+    cli: Cli, old: Path, arguments: tuple[str, ...], message: str
+) -> None:
     result = cli("convert", *arguments)
     assert result.exit_code == 2
-    assert said in " ".join(result.stderr.split())
+    assert message in " ".join(result.stderr.split())
     assert "Traceback" not in result.stderr

@@ -152,9 +152,11 @@ def test_comparison_that_no_script_can_express_is_kept_and_reported(key: str) ->
 )
 def test_new_meaning_is_reported_with_its_position(body: str, code: str) -> None:
     result = convert_body(body, others='<BehaviorTree ID="Main2"><AlwaysSuccess/></BehaviorTree>')
-    told = [one for one in result.changes if one.code == code]
-    assert len(told) >= 1
-    assert all(changes_meaning(one) and one.line == 1 and one.column > 1 and one.source for one in told)
+    reported_values = [one for one in result.changes if one.code == code]
+    assert len(reported_values) >= 1
+    assert all(
+        changes_meaning(one) and one.line == 1 and one.column > 1 and one.source for one in reported_values
+    )
 
 
 @pytest.mark.parametrize(
@@ -263,12 +265,12 @@ def test_only_tags_are_changed_and_a_second_conversion_changes_nothing(
     text = START_TAG.sub(spread, case["xml"])
     result = convert(parse_text(text), NODES)
     assert re.split(r"<[^<>!?]*>", result.text) == re.split(r"<[^<>!?]*>", text)
-    told = {(one.line, one.source) for one in result.changes}
+    reported_values = {(one.line, one.source) for one in result.changes}
     for before, after in zip(scan(text).elements, scan(result.text).elements, strict=True):
         old = text[before.start : before.start_tag_end]
         if old != result.text[after.start : after.start_tag_end]:
             line = text.count("\n", 0, before.start) + 1
-            assert any(line <= at <= line + old.count("\n") for at, _ in told)
+            assert any(line <= at <= line + old.count("\n") for at, _ in reported_values)
     assert convert(parse_text(result.text), NODES).text == result.text
     assert apply_edits(result.text, invert_edits(text, result.edits)) == text
 

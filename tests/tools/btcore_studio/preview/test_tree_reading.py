@@ -64,11 +64,7 @@ def test_installed_node_is_drawn_even_if_the_file_describes_another(tmp_path: Pa
 
 @pytest.mark.parametrize(
     ("code", "attributes"),
-    [
-        ("E201", 'msecs="5"'),
-        ("E202", 'msec="five"'),
-        ("E206", 'msec="5" _skipIf="1 +"'),
-    ],
+    [("E201", 'msecs="5"'), ("E202", 'msec="five"'), ("E206", 'msec="5" _skipIf="1 +"')],
 )
 def test_errors_in_attributes_do_not_prevent_the_drawing(
     tree_file: TreeFile, code: str, attributes: str
