@@ -1,7 +1,7 @@
 """Decorators that tick their child again after it has completed: Repeat and RetryUntilSuccessful."""
 
 from collections.abc import Mapping
-from typing import ClassVar, cast
+from typing import ClassVar, Final, cast
 
 from mypy_extensions import mypyc_attr
 
@@ -12,6 +12,8 @@ from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import FAILURE, IDLE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import INT
+
+_REPETITIONS_PER_CHECK: Final = 16
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -73,18 +75,8 @@ class RepeatedNode(DecoratorNode):
                 limit = self.limit_after(limit)
                 self.reset_child()
                 # Return between repetitions, so that a parent can halt the node. Format 3 repeats at once.
-                if (
-                    was_idle
-                    and (self._count < limit or limit == -1)
-                    # Without a tick limit, the call only handles signals, which may wait some repetitions.
-                    and (
-                        self._is_async
-                        or (
-                            (self._context.must_check_end or not self._count & 15)
-                            and self._context.must_end_tick()
-                        )
-                    )
-                ):
+                has_more = self._count < limit or limit == -1
+                if was_idle and has_more and (self._is_async or self._must_end_tick()):
                     self.wake_up()
                     return RUNNING
             elif status is SKIPPED:
@@ -99,6 +91,11 @@ class RepeatedNode(DecoratorNode):
                 return status
         self._count = 0
         return again
+
+    def _must_end_tick(self) -> bool:
+        # Without a tick limit, the question only handles signals, which may wait for some repetitions.
+        is_due = self._context.must_check_end or self._count % _REPETITIONS_PER_CHECK == 0
+        return is_due and self._context.must_end_tick()
 
     def limit_after(self, limit: int) -> int:
         """Return the limit that applies after a repetition, given the *limit* before."""

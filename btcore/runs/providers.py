@@ -101,7 +101,7 @@ class Provider:
         function: The function or generator function.
         provides: Further types under which the object is provided, such as protocols that it satisfies: the
             classes, or their full names.
-        default: Whether every other provider that is otherwise equally good is preferred.
+        default: Whether the provider is used only if no other provider is equally good.
 
     Attributes:
         name: The name of the function.
@@ -226,7 +226,7 @@ def provider(
         provides: Further types under which the object is provided: protocols that it satisfies, and `Clock`,
             if the object, or its attribute `clock`, is the clock of the run. A type whose import would take
             time is given by its full name, as text.
-        default: Whether every other provider that is otherwise equally good is preferred.
+        default: Whether the provider is used only if no other provider is equally good.
 
     Examples:
         >>> from collections.abc import Iterator
