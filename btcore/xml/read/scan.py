@@ -74,7 +74,7 @@ class ScannedElement:
     """
 
     __slots__ = (
-        "_attributes", "_scanner", "children", "end", "end_tag_start", "is_complete", "is_empty", "parent",
+        "_attributes", "_by_name", "_scanner", "children", "end", "end_tag_start", "is_complete", "is_empty", "parent",
         "start", "start_tag_end", "tag", "tag_end", "tag_start",
     )  # fmt: skip
 
@@ -89,6 +89,7 @@ class ScannedElement:
         self.end_tag_start = -1
         self._scanner = scanner
         self._attributes: list[ScannedAttribute] | None = None
+        self._by_name: dict[str, ScannedAttribute] | None = None
 
     @property
     def attributes(self) -> list[ScannedAttribute]:
@@ -99,7 +100,9 @@ class ScannedElement:
 
     def attribute(self, name: str) -> ScannedAttribute | None:
         """Return the first attribute with this name, or None."""
-        return next((attribute for attribute in self.attributes if attribute.name == name), None)
+        if self._by_name is None:
+            self._by_name = {attribute.name: attribute for attribute in reversed(self.attributes)}
+        return self._by_name.get(name)
 
     def get(self, name: str) -> str | None:
         """Return the value of the attribute *name*, or None if it has no value."""
