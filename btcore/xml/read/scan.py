@@ -74,8 +74,8 @@ class ScannedElement:
     """
 
     __slots__ = (
-        "_attributes", "_by_name", "_scanner", "children", "end", "end_tag_start", "is_complete", "is_empty", "parent",
-        "start", "start_tag_end", "tag", "tag_end", "tag_start",
+        "_attributes", "_by_name", "_scanner", "children", "end", "end_tag_start", "is_complete", "is_empty",
+        "parent", "start", "start_tag_end", "tag", "tag_end", "tag_start",
     )  # fmt: skip
 
     def __init__(self, tag: re.Match[str], parent: "ScannedElement | None", scanner: "_Scanner") -> None:
