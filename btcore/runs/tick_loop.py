@@ -120,13 +120,19 @@ class TickLoop:
                 woken, is_saved = self._wait_until(due if self.end_ns is None else min(due, self.end_ns))
             except EndOfTimeError:
                 return "end_of_time"
-            if self._is_stopping:
-                return "interrupted"
-            if self.end_ns is not None and self.clock.now() >= self.end_ns:
-                return "duration"
+            end = self._find_end()
+            if end is not None:
+                return end
             if is_saved:
                 return "saved"
             ticked = woken if woken and self.clock.now() < due else self._running
+
+    def _find_end(self) -> LoopEnd | None:
+        """Return why the loop ends between two ticks, or None."""
+        if self._is_stopping:
+            return "interrupted"
+        is_over = self.end_ns is not None and self.clock.now() >= self.end_ns
+        return "duration" if is_over else None
 
     def _tick(self, trees: Sequence[Tree]) -> None:
         for tree in trees:
@@ -146,10 +152,9 @@ class TickLoop:
     def _wait_for_end_of_pause(self) -> LoopEnd | None:
         """Wait until the end of a pause, and return None; or the reason why the loop ends before."""
         while self.is_paused:
-            if self._is_stopping:
-                return "interrupted"
-            if self.end_ns is not None and self.clock.now() >= self.end_ns:
-                return "duration"
+            end = self._find_end()
+            if end is not None:
+                return end
             self.trees[0].context.wait_real_time(_CHECK_INTERVAL_S)
         return None
 
@@ -160,27 +165,26 @@ class TickLoop:
         can happen any more: the clock advances to the end of the duration at once, or stands still without a
         duration.
         """
-        while not self._is_stopping:
-            now = self.clock.now()
-            if self.end_ns is not None and now >= self.end_ns:
-                return "duration"
+        while True:
+            end = self._find_end()
+            if end is not None:
+                return end
             if self.was_saved is not None and self.was_saved():
                 return "saved"
             self._is_waiting = True
             # Checked again, because a `stop` before `_is_waiting` was set does not end the wait.
             try:
                 if not self._is_stopping:
-                    self._wait_poll_interval(now)
+                    self._wait_poll_interval()
             except EndOfTimeError:
                 return "end_of_time"
             finally:
                 self._is_waiting = False
-        return "interrupted"
 
-    def _wait_poll_interval(self, now: int) -> None:
+    def _wait_poll_interval(self) -> None:
         context = self.trees[0].context
         if not self.fast:
-            deadline = now + round(_CHECK_INTERVAL_S * NS_PER_S)
+            deadline = self.clock.now() + round(_CHECK_INTERVAL_S * NS_PER_S)
             context.wait_until(deadline if self.end_ns is None else min(deadline, self.end_ns))
         elif self.end_ns is not None:
             context.wait_until(self.end_ns)
