@@ -22,12 +22,12 @@ from btcore.escaping import escape_controls, escape_xml, to_json
         ("", ""),
     ],
 )
-def test_control_characters_are_escaped_and_other_characters_are_not(text, escaped):
+def test_control_characters_are_escaped_and_other_characters_are_not(text: str, escaped: str) -> None:
     assert escape_controls(text) == escaped
     assert escape_controls(escaped) == escaped
 
 
-def test_every_control_character_is_escaped():
+def test_every_control_character_is_escaped() -> None:
     for code in range(0x110000):
         character = chr(code)
         controls = unicodedata.category(character) in ("Cc", "Cs", "Zl", "Zp")
@@ -39,7 +39,7 @@ def test_every_control_character_is_escaped():
         assert (escape_controls(character, one_line=True) != character) is expected, hex(code)
 
 
-def test_json_is_the_same_data_without_control_characters():
+def test_json_is_the_same_data_without_control_characters() -> None:
     data = {"a\x1b\x9b": ["\u202e\x7f\n", "ä机\udc9b"]}
     for indent in (None, 2):
         text = to_json(data, indent)
@@ -48,10 +48,10 @@ def test_json_is_the_same_data_without_control_characters():
         assert "ä机" in text
 
 
-def test_xml_is_the_same_document_without_control_characters():
+def test_xml_is_the_same_document_without_control_characters() -> None:
     assert escape_xml('<a b="\x9b\u202eä"/>\n') == '<a b="&#x9b;&#x202e;ä"/>\n'
 
 
-def test_carets_are_below_the_marked_characters_of_an_escaped_line():
+def test_carets_are_below_the_marked_characters_of_an_escaped_line() -> None:
     assert excerpt("\u202e\u202eab\x9b", 3, 3, 2) == "   3 |  \\u202e\\u202eab\\x9b\n     |              ^^"
     assert excerpt("a\x9bb", 3, 2) == "   3 |  a\\x9bb\n     |   ^^^^"

@@ -11,7 +11,7 @@ from tests.conformance.recorded_cases import compare_conversion_case
 RECORDED = Path(__file__).parent / "data" / "convert.jsonl.gz"
 
 
-def test_conversions_match_the_recordings():
+def test_conversions_match_the_recordings() -> None:
     with gzip.open(RECORDED, "rt", encoding="utf-8") as lines:
         cases = [json.loads(line) for line in lines]
     differences = {case["id"]: message for case in cases if (message := compare_conversion_case(case))}
@@ -32,11 +32,11 @@ def test_conversions_match_the_recordings():
         ("no such type", "1", {"value": 1}),
     ],
 )
-def test_difference_is_detected(kind, text, expected):
+def test_difference_is_detected(kind: str, text: str, expected) -> None:
     assert compare_conversion_case({"convert": kind, "text": text, "expect": expected}) is not None
 
 
 @pytest.mark.parametrize("value", ["SUCCESS", 2])
-def test_a_recorded_status_may_be_a_name_or_a_number(value):
+def test_a_recorded_status_may_be_a_name_or_a_number(value) -> None:
     case = {"convert": "NodeStatus", "text": "SUCCESS", "expect": {"value": value}}
     assert compare_conversion_case(case) is None

@@ -9,7 +9,7 @@ from tests.conformance.recorded_cases import compare_script_case
 RECORDED = Path(__file__).parent / "data" / "scripts.jsonl.gz"
 
 
-def test_scripts_match_the_recordings():
+def test_scripts_match_the_recordings() -> None:
     with gzip.open(RECORDED, "rt", encoding="utf-8") as lines:
         cases = [json.loads(line) for line in lines]
     differences = {case["id"]: message for case in cases if (message := compare_script_case(case))}
@@ -17,7 +17,7 @@ def test_scripts_match_the_recordings():
     assert differences == {}
 
 
-def test_difference_in_value_or_entries_is_detected():
+def test_difference_in_value_or_entries_is_detected() -> None:
     case = {"script": "x := 2; x", "bb": {}, "expect": {"value": 2.0, "bb": {"x": 2.0}}}
     assert compare_script_case(case) is None
     assert compare_script_case(case | {"expect": {"value": 3.0, "bb": {"x": 2.0}}}) is not None

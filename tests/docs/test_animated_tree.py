@@ -32,7 +32,7 @@ def keyframes(svg: str, name: str) -> dict[float, str]:
     return {float(at): value.strip() for at, value in re.findall(r"([\d.]+)% {([^}]*)}", block)}
 
 
-def test_a_card_changes_its_colour_at_each_change_of_its_result(module):
+def test_a_card_changes_its_colour_at_each_change_of_its_result(module) -> None:
     results = [{1: Status.RUNNING}, {1: Status.RUNNING}, {1: Status.SUCCESS, 4: Status.FAILURE}, {}]
     frames = [module.Frame(of_tick, 0.1 * tick, 0.0, 0.0, 2.0) for tick, of_tick in enumerate(results)]
     svg = module.animate(module.draw_tree(), frames).decode()
@@ -49,7 +49,7 @@ def test_a_card_changes_its_colour_at_each_change_of_its_result(module):
     assert keyframes(svg, "trail")[100.0] == "stroke-dashoffset: 0.000"
 
 
-def test_the_committed_picture_shows_the_run_of_the_robot(module):
+def test_the_committed_picture_shows_the_run_of_the_robot(module) -> None:
     frames = module.record_run(4.0)
     assert frames[0].free > 1.0
     svg = PICTURE.read_text(encoding="utf-8")

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -100,17 +100,17 @@ def observed_tree(*names: str) -> ObservedTree:
         ("odd[1]", ["odd[1]"]),
     ],
 )
-def test_a_pattern_is_a_path_a_name_or_a_glob(pattern, found):
+def test_a_pattern_is_a_path_a_name_or_a_glob(pattern: str, found) -> None:
     nodes = find_nodes(observed_tree("Move/left", "Move/right", "Turn/left", "odd[1]"), pattern)
     assert [one.path for one in nodes] == found
 
 
-def test_a_pattern_without_a_match_raises_with_a_suggestion():
+def test_a_pattern_without_a_match_raises_with_a_suggestion() -> None:
     with pytest.raises(BreakpointError, match=r"no node 'Move/Rihgt'; did you mean 'Move/right'\?"):
         find_nodes(observed_tree("Move/left", "Move/right"), "Move/Rihgt")
 
 
-def test_a_breakpoint_before_the_first_tick_holds_the_robot_until_it_is_released(robot):
+def test_a_breakpoint_before_the_first_tick_holds_the_robot_until_it_is_released(robot: Robot) -> None:
     with BreakpointClient(robot.address) as breaks:
         assert breaks.break_at("go/l*") == ["go/legs", "go/left"]
         robot.start()
@@ -124,7 +124,7 @@ def test_a_breakpoint_before_the_first_tick_holds_the_robot_until_it_is_released
         assert breaks.hooks() == []
 
 
-def test_a_release_can_set_the_nodes_status(robot):
+def test_a_release_can_set_the_nodes_status(robot: Robot) -> None:
     with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left", after=True)
         robot.start()
@@ -135,7 +135,9 @@ def test_a_release_can_set_the_nodes_status(robot):
         assert breaks.status("choose") == "RUNNING"
 
 
-def test_disabled_hooks_do_not_stop_the_robot_and_stay_listed(robot, until):
+def test_disabled_hooks_do_not_stop_the_robot_and_stay_listed(
+    robot: Robot, until: Callable[..., None]
+) -> None:
     with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left")
         robot.start()
@@ -145,7 +147,7 @@ def test_disabled_hooks_do_not_stop_the_robot_and_stay_listed(robot, until):
         assert [one.enabled for one in breaks.hooks()] == [False]
 
 
-def test_a_status_is_injected_into_one_tick(robot):
+def test_a_status_is_injected_into_one_tick(robot: Robot) -> None:
     tally = count_ticks(robot.tree.node("rescue"))
     robot.start()
     with BreakpointClient(robot.address) as breaks:
@@ -156,7 +158,7 @@ def test_a_status_is_injected_into_one_tick(robot):
         assert [one.uid for one in breaks.hooks()] == [1]
 
 
-def test_the_tree_is_stepped_tick_by_tick(robot):
+def test_the_tree_is_stepped_tick_by_tick(robot: Robot) -> None:
     robot.start()
     with BreakpointClient(robot.address) as breaks:
         breaks.step(0)
@@ -168,7 +170,7 @@ def test_the_tree_is_stepped_tick_by_tick(robot):
         assert robot.tree.ticks == ticks + 13
 
 
-def test_a_step_ends_at_another_breakpoint_on_the_way(robot):
+def test_a_step_ends_at_another_breakpoint_on_the_way(robot: Robot) -> None:
     robot.start()
     with BreakpointClient(robot.address) as breaks:
         breaks.step(0)
@@ -176,7 +178,7 @@ def test_a_step_ends_at_another_breakpoint_on_the_way(robot):
         assert breaks.step().path == "go/right"
 
 
-def test_a_robot_waits_at_a_breakpoint_as_long_as_a_client_is_connected(until):
+def test_a_robot_waits_at_a_breakpoint_as_long_as_a_client_is_connected(until: Callable[..., None]) -> None:
     tree = btcore.loads(PATROL, resources=[SimClock()])
     with serve(
         tree, groot2_port=0, run_channel=False, allow_control=True, max_heartbeat_delay=3.0
@@ -192,7 +194,7 @@ def test_a_robot_waits_at_a_breakpoint_as_long_as_a_client_is_connected(until):
         assert not tick.is_alive()
 
 
-def test_a_restarted_robot_gets_its_breakpoints_again(robot, until):
+def test_a_restarted_robot_gets_its_breakpoints_again(robot: Robot, until: Callable[..., None]) -> None:
     with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left")
         before = breaks.tree.tree_id
@@ -208,7 +210,7 @@ def test_a_restarted_robot_gets_its_breakpoints_again(robot, until):
             again.end()
 
 
-def test_a_client_waits_for_a_robot_that_starts_later():
+def test_a_client_waits_for_a_robot_that_starts_later() -> None:
     made: list[Robot] = []
     with serve(btcore.loads(PATROL), groot2_port=0, run_channel=False) as publisher:
         port = publisher.port
@@ -222,7 +224,7 @@ def test_a_client_waits_for_a_robot_that_starts_later():
         made[0].end()
 
 
-def test_the_error_of_a_robot_without_control_names_the_missing_option():
+def test_the_error_of_a_robot_without_control_names_the_missing_option() -> None:
     tree = btcore.loads(PATROL)
     with (
         serve(tree, groot2_port=0, run_channel=False) as publisher,
@@ -232,7 +234,7 @@ def test_the_error_of_a_robot_without_control_names_the_missing_option():
         breaks.break_at("left")
 
 
-def test_requests_that_cannot_be_fulfilled_raise_with_details(robot):
+def test_requests_that_cannot_be_fulfilled_raise_with_details(robot: Robot) -> None:
     with BreakpointClient(robot.address) as breaks:
         with pytest.raises(BreakpointError, match="no breakpoint at 'left': the robot has no hooks"):
             breaks.release("left")
@@ -247,7 +249,7 @@ def test_requests_that_cannot_be_fulfilled_raise_with_details(robot):
             breaks.step(timeout=0.01)
 
 
-def test_the_command_injects_a_status_and_lists_and_clears_hooks(robot):
+def test_the_command_injects_a_status_and_lists_and_clears_hooks(robot: Robot) -> None:
     robot.start()
     assert hook(robot.address, "inject", "left", "failure").stdout == "go/left: FAILURE\n"
     assert hook(robot.address, "list").stdout == "no hooks\n"
@@ -258,7 +260,7 @@ def test_the_command_injects_a_status_and_lists_and_clears_hooks(robot):
     assert "stopped before the next tick; running: " in hook(robot.address, "step", "2").stdout
 
 
-def test_commands_that_set_hooks_warn_about_hooks_of_other_clients(robot):
+def test_commands_that_set_hooks_warn_about_hooks_of_other_clients(robot: Robot) -> None:
     robot.start()
     with BreakpointClient(robot.address) as other:
         other.inject("rescue", "FAILURE", once=False)
@@ -274,7 +276,7 @@ def test_commands_that_set_hooks_warn_about_hooks_of_other_clients(robot):
         assert hook(robot.address, "list").stderr == ""
 
 
-def test_the_command_watches_breakpoints_until_the_last_is_released(robot):
+def test_the_command_watches_breakpoints_until_the_last_is_released(robot: Robot) -> None:
     robot.start()
     arguments = [robot.address, "break", "left", "right", "--once", "--duration", "60"]
     watching = subprocess.Popen(
@@ -304,14 +306,14 @@ def test_the_command_watches_breakpoints_until_the_last_is_released(robot):
         (["1", "inject", "left", "RUNNING"], "'RUNNING' is not one of"),
     ],
 )
-def test_a_usage_error_is_reported_with_exit_code_2(arguments, message):
+def test_a_usage_error_is_reported_with_exit_code_2(arguments, message: str) -> None:
     result = hook(*arguments)
     assert result.exit_code == 2
     assert isinstance(result.exception, SystemExit)
     assert message in result.stderr
 
 
-def test_ctrl_c_ends_a_run_that_waits_at_a_breakpoint(tmp_path):
+def test_ctrl_c_ends_a_run_that_waits_at_a_breakpoint(tmp_path: Path) -> None:
     (tmp_path / "patrol.xml").write_text(PATROL)
     options = ["--until", "never", "--publish", "groot2", "--allow-control", "--port", "0"]
     run = subprocess.Popen(

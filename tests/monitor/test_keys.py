@@ -2,6 +2,7 @@
 
 import os
 import stat
+from pathlib import Path
 
 import pytest
 
@@ -12,13 +13,13 @@ PUBLIC = "0123456789abcdef" * 4
 
 
 @pytest.fixture
-def secret(tmp_path):
+def secret(tmp_path: Path):
     path = tmp_path / "desk"
     create_keys(path)
     return path
 
 
-def test_a_key_pair_is_readable_by_its_owner_only(tmp_path):
+def test_a_key_pair_is_readable_by_its_owner_only(tmp_path: Path) -> None:
     path = tmp_path / "desk"
     before = os.umask(0)
     try:
@@ -33,7 +34,7 @@ def test_a_key_pair_is_readable_by_its_owner_only(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["desk", "desk.pub"])
-def test_existing_files_are_not_overwritten(tmp_path, name):
+def test_existing_files_are_not_overwritten(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("precious")
     with pytest.raises(KeyFileError, match=f"{name} exists and is not overwritten"):
         create_keys(tmp_path / "desk")
@@ -41,19 +42,19 @@ def test_existing_files_are_not_overwritten(tmp_path, name):
     assert (tmp_path / name).read_text() == "precious"
 
 
-def test_a_link_is_not_followed(tmp_path):
+def test_a_link_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / "desk").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(KeyFileError, match="not overwritten"):
         create_keys(tmp_path / "desk")
     assert not (tmp_path / "elsewhere").exists()
 
 
-def test_a_folder_that_does_not_exist_is_reported(tmp_path):
+def test_a_folder_that_does_not_exist_is_reported(tmp_path: Path) -> None:
     with pytest.raises(KeyFileError, match=r"cannot be written: No such file or directory"):
         create_keys(tmp_path / "no" / "desk")
 
 
-def test_a_file_may_hold_several_keys_with_comments(tmp_path, secret):
+def test_a_file_may_hold_several_keys_with_comments(tmp_path: Path, secret) -> None:
     path = tmp_path / "clients"
     other = create_keys(tmp_path / "laptop")
     path.write_text(f"# desks\n\n{PUBLIC} desk of Ann\n  {other.upper()}\n")
@@ -78,7 +79,7 @@ def wrong_secrets(folder):
 @pytest.mark.parametrize(
     "kind", ["missing", "a folder", "a pipe", "public", "text", "short", "binary", "large", "open"]
 )
-def test_a_wrong_secret_key_is_refused(tmp_path, secret, kind):
+def test_a_wrong_secret_key_is_refused(tmp_path: Path, secret, kind: str) -> None:
     os.mkfifo(tmp_path / "pipe", 0o600)
     (tmp_path / "desk.pub").chmod(0o600)
     for name, data in {
@@ -96,7 +97,7 @@ def test_a_wrong_secret_key_is_refused(tmp_path, secret, kind):
             read()
 
 
-def test_a_wrong_public_key_is_refused(tmp_path, secret):
+def test_a_wrong_public_key_is_refused(tmp_path: Path, secret) -> None:
     (tmp_path / "none.pub").write_text("# nothing\n")
     (tmp_path / "odd.pub").write_text(f"{PUBLIC}\nssh-ed25519 AAAA\n")
     for place, message in {
@@ -111,7 +112,7 @@ def test_a_wrong_public_key_is_refused(tmp_path, secret):
             ClientKeys(secret, place)
 
 
-def test_a_robot_allows_at_least_one_client_and_a_client_knows_one_robot(tmp_path, secret):
+def test_a_robot_allows_at_least_one_client_and_a_client_knows_one_robot(tmp_path: Path, secret) -> None:
     (tmp_path / "two").write_text(f"{PUBLIC}\n{PUBLIC[::-1]}\n")
     with pytest.raises(KeyFileError, match="no client may connect"):
         RobotKeys(secret, [])
@@ -119,7 +120,7 @@ def test_a_robot_allows_at_least_one_client_and_a_client_knows_one_robot(tmp_pat
         ClientKeys(secret, tmp_path / "two")
 
 
-def test_zeromq_without_curve_is_reported(tmp_path, secret, monkeypatch):
+def test_zeromq_without_curve_is_reported(tmp_path: Path, secret, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(keys.zmq, "has", lambda name: name != "curve")
     for use in (lambda: create_keys(tmp_path / "new"), lambda: RobotKeys(secret, [PUBLIC])):
         with pytest.raises(KeyFileError, match="has no CURVE, which keys need: pip install"):
@@ -127,7 +128,7 @@ def test_zeromq_without_curve_is_reported(tmp_path, secret, monkeypatch):
     assert not (tmp_path / "new").exists()
 
 
-def test_the_secret_key_is_private_even_with_a_permissive_umask(tmp_path):
+def test_the_secret_key_is_private_even_with_a_permissive_umask(tmp_path: Path) -> None:
     before = os.umask(0)
     try:
         create_keys(tmp_path / "desk")

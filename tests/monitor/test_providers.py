@@ -15,6 +15,7 @@ import pytest
 from click.testing import CliRunner
 from rerun.chunk import RrdReader
 
+import btcore
 from btcore import Run, RunSettings
 from btcore.cli.main import main
 from btcore.errors import SettingsError
@@ -37,6 +38,7 @@ from btcore_monitor.screen.style import COLOUR_BLIND
 from btcore_monitor.serve import serve
 from btcore_monitor.viewer_options import DrawingOptions, ViewerOptions, choose_palette
 from btcore_monitor.watch.feed import Feed
+from tests.monitor.conftest import Command
 
 BUMPGO = ["bumpgo", "--world", "arena", "--seed", "3", "--fast", "--json"]
 TREE = """
@@ -61,7 +63,7 @@ def report(done: "subprocess.CompletedProcess[str]") -> dict[str, Any]:
 
 
 @pytest.fixture
-def free_port(sample) -> int:
+def free_port(sample: btcore.Tree) -> int:
     with serve(sample, groot2_port=0) as publisher:
         return publisher.port
 
@@ -73,7 +75,7 @@ def tree_file(tmp_path: Path) -> str:
     return str(path)
 
 
-def test_a_run_is_the_same_with_and_without_publisher_and_recording(tmp_path):
+def test_a_run_is_the_same_with_and_without_publisher_and_recording(tmp_path: Path) -> None:
     pytest.importorskip("pybullet")
     plain = report(run(*BUMPGO, "--duration", "6"))
     published = run(*BUMPGO, "--duration", "6", "--publish", "groot2", "--port", "0")
@@ -87,7 +89,7 @@ def test_a_run_is_the_same_with_and_without_publisher_and_recording(tmp_path):
     assert recording.stat().st_size > 10_000
 
 
-def test_a_viewer_that_waited_gets_every_transition(free_port):
+def test_a_viewer_that_waited_gets_every_transition(free_port: int) -> None:
     pytest.importorskip("pybullet")
     options = [*BUMPGO, "--duration", "30", "--publish", "groot2", "--port", str(free_port)]
     with Feed(f":{free_port}") as feed:
@@ -113,7 +115,7 @@ def test_a_viewer_that_waited_gets_every_transition(free_port):
     assert events[-1].state == "ended"
 
 
-def test_drawing_options_apply_to_the_recording(tmp_path):
+def test_drawing_options_apply_to_the_recording(tmp_path: Path) -> None:
     pytest.importorskip("pybullet")
     recording = tmp_path / "run.rrd"
     look = ["--find", "IsObstacle", "--palette", "colour-blind", "--log-level", "warn"]
@@ -131,7 +133,7 @@ def test_drawing_options_apply_to_the_recording(tmp_path):
     assert [values for name, values in found.items() if "filter" in name] == [[["WARN", "ERROR"]]]
 
 
-def test_a_recording_on_a_full_disk_ends_with_an_error_and_the_exit_code_4(tmp_path):
+def test_a_recording_on_a_full_disk_ends_with_an_error_and_the_exit_code_4(tmp_path: Path) -> None:
     pytest.importorskip("pybullet")
     resource = pytest.importorskip("resource", reason="Windows cannot limit the size of files")
     recording, limit = tmp_path / "run.rrd", 1 << 18  # afterwards a write fails as on a full disk
@@ -149,7 +151,7 @@ def test_a_recording_on_a_full_disk_ends_with_an_error_and_the_exit_code_4(tmp_p
     assert "Traceback" not in done.stderr
 
 
-def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
+def test_an_interrupted_run_completes_its_recording(tmp_path: Path, tree_file: str) -> None:
     recording = tmp_path / "run.rrd"
     options = [tree_file, "--save", str(recording), "--verbose"]
     process = subprocess.Popen(
@@ -173,7 +175,9 @@ def test_an_interrupted_run_completes_its_recording(tmp_path, tree_file):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="finds the processes of a run in /proc")
-def test_ctrl_c_during_the_wait_for_a_recording_ends_all_monitors(command, tmp_path, free_port):
+def test_ctrl_c_during_the_wait_for_a_recording_ends_all_monitors(
+    command: Callable[..., Command], tmp_path: Path, free_port: int
+) -> None:
     (tmp_path / "tree.xml").write_text(TREE.replace("AlwaysSuccess", "GoOn"))
     text = "from btcore import condition\nfrom pathlib import Path\n\n@condition\ndef go_on() -> bool:\n"
     (tmp_path / "nodes.py").write_text(f"{text}    return not Path('stop').exists()\n")
@@ -211,7 +215,7 @@ except NodeExecutionError:
 """
 
 
-def test_an_incomplete_recording_is_reported_after_the_exception_of_a_leaf(tmp_path):
+def test_an_incomplete_recording_is_reported_after_the_exception_of_a_leaf(tmp_path: Path) -> None:
     (tmp_path / "tree.xml").write_text(TREE.replace("AlwaysSuccess", "Broken"))
     resource = pytest.importorskip("resource", reason="Windows cannot limit the size of files")
     limit = 1 << 14
@@ -227,7 +231,9 @@ def test_an_incomplete_recording_is_reported_after_the_exception_of_a_leaf(tmp_p
     assert done.stdout == failed, done.stderr
 
 
-def test_a_changed_tree_is_published_at_the_same_port_and_saved_separately(tmp_path, tree_file, free_port):
+def test_a_changed_tree_is_published_at_the_same_port_and_saved_separately(
+    tmp_path: Path, tree_file: str, free_port: int
+) -> None:
     recording = tmp_path / "run.rrd"
     options = ["--watch", "--publish", "groot2", "--port", str(free_port)]
     options += ["--save", str(recording), "--verbose"]
@@ -268,7 +274,9 @@ def test_a_changed_tree_is_published_at_the_same_port_and_saved_separately(tmp_p
 
 
 @pytest.mark.parametrize("both", [False, True])
-def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_printed(both: bool, tree_file, free_port):
+def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_printed(
+    both: bool, tree_file: str, free_port: int
+) -> None:
     """Alone, Groot 1 has the given port and the next port; beside Groot 2, its ports are 999 higher."""
     options = ["--publish", "groot1", "--port", str(free_port), *(["--publish", "groot2"] if both else [])]
     process = subprocess.Popen(
@@ -297,7 +305,9 @@ def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_printed(both:
     assert process.returncode == 130, rest
 
 
-def test_a_run_with_keys_records_itself_and_prints_the_options_of_clients(tmp_path, tree_file):
+def test_a_run_with_keys_records_itself_and_prints_the_options_of_clients(
+    tmp_path: Path, tree_file: str
+) -> None:
     robot, desk = (create_keys(tmp_path / name) for name in ("robot", "desk"))
     recording = tmp_path / "run.rrd"
     keys = ["--key-file", str(tmp_path / "robot"), "--allow-key", desk, "--watch-port", "0"]
@@ -315,7 +325,7 @@ def test_a_run_with_keys_records_itself_and_prints_the_options_of_clients(tmp_pa
     assert recording.stat().st_size > 10_000
 
 
-def test_publishing_to_the_network_without_keys_prints_one_warning(tree_file):
+def test_publishing_to_the_network_without_keys_prints_one_warning(tree_file: str) -> None:
     done = run(tree_file, "--fast", "--duration", "1", "--publish", "groot2", "--port", "0", "--bind", "*")
     assert done.stderr.count("warning") == 1
     assert (
@@ -392,8 +402,8 @@ KEY_ERRORS = [
 
 @pytest.mark.parametrize("name", [*USAGE_ERRORS, *WITHOUT_EFFECT, *KEY_ERRORS])
 def test_a_usage_error_is_reported_once_before_the_run_starts(
-    name: str, sample, tree_file, free_port, no_threads_left: Callable[..., None]
-):
+    name: str, sample: btcore.Tree, tree_file: str, free_port: int, no_threads_left: Callable[..., None]
+) -> None:
     options, message = usage_errors(free_port, tree_file)[name]
     with serve(sample, groot2_port=free_port):
         arguments = ["run", tree_file, "--fast", "--duration", "1", *options]
@@ -406,7 +416,9 @@ def test_a_usage_error_is_reported_once_before_the_run_starts(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
-def test_monitor_without_a_display_is_refused_before_the_run(tree_file, monkeypatch):
+def test_monitor_without_a_display_is_refused_before_the_run(
+    tree_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     done = run(tree_file, "--monitor", "--fast", "--duration", "1")
@@ -417,7 +429,9 @@ def test_monitor_without_a_display_is_refused_before_the_run(tree_file, monkeypa
     )
 
 
-def test_a_port_in_use_is_recognised_by_the_name_of_its_setting(sample, tree_file, free_port):
+def test_a_port_in_use_is_recognised_by_the_name_of_its_setting(
+    sample: btcore.Tree, tree_file: str, free_port: int
+) -> None:
     with serve(sample, groot2_port=free_port):
         settings = MonitorSettings(publish=("groot2",), port=free_port)
         with pytest.raises(SettingsError, match=f"port {free_port} is in use") as caught:
@@ -425,7 +439,9 @@ def test_a_port_in_use_is_recognised_by_the_name_of_its_setting(sample, tree_fil
     assert caught.value.setting == "port"
 
 
-def test_palette_of_the_environment_is_a_default_and_no_option(tree_file, monkeypatch):
+def test_palette_of_the_environment_is_a_default_and_no_option(
+    tree_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("BTCORE_PALETTE", "colour-blind")
     assert choose_palette(None) == "colour-blind"
     assert choose_palette("groot") == "groot"
@@ -439,7 +455,7 @@ def test_palette_of_the_environment_is_a_default_and_no_option(tree_file, monkey
 
 
 @pytest.mark.parametrize("bare", [False, True])
-def test_arguments_give_the_settings_to_another_process(bare):
+def test_arguments_give_the_settings_to_another_process(bare: bool) -> None:
     settings = [
         MonitorSettings(publish=("groot1", "groot2"), port=0, serve_web=8080, find=("-a", "b")),
         ViewerOptions(save=Path("a.rrd"), at=-1.5, size="400x300", verbose=True),
@@ -450,7 +466,9 @@ def test_arguments_give_the_settings_to_another_process(bare):
         assert from_values(type(one), command.make_context("any", arguments(one)).params) == one
 
 
-def test_a_run_without_monitors_of_its_own_does_not_wait_for_others(endless, until, capsys):
+def test_a_run_without_monitors_of_its_own_does_not_wait_for_others(
+    endless: btcore.Tree, until: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
     with serve(endless, groot2_port=0) as publisher, Feed(publisher.address) as viewer:
         until(lambda: (viewer.poll(0.01), publisher.client_count)[1], "the client")
         wait_until_connected(publisher, [])

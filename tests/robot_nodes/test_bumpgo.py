@@ -32,7 +32,7 @@ def nodes() -> Registry:
 
 
 @pytest.fixture
-def body(request) -> Iterator[SimulatedRobot]:
+def body(request: pytest.FixtureRequest) -> Iterator[SimulatedRobot]:
     made = SimulatedRobot(World(load_world_description(request.param), seed=4))
     yield made
     made.world.close()
@@ -47,7 +47,9 @@ def tick(tree: Tree, body: SimulatedRobot, seconds: float) -> None:
 @pytest.mark.parametrize(
     ("name", "body"), [("bumpgo", "arena"), ("bumpgo_wide", "arena_boxes")], indirect=["body"]
 )
-def test_the_robot_drives_for_a_minute_without_collisions(name: str, body: SimulatedRobot, nodes: Registry):
+def test_the_robot_drives_for_a_minute_without_collisions(
+    name: str, body: SimulatedRobot, nodes: Registry
+) -> None:
     tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[body], clock=body.clock)
     tree.count_ticks()
     tick(tree, body, 60)
@@ -59,7 +61,7 @@ def test_the_robot_drives_for_a_minute_without_collisions(name: str, body: Simul
 @pytest.mark.parametrize("body", ["arena_boxes"], indirect=True)
 def test_the_robot_stops_within_a_second_of_a_laser_failure_in_any_leaf(
     body: SimulatedRobot, nodes: Registry
-):
+) -> None:
     tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[body], clock=body.clock)
     for leaf in ("Forward", "Back", "TurnToFree"):
         node = next(node for node in tree.nodes if node.id == leaf)
@@ -84,7 +86,7 @@ def test_the_robot_stops_within_a_second_of_a_laser_failure_in_any_leaf(
 
 
 @pytest.mark.parametrize("body", ["arena_boxes"], indirect=True)
-def test_a_wrong_echo_does_not_let_the_robot_back_up(body: SimulatedRobot, nodes: Registry):
+def test_a_wrong_echo_does_not_let_the_robot_back_up(body: SimulatedRobot, nodes: Registry) -> None:
     """Its way back may not be free: it may just have turned."""
     tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[body], clock=body.clock)
     tree.count_ticks()
@@ -109,7 +111,7 @@ def test_a_wrong_echo_does_not_let_the_robot_back_up(body: SimulatedRobot, nodes
 
 
 @pytest.mark.parametrize("name", ["bumpgo", "bumpgo_wide"])
-def test_the_model_in_the_file_equals_the_ports_of_the_leaves(name: str, nodes: Registry):
+def test_the_model_in_the_file_equals_the_ports_of_the_leaves(name: str, nodes: Registry) -> None:
     """Groot shows the ports of the file's TreeNodesModel, which must be those of the leaves."""
     from lxml import etree
 

@@ -206,7 +206,7 @@ class BareRobot(PlainRobot):
 
 
 @pytest.mark.parametrize("robot", [PlainRobot, BareRobot])
-def test_a_plain_robot_passes(robot: type[PlainRobot]):
+def test_a_plain_robot_passes(robot: type[PlainRobot]) -> None:
     check_robot(robot)
 
 
@@ -437,6 +437,6 @@ class ReportsMotion(PlainRobot):
         (PartialRecharge, "was recharged, and is at 80 %"),
     ],
 )
-def test_a_violation_of_the_contract_is_reported(robot: type[PlainRobot], message: str):
+def test_a_violation_of_the_contract_is_reported(robot: type[PlainRobot], message: str) -> None:
     with pytest.raises(AssertionError, match=message):
         check_robot(robot)

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from tests.robot_nodes.conftest import RecordingRobot
+
 pytest.importorskip("pybullet")
 
 from btcore import Registry, Status, Tree, load, loads
@@ -40,13 +42,15 @@ def turning(robot, text: str = "<TurnToFree/>") -> Tree:
 
 
 @pytest.mark.parametrize(("left", "right", "side"), [(5.0, 1.0, 1), (1.0, 5.0, -1)])
-def test_the_robot_turns_to_the_side_with_more_room(robot, left: float, right: float, side: int):
+def test_the_robot_turns_to_the_side_with_more_room(
+    robot: RecordingRobot, left: float, right: float, side: int
+) -> None:
     around(robot, left, 0.5, right)
     assert turning(robot).tick_once() is Status.RUNNING
     assert robot.commands == [(0.0, side * TURN_SPEED)]
 
 
-def test_a_turn_keeps_its_side_and_ends_when_it_is_clear_ahead(robot):
+def test_a_turn_keeps_its_side_and_ends_when_it_is_clear_ahead(robot: RecordingRobot) -> None:
     tree = turning(robot)
     around(robot, 5.0, 0.5, 1.0)
     tree.tick_once()
@@ -58,7 +62,9 @@ def test_a_turn_keeps_its_side_and_ends_when_it_is_clear_ahead(robot):
     assert len(robot.commands) == 2
 
 
-def test_an_obstacle_beside_the_clear_directions_but_in_the_lane_is_turned_away_from(robot):
+def test_an_obstacle_beside_the_clear_directions_but_in_the_lane_is_turned_away_from(
+    robot: RecordingRobot,
+) -> None:
     tree = turning(robot)
     around(robot, 5.0, 5.0, 0.5)
     assert tree.tick_once() is Status.RUNNING
@@ -67,13 +73,13 @@ def test_an_obstacle_beside_the_clear_directions_but_in_the_lane_is_turned_away_
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_the_required_clearance_is_a_port(robot):
+def test_the_required_clearance_is_a_port(robot: RecordingRobot) -> None:
     around(robot, 0.6, 1.5, 0.6)
     assert turning(robot, '<TurnToFree clear="1.1"/>').tick_once() is Status.SUCCESS
     assert turning(robot, '<TurnToFree clear="1.6"/>').tick_once() is Status.RUNNING
 
 
-def test_a_whole_turn_without_a_clear_direction_is_a_failure(robot):
+def test_a_whole_turn_without_a_clear_direction_is_a_failure(robot: RecordingRobot) -> None:
     tree = turning(robot)
     around(robot, 0.5, 0.5, 0.5)
     ticks = 0
@@ -84,12 +90,12 @@ def test_a_whole_turn_without_a_clear_direction_is_a_failure(robot):
     assert ticks == pytest.approx(2 * math.pi / TURN_SPEED / 0.1, abs=2)
 
 
-def test_without_a_scan_the_robot_stands(robot):
+def test_without_a_scan_the_robot_stands(robot: RecordingRobot) -> None:
     assert turning(robot).tick_once() is Status.RUNNING
     assert robot.commands == [(0.0, 0.0)]
 
 
-def test_an_enclosed_robot_searches_for_a_gap_and_then_fails(robot):
+def test_an_enclosed_robot_searches_for_a_gap_and_then_fails(robot: RecordingRobot) -> None:
     nodes = Registry.standard()
     register(nodes)
     tree = load(FREE_SPACE, nodes=nodes, resources=[robot], clock=robot.clock)
@@ -108,7 +114,7 @@ class Locator(LifecycleComponent):
     boxes: tuple[BoundingBox3D, ...] = ()
 
 
-def test_locate_objects_writes_new_boxes_and_deactivates_on_halt(robot):
+def test_locate_objects_writes_new_boxes_and_deactivates_on_halt(robot: RecordingRobot) -> None:
     locator = Locator()
     locator.configure()
     nodes = Registry.standard()
@@ -134,13 +140,13 @@ def run(*arguments: str | Path) -> dict:
 
 
 @pytest.mark.parametrize("world", ["arena", "house"])
-def test_the_free_space_tree_keeps_moving_without_collisions(world: str):
+def test_the_free_space_tree_keeps_moving_without_collisions(world: str) -> None:
     robot = run("tutorials/free_space", "--world", world, "--camera", "off", "--duration", "40")["robot"]
     assert (robot["collisions"], robot["grazes"]) == (0, 0)
     assert robot["distance_m"] > 6.0
 
 
-def test_the_robot_stops_a_metre_before_the_goal(tmp_path: Path):
+def test_the_robot_stops_a_metre_before_the_goal(tmp_path: Path) -> None:
     tree, parameters = tmp_path / "go.xml", tmp_path / "short.yaml"
     tree.write_text(
         '<root BTCPP_format="4"><BehaviorTree ID="Go"><Move goal="-2.5;0.5"/></BehaviorTree></root>'
@@ -156,7 +162,7 @@ def test_the_robot_stops_a_metre_before_the_goal(tmp_path: Path):
     assert 0.9 < math.hypot(pose["x"] + 2.5, pose["y"] - 0.5) < 1.4
 
 
-def test_objects_are_located_on_a_patrol():
+def test_objects_are_located_on_a_patrol() -> None:
     done = run("tutorials/patrolling_boxes", "--world", "house", "--duration", "3")
     ticks = {node["id"]: node["ticks"] for node in done["nodes"].values()}
     assert ticks["LocateObjects"] == ticks["TrackObjects"] == ticks["Move"] > 20

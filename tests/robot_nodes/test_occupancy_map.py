@@ -49,7 +49,7 @@ def loaded(folder: Path, pixels: list[list[int]], **keys: object) -> list[list[i
         st.tuples(st.floats(-9, 0), st.floats(-9, 0), st.floats(0.1, 9), st.floats(0.1, 9)), max_size=3
     ),
 )
-def test_a_saved_map_is_loaded_unchanged(tmp_path, cells, resolution, origin, keepout):
+def test_a_saved_map_is_loaded_unchanged(tmp_path: Path, cells, resolution, origin, keepout) -> None:
     path = tmp_path / "any.yaml"
     save_map(OccupancyMap(cells, resolution, origin, tuple(keepout)), path)
     found = load_map(path)
@@ -59,14 +59,14 @@ def test_a_saved_map_is_loaded_unchanged(tmp_path, cells, resolution, origin, ke
     assert found.keepout == tuple(keepout)
 
 
-def test_the_first_row_of_the_image_is_the_highest_y(tmp_path):
+def test_the_first_row_of_the_image_is_the_highest_y(tmp_path: Path) -> None:
     save_map(OccupancyMap(ROOM, 0.05, (0.0, 0.0)), tmp_path / "room.yaml")
     image = cv2.imread(str(tmp_path / "room.pgm"), cv2.IMREAD_UNCHANGED)
     assert image[0].tolist() == [0, 254, 254, 0]
     assert image[-1].tolist() == [0, 0, 0, 0]
 
 
-def test_a_map_is_a_binary_pgm_and_has_the_thresholds_of_map_saver(tmp_path):
+def test_a_map_is_a_binary_pgm_and_has_the_thresholds_of_map_saver(tmp_path: Path) -> None:
     save_map(OccupancyMap(ROOM, 0.05, (-9.93, -14.1)), tmp_path / "room.yaml")
     assert (tmp_path / "room.pgm").read_bytes().startswith(b"P5\n4 3\n255\n")
     text = (tmp_path / "room.yaml").read_text(encoding="utf-8")
@@ -74,7 +74,7 @@ def test_a_map_is_a_binary_pgm_and_has_the_thresholds_of_map_saver(tmp_path):
         assert line in text.splitlines()
 
 
-def test_a_map_saved_without_keepouts_loses_those_of_the_file_it_replaces(tmp_path):
+def test_a_map_saved_without_keepouts_loses_those_of_the_file_it_replaces(tmp_path: Path) -> None:
     path = tmp_path / "room.yaml"
     save_map(OccupancyMap(ROOM, 0.05, (0.0, 0.0), ((0.0, 0.0, 0.1, 0.1),)), path)
     save_map(OccupancyMap(ROOM, 0.05, (0.0, 0.0)), path)
@@ -84,38 +84,38 @@ def test_a_map_saved_without_keepouts_loses_those_of_the_file_it_replaces(tmp_pa
 # -- how pixels are read, by map_server's rules
 
 
-def test_trinary_mode_has_free_occupied_and_unknown_cells(tmp_path):
+def test_trinary_mode_has_free_occupied_and_unknown_cells(tmp_path: Path) -> None:
     # Darkness: 0, 0.004, 0.25 (just under), 0.251, 0.647, 0.651, 1
     assert loaded(tmp_path, [[255, 254, 192, 191, 90, 89, 0]]) == [[0, 0, 0, -1, -1, 100, 100]]
 
 
-def test_205_is_unknown_with_the_threshold_of_ros_1_and_free_with_ros_2s(tmp_path):
+def test_205_is_unknown_with_the_threshold_of_ros_1_and_free_with_ros_2s(tmp_path: Path) -> None:
     assert loaded(tmp_path, [[205]], free_thresh=0.196) == [[-1]]
     assert loaded(tmp_path, [[205]], free_thresh=0.25) == [[0]]
 
 
-def test_a_darkness_equal_to_the_threshold_counts(tmp_path):
+def test_a_darkness_equal_to_the_threshold_counts(tmp_path: Path) -> None:
     # 51 of 255 is 0.2
     assert loaded(tmp_path, [[204]], free_thresh=0.2) == [[0]]
     assert loaded(tmp_path, [[51]], occupied_thresh=0.8) == [[100]]
 
 
 @pytest.mark.parametrize("negate", [1, "true"])
-def test_a_negated_map_has_its_obstacles_white(tmp_path, negate):
+def test_a_negated_map_has_its_obstacles_white(tmp_path: Path, negate) -> None:
     assert loaded(tmp_path, [[0, 128, 255]], negate=negate) == [[0, -1, 100]]
 
 
-def test_scale_mode_interpolates_between_the_thresholds(tmp_path):
+def test_scale_mode_interpolates_between_the_thresholds(tmp_path: Path) -> None:
     pixels = [[255, 204, 153, 128, 51, 0]]
     keys = {"mode": "scale", "free_thresh": 0.2, "occupied_thresh": 0.8}
     assert loaded(tmp_path, pixels, **keys) == [[0, 0, 33, 50, 100, 100]]
 
 
-def test_raw_mode_reads_pixels_as_percentages(tmp_path):
+def test_raw_mode_reads_pixels_as_percentages(tmp_path: Path) -> None:
     assert loaded(tmp_path, [[0, 42, 100, 101, 255]], mode="raw") == [[0, 42, 100, -1, -1]]
 
 
-def test_a_png_is_read_and_its_transparent_pixels_are_unknown(tmp_path):
+def test_a_png_is_read_and_its_transparent_pixels_are_unknown(tmp_path: Path) -> None:
     pixels = np.array([[[255, 255, 255, 255], [0, 0, 0, 255], [0, 0, 0, 0]]], dtype=np.uint8)
     path = written(tmp_path, "image: room.png\nresolution: 0.1\norigin: [1, 2]\n", pixels, "room.png")
     found = load_map(path)
@@ -123,7 +123,7 @@ def test_a_png_is_read_and_its_transparent_pixels_are_unknown(tmp_path):
     assert (found.resolution, found.origin) == (0.1, (1.0, 2.0))
 
 
-def test_a_png_of_16_bits_is_read_like_a_png_of_8_bits(tmp_path):
+def test_a_png_of_16_bits_is_read_like_a_png_of_8_bits(tmp_path: Path) -> None:
     pixels = np.array([[65535, 32768, 0]], dtype=np.uint16)
     path = written(tmp_path, "image: room.png\nresolution: 0.1\norigin: [0, 0, 0]\n", pixels, "room.png")
     assert load_map(path).cells.tolist() == [[0, -1, 100]]
@@ -133,7 +133,7 @@ def test_a_png_of_16_bits_is_read_like_a_png_of_8_bits(tmp_path):
 
 
 @given(st.integers(-50, 50), st.integers(-50, 50), st.sampled_from([0.05, 0.025, 0.1, 0.3]))
-def test_the_centre_of_a_cell_lies_in_the_cell(row, col, resolution):
+def test_the_centre_of_a_cell_lies_in_the_cell(row, col, resolution) -> None:
     map = OccupancyMap(ROOM, resolution, (-9.93, -14.1))
     assert map.cell(*map.center(row, col)) == (row, col)
     points = map.centers(np.array([row]), np.array([col]))
@@ -141,7 +141,7 @@ def test_the_centre_of_a_cell_lies_in_the_cell(row, col, resolution):
     assert points[0].tolist() == pytest.approx(map.center(row, col))
 
 
-def test_bounds_and_masks_of_a_map():
+def test_bounds_and_masks_of_a_map() -> None:
     map = OccupancyMap(ROOM, 0.5, (1.0, 2.0))
     assert map.bounds == (1.0, 2.0, 3.0, 3.5)
     assert map.inside(1.0, 2.0)
@@ -151,7 +151,7 @@ def test_bounds_and_masks_of_a_map():
     assert (map.occupied.sum(), map.free.sum(), map.unknown.sum()) == (7, 4, 1)
 
 
-def test_a_keepout_covers_the_cells_that_it_touches():
+def test_a_keepout_covers_the_cells_that_it_touches() -> None:
     empty = np.zeros((6, 8), dtype=np.int8)
     map = OccupancyMap(empty, 0.05, (0.0, 0.0), ((0.1, 0.05, 0.3, 0.15), (0.36, 0.26, 9.0, 9.0)))
     assert np.argwhere(map.keepout_mask()).tolist() == [
@@ -160,7 +160,7 @@ def test_a_keepout_covers_the_cells_that_it_touches():
     ]
 
 
-def test_a_keepout_outside_the_map_covers_no_cell():
+def test_a_keepout_outside_the_map_covers_no_cell() -> None:
     empty = np.zeros((6, 8), dtype=np.int8)
     assert not OccupancyMap(empty, 0.05, (0.0, 0.0), ((-3.0, -3.0, -1.0, -1.0),)).keepout_mask().any()
 
@@ -185,24 +185,24 @@ GOOD = "image: room.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
         ("", ":1: expected 'key: value' lines of a map"),
     ],
 )  # fmt: skip
-def test_an_error_is_reported_with_file_and_line(tmp_path, text, message):
+def test_an_error_is_reported_with_file_and_line(tmp_path: Path, text, message: str) -> None:
     path = written(tmp_path, text, np.zeros((2, 2), dtype=np.uint8))
     with pytest.raises(MapError) as fault:
         load_map(path)
     assert str(fault.value).startswith(f"{path}{message}")
 
 
-def test_unknown_keys_without_a_similar_key_are_ignored(tmp_path):
+def test_unknown_keys_without_a_similar_key_are_ignored(tmp_path: Path) -> None:
     path = written(tmp_path, GOOD + "author: somebody\n", np.zeros((2, 2), dtype=np.uint8))
     assert load_map(path).cells.shape == (2, 2)
 
 
-def test_numbers_may_have_an_exponent(tmp_path):
+def test_numbers_may_have_an_exponent(tmp_path: Path) -> None:
     path = written(tmp_path, GOOD.replace("0.05", "5e-2"), np.zeros((2, 2), dtype=np.uint8))
     assert load_map(path).resolution == 0.05
 
 
-def test_small_file_with_a_huge_image_is_refused(tmp_path):
+def test_small_file_with_a_huge_image_is_refused(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "huge.png"), np.zeros((4, 4), np.uint8))
     data = bytearray((tmp_path / "huge.png").read_bytes())
     data[16:24] = struct.pack(">II", 8_001, 8_000)
@@ -213,7 +213,7 @@ def test_small_file_with_a_huge_image_is_refused(tmp_path):
         load_map(tmp_path / "huge.yaml")
 
 
-def test_a_missing_or_unreadable_map_raises(tmp_path):
+def test_a_missing_or_unreadable_map_raises(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "room.png"), np.zeros((4, 4), np.uint8))
     with pytest.raises(MapError, match=r"room\.png: not a text file; expected a YAML file of a map, not"):
         load_map(tmp_path / "room.png")
@@ -230,7 +230,9 @@ def test_a_missing_or_unreadable_map_raises(tmp_path):
         ("# tables\nkeepout: [[1, 1, 0]]\n", ":2: 'keepout[0]' is [1, 1, 0], and a list of 4 numbers"),
     ],
 )
-def test_errors_in_keepouts_are_reported_with_the_keepout_file(tmp_path, text, message):
+def test_errors_in_keepouts_are_reported_with_the_keepout_file(
+    tmp_path: Path, text: str, message: str
+) -> None:
     path = written(tmp_path, GOOD, np.zeros((2, 2), dtype=np.uint8))
     beside = tmp_path / "room.keepout.yaml"
     beside.write_text(text, encoding="utf-8")
@@ -240,19 +242,19 @@ def test_errors_in_keepouts_are_reported_with_the_keepout_file(tmp_path, text, m
 
 
 @pytest.mark.skipif(os.name != "posix", reason="other systems raise a different error")
-def test_a_map_that_cannot_be_written_raises(tmp_path):
+def test_a_map_that_cannot_be_written_raises(tmp_path: Path) -> None:
     with pytest.raises(MapError, match=r"nowhere.*: cannot write the map: "):
         save_map(OccupancyMap(ROOM, 0.05, (0.0, 0.0)), tmp_path / "nowhere" / "room.yaml")
 
 
 @pytest.mark.parametrize("resolution", [0.0, -0.05, float("nan"), float("inf")])
-def test_a_map_without_a_positive_resolution_is_refused(resolution):
+def test_a_map_without_a_positive_resolution_is_refused(resolution) -> None:
     with pytest.raises(MapError, match="the side of a cell must be greater than 0 m"):
         OccupancyMap(ROOM, resolution, (0.0, 0.0))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs named pipes")
-def test_a_map_or_an_image_that_is_a_named_pipe_is_refused_without_waiting(tmp_path):
+def test_a_map_or_an_image_that_is_a_named_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.yaml")
     with pytest.raises(MapError, match="it is a named pipe, not a regular file"):
         load_map(tmp_path / "pipe.yaml")
@@ -264,14 +266,14 @@ def test_a_map_or_an_image_that_is_a_named_pipe_is_refused_without_waiting(tmp_p
         load_map(path)
 
 
-def test_a_map_file_above_the_limit_is_refused(tmp_path, monkeypatch):
+def test_a_map_file_above_the_limit_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BTCORE_MAX_FILE_SIZE", "2kB")
     (tmp_path / "map.yaml").write_bytes(b" " * 2_001)
     with pytest.raises(MapError, match="it is larger than 2 kB"):
         load_map(tmp_path / "map.yaml")
 
 
-def test_a_deeply_nested_map_file_is_refused(tmp_path):
+def test_a_deeply_nested_map_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "map.yaml").write_text("[" * 100_000 + "]" * 100_000)
     with pytest.raises(MapError, match="not valid YAML: nested too deeply"):
         load_map(tmp_path / "map.yaml")

@@ -26,7 +26,7 @@ NAMES = (
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_standard_questions_are_proved(name: str):
+def test_the_standard_questions_are_proved(name: str) -> None:
     nodes = Registry.standard()
     assert nodes.add_plugins() == []
     assert_proved(TREES / f"{name}.xml", nodes=nodes)

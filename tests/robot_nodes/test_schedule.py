@@ -14,7 +14,7 @@ NEVER = threading.Event()
 
 
 @pytest.mark.parametrize("kind", [RealTimeSchedule, SimulatedSchedule])
-def test_each_class_is_a_clock_and_a_schedule(kind: type):
+def test_each_class_is_a_clock_and_a_schedule(kind: type) -> None:
     made = kind()
     clock: RobotClock = made
     schedule: Schedule = made
@@ -28,7 +28,7 @@ def test_each_class_is_a_clock_and_a_schedule(kind: type):
 
 
 @pytest.mark.parametrize("kind", [RealTimeSchedule, SimulatedSchedule])
-def test_a_wait_ends_when_it_is_woken(kind: type):
+def test_a_wait_ends_when_it_is_woken(kind: type) -> None:
     made = kind()
     wake = threading.Event()
     made.add_task(1000.0, Phase.PROCESSES, lambda now: wake.set())
@@ -38,12 +38,12 @@ def test_a_wait_ends_when_it_is_woken(kind: type):
 
 
 @pytest.mark.parametrize("kind", [RealTimeSchedule, SimulatedSchedule])
-def test_a_frequency_of_zero_is_refused(kind: type):
+def test_a_frequency_of_zero_is_refused(kind: type) -> None:
     with pytest.raises(ValueError, match="the rate of a task must be above 0 Hz"):
         kind().add_task(0.0, Phase.HEAD, print)
 
 
-def test_in_simulated_time_simultaneous_tasks_run_by_rank_and_then_by_order():
+def test_in_simulated_time_simultaneous_tasks_run_by_rank_and_then_by_order() -> None:
     made = SimulatedSchedule()
     calls: list[str] = []
     for name, rank in (("b", Phase.PROCESSES), ("c", Phase.PROCESSES), ("a", Phase.SENSORS)):
@@ -52,7 +52,7 @@ def test_in_simulated_time_simultaneous_tasks_run_by_rank_and_then_by_order():
     assert calls == ["a500", "b500", "c500", "a1000", "b1000", "c1000"]
 
 
-def test_in_simulated_time_rounding_errors_do_not_accumulate():
+def test_in_simulated_time_rounding_errors_do_not_accumulate() -> None:
     made = SimulatedSchedule()
     calls: list[int] = []
     made.add_task(3.0, Phase.SENSORS, calls.append)
@@ -61,7 +61,7 @@ def test_in_simulated_time_rounding_errors_do_not_accumulate():
     assert calls[-1] == 1000 * SECOND
 
 
-def test_a_task_may_begin_at_once_and_may_be_ended():
+def test_a_task_may_begin_at_once_and_may_be_ended() -> None:
     made = SimulatedSchedule(5 * SECOND)
     calls: list[int] = []
     end = made.add_task(1.0, Phase.SENSORS, calls.append, first=0)
@@ -72,7 +72,7 @@ def test_a_task_may_begin_at_once_and_may_be_ended():
     assert calls == [5 * SECOND, 6 * SECOND, 7 * SECOND]
 
 
-def test_in_real_time_missed_calls_of_a_slow_task_are_skipped_and_counted():
+def test_in_real_time_missed_calls_of_a_slow_task_are_skipped_and_counted() -> None:
     made = RealTimeSchedule()
     calls: list[int] = []
 
@@ -90,7 +90,7 @@ def test_in_real_time_missed_calls_of_a_slow_task_are_skipped_and_counted():
     assert all(later > earlier for earlier, later in pairwise(calls))
 
 
-def test_the_first_call_happens_after_a_period():
+def test_the_first_call_happens_after_a_period() -> None:
     schedule = SimulatedSchedule(start=5 * SECOND)
     times: list[int] = []
     schedule.add_task(4, Phase.CONTROLLER, times.append)
@@ -98,7 +98,7 @@ def test_the_first_call_happens_after_a_period():
     assert times == [5 * SECOND + k * SECOND // 4 for k in (1, 2, 3, 4)]
 
 
-def test_tasks_of_all_rates_coincide_at_whole_seconds():
+def test_tasks_of_all_rates_coincide_at_whole_seconds() -> None:
     schedule = SimulatedSchedule()
     done: list[tuple[str, int]] = []
     schedule.add_task(7, Phase.EVALUATION, lambda now: done.append(("judge", now)))
@@ -108,7 +108,7 @@ def test_tasks_of_all_rates_coincide_at_whole_seconds():
     assert [name for name, now in done if now == SECOND] == ["physics", "localiser", "judge"]
 
 
-def test_a_task_can_end_itself():
+def test_a_task_can_end_itself() -> None:
     schedule = SimulatedSchedule()
     times: list[int] = []
 
@@ -124,7 +124,7 @@ def test_a_task_can_end_itself():
     assert schedule.next_due() is None
 
 
-def test_the_end_of_a_task_does_not_affect_other_tasks():
+def test_the_end_of_a_task_does_not_affect_other_tasks() -> None:
     schedule = SimulatedSchedule()
     times: list[int] = []
     end = schedule.add_task(10, Phase.PLANNER, times.append)
@@ -134,7 +134,7 @@ def test_the_end_of_a_task_does_not_affect_other_tasks():
     assert times == [k * SECOND // 5 for k in (1, 2, 3, 4, 5)]
 
 
-def test_a_task_that_a_task_starts_is_not_late():
+def test_a_task_that_a_task_starts_is_not_late() -> None:
     schedule = SimulatedSchedule()
     times: list[int] = []
     end = schedule.add_task(

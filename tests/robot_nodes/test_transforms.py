@@ -19,6 +19,7 @@ from btcore_robot.transforms import (
     TransformTree,
     UnknownFrameError,
 )
+from tests.robot_nodes.conftest import RecordingRobot
 
 SECOND = 1_000_000_000
 STILL = (0.0, 0.0, 0.0, 1.0)
@@ -236,7 +237,7 @@ def test_a_frame_under_a_new_parent_is_moved_there() -> None:
     assert tree.frames() == ["base_footprint", "base_laser_link", "head", "map", "odom"]
 
 
-def test_the_broadcaster_publishes_odometry_and_the_robots_links(robot) -> None:
+def test_the_broadcaster_publishes_odometry_and_the_robots_links(robot: RecordingRobot) -> None:
     class Linked(type(robot)):
         def frames(self) -> list[TransformStamped]:
             return [frame("base_link", "base_footprint", 0.1, stamp=self.clock.now())]
@@ -246,7 +247,7 @@ def test_the_broadcaster_publishes_odometry_and_the_robots_links(robot) -> None:
     assert math.isclose(tree.lookup("odom", "base_link", 0).position[0], 0.1)
 
 
-def test_the_broadcaster_writes_fixed_frames_once(robot) -> None:
+def test_the_broadcaster_writes_fixed_frames_once(robot: RecordingRobot) -> None:
     class Tall(type(robot)):
         def frames(self) -> list[TransformStamped]:
             return [frame("torso", "base_footprint", 0.1, stamp=self.clock.now()), *self.moving_frames()]
@@ -265,7 +266,7 @@ def test_the_broadcaster_writes_fixed_frames_once(robot) -> None:
 
 
 @given(st.floats(-100.0, 100.0))
-def test_wrapped_angles_are_the_same_direction(angle: float):
+def test_wrapped_angles_are_the_same_direction(angle: float) -> None:
     wrapped = wrap_angle(angle)
     assert -math.pi < wrapped <= math.pi
     assert math.cos(wrapped - angle) == pytest.approx(1.0)
@@ -281,7 +282,7 @@ def reading(second: float) -> Reading:
     return Reading("base_laser_link", round(second * SECOND))
 
 
-def test_readings_wait_for_their_transforms_and_are_returned_once():
+def test_readings_wait_for_their_transforms_and_are_returned_once() -> None:
     tree = chain()  # until 10 s
     readings = TransformFilter[Reading](tree, "odom")
     assert readings.newest(None) is None
@@ -296,7 +297,7 @@ def test_readings_wait_for_their_transforms_and_are_returned_once():
     assert readings.newest(None) == third
 
 
-def test_only_the_newest_readings_wait():
+def test_only_the_newest_readings_wait() -> None:
     tree = chain()
     readings = TransformFilter[Reading](tree, "odom")
     for second in range(11, 12 + MAX_WAITING):

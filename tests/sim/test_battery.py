@@ -6,23 +6,26 @@ from hypothesis import strategies as st
 
 from btcore_robot.robot import Twist2D
 from btcore_sim.battery import BatteryModel
+from tests.sim.conftest import Pass, Stand
 
 
 @given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(0.0, 60.0))
-def test_the_battery_drains_by_half_the_speed_and_a_hundredth_a_second(v: float, w: float, seconds: float):
+def test_the_battery_drains_by_half_the_speed_and_a_hundredth_a_second(
+    v: float, w: float, seconds: float
+) -> None:
     cells = BatteryModel()
     cells.drain(Twist2D(v, w), seconds)
     expected = 100.0 - (0.5 * (v**2 + w**2) ** 0.5 + 0.01) * seconds
     assert cells.level == pytest.approx(max(0.0, expected))
 
 
-def test_the_level_is_never_below_zero():
+def test_the_level_is_never_below_zero() -> None:
     cells = BatteryModel(0.05)
     cells.drain(Twist2D(1.0, 0.0), 1.0)
     assert (cells.level, cells.lowest, cells.is_empty) == (0.0, 0.0, True)
 
 
-def test_the_lowest_level_is_kept_when_the_battery_is_recharged():
+def test_the_lowest_level_is_kept_when_the_battery_is_recharged() -> None:
     cells = BatteryModel(20.0)
     cells.drain(Twist2D(0.0, 0.0), 100.0)
     cells.fill()
@@ -30,21 +33,23 @@ def test_the_lowest_level_is_kept_when_the_battery_is_recharged():
     assert cells.lowest == pytest.approx(19.0)
 
 
-def test_standing_drains_a_hundredth_a_second(robot_at, steer):
+def test_standing_drains_a_hundredth_a_second(robot_at: Stand, steer: Pass) -> None:
     body = robot_at()
     steer(body, 10.0, None)
     assert body.battery().level == pytest.approx(99.9)
     assert body.battery().stamp == body.world.now()
 
 
-def test_the_battery_drains_by_the_commanded_and_not_by_the_driven_velocity(robot_at, steer):
+def test_the_battery_drains_by_the_commanded_and_not_by_the_driven_velocity(
+    robot_at: Stand, steer: Pass
+) -> None:
     body = robot_at()
     steer(body, 10.0, (-0.3, 0.4))  # the base backs no faster than 0.2 m/s
     assert body.commanded_velocity() == Twist2D(-0.3, 0.4)
     assert body.battery().level == pytest.approx(100.0 - 10.0 * (0.25 + 0.01), abs=0.01)
 
 
-def test_a_command_drains_the_battery_until_it_expires(robot_at, steer):
+def test_a_command_drains_the_battery_until_it_expires(robot_at: Stand, steer: Pass) -> None:
     body = robot_at()
     body.drive(1.0, 0.0)
     steer(body, 2.0, None)
@@ -52,7 +57,9 @@ def test_a_command_drains_the_battery_until_it_expires(robot_at, steer):
     assert body.commanded_velocity() == Twist2D(0.0, 0.0)
 
 
-def test_an_empty_battery_stops_the_robot_until_it_is_recharged(robot_at, steer, caplog):
+def test_an_empty_battery_stops_the_robot_until_it_is_recharged(
+    robot_at: Stand, steer: Pass, caplog: pytest.LogCaptureFixture
+) -> None:
     body = robot_at(battery=0.3)
     steer(body, 6.0, (0.3, 0.0))
     assert [one.getMessage() for one in caplog.records] == [

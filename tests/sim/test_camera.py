@@ -1,6 +1,7 @@
 """The camera: pinhole model, depth, and pictures like those of the engine's renderer."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,8 @@ from btcore_sim.camera import CameraSettings
 from btcore_sim.renderer import SKY, Renderer
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.visible_faces import box_faces, shape_faces
+from btcore_sim.world_description import WorldObject
+from tests.sim.conftest import Pass, Stand
 
 SIZE = CameraSettings(160, 120, 10.0)
 RED = (230, 20, 20, 255)
@@ -41,7 +44,13 @@ def engines(body: SimulatedRobot) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("look", [(0.0, 0.0), (0.4, -0.5), (-0.9, 0.2), (0.0, -1.0)])
-def test_depth_agrees_with_the_engines_renderer(robot_at, steer, box, drum, look: tuple[float, float]):
+def test_depth_agrees_with_the_engines_renderer(
+    robot_at: Stand,
+    steer: Pass,
+    box: Callable[..., WorldObject],
+    drum: Callable[..., WorldObject],
+    look: tuple[float, float],
+) -> None:
     body = robot_at(
         box(4.0, 0.0, (0.2, 9.0, 2.4)),
         box(2.5, 1.0, (0.6, 0.8, 0.9), yaw=0.7, name="crate"),
@@ -63,7 +72,7 @@ def test_depth_agrees_with_the_engines_renderer(robot_at, steer, box, drum, look
     assert np.median(off) < 0.01
 
 
-def test_the_depth_of_the_floor_follows_from_the_geometry(robot_at, steer):
+def test_the_depth_of_the_floor_follows_from_the_geometry(robot_at: Stand, steer: Pass) -> None:
     body = robot_at(camera=SIZE)
     body.move_head(0.3, -0.6)
     steer(body, 1.5, None)
@@ -75,7 +84,7 @@ def test_the_depth_of_the_floor_follows_from_the_geometry(robot_at, steer):
         assert depth[row, column] == pytest.approx(-eye[2] / ray[2], rel=1e-4)
 
 
-def test_the_lens_is_a_pinhole_of_63_degrees(robot_at):
+def test_the_lens_is_a_pinhole_of_63_degrees(robot_at: Stand) -> None:
     lens = robot_at(camera=CameraSettings(640, 480, 10.0)).camera_info
     assert (lens.width, lens.height, lens.rate) == (640, 480, 10.0)
     assert lens.fx == lens.fy == pytest.approx(522.19, abs=0.01)
@@ -83,11 +92,13 @@ def test_the_lens_is_a_pinhole_of_63_degrees(robot_at):
     assert lens.frame == "head_front_camera_rgb_optical_frame"
 
 
-def test_without_a_camera_there_is_no_camera_info(robot_at):
+def test_without_a_camera_there_is_no_camera_info(robot_at: Stand) -> None:
     assert robot_at().camera_info is None
 
 
-def test_a_picture_has_depth_along_z_and_infinity_without_an_object(robot_at, box):
+def test_a_picture_has_depth_along_z_and_infinity_without_an_object(
+    robot_at: Stand, box: Callable[..., WorldObject]
+) -> None:
     body = robot_at(box(3.1, 0.0, (0.2, 1.0, 2.0)), camera=SIZE)
     picture: CameraImage = body.camera()
     assert picture.depth.dtype == np.float32
@@ -99,7 +110,9 @@ def test_a_picture_has_depth_along_z_and_infinity_without_an_object(robot_at, bo
     assert tuple(picture.rgb[0, 0]) == SKY
 
 
-def test_an_object_is_drawn_at_its_place_by_the_pinhole_model(robot_at, box):
+def test_an_object_is_drawn_at_its_place_by_the_pinhole_model(
+    robot_at: Stand, box: Callable[..., WorldObject]
+) -> None:
     far = replace(box(3.0, 0.6, (0.1, 0.1, 0.1)), position=(3.0, 0.6, 1.0165), color=RED)
     body = robot_at(far, camera=CameraSettings(320, 240, 10.0))
     picture, lens = body.camera(), body.camera_info
@@ -110,14 +123,16 @@ def test_an_object_is_drawn_at_its_place_by_the_pinhole_model(robot_at, box):
     assert rows.mean() == pytest.approx(lens.cy - lens.fy * z / x, abs=0.6)
 
 
-def test_a_picture_is_read_only(robot_at):
+def test_a_picture_is_read_only(robot_at: Stand) -> None:
     picture = robot_at(camera=SIZE).camera()
     for pixels in (picture.rgb, picture.depth):
         with pytest.raises(ValueError, match="read-only"):
             pixels[0, 0] = 0
 
 
-def test_a_movable_object_is_seen_at_its_current_place(robot_at, steer, box):
+def test_a_movable_object_is_seen_at_its_current_place(
+    robot_at: Stand, steer: Pass, box: Callable[..., WorldObject]
+) -> None:
     crate = replace(box(2.0, 0.0, (0.4, 0.4, 1.6), mass=5.0), color=RED)
     body = robot_at(crate, camera=SIZE)
     assert body.camera().depth[60, 80] == pytest.approx(1.8 - 0.2158, abs=0.03)
@@ -128,7 +143,7 @@ def test_a_movable_object_is_seen_at_its_current_place(robot_at, steer, box):
     assert body.camera().depth[60, 80] == pytest.approx(2.8 - 0.2158, abs=0.03)
 
 
-def test_the_camera_sees_the_robot_when_it_looks_down(robot_at, steer):
+def test_the_camera_sees_the_robot_when_it_looks_down(robot_at: Stand, steer: Pass) -> None:
     body = robot_at(camera=SIZE)
     floor = body.camera().depth[119, 80]
     body.move_head(0.0, -1.0)
@@ -146,7 +161,7 @@ def painted(*boxes: tuple[tuple[float, float, float], tuple[float, float, float]
     return Renderer(FACTS).draw(np.concatenate(shapes), colors, np.zeros(3), np.eye(3))
 
 
-def test_the_nearer_of_two_objects_is_seen_in_any_drawing_order():
+def test_the_nearer_of_two_objects_is_seen_in_any_drawing_order() -> None:
     near, far = ((1.0, 1.0, 0.2), (0.0, 0.0, 2.1), 40), ((4.0, 4.0, 0.2), (0.0, 0.0, 4.1), 200)
     for order in ((near, far), (far, near)):
         rgb, depth = painted(*order)
@@ -155,7 +170,7 @@ def test_the_nearer_of_two_objects_is_seen_in_any_drawing_order():
         assert rgb[24, 32, 0] <= 40 < rgb[2, 32, 0]
 
 
-def test_intersecting_objects_are_separated_where_their_depths_are_equal():
+def test_intersecting_objects_are_separated_where_their_depths_are_equal() -> None:
     turned = (0.0, math.sin(0.3), 0.0, math.cos(0.3))
     slanted = Transform((0.0, 0.0, 3.0), turned).apply(box_faces((4.0, 0.4, 0.02)))
     flat = Transform((0.0, 0.0, 3.0)).apply(box_faces((4.0, 4.0, 0.02)))
@@ -165,13 +180,13 @@ def test_intersecting_objects_are_separated_where_their_depths_are_equal():
     assert row[40:50].all() != row[14:24].all()
 
 
-def test_only_the_part_of_an_object_ahead_of_the_lens_is_drawn():
+def test_only_the_part_of_an_object_ahead_of_the_lens_is_drawn() -> None:
     _, depth = painted(((0.2, 0.2, 10.0), (0.6, 0.0, 0.0), 90))
     assert np.isfinite(depth[24, 45:63]).all()
     assert depth[24, 60] == pytest.approx(0.5 / ((60 - 31.5) / 50.0), rel=0.01)
 
 
-def test_objects_beyond_the_far_plane_or_before_the_near_plane_are_not_drawn():
+def test_objects_beyond_the_far_plane_or_before_the_near_plane_are_not_drawn() -> None:
     assert (painted(((50.0, 50.0, 1.0), (0.0, 0.0, 25.0), 90))[1] == np.inf).all()
     assert (painted(((0.05, 0.05, 0.05), (0.0, 0.0, 0.06), 90))[1] == np.inf).all()
 
@@ -179,7 +194,7 @@ def test_objects_beyond_the_far_plane_or_before_the_near_plane_are_not_drawn():
 @pytest.mark.parametrize(
     ("kind", "size"), [("box", (1.0, 2.0, 3.0)), ("cylinder", (1.0, 1.0, 2.0)), ("sphere", (0.7,))]
 )
-def test_faces_close_the_shape_and_face_outwards(kind: str, size: tuple[float, ...]):
+def test_faces_close_the_shape_and_face_outwards(kind: str, size: tuple[float, ...]) -> None:
     found = shape_faces(kind, size)
     normals = np.cross(found[:, 2] - found[:, 0], found[:, 3] - found[:, 1]) / 2
     assert normals.sum(axis=0) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)

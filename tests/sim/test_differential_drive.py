@@ -28,12 +28,12 @@ def run(drive: DifferentialDrive, seconds: float, start: int = 0) -> list[Twist2
     return [drive.step(start + round(k * SECOND / 240), STEP) for k in range(1, round(seconds * 240) + 1)]
 
 
-def test_the_books_backward_speed_is_limited_to_the_bases():
+def test_the_books_backward_speed_is_limited_to_the_bases() -> None:
     assert base().limited(-0.3, 0.0) == Twist2D(-0.2, 0.0)
 
 
 @given(speeds, speeds)
-def test_limiting_stays_within_the_limits_and_keeps_the_turning_radius(v: float, w: float):
+def test_limiting_stays_within_the_limits_and_keeps_the_turning_radius(v: float, w: float) -> None:
     twist = base().limited(v, w)
     assert FACTS.v_min - 1e-9 <= twist.v <= FACTS.v_max + 1e-9
     assert abs(twist.w) <= FACTS.w_max + 1e-9
@@ -41,7 +41,7 @@ def test_limiting_stays_within_the_limits_and_keeps_the_turning_radius(v: float,
 
 
 @given(speeds, speeds, speeds, speeds)
-def test_speed_changes_no_faster_than_the_base_can(v0: float, w0: float, v1: float, w1: float):
+def test_speed_changes_no_faster_than_the_base_can(v0: float, w0: float, v1: float, w1: float) -> None:
     drive = base()
     drive.command(v0, w0, 0)
     twists = [Twist2D(0.0, 0.0), *run(drive, 0.2)]
@@ -52,27 +52,27 @@ def test_speed_changes_no_faster_than_the_base_can(v0: float, w0: float, v1: flo
         assert abs(next_one.w - one.w) <= FACTS.w_rate * STEP + 1e-9
 
 
-def test_a_ramp_from_standing_keeps_the_turning_radius():
+def test_a_ramp_from_standing_keeps_the_turning_radius() -> None:
     drive = base()
     drive.command(0.6, 0.3, 0)
     for twist in run(drive, 0.2):
         assert twist.v == pytest.approx(2.0 * twist.w)
 
 
-def test_a_command_is_reached_and_held():
+def test_a_command_is_reached_and_held() -> None:
     drive = base()
     drive.command(0.2, 0.0, 0)
     assert run(drive, 0.25)[-1] == Twist2D(0.2, 0.0)
 
 
-def test_a_command_expires_after_a_quarter_of_a_second():
+def test_a_command_expires_after_a_quarter_of_a_second() -> None:
     drive = base()
     drive.command(0.2, 0.0, 0)
     assert drive.step(SECOND // 4, 1.0).v == 0.2
     assert drive.step(SECOND // 4 + 1, 1.0).v == 0.0
 
 
-def test_the_wheel_rates_produce_the_twist():
+def test_the_wheel_rates_produce_the_twist() -> None:
     drive = base()
     drive.command(0.3, 0.5, 0)
     drive.step(1, 10.0)
@@ -81,7 +81,7 @@ def test_the_wheel_rates_produce_the_twist():
     assert right * 0.0985 == pytest.approx(0.3 + 0.5 * 0.2022)
 
 
-def test_the_higher_priority_wins_for_half_a_second():
+def test_the_higher_priority_wins_for_half_a_second() -> None:
     sources = CommandMultiplexer()
     assert sources.admits(90, 0)
     assert not sources.admits(10, SECOND // 2)
@@ -89,7 +89,7 @@ def test_the_higher_priority_wins_for_half_a_second():
     assert sources.admits(100, SECOND // 2 + 2)
 
 
-def test_dead_reckoning_of_a_circle_returns_to_the_start():
+def test_dead_reckoning_of_a_circle_returns_to_the_start() -> None:
     odometry = WheelOdometry(0.1, 0.4, (0.0, 0.0))
     turns = 1000
     for k in range(1, turns + 1):  # radius 1 m: the wheels run on 0.8 m and 1.2 m
@@ -110,7 +110,7 @@ def noisy(seed: int, info: OdometryInfo, left: float, right: float) -> Odometry:
     return reading
 
 
-def test_wheel_size_errors_make_the_yaw_drift():
+def test_wheel_size_errors_make_the_yaw_drift() -> None:
     info = OdometryInfo(50.0, 0.01, 0.0, 0.0)
     ways = [noisy(seed, info, 10.0, 10.0) for seed in range(200)]
     drifts = [reading.pose.yaw for reading in ways]
@@ -118,33 +118,33 @@ def test_wheel_size_errors_make_the_yaw_drift():
     assert np.mean(drifts) == pytest.approx(0.0, abs=0.01)
 
 
-def test_slip_makes_odometry_report_more_turning():
+def test_slip_makes_odometry_report_more_turning() -> None:
     info = OdometryInfo(50.0, 0.0, 0.02, 0.03)
     turned = [noisy(seed, info, -5.0, 5.0).pose.yaw for seed in range(100)]
     assert np.mean(turned) == pytest.approx(2.5 * 1.02, rel=0.001)
     assert np.std(turned) == pytest.approx(2.5 * 0.03 / math.sqrt(1000), rel=0.3)
 
 
-def test_straight_ahead_nothing_slips():
+def test_straight_ahead_nothing_slips() -> None:
     assert noisy(1, OdometryInfo(50.0, 0.0, 0.02, 0.03), 10.0, 10.0).pose == Pose2D(
         pytest.approx(1.0), 0.0, 0.0
     )
 
 
-def test_the_same_seed_gives_the_same_errors():
+def test_the_same_seed_gives_the_same_errors() -> None:
     info = OdometryInfo(50.0, 0.001, 0.02, 0.03)
     assert noisy(3, info, 8.0, 9.0) == noisy(3, info, 8.0, 9.0)
     assert noisy(3, info, 8.0, 9.0) != noisy(4, info, 8.0, 9.0)
 
 
-def test_the_commanded_twist_is_the_given_twist_until_it_expires():
+def test_the_commanded_twist_is_the_given_twist_until_it_expires() -> None:
     drive = base()
     drive.command(3.0, -0.5, SECOND)
     assert drive.commanded_twist(SECOND + SECOND // 4) == Twist2D(3.0, -0.5)
     assert drive.commanded_twist(SECOND + SECOND // 4 + 1) == Twist2D(0.0, 0.0)
 
 
-def test_a_base_that_does_not_obey_comes_to_rest():
+def test_a_base_that_does_not_obey_comes_to_rest() -> None:
     drive = base()
     drive.command(0.2, 0.0, 0)
     drive.step(1, 1.0)

@@ -45,7 +45,7 @@ def run(world: World, seconds: float) -> None:
         (SLIDING, Pose2D(1.0, 1.0, math.pi / 2)),
     ],
 )
-def test_a_door_opens_and_closes_in_a_few_seconds(tmp_path: Path, door: dict, opened: Pose2D):
+def test_a_door_opens_and_closes_in_a_few_seconds(tmp_path: Path, door: dict, opened: Pose2D) -> None:
     description = load(tmp_path, door)
     world = World(description)
     assert list(description.doors) == ["office"]
@@ -68,7 +68,7 @@ def test_a_door_opens_and_closes_in_a_few_seconds(tmp_path: Path, door: dict, op
 
 
 @pytest.mark.parametrize("door", [{**HINGED, "swing": "left"}, SLIDING])
-def test_a_door_waits_for_the_robot(tmp_path: Path, door: dict):
+def test_a_door_waits_for_the_robot(tmp_path: Path, door: dict) -> None:
     stand = (0.4, -0.1, 0.0) if door is not SLIDING else (1.0, 1.3, 0.0)
     world = World(load(tmp_path, door, start=stand))
     robot = SimulatedRobot(world, camera=None)
@@ -83,7 +83,7 @@ def test_a_door_waits_for_the_robot(tmp_path: Path, door: dict):
     world.close()
 
 
-def test_a_door_closes_beside_a_robot_that_is_not_in_the_way(tmp_path: Path):
+def test_a_door_closes_beside_a_robot_that_is_not_in_the_way(tmp_path: Path) -> None:
     """The robot stands closer to the sliding leaf than the distance at which a leaf stops."""
     world = World(load(tmp_path, {**SLIDING, "open": True}, start=(0.64, 0.5, 0.0)))
     robot = SimulatedRobot(world, camera=None)
@@ -94,7 +94,7 @@ def test_a_door_closes_beside_a_robot_that_is_not_in_the_way(tmp_path: Path):
     world.close()
 
 
-def test_the_laser_detects_a_door_and_the_map_does_not_have_it(tmp_path: Path):
+def test_the_laser_detects_a_door_and_the_map_does_not_have_it(tmp_path: Path) -> None:
     wall = {"kind": "wall", "height": 2, "points": [[1, -3], [1, -0.5]]}
     other = {"kind": "wall", "height": 2, "points": [[1, 0.5], [1, 3]]}
     description = load(tmp_path, wall, other, {**HINGED, "swing": "right"})
@@ -112,7 +112,7 @@ def test_the_laser_detects_a_door_and_the_map_does_not_have_it(tmp_path: Path):
     world.close()
 
 
-def test_runs_with_doors_are_identical(tmp_path: Path):
+def test_runs_with_doors_are_identical(tmp_path: Path) -> None:
     def trace() -> list[object]:
         world = World(load(tmp_path, HINGED, start=(0.2, 0.0, 0.0)), seed=4)
         robot = SimulatedRobot(world, camera=None)
@@ -126,7 +126,7 @@ def test_runs_with_doors_are_identical(tmp_path: Path):
     assert trace() == trace()
 
 
-def test_people_keep_away_from_closed_doors():
+def test_people_keep_away_from_closed_doors() -> None:
     description = load_world_description("lobby")
     for seed in range(3):
         people = with_people(description, 3, random_generator(seed, "people")).objects[
@@ -137,7 +137,7 @@ def test_people_keep_away_from_closed_doors():
         assert all(leaf.distance(*person.position[:2]) > RADIUS for leaf in leaves for person in people)
 
 
-def test_people_do_not_walk_through_doors_and_doors_do_not_hit_people():
+def test_people_do_not_walk_through_doors_and_doors_do_not_hit_people() -> None:
     lobby = load_world_description("lobby")
     world = World(with_people(lobby, 4, random_generator(2, "people")), seed=2)
     people = PeopleSimulation(world, ClearanceMap.of(world.description), lambda: Pose2D(0.0, 0.0, 0.0), 0.27)
@@ -168,7 +168,7 @@ class CarriedRobot:
         self.poses.append(pose)
 
 
-def test_robots_are_not_put_into_doors(tmp_path: Path):
+def test_robots_are_not_put_into_doors(tmp_path: Path) -> None:
     """A door in the middle of a room of 6 m by 6 m; on the map of the room this is free floor."""
     corners = [[-2, -3], [4, -3], [4, 3], [-2, 3]]
     room = load(tmp_path, {"kind": "wall", "closed": True, "points": corners, "height": 2}, HINGED)
@@ -191,12 +191,12 @@ def test_robots_are_not_put_into_doors(tmp_path: Path):
         ({**SLIDING, "swing": "left"}, "swing' is unknown"),
     ],
 )
-def test_a_mistake_in_a_door_is_reported(tmp_path: Path, door: dict, message: str):
+def test_a_mistake_in_a_door_is_reported(tmp_path: Path, door: dict, message: str) -> None:
     with pytest.raises(SimError, match=message):
         load(tmp_path, door)
 
 
-def test_an_unknown_door_is_reported_with_the_known_doors(tmp_path: Path):
+def test_an_unknown_door_is_reported_with_the_known_doors(tmp_path: Path) -> None:
     world = World(load(tmp_path, HINGED, {**SLIDING, "name": "entrance", "position": [0, 3]}))
     with pytest.raises(
         SimError, match=r"no door 'ofice': doors are office, entrance; did you mean 'office'\?"

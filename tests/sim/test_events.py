@@ -49,7 +49,7 @@ SECOND = 1_000_000_000
         ("door:a:b:close@0.5", Event("door", SECOND // 2, door="a:b", opens=False)),
     ],
 )
-def test_events_are_parsed_and_shown_in_the_same_form(text: str, event: Event):
+def test_events_are_parsed_and_shown_in_the_same_form(text: str, event: Event) -> None:
     assert parse_event(text) == event
     assert parse_event(str(event)) == event
 
@@ -69,7 +69,7 @@ def test_events_are_parsed_and_shown_in_the_same_form(text: str, event: Event):
         ("door:kitchen:opn@3", "unknown action 'opn': a door can open or close; did you mean 'open'"),
     ],
 )
-def test_an_invalid_event_raises_with_an_explanation(text: str, message: str):
+def test_an_invalid_event_raises_with_an_explanation(text: str, message: str) -> None:
     with pytest.raises(SimError, match=message):
         parse_event(text)
 
@@ -81,7 +81,9 @@ def test_an_invalid_event_raises_with_an_explanation(text: str, message: str):
         ("door:kitchen:open@3", None, "'door:kitchen:open@3': world 'house': there is no door 'kitchen'"),
     ],
 )
-def test_an_event_that_cannot_happen_in_the_run_raises(text: str, duration: float | None, message: str):
+def test_an_event_that_cannot_happen_in_the_run_raises(
+    text: str, duration: float | None, message: str
+) -> None:
     with pytest.raises(SimError, match=message):
         check_events([parse_event(text)], load_world_description("house"), duration)
 
@@ -113,7 +115,7 @@ def go(body: SimulatedRobot, seconds: float, v: float = 0.3, w: float = 0.0) -> 
         body.world.wait_until(body.world.now() + SECOND // 10, threading.Event())
 
 
-def test_a_box_drops_ahead_and_is_in_the_scan_and_in_the_scene(meet):
+def test_a_box_drops_ahead_and_is_in_the_scan_and_in_the_scene(meet) -> None:
     body, events = meet("house", "box:1@1.6,0.1")
     body.teleport(Pose2D(-8.0, -0.5, 0.0))
     number = body.world.kinematic_bodies("dropped_box_")[0]
@@ -133,7 +135,7 @@ def test_a_box_drops_ahead_and_is_in_the_scan_and_in_the_scene(meet):
     assert name in {part.frame for part in body.static_scene().parts}
 
 
-def test_a_triggered_box_drops_at_once(meet):
+def test_a_triggered_box_drops_at_once(meet) -> None:
     body, events = meet("house", spare_boxes=1)
     body.teleport(Pose2D(-8.0, -0.5, 0.0))
     go(body, 0.5, 0.0)
@@ -153,7 +155,9 @@ def test_a_triggered_box_drops_at_once(meet):
         (Pose2D(-8.0, -0.5, 0.0), "box:1@0.3,0.2", None),
     ],
 )
-def test_a_box_drops_at_its_time_and_place_or_raises(meet, pose: Pose2D, event: str, message: str | None):
+def test_a_box_drops_at_its_time_and_place_or_raises(
+    meet, pose: Pose2D, event: str, message: str | None
+) -> None:
     body, events = meet("house", event)
     body.teleport(pose)
     if message is not None:
@@ -167,14 +171,14 @@ def test_a_box_drops_at_its_time_and_place_or_raises(meet, pose: Pose2D, event: 
     assert happened["y"] == pytest.approx(pose.y + parsed.offset, abs=0.02)
 
 
-def test_a_second_box_does_not_drop_into_the_first(meet):
+def test_a_second_box_does_not_drop_into_the_first(meet) -> None:
     body, _ = meet("house", "box:1", "box:1.5")
     body.teleport(Pose2D(-8.0, -0.5, 0.0))
     with pytest.raises(SimError, match="'dropped_box_0' is where the box would drop"):
         go(body, 2.0, 0.0)
 
 
-def test_driving_into_a_dropped_box_is_a_collision(meet):
+def test_driving_into_a_dropped_box_is_a_collision(meet) -> None:
     body, events = meet("house", "box:1")
     body.teleport(Pose2D(-8.0, -0.5, 0.0))
     go(body, 12.0)
@@ -182,7 +186,7 @@ def test_driving_into_a_dropped_box_is_a_collision(meet):
     assert body.contacts.collisions == 1
 
 
-def test_a_box_with_a_window_waits_for_a_robot_that_drives_straight(meet):
+def test_a_box_with_a_window_waits_for_a_robot_that_drives_straight(meet) -> None:
     body, events = meet("house", "box:0-20")
     body.teleport(Pose2D(-8.0, -0.5, 0.0))
     go(body, 1.0, 0.0, 0.0)
@@ -196,7 +200,7 @@ def test_a_box_with_a_window_waits_for_a_robot_that_drives_straight(meet):
 
 
 @pytest.mark.parametrize("kind", ["box", "kidnap"])
-def test_a_window_without_a_suitable_moment_ends_with_an_error(meet, kind: str):
+def test_a_window_without_a_suitable_moment_ends_with_an_error(meet, kind: str) -> None:
     body, _ = meet("house", f"{kind}:0.5-1.5")
     go(body, 1.4, 0.0, 0.0)
     with pytest.raises(SimError, match=rf"'{kind}:0\.5-1\.5' is not possible: in this time the robot was"):
@@ -215,14 +219,14 @@ def test_a_window_without_a_suitable_moment_ends_with_an_error(meet, kind: str):
         ((1.0, -10.0, -math.pi / 2), False),  # onto the waypoint
     ],
 )
-def test_a_box_fits_only_where_there_is_room(meet, pose: tuple[float, float, float], fits: bool):
+def test_a_box_fits_only_where_there_is_room(meet, pose: tuple[float, float, float], fits: bool) -> None:
     body, events = meet("house", "box:100")
     here = Pose2D(*pose)
     box = ahead_of(here, 0.27, Event("box", 0), body.world.bodies[body.world.kinematic_bodies("dropped")[0]])
     assert events.fits(box, here) == fits
 
 
-def test_a_box_that_fits_leaves_a_passage_and_is_far_from_waypoints(meet):
+def test_a_box_that_fits_leaves_a_passage_and_is_far_from_waypoints(meet) -> None:
     body, events = meet("aws_house", "box:100")
     description, floor, random = (
         body.world.description,
@@ -254,7 +258,7 @@ def box_side(pose: Pose2D, box, side: float) -> tuple[float, float]:
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
 @pytest.mark.parametrize("seed", range(5))
-def test_a_kidnapped_robot_is_clear_and_far_away_with_unchanged_odometry(meet, name: str, seed: int):
+def test_a_kidnapped_robot_is_clear_and_far_away_with_unchanged_odometry(meet, name: str, seed: int) -> None:
     body, events = meet(name, "kidnap:2", seed=seed)
     go(body, 1.9, 0.1, 0.0)
     before, odometry, way = body.true_pose(), body.odometry().pose, body.distance
@@ -273,7 +277,7 @@ def test_a_kidnapped_robot_is_clear_and_far_away_with_unchanged_odometry(meet, n
     assert math.atan2(moved.y - after.y, moved.x - after.x) == pytest.approx(moved.yaw, abs=0.1)
 
 
-def test_a_standing_and_blind_robot_is_kidnapped_at_its_time(meet):
+def test_a_standing_and_blind_robot_is_kidnapped_at_its_time(meet) -> None:
     body, events = meet("house", "kidnap:1.23", faults="laser:0-10")
     before = body.true_pose()
     go(body, 1.5, 0.0, 0.0)
@@ -281,7 +285,7 @@ def test_a_standing_and_blind_robot_is_kidnapped_at_its_time(meet):
     assert math.dist((before.x, before.y), (body.true_pose().x, body.true_pose().y)) > FAR
 
 
-def test_a_carried_robot_sees_the_way_but_its_wheels_do_not_turn(meet):
+def test_a_carried_robot_sees_the_way_but_its_wheels_do_not_turn(meet) -> None:
     body, events = meet("house", "carry:1")
     go(body, 1.0, 0.0, 0.0)
     wheels, distance = body.joint_positions(), body.distance
@@ -344,7 +348,9 @@ def flat(tmp_path: Path):
         ((-3.0, -1.0, 0.0), ["door:inner:open@0.5", "carry:4"], True),
     ],
 )
-def test_a_robot_is_carried_only_through_open_doors(meet, flat, start, events: list[str], passes: bool):
+def test_a_robot_is_carried_only_through_open_doors(
+    meet, flat, start, events: list[str], passes: bool
+) -> None:
     rooms = set()
     for seed in range(4):
         body, _ = meet(flat(*start), *events, seed=seed)
@@ -374,13 +380,13 @@ def test_a_robot_is_carried_only_through_open_doors(meet, flat, start, events: l
         ),
     ],
 )
-def test_a_way_that_a_door_prevents_is_an_error(meet, flat, start, events: list[str], message: str):
+def test_a_way_that_a_door_prevents_is_an_error(meet, flat, start, events: list[str], message: str) -> None:
     body, _ = meet(flat(*start), *events)
     with pytest.raises(SimError, match=message):
         go(body, 4.0, 0.0)
 
 
-def test_a_door_opens_and_closes_at_its_times(tmp_path: Path):
+def test_a_door_opens_and_closes_at_its_times(tmp_path: Path) -> None:
     door = {"name": "kitchen", "kind": "sliding_door", "position": [2, 0], "width": 1.0}
     path = tmp_path / "flat.json"
     path.write_text(json.dumps({"start": {"pose": [0, 0, 0]}, "objects": [door]}), encoding="utf-8")
@@ -399,7 +405,7 @@ def test_a_door_opens_and_closes_at_its_times(tmp_path: Path):
     world.close()
 
 
-def test_a_person_is_in_the_scan_and_keeps_away_from_a_standing_robot(meet):
+def test_a_person_is_in_the_scan_and_keeps_away_from_a_standing_robot(meet) -> None:
     body, _ = meet("arena", "kidnap:1000", people=1)
     (number,) = body.world.kinematic_bodies("person_")
     hits = 0
@@ -419,7 +425,7 @@ def test_a_person_is_in_the_scan_and_keeps_away_from_a_standing_robot(meet):
 
 
 @pytest.mark.parametrize("side", range(8))
-def test_a_person_who_walks_into_the_robot_is_a_collision_from_every_side(meet, side: int):
+def test_a_person_who_walks_into_the_robot_is_a_collision_from_every_side(meet, side: int) -> None:
     body, _ = meet("aws_house", "kidnap:1000", people=1)
     (number,) = body.world.kinematic_bodies("person_")
     begun = body.world.now()

@@ -4,6 +4,7 @@ import pytest
 
 from btcore_sim.errors import SimError
 from btcore_sim.faults import Fault, FaultSchedule, parse_fault
+from tests.sim.conftest import Pass, Stand
 
 SECOND = 1_000_000_000
 
@@ -12,7 +13,7 @@ def fault_list(text: str) -> list[Fault]:
     return [parse_fault(text)]
 
 
-def test_a_fault_lasts_from_its_start_to_its_end():
+def test_a_fault_lasts_from_its_start_to_its_end() -> None:
     faults = FaultSchedule([parse_fault("laser:20-25"), parse_fault("laser:30-30.5")])
     moments = [19.9, 20.0, 24.9, 25.0, 30.4, 30.5]
     assert [faults.has_failed("laser", int(t * SECOND)) for t in moments] == [
@@ -26,7 +27,7 @@ def test_a_fault_lasts_from_its_start_to_its_end():
     assert not faults.has_failed("camera", 22 * SECOND)
 
 
-def test_a_fault_without_an_end_does_not_end():
+def test_a_fault_without_an_end_does_not_end() -> None:
     assert FaultSchedule([parse_fault("wheel:3-")]).has_failed("wheel", 10**6 * SECOND)
 
 
@@ -41,12 +42,12 @@ def test_a_fault_without_an_end_does_not_end():
         ("laser:25-20", "ends before it starts"),
     ],
 )
-def test_an_invalid_fault_raises_with_an_explanation(text: str, message: str):
+def test_an_invalid_fault_raises_with_an_explanation(text: str, message: str) -> None:
     with pytest.raises(SimError, match=message):
         parse_fault(text)
 
 
-def test_a_failed_laser_keeps_its_last_scan_with_the_old_stamp(robot_at, steer):
+def test_a_failed_laser_keeps_its_last_scan_with_the_old_stamp(robot_at: Stand, steer: Pass) -> None:
     body = robot_at(faults=fault_list("laser:1-2"))
     steer(body, 1.9, None)
     assert body.scan().stamp == 9 * SECOND // 10
@@ -54,7 +55,7 @@ def test_a_failed_laser_keeps_its_last_scan_with_the_old_stamp(robot_at, steer):
     assert body.scan().stamp == 2 * SECOND
 
 
-def test_failed_odometry_keeps_its_last_reading(robot_at, steer):
+def test_failed_odometry_keeps_its_last_reading(robot_at: Stand, steer: Pass) -> None:
     body = robot_at(faults=fault_list("odometry:1-2"))
     steer(body, 1.9, (0.3, 0.0))
     stuck = body.odometry()
@@ -63,13 +64,13 @@ def test_failed_odometry_keeps_its_last_reading(robot_at, steer):
     assert body.odometry().pose.x > stuck.pose.x + 0.3
 
 
-def test_with_a_failed_wheel_a_straight_command_turns_the_robot(robot_at, steer):
+def test_with_a_failed_wheel_a_straight_command_turns_the_robot(robot_at: Stand, steer: Pass) -> None:
     body = robot_at(faults=fault_list("wheel:0-"))
     steer(body, 2.0, (0.2, 0.0))
     assert body.true_pose().yaw > 0.5
 
 
-def test_a_failed_camera_keeps_its_last_picture(robot_at, steer):
+def test_a_failed_camera_keeps_its_last_picture(robot_at: Stand, steer: Pass) -> None:
     from btcore_sim.camera import CameraSettings
     from btcore_sim.simulated_robot import SimulatedRobot
     from btcore_sim.world import World

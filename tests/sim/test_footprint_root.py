@@ -81,7 +81,7 @@ def mesh_in(package: Path) -> None:
 
 def test_the_root_stands_on_the_floor_and_the_base_link_at_its_joint(
     tmp_path: Path, robot_at: Any, capfd: Any
-):
+) -> None:
     mesh_in(tmp_path / "trolley")
     robot = robot_at(description=trolley(tmp_path / "trolley/urdf"))
     heights = {frame.child: frame.position[2] for frame in robot.frames() if frame.parent == FOOTPRINT}
@@ -98,7 +98,7 @@ def test_the_root_stands_on_the_floor_and_the_base_link_at_its_joint(
 
 
 @pytest.mark.parametrize("height", [0.06, 0.3])
-def test_a_height_above_a_footprint_is_an_error(tmp_path: Path, robot_at: Any, height: float):
+def test_a_height_above_a_footprint_is_an_error(tmp_path: Path, robot_at: Any, height: float) -> None:
     mesh_in(tmp_path / "trolley")
     with pytest.raises(SimError, match=r"'height' is .*, and the root link is 'base_footprint': write"):
         robot_at(description=trolley(tmp_path / "trolley/urdf", height=height))
@@ -113,8 +113,15 @@ def test_a_height_above_a_footprint_is_an_error(tmp_path: Path, robot_at: Any, h
     ],
 )
 def test_a_mesh_is_found_in_its_package(
-    tmp_path: Path, robot_at: Any, monkeypatch: pytest.MonkeyPatch, caplog: Any, *, variable, value, package
-):
+    tmp_path: Path,
+    robot_at: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: Any,
+    *,
+    variable: str,
+    value: str,
+    package: str,
+) -> None:
     mesh_in(tmp_path / package)
     monkeypatch.setenv(variable, ":".join(str(tmp_path / part) for part in value.split(":")))
     robot = robot_at(description=trolley(tmp_path / "elsewhere"))
@@ -124,7 +131,7 @@ def test_a_mesh_is_found_in_its_package(
     assert not caplog.text
 
 
-def test_a_mesh_of_an_unknown_package_is_an_error(tmp_path: Path, robot_at: Any):
+def test_a_mesh_of_an_unknown_package_is_an_error(tmp_path: Path, robot_at: Any) -> None:
     with pytest.raises(
         RobotError,
         match=r"there is no file 'package://trolley/.*'; source the setup file .* 'trolley', or set",

@@ -2,6 +2,7 @@
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,18 +12,22 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.camera import CameraSettings
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.map_rasteriser import rasterise
-from btcore_sim.world_description import WorldDescription
+from btcore_sim.robot_description import RobotDescription
+from btcore_sim.world_description import WorldDescription, WorldObject
+from tests.sim.conftest import Pass, Stand
 
 RED, CLEAR = (220, 30, 30, 255), (160, 208, 224, 96)
 
 
 @pytest.fixture
-def pane(box):
+def pane(box: Callable[..., WorldObject]):
     """A pane of glass 1.2 m ahead."""
     return replace(box(1.2, 0.0, (0.02, 3.0, 2.0), name="pane"), is_glass=True, color=CLEAR)
 
 
-def test_the_laser_passes_and_sonars_do_not(robot_at, box, pane, noiseless_tiago):
+def test_the_laser_passes_and_sonars_do_not(
+    robot_at: Stand, box: Callable[..., WorldObject], pane, noiseless_tiago: RobotDescription
+) -> None:
     wall = box(3.0, 0.0, (0.2, 4.0, 2.0), name="wall")
     ranges = {}
     for glass in (False, True):
@@ -37,7 +42,7 @@ def test_the_laser_passes_and_sonars_do_not(robot_at, box, pane, noiseless_tiago
     assert ranges[True][1] == ranges[False][1] < 0.6
 
 
-def test_the_robot_collides_with_glass(robot_at, pane, steer):
+def test_the_robot_collides_with_glass(robot_at: Stand, pane, steer: Pass) -> None:
     body = robot_at(pane)
     steer(body, 5.0, (0.4, 0.0))
     assert body.contacts.collisions == 1
@@ -45,7 +50,9 @@ def test_the_robot_collides_with_glass(robot_at, pane, steer):
     assert body.true_pose().x < 1.2 - 0.2
 
 
-def test_the_camera_sees_a_red_box_through_glass(robot_at, box, pane):
+def test_the_camera_sees_a_red_box_through_glass(
+    robot_at: Stand, box: Callable[..., WorldObject], pane
+) -> None:
     red = replace(box(2.5, 0.0, (0.5, 3.0, 2.5), name="red"), color=RED)
     pictures = {}
     for name, things in {"bare": (red,), "glass": (pane, red)}.items():
@@ -62,7 +69,9 @@ def test_the_camera_sees_a_red_box_through_glass(robot_at, box, pane):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.6])
-def test_the_map_keeps_robots_out_of_glass_but_does_not_show_it_to_the_laser(box, pane, yaw: float):
+def test_the_map_keeps_robots_out_of_glass_but_does_not_show_it_to_the_laser(
+    box: Callable[..., WorldObject], pane, yaw: float
+) -> None:
     walls = [
         box(3.0, 0.0, (0.1, 6.1, 2.0), name="east"),
         box(-3.0, 0.0, (0.1, 6.1, 2.0), name="west"),

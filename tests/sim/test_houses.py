@@ -84,24 +84,24 @@ def house(request: pytest.FixtureRequest) -> WorldDescription:
     return load_world_description(request.param)
 
 
-def test_waypoints_have_the_specified_positions(house: WorldDescription):
+def test_waypoints_have_the_specified_positions(house: WorldDescription) -> None:
     assert house.waypoints == {name: (x, y) for name, (x, y, _) in WAYPOINTS[house.name].items()}
 
 
-def test_the_robot_starts_at_the_books_pose(house: WorldDescription):
+def test_the_robot_starts_at_the_books_pose(house: WorldDescription) -> None:
     for seed in range(1, 21):
         assert house.start(np.random.default_rng(seed), 0.27) == house.pose
     assert (house.pose.x, house.pose.y, house.pose.yaw) == (0.0, 0.0, 0.0)
 
 
-def test_each_waypoint_has_the_specified_clearance(house: WorldDescription):
+def test_each_waypoint_has_the_specified_clearance(house: WorldDescription) -> None:
     for name, (x, y, clearance) in WAYPOINTS[house.name].items():
         seen = min(thing.distance(x, y) for thing in house.objects if thing.meets(LASER_HEIGHT))
         assert seen == pytest.approx(clearance, abs=0.15), name
         assert house.clearance_at(x, y) >= 0.75, f"{name}, with what the laser does not see"
 
 
-def test_paths_between_waypoints_have_the_specified_lengths(house: WorldDescription):
+def test_paths_between_waypoints_have_the_specified_lengths(house: WorldDescription) -> None:
     floor = ClearanceMap.of(house)
     costs = np.where(floor.clearances >= NAVIGATION_RADIUS, 1.0, -1.0)
     found = {}
@@ -112,28 +112,28 @@ def test_paths_between_waypoints_have_the_specified_lengths(house: WorldDescript
     assert found == {pair: pytest.approx(length, rel=0.1) for pair, length in WAYS[house.name].items()}
 
 
-def test_the_narrowest_place_has_the_specified_width(house: WorldDescription):
+def test_the_narrowest_place_has_the_specified_width(house: WorldDescription) -> None:
     floor, points = ClearanceMap.of(house), list(house.waypoints.values())
     assert floor.connected(points, NAVIGATION_RADIUS)
     assert floor.connected(points, WIDEST[house.name] - 0.1)
     assert not floor.connected(points, WIDEST[house.name] + 0.2)
 
 
-def test_the_floor_and_the_house_have_the_specified_sizes(house: WorldDescription):
+def test_the_floor_and_the_house_have_the_specified_sizes(house: WorldDescription) -> None:
     map = rasterise(house)
     area = np.count_nonzero(ClearanceMap(map).clearances >= NAVIGATION_RADIUS) * map.resolution**2
     assert area == pytest.approx(FLOOR[house.name], rel=0.03)
     assert map.bounds == pytest.approx(BOUNDS[house.name], abs=0.25)
 
 
-def test_every_door_is_open_over_its_specified_width(house: WorldDescription):
+def test_every_door_is_open_over_its_specified_width(house: WorldDescription) -> None:
     for start, end in DOORS[house.name]:
         for part in np.linspace(0.02, 0.98, 60):
             x, y = (a + part * (b - a) for a, b in zip(start, end, strict=True))
             assert all(thing.distance(x, y) > 0.0 for thing in house.objects), (start, end, part)
 
 
-def test_no_ray_leaves_the_house(house: WorldDescription):
+def test_no_ray_leaves_the_house(house: WorldDescription) -> None:
     outlines = RayCaster.of(house.objects)
     around = np.linspace(-math.pi, math.pi, 3600, endpoint=False)
     map = rasterise(house)
@@ -143,7 +143,7 @@ def test_no_ray_leaves_the_house(house: WorldDescription):
         assert np.isfinite(outlines.distances(x, y, height, around)).all(), (x, y, height)
 
 
-def test_walls_are_straight_high_and_15_to_20_cm_thick(house: WorldDescription):
+def test_walls_are_straight_high_and_15_to_20_cm_thick(house: WorldDescription) -> None:
     walls = [thing for thing in house.objects if thing.name.startswith("wall_")]
     assert len(walls) >= 12
     for wall in walls:
@@ -151,11 +151,11 @@ def test_walls_are_straight_high_and_15_to_20_cm_thick(house: WorldDescription):
         assert 0.15 - 1e-9 <= min(wall.size[:2]) <= 0.2 + 1e-9
 
 
-def test_a_house_is_a_few_dozen_bodies(house: WorldDescription):
+def test_a_house_is_a_few_dozen_bodies(house: WorldDescription) -> None:
     assert 40 <= len(house.objects) <= 70
 
 
-def test_the_floor_below_table_tops_is_a_keep_out_area(house: WorldDescription):
+def test_the_floor_below_table_tops_is_a_keep_out_area(house: WorldDescription) -> None:
     map = rasterise(house)
     tops = [thing for thing in house.objects if thing.name.endswith("_top")]
     assert len(tops) >= 2
@@ -166,7 +166,7 @@ def test_the_floor_below_table_tops_is_a_keep_out_area(house: WorldDescription):
         assert map.cells[map.cell(*top.position[:2])] == 0
 
 
-def test_furniture_has_the_books_wooden_colour_and_other_colours(house: WorldDescription):
+def test_furniture_has_the_books_wooden_colour_and_other_colours(house: WorldDescription) -> None:
     wooden = [thing for thing in house.objects if is_wooden(thing.color)]
     others = [thing for thing in house.objects if thing not in wooden and not thing.name.startswith("wall_")]
     assert len({thing.name.split("_")[0] for thing in wooden}) >= 4
@@ -182,7 +182,7 @@ def is_wooden(color: tuple[int, int, int, int]) -> bool:
 
 
 @pytest.mark.parametrize("name", HOUSES)
-def test_the_camera_sees_wood_at_every_waypoint_but_not_on_walls_and_floor(name: str):
+def test_the_camera_sees_wood_at_every_waypoint_but_not_on_walls_and_floor(name: str) -> None:
     description = load_world_description(name)
     bare = replace(
         description, objects=tuple(thing for thing in description.objects if not is_wooden(thing.color))

@@ -15,6 +15,7 @@ from btcore_robot.rigid_transform import Transform, from_rpy
 from btcore_sim.errors import SimError
 from btcore_sim.kinematics import FOOTPRINT, Kinematics, complete_urdf
 from btcore_sim.robot_description import TIAGO, load_robot_description
+from tests.sim.conftest import Pass, Stand
 
 LEVEL = {"base_link", "base_laser_link", "torso_fixed_link"}
 
@@ -34,7 +35,7 @@ def pose(frames: Any, name: str) -> tuple[np.ndarray, np.ndarray]:
     return rotation, position
 
 
-def test_every_frame_is_connected_to_the_footprint_once(robot_at):
+def test_every_frame_is_connected_to_the_footprint_once(robot_at: Stand) -> None:
     frames = robot_at().frames()
     children = [frame.child for frame in frames]
     assert len(children) == len(set(children))
@@ -43,7 +44,7 @@ def test_every_frame_is_connected_to_the_footprint_once(robot_at):
         assert np.linalg.norm(frame.quaternion) == pytest.approx(1.0)
 
 
-def test_only_the_moving_frames_move(robot_at):
+def test_only_the_moving_frames_move(robot_at: Stand) -> None:
     body = robot_at()
     before = {frame.child: (frame.position, frame.quaternion) for frame in body.frames()}
     body.lift(0.2)
@@ -54,7 +55,7 @@ def test_only_the_moving_frames_move(robot_at):
     assert [frame.child for frame in moved] == ["torso_lift_link", "head_1_link", "head_2_link"]
 
 
-def test_the_names_are_those_of_the_data_sheet(robot_at):
+def test_the_names_are_those_of_the_data_sheet(robot_at: Stand) -> None:
     assert {frame.child for frame in robot_at().frames()} == {
         "base_link",
         "base_laser_link",
@@ -84,18 +85,18 @@ def test_the_names_are_those_of_the_data_sheet(robot_at):
     ],
 )
 def test_frames_have_the_positions_of_the_data_sheet(
-    robot_at, name: str, position: tuple[float, float, float]
-):
+    robot_at: Stand, name: str, position: tuple[float, float, float]
+) -> None:
     assert pose(robot_at().frames(), name)[1] == pytest.approx(position, abs=0.002)
 
 
-def test_in_the_optical_frame_z_is_ahead_and_x_to_the_right(robot_at):
+def test_in_the_optical_frame_z_is_ahead_and_x_to_the_right(robot_at: Stand) -> None:
     rotation, _ = pose(robot_at().frames(), "head_front_camera_rgb_optical_frame")
     assert rotation[:, 2] == pytest.approx([1.0, 0.0, 0.0], abs=0.02)
     assert rotation[:, 0] == pytest.approx([0.0, -1.0, 0.0], abs=0.02)
 
 
-def test_frames_agree_with_the_engines_links_when_head_and_torso_move(robot_at, steer):
+def test_frames_agree_with_the_engines_links_when_head_and_torso_move(robot_at: Stand, steer: Pass) -> None:
     body = robot_at()
     body.move_head(0.7, -0.5)
     body.lift(0.2)
@@ -112,7 +113,7 @@ def test_frames_agree_with_the_engines_links_when_head_and_torso_move(robot_at, 
         assert rotation == pytest.approx(base.T @ Transform(quaternion=turned).rotation, abs=1e-4)
 
 
-def test_the_camera_sees_from_its_optical_frame(robot_at, steer):
+def test_the_camera_sees_from_its_optical_frame(robot_at: Stand, steer: Pass) -> None:
     from btcore_sim.camera import CameraSettings
 
     body = robot_at(camera=CameraSettings(32, 24, 10.0))
@@ -135,7 +136,7 @@ def described(folder: Path, change: Any) -> Any:
     return load_robot_description(path)
 
 
-def test_a_sensor_has_a_frame_even_without_a_description_of_it(tmp_path: Path):
+def test_a_sensor_has_a_frame_even_without_a_description_of_it(tmp_path: Path) -> None:
     bare = Kinematics(described(tmp_path, lambda data: data.pop("frames")))
     reported = Kinematics(load_robot_description())
     zeros = [0.0] * len(reported.joints)
@@ -154,19 +155,21 @@ def test_a_sensor_has_a_frame_even_without_a_description_of_it(tmp_path: Path):
         ({"name": "hat", "parent": "hat"}, "'hat' is fixed to itself"),
     ],
 )
-def test_a_frame_with_an_invalid_name_or_parent_raises(tmp_path: Path, frame: dict[str, str], message: str):
+def test_a_frame_with_an_invalid_name_or_parent_raises(
+    tmp_path: Path, frame: dict[str, str], message: str
+) -> None:
     with pytest.raises(SimError, match=message):
         Kinematics(described(tmp_path, lambda data: data["frames"].append(frame)))
 
 
-def test_turns_about_fixed_axes_are_applied_in_the_order_x_y_z():
+def test_turns_about_fixed_axes_are_applied_in_the_order_x_y_z() -> None:
     turned = Transform(quaternion=from_rpy((0.0, math.pi / 2, math.pi / 2)))
     assert (turned * Transform((1.0, 0.0, 0.0))).position == pytest.approx((0.0, 0.0, -1.0))
     assert (turned * Transform((0.0, 0.0, 1.0))).position == pytest.approx((0.0, 1.0, 0.0))
     assert (turned * turned).rotation == pytest.approx(turned.rotation @ turned.rotation)
 
 
-def test_complete_urdf_has_a_link_for_each_frame():
+def test_complete_urdf_has_a_link_for_each_frame() -> None:
     description = load_robot_description()
     robot = ElementTree.fromstring(complete_urdf(description))
     kinematics = Kinematics(description)

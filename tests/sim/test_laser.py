@@ -1,6 +1,7 @@
 """The laser: its geometry against the physics engine's own rays, its noise, REP 117."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +12,11 @@ from hypothesis import strategies as st
 
 from btcore_robot.robot import LaserInfo, Pose2D
 from btcore_sim.laser import Laser, RayCaster
-from btcore_sim.robot_description import LaserErrors
+from btcore_sim.robot_description import LaserErrors, RobotDescription
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription, WorldObject
+from tests.sim.conftest import Pass, Stand
 
 FACTS = LaserInfo(180, -math.pi, 2 * math.pi / 180, 0.05, 25.0, 10.0, 0.06, "laser")
 HEIGHT = 0.1
@@ -41,7 +43,7 @@ def things(draw: st.DrawFn) -> list[WorldObject]:
 @given(things(), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(-3.0, 3.0))
 def test_geometry_agrees_with_the_engines_rays(
     description: list[WorldObject], x: float, y: float, yaw: float
-):
+) -> None:
     world = World(
         WorldDescription("test", "", tuple(description), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), GREY)
     )
@@ -64,7 +66,9 @@ def test_geometry_agrees_with_the_engines_rays(
 
 
 @pytest.mark.parametrize("tiny", [0.0, 5e-324, 1e-310, -1e-310, 1e-200])
-def test_rays_parallel_to_a_side_have_the_right_distances(box, tiny: float):
+def test_rays_parallel_to_a_side_have_the_right_distances(
+    box: Callable[..., WorldObject], tiny: float
+) -> None:
     outlines = RayCaster.of([box(3.0, 0.0, (2.0, 1.0, 1.0)), box(0.0, 3.0, (1.0, 2.0, 1.0), yaw=1e-14)])
     found = outlines.distances(0.0, 0.25, HEIGHT, np.array([tiny, math.pi / 2, math.pi]))
     assert found == pytest.approx([2.0, 1.75, math.inf])
@@ -76,22 +80,22 @@ def sweep(outlines: RayCaster, seed: int = 0, **changes: float) -> np.ndarray:
     return laser.sweep(0.0, 0.0, HEIGHT, 0.0, 7).ranges
 
 
-def test_no_echo_is_infinite_and_never_the_maximum(box):
+def test_no_echo_is_infinite_and_never_the_maximum(box: Callable[..., WorldObject]) -> None:
     outlines = RayCaster.of([box(30.0, 0.0, (1.0, 100.0, 1.0)), box(-2.0, 0.0, (1.0, 1.0, 1.0))])
     ranges = sweep(outlines, sigma=0.0)
     assert ranges[len(ranges) // 2] == np.inf
     assert np.isfinite(ranges).any()
 
 
-def test_an_echo_below_the_minimum_is_minus_infinite(box):
+def test_an_echo_below_the_minimum_is_minus_infinite(box: Callable[..., WorldObject]) -> None:
     assert (sweep(RayCaster.of([box(0.0, 0.0, (1.0, 1.0, 1.0))]), sigma=0.0) == -np.inf).all()
 
 
-def test_an_object_below_the_laser_is_not_seen(box):
+def test_an_object_below_the_laser_is_not_seen(box: Callable[..., WorldObject]) -> None:
     assert (sweep(RayCaster.of([box(2.0, 0.0, (1.0, 1.0, 0.09))])) == np.inf).all()
 
 
-def test_noise_has_the_sigma_of_the_description():
+def test_noise_has_the_sigma_of_the_description() -> None:
     ring = WorldObject("wall", "box", (0.1, 20.0, 1.0), (2.05, 0.0, 0.0), 0.0, 0.0, GREY)
     errors = []
     for seed in range(50):
@@ -112,14 +116,14 @@ def repeated(outlines: RayCaster, errors: LaserErrors, **noise: float) -> np.nda
 
 
 @pytest.mark.parametrize("distance", [2.0, 20.0])
-def test_noise_grows_with_the_range(box, distance: float):
+def test_noise_grows_with_the_range(box: Callable[..., WorldObject], distance: float) -> None:
     wall = RayCaster.of([box(distance + 0.05, 0.0, (0.1, 100.0, 1.0))])
     ahead = repeated(wall, LaserErrors(), sigma=0.06, range_noise=0.01)[:, FACTS.rays // 2]
     assert np.std(ahead) == pytest.approx(math.hypot(0.06, 0.01 * distance), rel=0.07)
     assert np.mean(ahead) == pytest.approx(distance, abs=0.02)
 
 
-def test_shares_of_rays_return_no_echo_or_a_short_range(box):
+def test_shares_of_rays_return_no_echo_or_a_short_range(box: Callable[..., WorldObject]) -> None:
     wall = RayCaster.of([box(4.05, 0.0, (0.1, 100.0, 1.0))])
     front = slice(FACTS.rays // 2 - 2, FACTS.rays // 2 + 3)
     ranges = repeated(wall, LaserErrors(missed=0.1, short=0.05))[:, front]
@@ -129,7 +133,7 @@ def test_shares_of_rays_return_no_echo_or_a_short_range(box):
     assert np.mean(short[np.isfinite(short)]) == pytest.approx(2.0, rel=0.1)
 
 
-def test_only_rays_beside_an_edge_return_ranges_between_both_objects(box):
+def test_only_rays_beside_an_edge_return_ranges_between_both_objects(box: Callable[..., WorldObject]) -> None:
     outlines = RayCaster.of([box(2.5, -5.0, (1.0, 10.05, 1.0)), box(6.0, 0.0, (0.1, 100.0, 1.0))])
     ranges = repeated(outlines, LaserErrors(edge=0.3))
     mixed = (ranges > 2.15) & (ranges < 5.94)
@@ -139,7 +143,9 @@ def test_only_rays_beside_an_edge_return_ranges_between_both_objects(box):
     assert not mixed[:, ahead + 1 : ahead + 5].any()
 
 
-def test_a_movable_box_is_seen_at_its_current_place(robot_at, steer, box, noiseless_tiago):
+def test_a_movable_box_is_seen_at_its_current_place(
+    robot_at: Stand, steer: Pass, box: Callable[..., WorldObject], noiseless_tiago: RobotDescription
+) -> None:
     body = robot_at(
         box(2.0, 0.0, (0.5, 0.5, 0.5), mass=5.0),
         box(4.0, 0.0, (0.2, 9.0, 1.0), name="wall"),
@@ -162,8 +168,12 @@ def test_a_movable_box_is_seen_at_its_current_place(robot_at, steer, box, noisel
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.9), (0.6, 0.0, 0.3), (0.0, math.pi / 2, 0.0)])
 def test_a_movable_object_in_any_orientation_agrees_with_the_engine(
-    robot_at, box, drum, noiseless_tiago, turned: tuple[float, float, float]
-):
+    robot_at: Stand,
+    box: Callable[..., WorldObject],
+    drum: Callable[..., WorldObject],
+    noiseless_tiago: RobotDescription,
+    turned: tuple[float, float, float],
+) -> None:
     body = robot_at(
         box(2.0, 0.0, (0.5, 0.4, 0.5), mass=5.0), drum(2.0, 1.5, 0.25, mass=5.0), description=noiseless_tiago
     )
@@ -184,12 +194,12 @@ def test_a_movable_object_in_any_orientation_agrees_with_the_engine(
     assert (~np.isclose(ours, theirs, atol=5e-3)).sum() <= 4
 
 
-def test_the_robot_does_not_see_itself(robot_at):
+def test_the_robot_does_not_see_itself(robot_at: Stand) -> None:
     body: SimulatedRobot = robot_at()
     assert (body.scan().ranges == np.inf).all()
 
 
-def test_the_middle_of_666_rays_points_a_little_to_the_left(robot_at):
+def test_the_middle_of_666_rays_points_a_little_to_the_left(robot_at: Stand) -> None:
     scan = robot_at().scan()
     assert len(scan.ranges) == 666
     assert math.degrees(scan.angles()[666 // 2]) == pytest.approx(0.165, abs=0.001)

@@ -24,7 +24,7 @@ TREES = Path(__file__).parents[2] / "trees"
 TIAGO = load_robot_description()
 
 
-def test_a_reading_arrives_after_the_latency():
+def test_a_reading_arrives_after_the_latency() -> None:
     readings = DelayedReadings[str](0.25)
     assert readings.newest(0) is None
     readings.add("first", 0)
@@ -47,7 +47,7 @@ def test_a_reading_arrives_after_the_latency():
 )
 def test_a_robots_readings_are_as_old_as_the_latency_and_at_most_a_period_older(
     robot_at: Any, steer: Any, read: Callable[[Any], Any], period: float
-):
+) -> None:
     late = replace(
         TIAGO,
         laser=replace(TIAGO.laser, latency=0.15),
@@ -65,7 +65,7 @@ def test_a_robots_readings_are_as_old_as_the_latency_and_at_most_a_period_older(
     assert 0.15 <= min(settled) <= max(settled) <= 0.15 + period + 1e-9
 
 
-def test_localiser_and_locator_wait_for_an_odometry_that_is_later_than_scans_and_pictures():
+def test_localiser_and_locator_wait_for_an_odometry_that_is_later_than_scans_and_pictures() -> None:
     late = replace(
         TIAGO, laser=replace(TIAGO.laser, latency=0.0), odometry=replace(TIAGO.odometry, latency=0.1)
     )

@@ -12,7 +12,7 @@ from btcore_sim.worlds import load_world_description
 pytest.importorskip("yaml", reason="the patrol needs the navigation")
 
 
-def test_a_robot_can_drive_to_every_waypoint():
+def test_a_robot_can_drive_to_every_waypoint() -> None:
     lobby = load_world_description("lobby")
     floor = ClearanceMap.of(lobby)
     places = list(lobby.waypoints.values())
@@ -20,7 +20,7 @@ def test_a_robot_can_drive_to_every_waypoint():
     assert floor.connected(places, 0.45)
 
 
-def test_a_patrol_drives_through_the_doors_without_contact():
+def test_a_patrol_drives_through_the_doors_without_contact() -> None:
     """Both rooms behind the doors are visited, with localisation: glass contradicts no scan."""
     options = ("--world", "lobby", "--seed", "3", "--duration", "85", "--camera", "off")
     done = subprocess.run(

@@ -14,6 +14,7 @@ from btcore_sim.scene_messages import world_meshes, world_parts
 from btcore_sim.shells import Section, ball, loft, rounded_box
 from btcore_sim.world import World
 from btcore_sim.worlds import load_world_description
+from tests.sim.conftest import Stand
 
 GREY = (128, 128, 128, 255)
 HANDLE = 0.02  # m: handles may stand out
@@ -35,7 +36,7 @@ def volume(sections: tuple[Section, ...]) -> float:
     ],
     ids=["ball", "box", "cylinder"],
 )
-def test_a_loft_is_closed_and_its_triangles_and_normals_face_outwards(sections, expected: float):
+def test_a_loft_is_closed_and_its_triangles_and_normals_face_outwards(sections, expected: float) -> None:
     assert volume(sections) == pytest.approx(expected, rel=0.12)
     points, normals, triangles = loft(sections)
     assert np.linalg.norm(normals, axis=1) == pytest.approx(np.ones(len(normals)), abs=1e-6)
@@ -47,7 +48,7 @@ def test_a_loft_is_closed_and_its_triangles_and_normals_face_outwards(sections, 
 
 @pytest.mark.parametrize(("kind", "look"), [(kind, look) for kind, looks in LOOKS.items() for look in looks])
 @pytest.mark.parametrize("size", [(0.5, 0.5, 1.1), (1.6, 0.5, 0.8), (0.4, 1.2, 1.9)])
-def test_the_parts_of_a_look_are_within_the_objects_bounds(kind: str, look: str, size):
+def test_the_parts_of_a_look_are_within_the_objects_bounds(kind: str, look: str, size) -> None:
     if kind == "cylinder":
         size = (size[0], size[0], size[2])
     parts = look_parts(look, size, GREY)
@@ -60,7 +61,7 @@ def test_the_parts_of_a_look_are_within_the_objects_bounds(kind: str, look: str,
         assert -1e-9 <= part.position[2] <= part.position[2] + part.size[2] <= size[2] * 1.02
 
 
-def test_looks_change_the_drawing_and_nothing_else():
+def test_looks_change_the_drawing_and_nothing_else() -> None:
     description = load_world_description("house")
     plain = replace(description, objects=tuple(replace(thing, look="") for thing in description.objects))
     angles = np.linspace(-3.0, 3.0, 400)
@@ -76,7 +77,7 @@ def test_looks_change_the_drawing_and_nothing_else():
             world.close()
 
 
-def test_a_look_of_another_kind_of_object_is_an_error(tmp_path: Path):
+def test_a_look_of_another_kind_of_object_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "room.json"
     path.write_text(
         '{"start": {"pose": [0, 0, 0]}, "objects": [{"kind": "box", "look": "plant", "size": [1, 1, 1],'
@@ -87,7 +88,7 @@ def test_a_look_of_another_kind_of_object_is_an_error(tmp_path: Path):
         load_world_description(str(path))
 
 
-def test_the_shells_of_tiago_are_within_its_footprint_and_height(robot_at):
+def test_the_shells_of_tiago_are_within_its_footprint_and_height(robot_at: Stand) -> None:
     robot = robot_at()
     static = robot.static_scene()
     frames = {frame.child: frame for frame in robot.moving_scene().frames}

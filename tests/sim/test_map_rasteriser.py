@@ -1,6 +1,7 @@
 """The map of a world: occupied, free and unknown cells, keep-out areas, and the command."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +21,7 @@ GREY = (128, 128, 128, 255)
 
 
 @pytest.fixture
-def room(box):
+def room(box: Callable[..., WorldObject]):
     """A closed room of 4 m by 4 m around the origin with walls of 0.2 m."""
 
     def make(*things: WorldObject, **changes: object) -> WorldDescription:
@@ -38,7 +39,7 @@ def room(box):
     return make
 
 
-def test_walls_on_the_grid_fill_whole_cells(room):
+def test_walls_on_the_grid_fill_whole_cells(room) -> None:
     map = rasterise(room())
     assert np.count_nonzero(map.free) == 80 * 80
     assert np.count_nonzero(map.occupied) == 88 * 88 - 80 * 80
@@ -46,7 +47,7 @@ def test_walls_on_the_grid_fill_whole_cells(room):
     assert map.cells[map.cell(2.01, 0.0)] == 100
 
 
-def test_unreachable_cells_are_unknown(room, box):
+def test_unreachable_cells_are_unknown(room, box: Callable[..., WorldObject]) -> None:
     closet = [box(1.0, 1.5, (0.1, 1.0, 2.0), name="side"), box(1.5, 1.0, (1.1, 0.1, 2.0), name="front")]
     map = rasterise(room(*closet))
     assert map.cells[map.cell(1.5, 1.5)] == -1
@@ -54,7 +55,9 @@ def test_unreachable_cells_are_unknown(room, box):
     assert map.cells[0, 0] == -1
 
 
-def test_a_turned_box_and_a_drum_have_their_areas(room, box, drum):
+def test_a_turned_box_and_a_drum_have_their_areas(
+    room, box: Callable[..., WorldObject], drum: Callable[..., WorldObject]
+) -> None:
     things = room(box(-0.8, 0.8, (1.2, 0.6, 1.0), yaw=0.5), drum(0.9, -0.9, 0.5))
     occupied = np.count_nonzero(rasterise(things, 0.02).occupied) - np.count_nonzero(
         rasterise(room(), 0.02).occupied
@@ -64,13 +67,15 @@ def test_a_turned_box_and_a_drum_have_their_areas(room, box, drum):
     assert occupied * 0.02**2 == pytest.approx(0.72 + math.pi * 0.25 + perimeter * 0.01, rel=0.03)
 
 
-def test_even_a_thin_leg_is_on_the_map(room, drum):
+def test_even_a_thin_leg_is_on_the_map(room, drum: Callable[..., WorldObject]) -> None:
     for x in np.linspace(0.5, 0.6, 9):
         map = rasterise(room(drum(float(x), 0.731, 0.01)))
         assert map.occupied[map.cell(0.3, 0.55)[0] : map.cell(0.3, 0.9)[0], map.cell(0.3, 0.0)[1] :].any()
 
 
-def test_only_fixed_objects_at_the_height_of_the_laser_are_on_the_map(room, box):
+def test_only_fixed_objects_at_the_height_of_the_laser_are_on_the_map(
+    room, box: Callable[..., WorldObject]
+) -> None:
     movable = box(1.0, 0.0, (0.4, 0.4, 0.5), mass=3.0, name="movable")
     person = replace(box(-1.0, 0.0, (0.4, 0.4, 0.5), name="person"), is_kinematic=True)
     flat = box(0.0, 1.0, (0.4, 0.4, 0.05), name="flat")
@@ -82,7 +87,7 @@ def test_only_fixed_objects_at_the_height_of_the_laser_are_on_the_map(room, box)
     assert ClearanceMap.of(description).clearance_at(1.0, 0.0) == 0.0
 
 
-def test_keep_out_areas_of_the_world_are_on_the_map(room):
+def test_keep_out_areas_of_the_world_are_on_the_map(room) -> None:
     description = room(keepout=((0.5, 0.5, 1.0, 1.5),))
     assert rasterise(description).keepout == ((0.5, 0.5, 1.0, 1.5),)
     floor = ClearanceMap.of(description)
@@ -90,7 +95,9 @@ def test_keep_out_areas_of_the_world_are_on_the_map(room):
     assert floor.clearance_at(0.0, 1.0) == pytest.approx(0.5, abs=0.05)
 
 
-def test_the_clearance_along_a_line_is_that_of_its_narrowest_place(room, box):
+def test_the_clearance_along_a_line_is_that_of_its_narrowest_place(
+    room, box: Callable[..., WorldObject]
+) -> None:
     floor = ClearanceMap.of(room(box(0.0, 1.2, (0.4, 0.4, 1.0))))
     assert floor.clearance_along((-1.5, 0.0), (1.5, 0.0)) == pytest.approx(0.5, abs=0.06)
     assert floor.clearance_along((-1.5, 1.2), (1.5, 1.2)) == 0.0
@@ -102,7 +109,7 @@ def run(*arguments: str) -> Result:
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house", "arena_boxes"])
-def test_the_command_writes_a_map_that_can_be_loaded(tmp_path: Path, name: str):
+def test_the_command_writes_a_map_that_can_be_loaded(tmp_path: Path, name: str) -> None:
     ended = run(name, "-o", str(tmp_path / "maps"))
     assert ended.exit_code == 0, ended.output
     assert f"{name}.yaml and {name}.pgm: " in ended.output
@@ -112,12 +119,12 @@ def test_the_command_writes_a_map_that_can_be_loaded(tmp_path: Path, name: str):
     assert ("keepout.yaml" in ended.output) == bool(drawn.keepout)
 
 
-def test_the_command_accepts_a_resolution(tmp_path: Path):
+def test_the_command_accepts_a_resolution(tmp_path: Path) -> None:
     assert "of 0.1 m" in run("arena", "-o", str(tmp_path), "--resolution", "0.1").output
     assert load_map(tmp_path / "arena.yaml").resolution == 0.1
 
 
-def test_the_command_reports_usage_errors(tmp_path: Path):
+def test_the_command_reports_usage_errors(tmp_path: Path) -> None:
     ended = run("hose", "-o", str(tmp_path))
     assert (ended.exit_code, "did you mean 'house'?" in ended.output) == (2, True)
     (tmp_path / "taken").write_text("")

@@ -50,7 +50,7 @@ def map_file(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_pieces_of_wall_cover_exactly_the_occupied_cells():
+def test_the_pieces_of_wall_cover_exactly_the_occupied_cells() -> None:
     random = np.random.default_rng(7)
     for _ in range(20):
         mask = random.random((30, 40)) < random.uniform(0.0, 1.0)
@@ -60,7 +60,7 @@ def test_the_pieces_of_wall_cover_exactly_the_occupied_cells():
         assert (covered == mask).all()
 
 
-def test_the_navigation_uses_the_users_map(map_file: Path):
+def test_the_navigation_uses_the_users_map(map_file: Path) -> None:
     description = load_world_description(str(map_file))
     drawn, given = rasterise(description), load_map(map_file)
     assert (drawn.cells == given.cells).all()
@@ -69,7 +69,7 @@ def test_the_navigation_uses_the_users_map(map_file: Path):
 
 @pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
 @pytest.mark.parametrize("negate", [False, True])
-def test_walls_follow_the_rules_of_the_map_file(tmp_path: Path, mode: str, negate: bool):
+def test_walls_follow_the_rules_of_the_map_file(tmp_path: Path, mode: str, negate: bool) -> None:
     known = np.where(rooms() == -1, 0, rooms()).astype(np.uint8)[::-1]
     pixels = known if mode == "raw" else known * 2 if negate else 255 - known * 2
     image = np.where(known == 100, 100 if mode == "raw" else 255 if negate else 0, pixels).astype(np.uint8)
@@ -83,7 +83,7 @@ def test_walls_follow_the_rules_of_the_map_file(tmp_path: Path, mode: str, negat
     assert area == pytest.approx(np.count_nonzero(rooms() == 100) * SIDE**2)
 
 
-def test_laser_physics_and_drawings_show_the_same_walls(map_file: Path):
+def test_laser_physics_and_drawings_show_the_same_walls(map_file: Path) -> None:
     description = load_world_description(str(map_file))
     caster = RayCaster.of((), description.walls)
     x, y = -4.0 + 20.5 * SIDE, -2.5 + 90.5 * SIDE
@@ -98,7 +98,7 @@ def test_laser_physics_and_drawings_show_the_same_walls(map_file: Path):
     world.close()
 
 
-def test_driving_into_a_wall_is_a_collision(map_file: Path):
+def test_driving_into_a_wall_is_a_collision(map_file: Path) -> None:
     save_waypoints(Waypoints({"start": Pose2D(2.0, 0.0, 0.0)}), waypoints_path(map_file))
     world = World(load_world_description(str(map_file)))
     robot = SimulatedRobot(world, camera=None)
@@ -110,7 +110,7 @@ def test_driving_into_a_wall_is_a_collision(map_file: Path):
     world.close()
 
 
-def test_random_places_are_free_connected_and_apart(map_file: Path):
+def test_random_places_are_free_connected_and_apart(map_file: Path) -> None:
     starts = set()
     for seed in range(5):
         description = load_world_description(str(map_file), seed=seed, radius=RADIUS)
@@ -125,7 +125,9 @@ def test_random_places_are_free_connected_and_apart(map_file: Path):
     assert len(starts) == 5
 
 
-def test_waypoints_come_from_the_file_beside_the_map_or_from_the_option(map_file: Path, tmp_path: Path):
+def test_waypoints_come_from_the_file_beside_the_map_or_from_the_option(
+    map_file: Path, tmp_path: Path
+) -> None:
     beside = Waypoints({"start": Pose2D(0.0, 0.5, 1.0), "desk": Pose2D(1.0, 0.0, 0.5)})
     save_waypoints(beside, waypoints_path(map_file))
     description = load_world_description(str(map_file))
@@ -139,7 +141,7 @@ def test_waypoints_come_from_the_file_beside_the_map_or_from_the_option(map_file
     assert list(load_world_description("house", waypoints=tmp_path / "other.yaml").waypoints) == ["shelf"]
 
 
-def test_the_start_is_in_the_region_of_the_waypoints(map_file: Path):
+def test_the_start_is_in_the_region_of_the_waypoints(map_file: Path) -> None:
     cells = rooms()
     cells[50:75, 90:92] = 100  # the door is closed
     save_map(OccupancyMap(cells, SIDE, (-4.0, -2.5)), map_file)
@@ -150,7 +152,7 @@ def test_the_start_is_in_the_region_of_the_waypoints(map_file: Path):
         assert start.x > 0.6
 
 
-def test_a_map_of_four_million_cells_with_noise_loads(tmp_path: Path):
+def test_a_map_of_four_million_cells_with_noise_loads(tmp_path: Path) -> None:
     cells = np.zeros((2000, 2000), dtype=np.int8)
     cells[::100] = cells[:, ::100] = 100
     cells[50::100] = cells[:, 50::100] = 0
@@ -177,13 +179,13 @@ def test_a_map_of_four_million_cells_with_noise_loads(tmp_path: Path):
     ],
     ids=["wall", "unknown", "too large"],
 )
-def test_a_map_that_is_no_world_is_an_error(tmp_path: Path, cells: NDArray[np.int8], message: str):
+def test_a_map_that_is_no_world_is_an_error(tmp_path: Path, cells: NDArray[np.int8], message: str) -> None:
     save_map(OccupancyMap(cells, SIDE, (0.0, 0.0)), tmp_path / "map.yaml")
     with pytest.raises(SimError, match=message):
         load_world_description(str(tmp_path / "map.yaml"), radius=RADIUS)
 
 
-def test_a_run_in_a_map_reports_its_waypoints_and_errors(map_file: Path, tmp_path: Path):
+def test_a_run_in_a_map_reports_its_waypoints_and_errors(map_file: Path, tmp_path: Path) -> None:
     save_waypoints(
         Waypoints({"start": Pose2D(0.0, 0.0, 0.0), "wp1": Pose2D(-0.4, 0.0, 0.0)}), waypoints_path(map_file)
     )

@@ -1,6 +1,7 @@
 """Boxes that are not on the map: they block no way, and the seed determines their places."""
 
 import math
+from collections.abc import Callable
 
 import pytest
 
@@ -19,7 +20,7 @@ ROOM = RADIUS + BESIDE_HULL
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("name", ["house", "aws_house", "office:3", "home:3"])
-def test_boxes_leave_a_passage_and_keep_away_from_waypoints(name: str, seed: int):
+def test_boxes_leave_a_passage_and_keep_away_from_waypoints(name: str, seed: int) -> None:
     bare = load_world_description(name)
     description = Scenario(obstacles=6).add_to(bare, seed, RADIUS)
     boxes = [thing for thing in description.objects if thing not in bare.objects]
@@ -34,18 +35,18 @@ def test_boxes_leave_a_passage_and_keep_away_from_waypoints(name: str, seed: int
     assert (rasterise(description).cells == rasterise(bare).cells).all()
 
 
-def test_the_same_seed_puts_boxes_in_the_same_places():
+def test_the_same_seed_puts_boxes_in_the_same_places() -> None:
     house = load_world_description("house")
     assert Scenario(obstacles=4).add_to(house, 3, RADIUS) == Scenario(obstacles=4).add_to(house, 3, RADIUS)
     assert Scenario(obstacles=4).add_to(house, 3, RADIUS) != Scenario(obstacles=4).add_to(house, 4, RADIUS)
 
 
-def test_more_boxes_than_fit_are_refused():
+def test_more_boxes_than_fit_are_refused() -> None:
     with pytest.raises(SimError, match=r"no room for 60 obstacles that block no way, only for \d+"):
         with_obstacles(load_world_description("arena"), 60, random_generator(1, "obstacles"), RADIUS)
 
 
-def test_a_box_can_be_passed_where_there_is_room_on_one_side(box):
+def test_a_box_can_be_passed_where_there_is_room_on_one_side(box: Callable[..., WorldObject]) -> None:
     floor = ClearanceMap.of(load_world_description("arena"))  # free from -3 m to 3 m
     course = 0.0
 

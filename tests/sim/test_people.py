@@ -56,7 +56,7 @@ def nearest(description: WorldDescription, x: float, y: float) -> float:
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
-def test_people_walk_at_their_speed_and_keep_from_walls_and_tables(stroll: Stroll, name: str):
+def test_people_walk_at_their_speed_and_keep_from_walls_and_tables(stroll: Stroll, name: str) -> None:
     world, people = stroll(name, 3)
     places = [people.places(), *tracks(world, people, 60)]
     for one in range(3):
@@ -69,7 +69,7 @@ def test_people_walk_at_their_speed_and_keep_from_walls_and_tables(stroll: Strol
                 assert not (x0 < at[one][0] < x1 and y0 < at[one][1] < y1)
 
 
-def test_people_do_not_walk_through_each_other(stroll: Stroll):
+def test_people_do_not_walk_through_each_other(stroll: Stroll) -> None:
     world, people = stroll("arena", 4)
     for places in tracks(world, people, 60):
         for number, (x, y) in enumerate(places):
@@ -77,7 +77,7 @@ def test_people_do_not_walk_through_each_other(stroll: Stroll):
                 assert math.dist((x, y), other) >= 2 * RADIUS
 
 
-def test_the_engine_has_people_at_their_places(stroll: Stroll):
+def test_the_engine_has_people_at_their_places(stroll: Stroll) -> None:
     world, people = stroll("house", 3)
     for tick in range(1, 100):
         world.wait_until(tick * 70_000_000, threading.Event())
@@ -87,7 +87,7 @@ def test_the_engine_has_people_at_their_places(stroll: Stroll):
             assert z == pytest.approx(0.85)
 
 
-def test_people_stop_before_a_robot_that_stands(stroll: Stroll):
+def test_people_stop_before_a_robot_that_stands(stroll: Stroll) -> None:
     pose = Pose2D(0.0, 0.0, 0.0)
     closest = math.inf
     for seed in range(6):
@@ -97,7 +97,7 @@ def test_people_stop_before_a_robot_that_stands(stroll: Stroll):
     assert POLITE <= closest - ROBOT - RADIUS < POLITE + 0.15
 
 
-def test_blocked_people_go_elsewhere_after_a_while(stroll: Stroll):
+def test_blocked_people_go_elsewhere_after_a_while(stroll: Stroll) -> None:
     before = [NOWHERE]
     world, people = stroll("arena", 1, robot=lambda: before[0])
     person = people.people[0]
@@ -113,12 +113,12 @@ def test_blocked_people_go_elsewhere_after_a_while(stroll: Stroll):
     assert math.dist((person.x, person.y), stood) > 0.5
 
 
-def test_the_same_seed_makes_the_same_walks(stroll: Stroll):
+def test_the_same_seed_makes_the_same_walks(stroll: Stroll) -> None:
     assert tracks(*stroll("house", 3, 4), 20) == tracks(*stroll("house", 3, 4), 20)
     assert tracks(*stroll("house", 3, 4), 1) != tracks(*stroll("house", 3, 5), 1)
 
 
-def test_no_person_starts_near_the_robot():
+def test_no_person_starts_near_the_robot() -> None:
     for seed in range(20):
         description = with_people(load_world_description("house"), 4, random_generator(seed, "people"))
         people = [thing for thing in description.objects if thing.is_kinematic]
@@ -126,6 +126,6 @@ def test_no_person_starts_near_the_robot():
         assert all(person.distance(0.0, 0.0) >= 1.0 for person in people)
 
 
-def test_more_people_than_fit_are_refused():
+def test_more_people_than_fit_are_refused() -> None:
     with pytest.raises(SimError, match=r"world 'arena': there is no room for 90 people, only for \d+"):
         with_people(load_world_description("arena"), 90, random_generator(1, "people"))

@@ -17,7 +17,7 @@ RATE = 120
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
-def test_a_house_makes_120_steps_a_second(name: str):
+def test_a_house_makes_120_steps_a_second(name: str) -> None:
     world = World(load_world_description(name))
     steps: list[int] = []
     world.add_step_callbacks(steps.append, lambda now: None)
@@ -30,7 +30,9 @@ def test_a_house_makes_120_steps_a_second(name: str):
 @pytest.mark.parametrize(
     ("v", "w", "way", "turn"), [(0.3, 0.0, 0.015, 0.002), (0.0, 0.5, 0.003, 0.006), (0.3, 0.5, 0.008, 0.006)]
 )
-def test_ten_seconds_of_driving_end_where_the_commands_lead(v: float, w: float, way: float, turn: float):
+def test_ten_seconds_of_driving_end_where_the_commands_lead(
+    v: float, w: float, way: float, turn: float
+) -> None:
     """*way* (m) and *turn* (rad) are the largest errors; 2.956 m straight, 4.941 rad on the spot."""
     floor = WorldDescription(
         "floor", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), (0, 0, 0, 255), physics_rate=RATE

@@ -15,6 +15,7 @@ from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription
 from btcore_sim.worlds import load_world_description
+from tests.sim.conftest import Pass, Stand
 
 L_SHAPE = [(0.0, 0.0), (2.0, 0.0), (2.0, 0.5), (0.5, 0.5), (0.5, 2.0), (0.0, 2.0)]
 COMB = [(0.0, 0.0), (5.0, 0.0), *((5 - 0.5 * k, 2.0 if k % 2 else 0.3) for k in range(11))]
@@ -33,7 +34,7 @@ def load(folder: Path, *objects: dict[str, object]) -> WorldDescription:
 
 @pytest.mark.parametrize("outline", [L_SHAPE, COMB, STAR, ON_A_LINE])
 @pytest.mark.parametrize("turned", [False, True])
-def test_triangles_cover_a_polygon_exactly(outline: list[tuple[float, float]], turned: bool):
+def test_triangles_cover_a_polygon_exactly(outline: list[tuple[float, float]], turned: bool) -> None:
     triangles = polygon_triangles(outline[::-1] if turned else outline)
     areas = [signed_area(triangle) for triangle in triangles]
     assert min(areas) > 0.0
@@ -43,7 +44,7 @@ def test_triangles_cover_a_polygon_exactly(outline: list[tuple[float, float]], t
     assert length == pytest.approx(sum(map(math.dist, outline, [*outline[1:], outline[0]])))
 
 
-def test_a_closed_wall_is_a_ring_of_the_given_thickness():
+def test_a_closed_wall_is_a_ring_of_the_given_thickness() -> None:
     square = [(0.0, 0.0), (4.0, 0.0), (4.0, 3.0), (0.0, 3.0)]
     quads = wall_quads(square, 0.2, closed=True)
     assert len(quads) == 4
@@ -87,7 +88,9 @@ WALL = {"name": "w", "kind": "wall", "height": 1}
         ({**WALL, "points": [[0, 0], [3, 0], [3, 1], [1, 1], [1, -1]]}, "meet, but an outline must not"),
     ],
 )
-def test_a_mistake_in_an_outline_is_reported_with_its_place(tmp_path: Path, thing: dict, message: str):
+def test_a_mistake_in_an_outline_is_reported_with_its_place(
+    tmp_path: Path, thing: dict, message: str
+) -> None:
     with pytest.raises(SimError, match=message):
         load(tmp_path, thing)
 
@@ -103,7 +106,7 @@ def yard(tmp_path: Path) -> WorldDescription:
     )
 
 
-def test_laser_and_engine_see_the_same_prisms(yard: WorldDescription):
+def test_laser_and_engine_see_the_same_prisms(yard: WorldDescription) -> None:
     world = World(yard)
     angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
     caster = RayCaster.of(yard.objects)
@@ -119,7 +122,7 @@ def test_laser_and_engine_see_the_same_prisms(yard: WorldDescription):
     world.close()
 
 
-def test_clearance_and_map_follow_a_concave_outline(yard: WorldDescription):
+def test_clearance_and_map_follow_a_concave_outline(yard: WorldDescription) -> None:
     outlines = [side for thing in yard.objects for side in _sides(thing)]
     map = rasterise(yard)
     random = np.random.default_rng(3)
@@ -136,7 +139,9 @@ def test_clearance_and_map_follow_a_concave_outline(yard: WorldDescription):
 
 
 @pytest.mark.parametrize("start", [(1.2, 1.25, math.pi), (1.25, 1.4, -math.pi / 2), (-0.6, 1.0, 0.0)])
-def test_the_robot_stops_at_every_side_of_a_concave_block(tmp_path: Path, robot_at, steer, start):
+def test_the_robot_stops_at_every_side_of_a_concave_block(
+    tmp_path: Path, robot_at: Stand, steer: Pass, start
+) -> None:
     """Inside the corner of the L, which its convex hull would fill, and outside."""
     (block,) = load(tmp_path, {**POLYGON, "points": L_SHAPE}).objects
     body = robot_at(block, pose=start)
@@ -149,7 +154,7 @@ def test_the_robot_stops_at_every_side_of_a_concave_block(tmp_path: Path, robot_
     assert block.distance(pose.x, pose.y) > 0.2
 
 
-def test_a_block_below_the_laser_is_a_keep_out_area_with_its_outline(tmp_path: Path):
+def test_a_block_below_the_laser_is_a_keep_out_area_with_its_outline(tmp_path: Path) -> None:
     description = load(tmp_path, {**POLYGON, "points": L_SHAPE, "height": 0.06})
     covered = overhangs(description)
     area = sum((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in covered)

@@ -49,7 +49,7 @@ def drive(
     return run.report
 
 
-def test_a_tree_without_robot_leaves_imports_no_simulator(tmp_path: Path):
+def test_a_tree_without_robot_leaves_imports_no_simulator(tmp_path: Path) -> None:
     program = """
 import sys
 from btcore.cli.main import main
@@ -65,14 +65,14 @@ print([name for name in ("numpy", "pybullet", "cv2", "btcore_robot") if name in 
     assert "--world has no effect: no leaf needs a Robot" in found.stderr
 
 
-def test_the_settings_are_options():
+def test_the_settings_are_options() -> None:
     assert SimulatorSettings.__struct_fields__ == (
         *("world", "waypoints", "gui", "robot", "camera", "start", "noise", "battery", "fault", "people"),
         *("obstacles", "event"),
     )
 
 
-def test_loading_the_engine_prints_nothing():
+def test_loading_the_engine_prints_nothing() -> None:
     program = "from btcore_sim.simulated_robot import SimulatedRobot"
     found = subprocess.run(
         [sys.executable, "-c", program],
@@ -84,7 +84,7 @@ def test_loading_the_engine_prints_nothing():
     assert found.stdout + found.stderr == ""
 
 
-def test_a_run_is_reported():
+def test_a_run_is_reported() -> None:
     report: Any = drive()["robot"]
     assert report["distance_m"] == pytest.approx(0.4, abs=0.05)
     assert (report["collisions"], report["grazes"]) == (0, 0)
@@ -101,7 +101,7 @@ class Navigator:
         return [GoalOutcome(Pose2D(9.0, 9.0, 0.0), "ABORTED", 0)]
 
 
-def test_the_results_of_a_navigator_are_reported():
+def test_the_results_of_a_navigator_are_reported() -> None:
     settings = msgspec.structs.replace(ARENA, battery=30.0)
     report: Any = drive(settings, Navigator(), seconds=1.0, step=lambda robot: robot.recharge())["robot"]
     assert report["battery_min"] == pytest.approx(29.99, abs=0.02)
@@ -109,7 +109,7 @@ def test_the_results_of_a_navigator_are_reported():
     assert report["recharges"] == 10
 
 
-def test_the_options_for_start_and_noise_apply_to_the_robot():
+def test_the_options_for_start_and_noise_apply_to_the_robot() -> None:
     scans: list[Any] = []
     settings = msgspec.structs.replace(ARENA, start="0.5,-0.5,90", noise=0.0)
     report: Any = drive(settings, seconds=1.0, step=lambda robot: scans.append(robot.scan()))["robot"]
@@ -118,7 +118,7 @@ def test_the_options_for_start_and_noise_apply_to_the_robot():
     assert report["pose"]["yaw"] == pytest.approx(math.pi / 2, abs=0.01)
 
 
-def test_a_run_that_fails_is_reported():
+def test_a_run_that_fails_is_reported() -> None:
     with pytest.raises(ZeroDivisionError), Run(TreelessProgram("Fail"), settings=[ARENA]).want(Robot) as run:
         raise ZeroDivisionError
     assert run.report["robot"]
@@ -137,12 +137,12 @@ def test_a_run_that_fails_is_reported():
         ({"obstacles": 100}, "no room for 100 obstacles"),
     ],
 )
-def test_an_invalid_setting_is_a_usage_error(changes: dict[str, Any], message: str):
+def test_an_invalid_setting_is_a_usage_error(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(SimError, match=message):
         drive(msgspec.structs.replace(ARENA, **changes))
 
 
-def test_a_rate_at_which_the_base_would_stop_is_an_error():
+def test_a_rate_at_which_the_base_would_stop_is_an_error() -> None:
     message = r"--rate 2 is too slow for a tree that drives: the base stops 0.25 s after .* 4 times"
     with pytest.raises(BtcoreError, match=message):
         drive(rate=2.0)
@@ -150,7 +150,7 @@ def test_a_rate_at_which_the_base_would_stop_is_an_error():
     assert report["distance_m"] == pytest.approx(0.6, abs=0.08)
 
 
-def test_settings_reach_the_world_and_events_the_report():
+def test_settings_reach_the_world_and_events_the_report() -> None:
     settings = SimulatorSettings(
         world="house", camera="off", people=2, obstacles=1, event=("box:90-95", "kidnap:1")
     )
@@ -167,7 +167,7 @@ def test_settings_reach_the_world_and_events_the_report():
     assert [(one["event"], one["t"]) for one in run.report["events"]] == [("kidnap", 1.0)]
 
 
-def test_map_and_places_are_those_of_the_world_without_the_obstacles_of_the_run():
+def test_map_and_places_are_those_of_the_world_without_the_obstacles_of_the_run() -> None:
     settings = SimulatorSettings(world="house", camera="off", obstacles=2)
     with Run(TreelessProgram("Look"), settings=[settings]).want(OccupancyMap, WorldPlaces) as run:
         map, places, simulated = run.find(OccupancyMap), run.find(WorldPlaces), run.find(Simulation)
@@ -177,14 +177,14 @@ def test_map_and_places_are_those_of_the_world_without_the_obstacles_of_the_run(
     assert places.start == simulated.robot.start_pose
 
 
-def test_the_start_may_be_unknown():
+def test_the_start_may_be_unknown() -> None:
     settings = SimulatorSettings(world="house", camera="off", start="unknown")
     with Run(TreelessProgram("Look"), settings=[settings]).want(WorldPlaces) as run:
         assert run.find(WorldPlaces).start is None
 
 
 @pytest.mark.filterwarnings("ignore:SimulatorSettings have no effect")
-def test_nothing_of_the_simulator_is_opened_for_another_robot():
+def test_nothing_of_the_simulator_is_opened_for_another_robot() -> None:
     class Rover(Robot):
         """A robot without a simulator."""
 

@@ -27,7 +27,7 @@ GRID_ERROR = 0.05  # m: the map is exact to a cell
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("rooms", [2, 6, 9, 24])
-def test_a_robot_can_drive_to_a_waypoint_in_each_room(kind: str, rooms: int):
+def test_a_robot_can_drive_to_a_waypoint_in_each_room(kind: str, rooms: int) -> None:
     for seed in range(4 if rooms < 10 else 1):
         description = random_world(kind, seed, rooms)
         assert list(description.waypoints) == ["start", "recharge", *(f"wp{n}" for n in range(1, rooms + 1))]
@@ -41,7 +41,7 @@ def test_a_robot_can_drive_to_a_waypoint_in_each_room(kind: str, rooms: int):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_no_ray_at_the_height_of_the_laser_or_the_camera_leaves_the_world(kind: str):
+def test_no_ray_at_the_height_of_the_laser_or_the_camera_leaves_the_world(kind: str) -> None:
     around = np.linspace(-math.pi, math.pi, 1440, endpoint=False)
     for seed, height in itertools.product(range(4), (0.0945, 1.07, 2.4)):
         description = random_world(kind, seed)
@@ -51,7 +51,7 @@ def test_no_ray_at_the_height_of_the_laser_or_the_camera_leaves_the_world(kind: 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_objects_do_not_overlap_walls_and_furniture_stands_in_most_rooms(kind: str):
+def test_objects_do_not_overlap_walls_and_furniture_stands_in_most_rooms(kind: str) -> None:
     for seed in range(4):
         things = random_world(kind, seed).objects
         walls = [thing for thing in things if thing.name.startswith("wall_")]
@@ -62,7 +62,7 @@ def test_objects_do_not_overlap_walls_and_furniture_stands_in_most_rooms(kind: s
             assert min(a[2], b[2]) - max(a[0], b[0]) <= 1e-6 or min(a[3], b[3]) - max(a[1], b[1]) <= 1e-6
 
 
-def test_doors_have_all_widths_between_80_and_120_cm():
+def test_doors_have_all_widths_between_80_and_120_cm() -> None:
     widths = set()
     for seed in range(12):
         world = random_world_json("office", seed)
@@ -78,13 +78,15 @@ def test_doors_have_all_widths_between_80_and_120_cm():
     assert widths == set(DOORS)
 
 
-def test_the_same_seed_gives_the_same_world_and_another_seed_another():
+def test_the_same_seed_gives_the_same_world_and_another_seed_another() -> None:
     assert random_world_json("home", 5) == random_world_json("home", 5)
     assert random_world_json("home", 5) != random_world_json("home", 6)
     assert random_world_json("home", 5, 7) != random_world_json("home", 5)
 
 
-def test_the_command_writes_the_world_that_the_name_means(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_command_writes_the_world_that_the_name_means(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(main, ["world", "office", "--seed", "3"])
     assert result.exit_code == 0
@@ -97,14 +99,14 @@ def test_the_command_writes_the_world_that_the_name_means(tmp_path: Path, monkey
     assert "cannot write the world" in failed.stderr
 
 
-def test_worlds_of_a_sweep_are_names_and_ranges():
+def test_worlds_of_a_sweep_are_names_and_ranges() -> None:
     assert parse_worlds("house, office:2-4,home:7") == ["house", "office:2", "office:3", "office:4", "home:7"]
     for wrong in ("office:4-2", "office:1-2,office:2", "home:1-99999"):
         with pytest.raises(SettingsError, match="--worlds"):
             parse_worlds(wrong)
 
 
-def test_a_sweep_varies_the_world():
+def test_a_sweep_varies_the_world() -> None:
     words = ["bumpgo", "--seeds", "2", "--worlds", "arena,office:1-2", "--camera", "off"]
     with sweep.make_context("sweep", list(words)) as context:
         definition = create_definition(context, "bumpgo", (), (0, 1), 10.0)

@@ -22,7 +22,7 @@ def write(folder: Path, change: Any = None) -> Path:
     return path
 
 
-def test_the_tiago_has_the_figures_of_its_data_sheet():
+def test_the_tiago_has_the_figures_of_its_data_sheet() -> None:
     tiago = load_robot_description()
     assert (tiago.base.v_min, tiago.base.v_max, tiago.base.w_max) == (-0.2, 1.0, 2.09)
     assert (tiago.base.command_timeout, tiago.base.radius) == (0.25, 0.27)
@@ -33,7 +33,9 @@ def test_the_tiago_has_the_figures_of_its_data_sheet():
     assert math.degrees(tiago.camera.fov) == pytest.approx(63.0)
 
 
-def test_another_robot_has_the_limits_of_its_own_description(tmp_path: Path, robot_at: Any, steer: Any):
+def test_another_robot_has_the_limits_of_its_own_description(
+    tmp_path: Path, robot_at: Any, steer: Any
+) -> None:
     def slow(data: dict[str, Any]) -> None:
         data["base"]["v_max"] = 0.1
         del data["camera"]
@@ -44,7 +46,7 @@ def test_another_robot_has_the_limits_of_its_own_description(tmp_path: Path, rob
     assert body.camera() is None
 
 
-def test_a_minimal_description_gives_a_robot_without_optional_parts(tmp_path: Path, robot_at: Any):
+def test_a_minimal_description_gives_a_robot_without_optional_parts(tmp_path: Path, robot_at: Any) -> None:
     def bare(data: dict[str, Any]) -> None:
         for part in ("head", "torso", "camera", "sonars", "frames", "odometry"):
             del data[part]
@@ -59,7 +61,7 @@ def test_a_minimal_description_gives_a_robot_without_optional_parts(tmp_path: Pa
     assert not [name for name in names if "sonar" in name or "camera" in name]
 
 
-def test_a_robot_without_joints_except_its_wheels_has_fixed_frames(tmp_path: Path, robot_at: Any):
+def test_a_robot_without_joints_except_its_wheels_has_fixed_frames(tmp_path: Path, robot_at: Any) -> None:
     urdf = TIAGO.with_name("tiago.urdf").read_text()
     (tmp_path / "rigid.urdf").write_text(re.sub(r'type="(revolute|prismatic)"', 'type="fixed"', urdf))
 
@@ -72,7 +74,7 @@ def test_a_robot_without_joints_except_its_wheels_has_fixed_frames(tmp_path: Pat
     assert {"base_link", "base_laser_link", "head_2_link"} <= {frame.child for frame in body.frames()}
 
 
-def test_a_description_without_a_head_gives_a_robot_without_a_head(tmp_path: Path, robot_at: Any):
+def test_a_description_without_a_head_gives_a_robot_without_a_head(tmp_path: Path, robot_at: Any) -> None:
     body = robot_at(description=load_robot_description(write(tmp_path, lambda data: data.pop("head"))))
     body.move_head(0.3, 0.0)
     assert body.head_info is None
@@ -99,7 +101,7 @@ def test_a_description_without_a_head_gives_a_robot_without_a_head(tmp_path: Pat
         (lambda d: d["shells"][0].update(sections=[]), "sections' is .*, and a list of at least 2 lists"),
     ],
 )
-def test_an_error_in_a_description_raises(tmp_path: Path, change: Any, message: str):
+def test_an_error_in_a_description_raises(tmp_path: Path, change: Any, message: str) -> None:
     with pytest.raises(SimError, match=message) as caught:
         load_robot_description(write(tmp_path, change))
     assert "mine.json:1: " in str(caught.value)
@@ -115,18 +117,20 @@ def test_an_error_in_a_description_raises(tmp_path: Path, change: Any, message: 
         (lambda d: d["laser"].update(link="base"), "no link 'base': .*; did you mean 'base_link'"),
     ],
 )
-def test_a_name_that_the_urdf_does_not_have_raises(tmp_path: Path, robot_at: Any, change: Any, message: str):
+def test_a_name_that_the_urdf_does_not_have_raises(
+    tmp_path: Path, robot_at: Any, change: Any, message: str
+) -> None:
     with pytest.raises(SimError, match=message):
         robot_at(description=load_robot_description(write(tmp_path, change)))
 
 
-def test_a_urdf_that_the_engine_cannot_read_raises(tmp_path: Path, robot_at: Any):
+def test_a_urdf_that_the_engine_cannot_read_raises(tmp_path: Path, robot_at: Any) -> None:
     (tmp_path / "broken.urdf").write_text("<robot name='x'></robot>")
     path = write(tmp_path, lambda data: data.update(urdf="broken.urdf"))
     with pytest.raises(SimError, match=r"broken.urdf: the physics engine cannot read this URDF"):
         robot_at(description=load_robot_description(path))
 
 
-def test_a_missing_description_raises():
+def test_a_missing_description_raises() -> None:
     with pytest.raises(SimError, match=r"nowhere\.json: no such file"):
         load_robot_description(Path("nowhere.json"))

@@ -45,7 +45,7 @@ def body(robot_at: Any) -> Any:
     return made
 
 
-def test_without_a_navigator_battery_and_odometry_are_reported(body: Any, steer: Any):
+def test_without_a_navigator_battery_and_odometry_are_reported(body: Any, steer: Any) -> None:
     metrics = RunMetrics(body, [])
     steer(body, 10.0, (0.0, 0.5))
     figures = metrics.figures()
@@ -56,7 +56,7 @@ def test_without_a_navigator_battery_and_odometry_are_reported(body: Any, steer:
 @pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (2.0, -1.0, 2.2)])
 def test_the_odometry_error_is_measured_from_the_true_start(
     robot_at: Any, steer: Any, noiseless_tiago: Any, start: tuple[float, ...]
-):
+) -> None:
     body = robot_at(pose=start, description=noiseless_tiago)
     steer(body, 8.0, (0.3, 0.2))
     assert odometry_error(body) < 0.03
@@ -65,7 +65,9 @@ def test_the_odometry_error_is_measured_from_the_true_start(
     assert odometry_error(body) == pytest.approx(2.0, abs=0.04)
 
 
-def test_localisation_errors_are_measured_from_the_first_second_on_also_at_rest(body: Any, steer: Any):
+def test_localisation_errors_are_measured_from_the_first_second_on_also_at_rest(
+    body: Any, steer: Any
+) -> None:
     navigator = Navigator(body, Pose2D(3.0, 4.0, -0.2))
     metrics = RunMetrics(body, [navigator])
     steer(body, 0.9, None)
@@ -79,7 +81,7 @@ def test_localisation_errors_are_measured_from_the_first_second_on_also_at_rest(
     assert figures["unlocalized_s"] == 0.0
 
 
-def test_time_without_a_pose_is_counted_and_is_not_an_error(body: Any, steer: Any):
+def test_time_without_a_pose_is_counted_and_is_not_an_error(body: Any, steer: Any) -> None:
     metrics = RunMetrics(body, [Navigator(body)])
     steer(body, 3.0, None)
     figures = metrics.figures()
@@ -87,7 +89,7 @@ def test_time_without_a_pose_is_counted_and_is_not_an_error(body: Any, steer: An
     assert figures["unlocalized_s"] == pytest.approx(2.0, abs=0.11)
 
 
-def test_failures_that_have_begun_are_reported(robot_at: Any, steer: Any):
+def test_failures_that_have_begun_are_reported(robot_at: Any, steer: Any) -> None:
     faults = [parse_fault(text) for text in ("wheel:0.5-1.5", "laser:0.7-", "camera:60-70")]
     body = robot_at(faults=faults)
     metrics = RunMetrics(body, [])
@@ -96,7 +98,7 @@ def test_failures_that_have_begun_are_reported(robot_at: Any, steer: Any):
     assert metrics.figures()["faults"] == ["wheel:0.5-1.5", "laser:0.7-"]
 
 
-def test_goals_are_reported_by_their_results_and_the_robots_places(body: Any, steer: Any):
+def test_goals_are_reported_by_their_results_and_the_robots_places(body: Any, steer: Any) -> None:
     navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
     metrics = RunMetrics(body, [navigator])
     navigator.end(0.2, 0.1, "SUCCEEDED")
@@ -117,7 +119,7 @@ def test_goals_are_reported_by_their_results_and_the_robots_places(body: Any, st
     ]
 
 
-def test_a_navigator_is_recognised_by_its_methods_at_the_first_measurement(body: Any, steer: Any):
+def test_a_navigator_is_recognised_by_its_methods_at_the_first_measurement(body: Any, steer: Any) -> None:
     resources = [object(), body]
     metrics = RunMetrics(body, resources)
     resources.append(Navigator(body))
@@ -127,7 +129,7 @@ def test_a_navigator_is_recognised_by_its_methods_at_the_first_measurement(body:
 
 
 @pytest.mark.parametrize("world", ["house", "aws_house"])
-def test_the_waypoints_of_the_houses_are_recognised_by_their_places(world: str):
+def test_the_waypoints_of_the_houses_are_recognised_by_their_places(world: str) -> None:
     waypoints = load_world_description(world).waypoint_poses()
     assert {"recharge", "wp1", "wp2", "wp3"} <= set(waypoints.places)
     for name, place in waypoints.places.items():
@@ -135,14 +137,14 @@ def test_the_waypoints_of_the_houses_are_recognised_by_their_places(world: str):
         assert waypoints.name_at(replace(place, x=place.x + 0.1)) is None
 
 
-def test_the_tiagos_odometry_errors_are_in_the_expected_ranges():
+def test_the_tiagos_odometry_errors_are_in_the_expected_ranges() -> None:
     info = load_robot_description().odometry
     assert 0.0005 <= info.scale_sigma <= 0.005
     assert 0.01 <= info.slip <= 0.04
     assert 0.01 <= info.slip_sigma <= 0.05
 
 
-def test_odometry_is_wrong_by_some_degrees_after_turning_on_the_spot(robot_at: Any, steer: Any):
+def test_odometry_is_wrong_by_some_degrees_after_turning_on_the_spot(robot_at: Any, steer: Any) -> None:
     wrong = []
     for seed in range(3):
         body = robot_at(seed=seed)
@@ -154,7 +156,7 @@ def test_odometry_is_wrong_by_some_degrees_after_turning_on_the_spot(robot_at: A
     assert len(set(wrong)) == 3
 
 
-def test_the_times_to_notice_a_kidnapping_and_find_the_pose_are_reported(body: Any, steer: Any):
+def test_the_times_to_notice_a_kidnapping_and_find_the_pose_are_reported(body: Any, steer: Any) -> None:
     navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
     metrics = RunMetrics(body, [navigator])
     steer(body, 2.0, (0.5, 0.0))
@@ -175,7 +177,7 @@ def test_the_times_to_notice_a_kidnapping_and_find_the_pose_are_reported(body: A
     assert one["astray_m"] == pytest.approx(0.5, abs=0.1)
 
 
-def test_the_distance_driven_after_an_unnoticed_kidnapping_is_reported(body: Any, steer: Any):
+def test_the_distance_driven_after_an_unnoticed_kidnapping_is_reported(body: Any, steer: Any) -> None:
     metrics = RunMetrics(body, [Navigator(body, Pose2D(0.0, 2.0, 0.0))])
     body.teleport(Pose2D(3.0, 3.0, 0.0))
     steer(body, 4.0, (0.5, 0.0))
@@ -184,7 +186,7 @@ def test_the_distance_driven_after_an_unnoticed_kidnapping_is_reported(body: Any
     assert one["astray_m"] == pytest.approx(2.0, abs=0.2)
 
 
-def test_a_carried_robot_has_found_its_pose_only_after_it_was_put_down(body: Any, steer: Any):
+def test_a_carried_robot_has_found_its_pose_only_after_it_was_put_down(body: Any, steer: Any) -> None:
     navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
     metrics = RunMetrics(body, [navigator])
     start = body.true_pose()

@@ -29,11 +29,11 @@ def trace(seed: int, seconds: int = 12) -> str:
     return seen.hexdigest()
 
 
-def test_the_same_seed_gives_the_same_bytes():
+def test_the_same_seed_gives_the_same_bytes() -> None:
     assert trace(5) == trace(5)
     assert trace(5, 2) != trace(6, 2)
 
 
-def test_an_empty_scenario_does_not_change_the_world():
+def test_an_empty_scenario_does_not_change_the_world() -> None:
     house = load_world_description("house")
     assert Scenario().add_to(house, 1, 0.27) is house

@@ -7,11 +7,12 @@ from btcore_sim.camera import CameraSettings
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.worlds import load_world_description
+from tests.sim.conftest import Pass, Stand
 
 CAMERA = CameraSettings(64, 48, 10.0)
 
 
-def test_a_picture_is_sent_once_and_only_if_it_was_taken(robot_at, steer):
+def test_a_picture_is_sent_once_and_only_if_it_was_taken(robot_at: Stand, steer: Pass) -> None:
     body = robot_at(camera=CAMERA)
     body.static_scene()
     steer(body, 0.5, (0.0, 0.0))
@@ -29,7 +30,7 @@ def test_a_picture_is_sent_once_and_only_if_it_was_taken(robot_at, steer):
     assert body.moving_scene().pictures
 
 
-def test_the_camera_is_attached_to_the_head(robot_at, steer):
+def test_the_camera_is_attached_to_the_head(robot_at: Stand, steer: Pass) -> None:
     body = robot_at(camera=CAMERA)
     (camera,) = body.static_scene().cameras
     assert camera.size == (64, 48)
@@ -44,7 +45,7 @@ def test_the_camera_is_attached_to_the_head(robot_at, steer):
     assert not robot_at().static_scene().cameras
 
 
-def test_the_scene_has_the_battery_level_while_it_drains(robot_at, steer):
+def test_the_scene_has_the_battery_level_while_it_drains(robot_at: Stand, steer: Pass) -> None:
     body = robot_at(battery=60.0)
     assert body.static_scene().battery == pytest.approx(60.0)
     steer(body, 10.0, (0.3, 0.0))
@@ -53,7 +54,7 @@ def test_the_scene_has_the_battery_level_while_it_drains(robot_at, steer):
     assert reported < 59.0
 
 
-def test_the_scene_has_the_named_places_of_the_world():
+def test_the_scene_has_the_named_places_of_the_world() -> None:
     world = World(load_world_description("house"), seed=1)
     places = {one.name: one.position for one in SimulatedRobot(world).static_scene().places}
     world.close()
@@ -61,7 +62,7 @@ def test_the_scene_has_the_named_places_of_the_world():
     assert places["wp1"] == (1.07, -12.38, 0.0)
 
 
-def test_walls_and_polygons_are_meshes_and_doors_have_frames_of_their_own():
+def test_walls_and_polygons_are_meshes_and_doors_have_frames_of_their_own() -> None:
     world = World(load_world_description("lobby"), seed=1)
     body = SimulatedRobot(world, camera=None)
     static = body.static_scene()

@@ -29,7 +29,7 @@ RADIUS = 0.27
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house", "office:3", "home:3"])
-def test_random_starts_are_free_and_connected_to_all_waypoints(name: str):
+def test_random_starts_are_free_and_connected_to_all_waypoints(name: str) -> None:
     description = load_world_description(name)
     floor = ClearanceMap.of(description)
     poses = []
@@ -48,7 +48,7 @@ def test_random_starts_are_free_and_connected_to_all_waypoints(name: str):
 @pytest.mark.parametrize(("width", "is_wide_enough"), [(0.9, True), (0.8, True), (0.6, False)])
 def test_a_random_start_may_be_in_a_corridor_that_the_robot_can_pass(
     tmp_path: Path, width: float, is_wide_enough: bool
-):
+) -> None:
     side = width / 2 + 0.05  # the points of a wall are on its middle line
     corners = [[-1, -side], [9, -side], [9, side], [-1, side]]
     corridor = {"kind": "wall", "closed": True, "points": corners, "height": 2}
@@ -66,12 +66,12 @@ def test_a_random_start_may_be_in_a_corridor_that_the_robot_can_pass(
             with_start(load_world_description(str(path)), "random", random_generator(1, "start"), RADIUS)
 
 
-def test_a_world_with_random_starts_of_its_own_keeps_them():
+def test_a_world_with_random_starts_of_its_own_keeps_them() -> None:
     arena = load_world_description("arena")
     assert with_start(arena, "random", random_generator(1, "start"), RADIUS) is arena
 
 
-def test_a_start_is_given_in_metres_and_degrees():
+def test_a_start_is_given_in_metres_and_degrees() -> None:
     pose = with_start(
         load_world_description("house"), "0.5,-0.25,90", random_generator(0, "start"), RADIUS
     ).pose
@@ -91,7 +91,7 @@ def test_a_start_is_given_in_metres_and_degrees():
         ("nan,0", "X, Y and YAW have to be finite numbers"),
     ],
 )
-def test_an_invalid_start_raises(text: str, message: str):
+def test_an_invalid_start_raises(text: str, message: str) -> None:
     with pytest.raises(SimError, match=re.escape(message)):
         with_start(load_world_description("house"), text, random_generator(0, "start"), RADIUS)
 
@@ -119,7 +119,7 @@ def yard(tmp_path: Path) -> Path:
         ("20.2,11", None),
     ],
 )
-def test_a_robot_cannot_start_where_it_touches_an_object(yard: Path, start: str, message: str | None):
+def test_a_robot_cannot_start_where_it_touches_an_object(yard: Path, start: str, message: str | None) -> None:
     world = World(with_start(load_world_description(str(yard)), start, random_generator(0, "start"), RADIUS))
     if message is None:
         assert SimulatedRobot(world).contacts.events == []
@@ -146,7 +146,7 @@ def navigation(
 
 
 @pytest.mark.parametrize("start", [None, "21,9,90", "random"])
-def test_the_localiser_is_given_the_start_pose(yard: Path, start: str | None):
+def test_the_localiser_is_given_the_start_pose(yard: Path, start: str | None) -> None:
     with navigation(yard, start=start) as (body, found):
         true, pose = body.true_pose(), found.localiser.pose()
         assert (pose.x, pose.y, pose.yaw) == pytest.approx((true.x, true.y, true.yaw), abs=0.01)
@@ -155,7 +155,7 @@ def test_the_localiser_is_given_the_start_pose(yard: Path, start: str | None):
         assert not found.localiser.searching
 
 
-def test_a_robot_can_navigate_in_a_closed_room_outside_the_start_area(yard: Path):
+def test_a_robot_can_navigate_in_a_closed_room_outside_the_start_area(yard: Path) -> None:
     world = json.loads(yard.read_text(encoding="utf-8"))
     world["objects"].append({"kind": "wall", "points": [[17, 12], [20, 12], [20, 13]], "height": 1})
     yard.write_text(json.dumps(world), encoding="utf-8")
@@ -168,14 +168,14 @@ def test_a_robot_can_navigate_in_a_closed_room_outside_the_start_area(yard: Path
         assert handle.status is GoalStatus.SUCCEEDED
 
 
-def test_the_users_initial_pose_replaces_the_start_pose(yard: Path, tmp_path: Path):
+def test_the_users_initial_pose_replaces_the_start_pose(yard: Path, tmp_path: Path) -> None:
     file = tmp_path / "nav2.yaml"
     file.write_text("amcl: {ros__parameters: {initial_pose: {x: 18.5, y: 9.0, yaw: 0.4}}}", encoding="utf-8")
     with navigation(yard, nav_params=file) as (_, found):
         assert found.localiser.pose() == Pose2D(18.5, 9.0, pytest.approx(0.4))
 
 
-def test_a_robot_with_an_unknown_start_stands_until_it_has_found_its_pose(yard: Path):
+def test_a_robot_with_an_unknown_start_stands_until_it_has_found_its_pose(yard: Path) -> None:
     with navigation(yard, start="unknown") as (body, found):
         handle = found.go_to(Pose2D(19.0, 9.0, 0.0))
         begin = body.true_pose()
@@ -192,7 +192,7 @@ def test_a_robot_with_an_unknown_start_stands_until_it_has_found_its_pose(yard: 
         assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
 
 
-def test_noise_is_a_factor_on_the_errors_of_all_sensors():
+def test_noise_is_a_factor_on_the_errors_of_all_sensors() -> None:
     tiago = load_robot_description()
     assert tiago.with_noise(1.0) == tiago
     perfect, twice = tiago.with_noise(0.0), tiago.with_noise(2.0)

@@ -12,10 +12,12 @@ import pytest
 
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.schedule import SimulatedSchedule
+from btcore_sim.robot_description import RobotDescription
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription
 from btcore_sim.worlds import load_world_description
+from tests.sim.conftest import Pass, Stand
 
 SECOND = 1_000_000_000
 EMPTY = WorldDescription("empty", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), (0, 0, 0, 255))
@@ -43,11 +45,11 @@ def trace(seed: int, world: str = "arena_boxes", seconds: int = 8) -> str:
     return seen.hexdigest()
 
 
-def test_the_same_seed_gives_the_same_bytes_twice_in_one_process():
+def test_the_same_seed_gives_the_same_bytes_twice_in_one_process() -> None:
     assert trace(5) == trace(5)
 
 
-def test_the_same_seed_gives_the_same_bytes_in_another_process():
+def test_the_same_seed_gives_the_same_bytes_in_another_process() -> None:
     program = "import test_world; print(test_world.trace(5))"
     found = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=_environment()
@@ -55,11 +57,11 @@ def test_the_same_seed_gives_the_same_bytes_in_another_process():
     assert found.stdout.strip() == trace(5)
 
 
-def test_another_seed_gives_another_run():
+def test_another_seed_gives_another_run() -> None:
     assert trace(5, seconds=1) != trace(6, seconds=1)
 
 
-def test_two_worlds_in_one_process_do_not_affect_each_other():
+def test_two_worlds_in_one_process_do_not_affect_each_other() -> None:
     alone = trace(3, seconds=4)
     beside = SimulatedRobot(World(load_world_description("arena"), seed=9))
     assert trace(3, seconds=4) == alone
@@ -68,18 +70,18 @@ def test_two_worlds_in_one_process_do_not_affect_each_other():
     beside.world.close()
 
 
-def test_waiting_ends_at_the_deadline_exactly(world):
+def test_waiting_ends_at_the_deadline_exactly(world) -> None:
     assert world.wait_until(SECOND // 3, threading.Event()) is False
     assert world.now() == SECOND // 3
 
 
-def test_waiting_for_the_past_changes_nothing(world):
+def test_waiting_for_the_past_changes_nothing(world) -> None:
     world.wait_until(SECOND, threading.Event())
     world.wait_until(SECOND // 2, threading.Event())
     assert world.now() == SECOND
 
 
-def test_the_number_of_waits_does_not_change_a_run():
+def test_the_number_of_waits_does_not_change_a_run() -> None:
     places = []
     for cuts in (10, 37):
         body = SimulatedRobot(World(EMPTY))
@@ -91,21 +93,21 @@ def test_the_number_of_waits_does_not_change_a_run():
     assert places[0] == places[1]
 
 
-def test_a_wake_up_ends_the_waiting_early(world):
+def test_a_wake_up_ends_the_waiting_early(world) -> None:
     wake = threading.Event()
     world.schedule.add_task(10, Phase.SENSORS, lambda now: wake.set(), first=SECOND // 5)
     assert world.wait_until(SECOND, wake) is True
     assert world.now() == SECOND // 5
 
 
-def test_a_wake_up_that_is_due_already_stops_time(world):
+def test_a_wake_up_that_is_due_already_stops_time(world) -> None:
     wake = threading.Event()
     wake.set()
     assert world.wait_until(SECOND, wake) is True
     assert world.now() == 0
 
 
-def test_at_equal_times_the_order_is_fixed():
+def test_at_equal_times_the_order_is_fixed() -> None:
     schedule = SimulatedSchedule()
     done: list[tuple[str, int]] = []
     schedule.add_task(10, Phase.SENSORS, lambda now: done.append(("laser", now)), first=SECOND // 10)
@@ -116,7 +118,7 @@ def test_at_equal_times_the_order_is_fixed():
     assert done == [("physics", SECOND // 10), ("laser", SECOND // 10), ("wheels", SECOND // 10)]
 
 
-def test_periods_that_are_not_whole_nanoseconds_do_not_drift():
+def test_periods_that_are_not_whole_nanoseconds_do_not_drift() -> None:
     schedule = SimulatedSchedule()
     times: list[int] = []
     schedule.add_task(240, Phase.PHYSICS, times.append, first=0)
@@ -125,21 +127,23 @@ def test_periods_that_are_not_whole_nanoseconds_do_not_drift():
     assert times[240 * 60] == 60 * SECOND
 
 
-def test_the_first_scan_precedes_the_first_wait(robot_at):
+def test_the_first_scan_precedes_the_first_wait(robot_at: Stand) -> None:
     body = robot_at()
     assert body.world.now() == 0
     assert body.scan().stamp == 0
     assert body.odometry().stamp == 0
 
 
-def test_scans_are_made_at_ten_hertz_and_available_at_their_time(robot_at, steer, noiseless_tiago):
+def test_scans_are_made_at_ten_hertz_and_available_at_their_time(
+    robot_at: Stand, steer: Pass, noiseless_tiago: RobotDescription
+) -> None:
     body = robot_at(description=noiseless_tiago)
     for tick in range(1, 11):
         steer(body, 0.1, None)
         assert body.scan().stamp == tick * SECOND // 10
 
 
-def test_waiting_in_real_time_takes_real_time():
+def test_waiting_in_real_time_takes_real_time() -> None:
     world = World(EMPTY, fast=False)
     began = time.monotonic()
     world.wait_until(SECOND // 4, threading.Event())
@@ -147,7 +151,9 @@ def test_waiting_in_real_time_takes_real_time():
     world.close()
 
 
-def test_a_world_slower_than_real_time_warns_once_and_skips_nothing(capsys):
+def test_a_world_slower_than_real_time_warns_once_and_skips_nothing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     world = World(EMPTY, fast=False)
     steps: list[int] = []
     world.add_step_callbacks(lambda now: time.sleep(0.3 if now < SECOND // 50 else 0.0), steps.append)
@@ -157,7 +163,7 @@ def test_a_world_slower_than_real_time_warns_once_and_skips_nothing(capsys):
     world.close()
 
 
-def test_a_wake_up_from_another_thread_ends_a_wait_in_real_time():
+def test_a_wake_up_from_another_thread_ends_a_wait_in_real_time() -> None:
     world = World(EMPTY, fast=False)
     wake = threading.Event()
     threading.Timer(0.05, wake.set).start()

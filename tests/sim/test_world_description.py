@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -39,21 +40,21 @@ def gap(one: WorldObject, other: WorldObject) -> float:
     return min(other.distance(*point) for point in outline(one)) - 0.0025
 
 
-def test_every_shipped_world_loads():
+def test_every_shipped_world_loads() -> None:
     assert {"arena", "arena_boxes"} <= set(world_names())
     for name in world_names():
         assert load_world_description(name).objects
 
 
 @pytest.mark.parametrize("name", ["arena", "arena_boxes"])
-def test_walls_are_higher_than_the_robots_camera(name: str):
+def test_walls_are_higher_than_the_robots_camera(name: str) -> None:
     walls = [thing for thing in load_world_description(name).objects if thing.name in WALLS]
     assert len(walls) == 4
     assert all(wall.size[2] >= 2.2 and wall.position[2] == 0.0 for wall in walls)
 
 
 @pytest.mark.parametrize(("name", "inside"), [("arena", 3.0), ("arena_boxes", 6.0)])
-def test_the_walls_close_a_square(name: str, inside: float):
+def test_the_walls_close_a_square(name: str, inside: float) -> None:
     description = load_world_description(name)
     rim = np.linspace(-inside, inside, 200)
     walls = [thing for thing in description.objects if thing.name in WALLS]
@@ -63,7 +64,7 @@ def test_the_walls_close_a_square(name: str, inside: float):
     assert description.clearance_at(0.9 * inside, 0.9 * inside) == pytest.approx(0.1 * inside, abs=0.01)
 
 
-def test_every_gap_of_arena_boxes_is_wide_enough_to_back_up_blindly():
+def test_every_gap_of_arena_boxes_is_wide_enough_to_back_up_blindly() -> None:
     """Laser range 1.0 + its offset 0.2 + hull 0.27 + 0.6 of backing + margin."""
     description = load_world_description("arena_boxes")
     obstacles = [thing for thing in description.objects if thing.name not in WALLS]
@@ -77,7 +78,7 @@ def test_every_gap_of_arena_boxes_is_wide_enough_to_back_up_blindly():
     assert {pair: width for pair, width in gaps.items() if width < 2.3} == {}
 
 
-def test_obstacles_of_arena_boxes_reach_the_floor_and_are_wide_enough_to_see():
+def test_obstacles_of_arena_boxes_reach_the_floor_and_are_wide_enough_to_see() -> None:
     for thing in load_world_description("arena_boxes").objects:
         if thing.name not in WALLS:
             assert min(thing.size[:2]) >= 0.3
@@ -86,7 +87,7 @@ def test_obstacles_of_arena_boxes_reach_the_floor_and_are_wide_enough_to_see():
 
 
 @pytest.mark.parametrize("name", ["arena", "arena_boxes"])
-def test_start_poses_are_clear_and_spread_over_the_world(name: str):
+def test_start_poses_are_clear_and_spread_over_the_world(name: str) -> None:
     description = load_world_description(name)
     poses = [description.start(np.random.default_rng(seed), RADIUS) for seed in range(300)]
     assert all(description.clearance_at(pose.x, pose.y) >= 1.0 + RADIUS for pose in poses)
@@ -95,20 +96,20 @@ def test_start_poses_are_clear_and_spread_over_the_world(name: str):
     assert len({pose.x for pose in poses}) == len(poses)
 
 
-def test_distance_to_a_turned_box(box):
+def test_distance_to_a_turned_box(box: Callable[..., WorldObject]) -> None:
     turned = box(1.0, 0.0, (2.0, 0.2, 1.0), yaw=math.pi / 2)
     assert turned.distance(0.0, 0.5) == pytest.approx(0.9)
     assert turned.distance(1.0, 2.0) == pytest.approx(1.0)
     assert turned.distance(1.0, 0.9) == 0.0
 
 
-def test_the_file_of_a_world_can_set_the_start_pose(tmp_path: Path):
+def test_the_file_of_a_world_can_set_the_start_pose(tmp_path: Path) -> None:
     description = load_world_description(write(tmp_path, start={"pose": [1, 2, 0.5]}))
     assert description.name == "mine"
     assert description.start(np.random.default_rng(0), RADIUS) == Pose2D(1.0, 2.0, 0.5)
 
 
-def test_a_world_without_room_for_the_start_raises(tmp_path: Path):
+def test_a_world_without_room_for_the_start_raises(tmp_path: Path) -> None:
     full: WorldDescription = load_world_description(
         write(tmp_path, objects=[{"kind": "box", "size": [4, 4, 1], "position": [0, 0]}])
     )
@@ -116,12 +117,12 @@ def test_a_world_without_room_for_the_start_raises(tmp_path: Path):
         full.start(np.random.default_rng(0), RADIUS)
 
 
-def test_an_unknown_world_raises_with_a_suggestion_and_the_list():
+def test_an_unknown_world_raises_with_a_suggestion_and_the_list() -> None:
     with pytest.raises(SimError, match=r"no world 'arena_bokses': .*arena, .*; did you mean 'arena_boxes'\?"):
         load_world_description("arena_bokses")
 
 
-def test_a_table_is_a_top_on_four_legs(tmp_path: Path):
+def test_a_table_is_a_top_on_four_legs(tmp_path: Path) -> None:
     table = {"name": "desk", "kind": "table", "size": [1.2, 0.6, 0.7], "position": [1, 2], "yaw": math.pi / 2}
     top, *legs = load_world_description(write(tmp_path, objects=[{**table, "top": 0.05, "leg": 0.1}])).objects
     assert (top.name, top.kind, top.size) == ("desk_top", "box", (1.2, 0.6, 0.05))
@@ -136,7 +137,7 @@ def test_a_table_is_a_top_on_four_legs(tmp_path: Path):
     assert all(leg.size == pytest.approx((0.1, 0.1, 0.65)) and leg.position[2] == 0.0 for leg in legs)
 
 
-def test_a_world_can_set_waypoints_keep_outs_and_its_physics_rate(tmp_path: Path):
+def test_a_world_can_set_waypoints_keep_outs_and_its_physics_rate(tmp_path: Path) -> None:
     description = load_world_description(
         write(tmp_path, waypoints={"wp1": [1, 2]}, keepout=[[0, 0, 1, 2]], physics_rate=120)
     )
@@ -179,34 +180,34 @@ BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
 )
 def test_an_error_in_a_world_is_reported_with_its_place(
     tmp_path: Path, changes: dict[str, object], message: str
-):
+) -> None:
     with pytest.raises(SimError, match=message) as caught:
         load_world_description(write(tmp_path, **changes))
     assert "mine.json:1: " in str(caught.value)
 
 
-def test_a_file_that_is_not_json_is_reported_with_line_and_column(tmp_path: Path):
+def test_a_file_that_is_not_json_is_reported_with_line_and_column(tmp_path: Path) -> None:
     path = tmp_path / "mine.json"
     path.write_text('{"objects": [,]}')
     with pytest.raises(SimError, match=r"mine.json:1:14: not valid JSON"):
         load_world_description(str(path))
 
 
-def test_a_list_is_not_a_world(tmp_path: Path):
+def test_a_list_is_not_a_world(tmp_path: Path) -> None:
     path = tmp_path / "mine.json"
     path.write_text("[]")
     with pytest.raises(SimError, match="a world is a JSON object"):
         load_world_description(str(path))
 
 
-def test_a_deeply_nested_file_is_refused(tmp_path: Path):
+def test_a_deeply_nested_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "mine.json"
     path.write_text("[" * 100_000 + "]" * 100_000)
     with pytest.raises(SimError, match="nested more than 100 levels deep"):
         load_world_description(str(path))
 
 
-def test_a_missing_file_raises():
+def test_a_missing_file_raises() -> None:
     with pytest.raises(SimError, match=r"nowhere/mine\.json: no such file"):
         load_world_description("nowhere/mine.json")
 

@@ -15,7 +15,7 @@ def scopes():
     return root, inner
 
 
-def test_signs_before_a_key_have_no_meaning():
+def test_signs_before_a_key_have_no_meaning() -> None:
     root, inner = scopes()
     inner.autoremap = True
     inner["_x"] = 1
@@ -25,21 +25,21 @@ def test_signs_before_a_key_have_no_meaning():
     assert inner.create("@@y").declared is ANY
 
 
-def test_remapped_entry_is_known_in_every_scope_of_the_chain():
+def test_remapped_entry_is_known_in_every_scope_of_the_chain() -> None:
     root, inner = scopes()
     entry = inner.create("in", INT)
     assert inner.local_entries()["in"] is entry
     assert root.local_entries()["out"] is entry
 
 
-def test_entry_of_the_parent_is_found_without_a_declaration():
+def test_entry_of_the_parent_is_found_without_a_declaration() -> None:
     root, inner = scopes()
     root["out"] = 1
     assert inner["in"] == 1
     assert inner.local_entries() == {}
 
 
-def test_an_untyped_entry_stays_untyped():
+def test_an_untyped_entry_stays_untyped() -> None:
     board = Format3Blackboard()
     board["s"] = "a"
     board["s"] = "b"
@@ -47,7 +47,7 @@ def test_an_untyped_entry_stays_untyped():
     assert board.find("s").declared is ANY
 
 
-def test_typed_entry_accepts_only_its_own_type():
+def test_typed_entry_accepts_only_its_own_type() -> None:
     board = Format3Blackboard()
     board["i"] = 1
     for value in (2.0, True, "2"):
@@ -56,7 +56,7 @@ def test_typed_entry_accepts_only_its_own_type():
     assert board["i"] == 1
 
 
-def test_int_of_the_program_refuses_texts_even_if_a_port_claims_it():
+def test_int_of_the_program_refuses_texts_even_if_a_port_claims_it() -> None:
     board = Format3Blackboard()
     board["i"] = 1
     board.create("i", INT)
@@ -64,7 +64,7 @@ def test_int_of_the_program_refuses_texts_even_if_a_port_claims_it():
         board["i"] = "2"
 
 
-def test_text_is_converted_after_a_port_declared_the_type():
+def test_text_is_converted_after_a_port_declared_the_type() -> None:
     board = Format3Blackboard()
     board.create("i", INT)
     board["i"] = " +7"
@@ -73,7 +73,7 @@ def test_text_is_converted_after_a_port_declared_the_type():
         board["i"] = "x"
 
 
-def test_conflicting_declaration_raises_except_for_a_text_entry():
+def test_conflicting_declaration_raises_except_for_a_text_entry() -> None:
     root, inner = scopes()
     root.create("s", STRING)
     assert root.create("s", INT).declared is STRING
@@ -84,12 +84,12 @@ def test_conflicting_declaration_raises_except_for_a_text_entry():
         root.create("out", STRING)
 
 
-def test_none_is_refused_as_a_value():
+def test_none_is_refused_as_a_value() -> None:
     with pytest.raises(BlackboardError, match="None"):
         Format3Blackboard()["x"] = None
 
 
-def test_remapping_without_a_parent_has_no_entry():
+def test_remapping_without_a_parent_has_no_entry() -> None:
     board = Format3Blackboard()
     board.remap("in", "out")
     assert board.find("in") is None
@@ -97,7 +97,7 @@ def test_remapping_without_a_parent_has_no_entry():
         board["in"] = 1
 
 
-def test_parent_may_be_a_format_4_blackboard():
+def test_parent_may_be_a_format_4_blackboard() -> None:
     root = Blackboard()
     inner = Format3Blackboard(root)
     inner.remap("in", "out")

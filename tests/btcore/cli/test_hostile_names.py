@@ -2,6 +2,7 @@
 
 import io
 import sys
+from pathlib import Path
 
 import pytest
 from rich.live import Live
@@ -9,6 +10,7 @@ from rich.text import Text
 
 from btcore.cli import terminal
 from btcore.escaping import escape_controls
+from tests.btcore.cli.conftest import Cli
 
 TREE = """
 <root BTCPP_format="4" main_tree_to_execute="Main">
@@ -25,7 +27,7 @@ TITLE = "\x1b]0;title\x07"
 
 
 @pytest.fixture
-def hostile(tmp_path, monkeypatch):
+def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tree.xml").write_text(TREE, encoding="utf-8")
     return tmp_path
@@ -46,7 +48,7 @@ def assert_escaped(text: str) -> None:
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_names_in_trees_are_escaped(cli, hostile, arguments, name):
+def test_names_in_trees_are_escaped(cli: Cli, hostile, arguments, name: str) -> None:
     command, *options = arguments
     result = cli(command, "tree.xml", *options)
     assert_escaped(result.stdout)
@@ -54,7 +56,7 @@ def test_names_in_trees_are_escaped(cli, hostile, arguments, name):
     assert name in result.stdout + result.stderr
 
 
-def test_diagnostics_are_escaped(cli, hostile):
+def test_diagnostics_are_escaped(cli: Cli, hostile) -> None:
     (hostile / "tree.xml").write_text(WRONG, encoding="utf-8")
     result = cli("validate", "tree.xml")
     assert result.exit_code == 2
@@ -63,7 +65,7 @@ def test_diagnostics_are_escaped(cli, hostile):
     assert_escaped(cli("validate", "tree.xml", "--json").stdout)
 
 
-def test_messages_tables_and_progress_are_escaped(capsys):
+def test_messages_tables_and_progress_are_escaped(capsys: pytest.CaptureFixture[str]) -> None:
     for print_message in (terminal.print_error, terminal.print_warning):
         print_message(f"{TITLE}\u202e")
     terminal.print_notes([TITLE])
@@ -83,14 +85,14 @@ def test_messages_tables_and_progress_are_escaped(capsys):
     assert r"\x1b]0;title\x9b   [/x]\u202e" in output.out
 
 
-def test_styles_stay_at_their_characters():
+def test_styles_stay_at_their_characters() -> None:
     text = Text.assemble("a\x9b", ("b\u202e", "red"), "c")
     escaped = terminal._escape(text)
     [span] = escaped.spans
     assert escaped.plain[span.start : span.end] == r"b\u202e"
 
 
-def test_an_xml_document_is_escaped_at_a_terminal_only(monkeypatch):
+def test_an_xml_document_is_escaped_at_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
     class Screen(io.TextIOWrapper):
         def isatty(self) -> bool:
             return True

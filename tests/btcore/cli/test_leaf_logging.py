@@ -27,20 +27,22 @@ def bare_logging(*handlers: logging.Handler) -> Iterator[logging.Logger]:
 @pytest.mark.parametrize(
     ("level", "line"), [(WARNING, "warning: [red] has 3 %\n"), (ERROR, "error: [red] has 3 %\n"), (INFO, "")]
 )
-def test_warning_is_printed_with_its_level_in_front(capsys, level, line):
+def test_warning_is_printed_with_its_level_in_front(
+    capsys: pytest.CaptureFixture[str], level, line: str
+) -> None:
     with bare_logging(), log_to_console(Console(stderr=True, highlight=False)):
         LOGGER.log(level, "%s has %d %%", "[red]", 3)
     assert capsys.readouterr().err == line
 
 
-def test_handlers_are_removed_afterwards():
+def test_handlers_are_removed_afterwards() -> None:
     with bare_logging() as root:
         with log_to_console(Console(stderr=True)):
             assert len(root.handlers) == 1
         assert root.handlers == []
 
 
-def test_logging_set_up_by_the_program_is_not_changed(capsys):
+def test_logging_set_up_by_the_program_is_not_changed(capsys: pytest.CaptureFixture[str]) -> None:
     own = logging.NullHandler()
     with bare_logging(own) as root, log_to_console(Console(stderr=True)):
         LOGGER.warning("it rains")

@@ -60,25 +60,25 @@ def conversion_error(kind, text, format=4):
 
 
 class TestTextToValue:
-    def test_an_integer_of_five_thousand_digits_is_out_of_range(self):
+    def test_an_integer_of_five_thousand_digits_is_out_of_range(self) -> None:
         assert "out of range" in conversion_error(INT64, "9" * 5000)
         assert INT.from_text("0" * 5000 + "7") == 7
 
-    def test_digits_of_other_scripts_are_refused(self):
+    def test_digits_of_other_scripts_are_refused(self) -> None:
         conversion_error(INT, "٣")
         conversion_error(DOUBLE, "٣")
 
-    def test_minus_sign_before_zero_is_refused_only_for_uint64(self):
+    def test_minus_sign_before_zero_is_refused_only_for_uint64(self) -> None:
         assert UINT.from_text("-0.5") == 0
         conversion_error(UINT64, "-0")
 
-    def test_real_too_close_to_zero_or_too_large_is_out_of_range(self):
+    def test_real_too_close_to_zero_or_too_large_is_out_of_range(self) -> None:
         for kind, text in [(DOUBLE, "1e-400"), (DOUBLE, "-1e400"), (FLOAT, "1e-50"), (FLOAT, "3.5e38")]:
             assert "out of range" in conversion_error(kind, text)
         assert DOUBLE.from_text("0e-400") == 0.0
         assert DOUBLE.from_text("4.9e-324") == 5e-324
 
-    def test_float_is_rounded_only_once_from_the_digits(self):
+    def test_float_is_rounded_only_once_from_the_digits(self) -> None:
         # Just above the midpoint of two floats, by less than the precision of a double.
         above = "1.00000005960464477539062500000000000000000001"
         assert float(above) == 1.000000059604644775390625
@@ -86,16 +86,16 @@ class TestTextToValue:
         assert FLOAT.from_text("1.000000059604644775390625") == 1.0
 
     @pytest.mark.parametrize("text", ["infinity", "INF", "inf;1"])
-    def test_infinity_is_read_in_any_case(self, text):
+    def test_infinity_is_read_in_any_case(self, text: str) -> None:
         assert DOUBLE.from_text(text) == math.inf
 
-    def test_error_names_the_text_and_the_expected_values(self):
+    def test_error_names_the_text_and_the_expected_values(self) -> None:
         assert conversion_error(INT, "abc") == "'abc' is not an integer"
         assert conversion_error(INT8, "128") == "'128' is out of range: -128 to 127"
         assert conversion_error(BOOL, "yes") == "'yes' is not a valid bool; use true, false, 1 or 0"
         assert "SKIPPED" in conversion_error(NODE_STATUS, "Success")
 
-    def test_vector_may_end_with_an_item_or_a_semicolon(self):
+    def test_vector_may_end_with_an_item_or_a_semicolon(self) -> None:
         assert VECTOR_INT.from_text("") == []
         assert VECTOR_INT.from_text("1;2;") == [1, 2]
         assert VECTOR_STRING.from_text("a; b") == ["a", " b"]
@@ -112,7 +112,7 @@ class TestTextToValue:
             (VECTOR_INT, "json:[]", []),
         ],
     )
-    def test_a_vector_may_be_a_json_array(self, kind, text, value):
+    def test_a_vector_may_be_a_json_array(self, kind, text: str, value) -> None:
         found = kind.from_text(text)
         assert found == value
         assert [type(one) for one in found] == [type(one) for one in value]
@@ -130,10 +130,10 @@ class TestTextToValue:
             (VECTOR_STRING, "json:" + "[" * 100_000),
         ],
     )
-    def test_json_array_of_a_wrong_type_is_refused(self, kind, text):
+    def test_json_array_of_a_wrong_type_is_refused(self, kind, text: str) -> None:
         conversion_error(kind, text)
 
-    def test_a_node_type_is_read_and_written_as_in_the_xml(self):
+    def test_a_node_type_is_read_and_written_as_in_the_xml(self) -> None:
         names = {"Action": NodeType.ACTION, "SubTree": NodeType.SUBTREE, "Undefined": NodeType.UNDEFINED}
         for name, node_type in names.items():
             assert NODE_TYPE.from_text(name) is node_type
@@ -142,33 +142,33 @@ class TestTextToValue:
         assert NODE_TYPE.from_text("SubTreePlus") is NodeType.UNDEFINED
         assert NODE_TYPE.from_text("SubTreePlus", 3) is NodeType.SUBTREE
 
-    def test_a_direction_is_capitalised_or_in_upper_case(self):
+    def test_a_direction_is_capitalised_or_in_upper_case(self) -> None:
         assert PORT_DIRECTION.from_text("InOut") is PortDirection.INOUT
         assert PORT_DIRECTION.from_text("OUTPUT") is PortDirection.OUTPUT
         conversion_error(PORT_DIRECTION, "input")
 
 
 class TestFormat3:
-    def test_integers_may_have_leading_spaces_and_a_plus_sign(self):
+    def test_integers_may_have_leading_spaces_and_a_plus_sign(self) -> None:
         assert INT.from_text(" \t+42abc", 3) == 42
         conversion_error(INT, "2147483648", 3)
         conversion_error(INT, "", 3)
 
-    def test_unsigned_integers_wrap(self):
+    def test_unsigned_integers_wrap(self) -> None:
         assert UINT.from_text("-1", 3) == 2**32 - 1
         assert UINT64.from_text("-1", 3) == 2**64 - 1
         assert UINT.from_text("4294967296", 3) == 0
 
-    def test_reals_may_be_hexadecimal(self):
+    def test_reals_may_be_hexadecimal(self) -> None:
         assert DOUBLE.from_text(" +0x1.8p1", 3) == 3.0
         assert DOUBLE.from_text("0x10", 3) == 16.0
         conversion_error(DOUBLE, "1e400", 3)
 
-    def test_invalid_vector_items_become_zero(self):
+    def test_invalid_vector_items_become_zero(self) -> None:
         assert VECTOR_INT.from_text("1;x;;4294967297", 3) == [1, 0, 0, 1]
         assert VECTOR_DOUBLE.from_text("1.5;x", 3) == [1.5, 0.0]
 
-    def test_skipped_and_json_are_not_supported(self):
+    def test_skipped_and_json_are_not_supported(self) -> None:
         conversion_error(NODE_STATUS, "SKIPPED", 3)
         assert VECTOR_INT.from_text("json:[1]", 3) == [0]
 
@@ -198,7 +198,7 @@ class TestCast:
             (VECTOR_INT, (1, 2), [1, 2]),
         ],
     )
-    def test_fitting_values_are_cast(self, kind, value, expected):
+    def test_fitting_values_are_cast(self, kind, value, expected) -> None:
         found = kind.cast(value)
         assert found == expected
         assert type(found) is type(expected)
@@ -227,11 +227,11 @@ class TestCast:
             (ANY, None),
         ],
     )
-    def test_other_values_are_refused(self, kind, value):
+    def test_other_values_are_refused(self, kind, value) -> None:
         with pytest.raises(ConversionError):
             kind.cast(value)
 
-    def test_list_of_the_right_type_is_not_copied(self):
+    def test_list_of_the_right_type_is_not_copied(self) -> None:
         items = [1.0, 2.0]
         assert VECTOR_DOUBLE.cast(items) is items
 
@@ -256,10 +256,10 @@ class TestTypes:
             (UINT, UINT),
         ],
     )
-    def test_type_of_an_annotation(self, annotation, kind):
+    def test_type_of_an_annotation(self, annotation, kind) -> None:
         assert TypeRegistry().of(annotation) is kind
 
-    def test_type_names_are_those_of_c_plus_plus(self):
+    def test_type_names_are_those_of_c_plus_plus(self) -> None:
         types = TypeRegistry()
         for name in ["int", "unsigned int", "long", "double", "std::string", "std::vector<bool>"]:
             assert types.named(name).name == name
@@ -268,13 +268,13 @@ class TestTypes:
         assert not ANY_VALUE.strong
         assert types.named("nothing") is None
 
-    def test_same_annotation_gives_the_same_type(self):
+    def test_same_annotation_gives_the_same_type(self) -> None:
         types = TypeRegistry()
         assert types.of(Opaque) is types.of(Opaque)
         assert types.of(Colour) is types.of(Colour)
         assert types.of(list[Opaque]) is types.of(list[Opaque])
 
-    def test_an_enum_is_read_by_name_or_by_number(self):
+    def test_an_enum_is_read_by_name_or_by_number(self) -> None:
         kind = TypeRegistry().of(Colour)
         assert kind.from_text("BLUE") is Colour.BLUE
         assert kind.from_text("1") is Colour.RED
@@ -284,13 +284,13 @@ class TestTypes:
         conversion_error(kind, "2")
         conversion_error(kind, "1x")
 
-    def test_enum_names_are_known_to_scripts_once_registered(self):
+    def test_enum_names_are_known_to_scripts_once_registered(self) -> None:
         types = TypeRegistry()
         types.add_enum(Colour)
         types.add_enum({"UP": 1})
         assert types.enums == {"RED": 1, "BLUE": 3, "UP": 1}
 
-    def test_enum_name_cannot_have_two_numbers(self):
+    def test_enum_name_cannot_have_two_numbers(self) -> None:
         types = TypeRegistry()
         types.add_enum(Colour)
         types.add_enum({"RED": 1})
@@ -299,7 +299,7 @@ class TestTypes:
         with pytest.raises(RegistrationError, match="integers"):
             types.add_enum({"NAME": "text"})
 
-    def test_a_class_may_be_given_a_text_form(self):
+    def test_a_class_may_be_given_a_text_form(self) -> None:
         types = TypeRegistry()
         kind = types.add(complex, complex, str, name="std::complex")
         assert types.of(complex) is kind
@@ -311,17 +311,17 @@ class TestTypes:
         with pytest.raises(RegistrationError, match="text form already"):
             types.add(int, int)
 
-    def test_registries_are_independent(self):
+    def test_registries_are_independent(self) -> None:
         first, second = TypeRegistry(), TypeRegistry()
         first.add(complex, complex)
         first.add_enum(Colour)
         assert conversion_error(second.of(complex), "1j")
         assert second.enums == {}
 
-    def test_a_class_without_a_text_form_has_no_literal(self):
+    def test_a_class_without_a_text_form_has_no_literal(self) -> None:
         assert "no text form" in conversion_error(TypeRegistry().of(Opaque), "x")
 
-    def test_a_dataclass_is_read_from_json(self):
+    def test_a_dataclass_is_read_from_json(self) -> None:
         kind = TypeRegistry().of(Point)
         assert kind.from_text('json:{"__type": "Point", "x": 1, "y": 2.5}') == Point(1, 2.5)
         assert kind.from_text(to_text(Point(1.0, 2.0))) == Point(1.0, 2.0)
@@ -348,15 +348,15 @@ class TestTypeOfAValue:
             ([], ANY),
         ],
     )
-    def test_the_type_follows_the_value(self, value, kind):
+    def test_the_type_follows_the_value(self, value, kind) -> None:
         assert type_of(value) is kind
 
-    def test_type_of_an_object_is_its_class(self):
+    def test_type_of_an_object_is_its_class(self) -> None:
         assert type_of(Opaque()).same(TypeRegistry().of(Opaque))
         assert not type_of(Opaque()).same(type_of(Point(1, 2)))
         assert type_of(Colour.RED).same(TypeRegistry().of(Colour))
 
-    def test_integer_of_more_than_64_bits_is_refused(self):
+    def test_integer_of_more_than_64_bits_is_refused(self) -> None:
         with pytest.raises(BlackboardError, match="at most 64 bits"):
             type_of(2**64)
 
@@ -379,11 +379,11 @@ class TestValueToText:
             (["é"], 'json:["é"]'),
         ],
     )
-    def test_text_matches_behaviortree_cpp(self, value, text):
+    def test_text_matches_behaviortree_cpp(self, value, text: str) -> None:
         assert to_text(value) == text
 
     @pytest.mark.parametrize("value", [None, Opaque()])
-    def test_a_value_without_a_text_form_raises(self, value):
+    def test_a_value_without_a_text_form_raises(self, value) -> None:
         with pytest.raises(ConversionError):
             to_text(value)
 
@@ -404,7 +404,7 @@ class TestValueToText:
         ("99999999999999999999", 1e20),
     ],
 )
-def test_a_constant_of_a_subtree_is_a_whole_number_or_a_text(text, value):
+def test_a_constant_of_a_subtree_is_a_whole_number_or_a_text(text: str, value) -> None:
     found = parse_constant(text)
     assert found == value
     assert type(found) is type(value)

@@ -21,13 +21,13 @@ TREE = """
 """
 
 
-def test_a_line_stays_a_single_line_without_control_characters(capsys):
+def test_a_line_stays_a_single_line_without_control_characters(capsys: pytest.CaptureFixture[str]) -> None:
     print_line("\x1b]0;title\x07\x9b\u202e\nreached Dock", err=True)
     assert capsys.readouterr().err == "\\x1b]0;title\\x07\\x9b\\u202e\\x0areached Dock\n"
 
 
 @pytest.mark.parametrize("arguments", [["list"], ["clear"], ["break", "*", "--leave"]])
-def test_names_in_a_robot_are_escaped_by_hook(no_threads_left, arguments):
+def test_names_in_a_robot_are_escaped_by_hook(no_threads_left: None, arguments) -> None:
     tree = loads(TREE, clock=SimClock())
     with (
         serve(tree, groot2_port=0, allow_control=True) as publisher,
@@ -40,7 +40,7 @@ def test_names_in_a_robot_are_escaped_by_hook(no_threads_left, arguments):
     assert escape_controls(done.output) == done.output
 
 
-def test_every_module_of_the_monitor_prints_by_the_function_that_escapes():
+def test_every_module_of_the_monitor_prints_by_the_function_that_escapes() -> None:
     folder = Path(btcore_monitor.__file__).parent
     calls = {
         f"{path.relative_to(folder)}:{call.lineno}"

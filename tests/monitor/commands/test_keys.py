@@ -1,8 +1,11 @@
 """``btcore keys``, and the options of clients about keys."""
 
+from pathlib import Path
+
 import pytest
 from click.testing import CliRunner
 
+import btcore
 from btcore.cli.main import main
 from btcore_monitor.events import TreeEvent
 from btcore_monitor.key_options import KeyOptions
@@ -11,7 +14,7 @@ from btcore_monitor.serve import serve
 from btcore_monitor.watch.feed import Feed
 
 
-def test_a_key_pair_is_created_and_its_public_key_is_printed(tmp_path):
+def test_a_key_pair_is_created_and_its_public_key_is_printed(tmp_path: Path) -> None:
     done = CliRunner().invoke(main, ["keys", str(tmp_path / "desk")])
     assert done.exit_code == 0
     public = done.stdout.strip()
@@ -25,7 +28,7 @@ def test_a_key_pair_is_created_and_its_public_key_is_printed(tmp_path):
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """The working directory, with the key pairs of a robot, of a known client, and of an unknown client."""
     for name in ("robot", "desk", "unknown_client"):
         create_keys(tmp_path / name)
@@ -48,7 +51,7 @@ def folder(tmp_path, monkeypatch):
     ids=["no robot key", "no own key", "wrong mode", "secret robot key", "two robot keys"],
 )
 @pytest.mark.parametrize("command", ["monitor", "record", "hook"])
-def test_missing_and_wrong_keys_are_usage_errors(folder, command, options, message):
+def test_missing_and_wrong_keys_are_usage_errors(folder, command: str, options, message: str) -> None:
     arguments = {
         "monitor": ["monitor", ":1", "--no-view", "--save", "run.rrd"],
         "record": ["record", ":1", "-o", "run.btlog"],
@@ -62,7 +65,9 @@ def test_missing_and_wrong_keys_are_usage_errors(folder, command, options, messa
 
 
 @pytest.mark.parametrize("command", ["monitor", "record", "hook"])
-def test_an_unknown_key_ends_the_command_with_an_error(folder, endless, no_threads_left, command):
+def test_an_unknown_key_ends_the_command_with_an_error(
+    folder, endless: btcore.Tree, no_threads_left: None, command: str
+) -> None:
     allowed = RobotKeys("robot", ["desk.pub"])
     with serve(endless, groot2_port=0, keys=allowed, allow_control=True) as publisher:
         keys = ["--key-file", "unknown_client", "--robot-key", "robot.pub"]
@@ -78,7 +83,9 @@ def test_an_unknown_key_ends_the_command_with_an_error(folder, endless, no_threa
 
 
 @pytest.mark.parametrize("first", [True, False])
-def test_the_options_of_hook_precede_or_follow_the_address(folder, endless, no_threads_left, first):
+def test_the_options_of_hook_precede_or_follow_the_address(
+    folder, endless: btcore.Tree, no_threads_left: None, first: bool
+) -> None:
     allowed = RobotKeys("robot", ["desk.pub"])
     with serve(endless, groot2_port=0, keys=allowed, allow_control=True) as publisher:
         keys = ["--key-file=desk", "--robot-key", "robot.pub"]
@@ -87,7 +94,9 @@ def test_the_options_of_hook_precede_or_follow_the_address(folder, endless, no_t
     assert (done.exit_code, done.stdout) == (0, "no hooks\n")
 
 
-def test_several_robots_have_their_own_keys(folder, endless, sample, no_threads_left):
+def test_several_robots_have_their_own_keys(
+    folder, endless: btcore.Tree, sample: btcore.Tree, no_threads_left: None
+) -> None:
     create_keys(folder / "robot2")
     keys = KeyOptions(key_file=folder / "desk", robot_keys=("robot.pub", "robot2.pub")).read(2)
     for tree, name, robot, own in (

@@ -51,7 +51,7 @@ def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.Comple
         pytest.param(["127.0.0.1:1"], "there is no display here. Use --serve-web", marks=NEEDS_LINUX),
     ],
 )
-def test_a_usage_error_is_reported_with_exit_code_2(arguments, message):
+def test_a_usage_error_is_reported_with_exit_code_2(arguments, message: str) -> None:
     nowhere_to_show = {"DISPLAY": None, "WAYLAND_DISPLAY": None}
     result = CliRunner().invoke(main, ["monitor", *arguments], prog_name="btcore", env=nowhere_to_show)
     assert result.exit_code == 2
@@ -59,7 +59,7 @@ def test_a_usage_error_is_reported_with_exit_code_2(arguments, message):
     assert message in result.stderr
 
 
-def test_the_error_without_rerun_names_the_package_to_install():
+def test_the_error_without_rerun_names_the_package_to_install() -> None:
     code = (
         "import sys, importlib.abc\n"
         "class Hidden(importlib.abc.MetaPathFinder):\n"
@@ -81,7 +81,7 @@ def test_the_error_without_rerun_names_the_package_to_install():
     assert "Traceback" not in result.stderr
 
 
-def test_help_is_printed_without_importing_rerun():
+def test_help_is_printed_without_importing_rerun() -> None:
     code = (
         "import sys\nfrom btcore_monitor.commands.monitor import monitor\n"
         "try: monitor(['--help'])\n"
@@ -95,7 +95,7 @@ def test_help_is_printed_without_importing_rerun():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the processor time from /proc")
-def test_waiting_for_a_robot_takes_little_processor_time_and_ends_at_sigint_with_1(tmp_path):
+def test_waiting_for_a_robot_takes_little_processor_time_and_ends_at_sigint_with_1(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [
             sys.executable,
@@ -131,7 +131,7 @@ def _cpu_seconds(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def test_all_ticks_of_bumpgo_are_recorded_without_a_missing_transition(tmp_path):
+def test_all_ticks_of_bumpgo_are_recorded_without_a_missing_transition(tmp_path: Path) -> None:
     pytest.importorskip("pybullet")
     path = tmp_path / "bumpgo.rrd"
     command = ["run", "bumpgo", "--fast", "--duration", "40", "--seed", "3", "--json", "--save", str(path)]
@@ -169,7 +169,7 @@ def test_all_ticks_of_bumpgo_are_recorded_without_a_missing_transition(tmp_path)
     assert (ended[condition, 2], ended[condition, 3]) == (counts["success"], counts["failure"])
 
 
-def test_a_file_that_is_not_a_recording_is_reported(tmp_path):
+def test_a_file_that_is_not_a_recording_is_reported(tmp_path: Path) -> None:
     junk = tmp_path / "junk.rrd"
     junk.write_text("junk")
     command = [sys.executable, "-m", "btcore_monitor", str(junk), "--screenshot", str(tmp_path / "junk.png")]

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+import btcore
 from btcore.cli.main import main
 from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs import BtLog, read_btlog, read_log, read_sqlite
@@ -44,7 +45,9 @@ def record(command: Callable[..., Any]) -> Callable[..., Any]:
     return functools.partial(command, "record")
 
 
-def test_every_numbered_transition_is_in_every_file(endless, record, tmp_path: Path) -> None:
+def test_every_numbered_transition_is_in_every_file(
+    endless: btcore.Tree, record: Callable[..., Any], tmp_path: Path
+) -> None:
     pytest.importorskip("rerun")
     pytest.importorskip("rosbags")
     with serve(endless, groot2_port=0) as publisher, BtLog(endless, tmp_path / "own.btlog"):
@@ -78,7 +81,9 @@ def _numbers(path: Path) -> Iterator[int]:
                 yield number
 
 
-def test_ctrl_c_leaves_complete_files(endless, record, tmp_path: Path, until) -> None:
+def test_ctrl_c_leaves_complete_files(
+    endless: btcore.Tree, record: Callable[..., Any], tmp_path: Path, until: Callable[..., None]
+) -> None:
     with serve(endless, groot2_port=0, grace=0) as publisher:
         recorder = record(publisher.address, "-o", "run.btlog", "-o", "run.db3")
         assert publisher.wait_for_clients(1, 60)
@@ -96,7 +101,7 @@ def test_ctrl_c_leaves_complete_files(endless, record, tmp_path: Path, until) ->
 
 
 def test_a_robot_with_only_groot_2_is_recorded_and_missing_data_is_reported(
-    sample, record, tmp_path: Path, until
+    sample: btcore.Tree, record: Callable[..., Any], tmp_path: Path, until: Callable[..., None]
 ) -> None:
     path = tmp_path / "run.btlog"
     with serve(sample, groot2_port=0, run_channel=False) as publisher:
@@ -113,7 +118,9 @@ def test_a_robot_with_only_groot_2_is_recorded_and_missing_data_is_reported(
     assert recording.xml == tree_to_xml(sample)
 
 
-def test_a_robot_with_only_groot_1_is_recorded_in_every_file(endless, record, tmp_path: Path, until) -> None:
+def test_a_robot_with_only_groot_1_is_recorded_in_every_file(
+    endless: btcore.Tree, record: Callable[..., Any], tmp_path: Path, until: Callable[..., None]
+) -> None:
     pytest.importorskip("rerun")
     names = ("run.btlog", "run.db3", "run.rrd")
     with (
@@ -145,7 +152,9 @@ def test_a_robot_with_only_groot_1_is_recorded_in_every_file(endless, record, tm
     )
 
 
-def test_no_record_leaves_the_robots_buffer_to_another_client(sample, record, tmp_path: Path, until) -> None:
+def test_no_record_leaves_the_robots_buffer_to_another_client(
+    sample: btcore.Tree, record: Callable[..., Any], tmp_path: Path, until: Callable[..., None]
+) -> None:
     with (
         serve(sample, groot2_port=0, run_channel=False) as publisher,
         Groot2Client(parse_address(publisher.address), timeout=60) as owner,
@@ -164,7 +173,9 @@ def test_no_record_leaves_the_robots_buffer_to_another_client(sample, record, tm
     assert "short changes are not seen" in gap.reason
 
 
-def test_drawing_options_apply_to_a_recording_for_the_viewer(endless, record, tmp_path: Path) -> None:
+def test_drawing_options_apply_to_a_recording_for_the_viewer(
+    endless: btcore.Tree, record: Callable[..., Any], tmp_path: Path
+) -> None:
     pytest.importorskip("rerun")
     with serve(endless, groot2_port=0) as publisher:
         look = ["--find", "nothing*", "--palette", "colour-blind", "--log-level", "info"]
@@ -320,7 +331,7 @@ def test_a_tree_received_without_xml_is_written_as_xml(logs: list[Path]) -> None
     assert [node.path for node in nodes.values()] == [node.path for node in TREE.nodes]
 
 
-def test_a_tree_received_with_xml_is_written_byte_for_byte(sample) -> None:
+def test_a_tree_received_with_xml_is_written_byte_for_byte(sample: btcore.Tree) -> None:
     xml = tree_to_xml(sample).encode()
     assert write_fulltree(read_fulltree(xml, "0" * 32)) == xml
 
@@ -336,7 +347,9 @@ def test_stamps_are_the_first_wall_time_plus_the_trees_elapsed_time(tmp_path: Pa
     assert recording.transitions[0].stamp == WALL + 250 * MS
 
 
-def test_a_recorded_bag_of_ros_contains_every_transition(endless, record, tmp_path: Path) -> None:
+def test_a_recorded_bag_of_ros_contains_every_transition(
+    endless: btcore.Tree, record: Callable[..., Any], tmp_path: Path
+) -> None:
     pytest.importorskip("rosbags")
     with serve(endless, groot2_port=0) as publisher, BtLog(endless, tmp_path / "own.btlog"):
         recorder = record(publisher.address, "--bag", "run.mcap", "--until-end")

@@ -1,6 +1,7 @@
 """Trees too big for a window: folded subtrees, lanes of running leaves, and search by name."""
 
 from dataclasses import replace
+from pathlib import Path
 
 from btcore_monitor.events import ExceptionEvent, ObservedNode, ObservedTree, TransitionEvent, TreeEvent
 from btcore_monitor.screen.folding import MAX_FOLDED_NODES, fold
@@ -60,7 +61,7 @@ def drawn(recording, origin, part, component, t):
     return [one for row in rows for one in row]
 
 
-def test_folding_keeps_the_main_tree_and_no_more_nodes_than_are_readable(big_tree):
+def test_folding_keeps_the_main_tree_and_no_more_nodes_than_are_readable(big_tree) -> None:
     tree = big_tree(400)
     small = fold(tree)
     assert len(small.nodes) <= MAX_FOLDED_NODES
@@ -71,19 +72,21 @@ def test_folding_keeps_the_main_tree_and_no_more_nodes_than_are_readable(big_tre
     assert [whole.index(node.uid) for node in small.nodes] == sorted(whole.index(uid) for uid in kept)
 
 
-def test_a_main_tree_of_too_many_nodes_is_not_cut(big_tree):
+def test_a_main_tree_of_too_many_nodes_is_not_cut(big_tree) -> None:
     tree = big_tree(1500)
     small = fold(tree)
     assert {node.subtree for node in small.nodes} == {""}
     assert len(small.nodes) == len([node for node in tree.nodes if node.subtree == ""])
 
 
-def test_a_called_tree_that_is_too_large_for_any_drawing_is_unfolded_level_by_level(big_tree):
+def test_a_called_tree_that_is_too_large_for_any_drawing_is_unfolded_level_by_level(big_tree) -> None:
     tree = big_tree(30)
     assert [node.name for node in fold(tree, most=5).nodes] == ["Day", "Task1", "Steps", "Task11", "Task21"]
 
 
-def test_running_nodes_are_unfolded_with_their_siblings_and_the_others_as_long_as_there_is_room(big_tree):
+def test_running_nodes_are_unfolded_with_their_siblings_and_the_others_as_long_as_there_is_room(
+    big_tree,
+) -> None:
     tree = big_tree(400)
     last = tree.nodes[-1]
     steps = tree.by_uid[last.parent]
@@ -94,7 +97,7 @@ def test_running_nodes_are_unfolded_with_their_siblings_and_the_others_as_long_a
     assert {node.uid for node in tree.nodes if node.subtree == ""} <= kept
 
 
-def test_a_big_tree_without_subtrees_is_folded_except_for_its_running_part():
+def test_a_big_tree_without_subtrees_is_folded_except_for_its_running_part() -> None:
     rows, columns = 20, 15
     control = [ObservedNode(2 + at, f"C{at}", "Sequence", "control", f"C{at}", 1) for at in range(rows)]
     nodes = [ObservedNode(1, "Root", "Fallback", "control", "Root", 0, tuple(node.uid for node in control))]
@@ -111,7 +114,9 @@ def test_a_big_tree_without_subtrees_is_folded_except_for_its_running_part():
     assert {running, *(node.uid for node in control)} <= {node.uid for node in small.nodes}
 
 
-def test_a_big_tree_unfolds_what_runs_and_returns_to_an_earlier_drawing(big_tree, tmp_path, recorded):
+def test_a_big_tree_unfolds_what_runs_and_returns_to_an_earlier_drawing(
+    big_tree, tmp_path: Path, recorded
+) -> None:
     tree = big_tree(400)
     small = fold(tree)
     hidden = [tree.by_uid[node.uid] for node in small.nodes if node.type == "subtree" and not node.children]
@@ -140,12 +145,14 @@ def test_a_big_tree_unfolds_what_runs_and_returns_to_an_earlier_drawing(big_tree
     assert len(drawn(recording, "tree", "running_edges", "LineStrips2D:strips", round(1.5 * SECOND))) == 3
 
 
-def test_a_tree_that_fits_is_drawn_once(run, tmp_path, recorded):
+def test_a_tree_that_fits_is_drawn_once(run, tmp_path: Path, recorded) -> None:
     recording = recorded(run(5), tmp_path / "run.rrd")
     assert not [entity for entity, _ in recording.rows if entity.startswith("/folded")]
 
 
-def test_lanes_of_a_big_tree_name_the_subtree_and_the_running_leaves(big_tree, tmp_path, recorded):
+def test_lanes_of_a_big_tree_name_the_subtree_and_the_running_leaves(
+    big_tree, tmp_path: Path, recorded
+) -> None:
     tree = big_tree(400)
     first, second, third = (named(tree, name) for name in ("Leaf3", "Leaf4", "Leaf5"))
     task = named(tree, "Task1")
@@ -168,7 +175,7 @@ def test_lanes_of_a_big_tree_name_the_subtree_and_the_running_leaves(big_tree, t
     assert ("/4_leaf_3", "StateChange:state") not in recording.rows
 
 
-def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run):
+def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run) -> None:
     tree = run(1)[1].tree
     names = {node.uid: node.name for node in tree.nodes}
 
@@ -183,7 +190,7 @@ def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run):
     assert found("x") == []
 
 
-def test_found_nodes_are_highlighted_and_have_the_lanes(run, tmp_path, recorded):
+def test_found_nodes_are_highlighted_and_have_the_lanes(run, tmp_path: Path, recorded) -> None:
     recording = recorded(run(70), tmp_path / "run.rrd", find_patterns=["escape", "Turn", "nowhere"])
     halos = recording.of("/tree/highlights", "LineStrips2D:strips")[0][1]
     pills = recording.of("/tree/pills", "LineStrips2D:strips") or recording.of(
@@ -196,7 +203,7 @@ def test_found_nodes_are_highlighted_and_have_the_lanes(run, tmp_path, recorded)
     assert any("no node's name or path matches 'nowhere'" in line for line in lines)
 
 
-def test_a_node_that_raised_is_marked_until_it_runs_again(run, tmp_path, recorded):
+def test_a_node_that_raised_is_marked_until_it_runs_again(run, tmp_path: Path, recorded) -> None:
     forward, path = 8, "Forward"
     events = run(50)  # Forward is reset at 4.1 s and idle since
     t = events[-2].stamp
@@ -212,7 +219,7 @@ def test_a_node_that_raised_is_marked_until_it_runs_again(run, tmp_path, recorde
     assert recording.of("/tree/raised", "LineStrips2D:strips")[-1][1] == []
 
 
-def test_the_last_exception_stays_in_the_running_panel(run, tmp_path, recorded):
+def test_the_last_exception_stays_in_the_running_panel(run, tmp_path: Path, recorded) -> None:
     events = run(50)
     message = "/a/t.xml:7: node 'avoid' <Avoid> raised while ticking: Fault: no laser\n  bumpgo\n    avoid"
     events.append(ExceptionEvent(6 * SECOND, 0, "avoid|x", message))
@@ -221,7 +228,7 @@ def test_the_last_exception_stays_in_the_running_panel(run, tmp_path, recorded):
     assert said.startswith("**avoid¦x** raised at 6.00 s: Fault: no laser\n\n| runs |")
 
 
-def test_an_exception_inside_a_folded_subtree_marks_the_subtree(big_tree, tmp_path, recorded):
+def test_an_exception_inside_a_folded_subtree_marks_the_subtree(big_tree, tmp_path: Path, recorded) -> None:
     tree = big_tree(400)
     small = fold(tree)
     leaf = tree.nodes[-1]

@@ -1,5 +1,7 @@
 """The log of transitions: every line has a level, and the viewer shows the selected levels."""
 
+from pathlib import Path
+
 import pytest
 from rerun.chunk import RrdReader
 
@@ -35,7 +37,7 @@ def events() -> list:
     ]
 
 
-def test_levels_rise_from_idle_to_exceptions(tmp_path, recorded):
+def test_levels_rise_from_idle_to_exceptions(tmp_path: Path, recorded) -> None:
     rows = recorded(events(), tmp_path / "x.rrd")
     texts = [values[0].split()[-1] for _, values in rows.of("/log", "TextLog:text")]
     levels = [values[0] for _, values in rows.of("/log", "TextLog:level")]
@@ -53,7 +55,9 @@ def test_levels_rise_from_idle_to_exceptions(tmp_path, recorded):
 @pytest.mark.parametrize(
     ("level", "shown"), [("TRACE", None), ("WARN", ["WARN", "ERROR"]), ("ERROR", ["ERROR"])]
 )
-def test_the_window_shows_the_selected_levels_and_the_recording_has_all(level, shown, tmp_path, read):
+def test_the_window_shows_the_selected_levels_and_the_recording_has_all(
+    level: str, shown, tmp_path: Path, read
+) -> None:
     path = tmp_path / "x.rrd"
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)), log_level=level)
     for event in events():
@@ -71,5 +75,5 @@ def test_the_window_shows_the_selected_levels_and_the_recording_has_all(level, s
     assert len(read(path).of("/log", "TextLog:text")) == 7
 
 
-def test_the_command_line_lists_all_levels():
+def test_the_command_line_lists_all_levels() -> None:
     assert [level.upper() for level in LOG_LEVELS] == list(LEVELS)

@@ -1,6 +1,7 @@
 """Statuses have distinguishable colours for people with any kind of colour vision."""
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,7 +54,7 @@ def distance(one: int, other: int, vision: str) -> float:
 
 @pytest.mark.parametrize("vision", VISION)
 @pytest.mark.parametrize("paint", ["fill", "rim", "ink"])
-def test_statuses_of_the_colour_blind_palette_differ_for_every_vision(vision, paint):
+def test_statuses_of_the_colour_blind_palette_differ_for_every_vision(vision, paint: str) -> None:
     colours = getattr(COLOUR_BLIND, paint)[:5]
     near = {
         pair: distance(colours[pair[0]], colours[pair[1]], vision)
@@ -62,13 +63,13 @@ def test_statuses_of_the_colour_blind_palette_differ_for_every_vision(vision, pa
     assert min(near.values()) > DISTINGUISHABLE, near
 
 
-def test_the_colour_blind_palette_separates_results_better_than_groots():
+def test_the_colour_blind_palette_separates_results_better_than_groots() -> None:
     apart = [distance(one.fill[SUCCESS], one.fill[FAILURE], "deutan") for one in (GROOT, COLOUR_BLIND)]
     assert apart[1] > 2 * apart[0]
 
 
 @pytest.mark.parametrize("palette", PALETTES.values(), ids=PALETTES)
-def test_names_are_readable_on_every_pill(palette):
+def test_names_are_readable_on_every_pill(palette) -> None:
     """At least 2:1 by WCAG's contrast, for letters that are drawn bold."""
     white = float(linear(palette.text) @ [0.2126, 0.7152, 0.0722])
     for colour in [*palette.fill, palette.busy]:
@@ -76,11 +77,11 @@ def test_names_are_readable_on_every_pill(palette):
         assert (white + 0.05) / (dark + 0.05) > 2.0, hex(colour)
 
 
-def test_the_command_line_lists_all_palettes():
+def test_the_command_line_lists_all_palettes() -> None:
     assert tuple(PALETTES) == NAMES
 
 
-def test_the_tree_and_the_log_use_the_palette(run, tmp_path, recorded):
+def test_the_tree_and_the_log_use_the_palette(run, tmp_path: Path, recorded) -> None:
     events = run(70)
     recording = recorded(events, tmp_path / "run.rrd", palette=COLOUR_BLIND)
     pills = recording.at("/tree/pills", "LineStrips2D:colors", 4_500_000_000)

@@ -6,6 +6,7 @@ import signal
 import stat
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -39,7 +40,7 @@ def listening(pid: int | str = "self") -> list[str]:
 
 
 @pytest.fixture
-def headless(tmp_path, monkeypatch):
+def headless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Make the viewer run without a window. Return the file with the viewer's process ID."""
     folder = tmp_path / "path" / "rerun_cli"
     folder.mkdir(parents=True)
@@ -55,7 +56,7 @@ def headless(tmp_path, monkeypatch):
         os.kill(int(pid.read_text()), signal.SIGKILL)
 
 
-def test_a_run_with_its_viewer_prints_the_summary_alone(vulkan, headless, tmp_path):
+def test_a_run_with_its_viewer_prints_the_summary_alone(vulkan: None, headless, tmp_path: Path) -> None:
     (tmp_path / "t.xml").write_text(TREE)
     options = ["--monitor", "--fast", "--duration", "30"]
     command = [sys.executable, "-m", "btcore", "run", str(tmp_path / "t.xml"), *options]
@@ -67,7 +68,9 @@ def test_a_run_with_its_viewer_prints_the_summary_alone(vulkan, headless, tmp_pa
     assert {address.partition(":")[0] for address in addresses} <= LOOPBACK
 
 
-def test_a_viewer_without_its_display_is_an_error_with_the_reason(tmp_path, monkeypatch):
+def test_a_viewer_without_its_display_is_an_error_with_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("DISPLAY", ":77")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
@@ -79,7 +82,7 @@ def test_a_viewer_without_its_display_is_an_error_with_the_reason(tmp_path, monk
     assert "internal error" not in done.stderr
 
 
-def test_the_web_viewer_and_its_relay_listen_at_this_machine_only(free_port):
+def test_the_web_viewer_and_its_relay_listen_at_this_machine_only(free_port: Callable[[], int]) -> None:
     before = set(listening())
     view = serve_web(free_port(), free_port())
     addresses = set(listening()) - before
@@ -88,7 +91,7 @@ def test_the_web_viewer_and_its_relay_listen_at_this_machine_only(free_port):
     assert view.address.startswith("rerun+http://127.0.0.1:")
 
 
-def test_viewers_that_start_at_the_same_moment_get_different_ports(free_port):
+def test_viewers_that_start_at_the_same_moment_get_different_ports(free_port: Callable[[], int]) -> None:
     port = free_port()
     viewers = [RerunProcess("--serve-web", "--web-viewer-port=0", port=port) for _ in range(2)]
     try:
@@ -101,7 +104,7 @@ def test_viewers_that_start_at_the_same_moment_get_different_ports(free_port):
             viewer.close()
 
 
-def test_usage_statistics_are_off_unless_the_user_forces_them(monkeypatch):
+def test_usage_statistics_are_off_unless_the_user_forces_them(monkeypatch: pytest.MonkeyPatch) -> None:
     """rerun sends nothing if CI is set, unless FORCE_RERUN_ANALYTICS is set, too."""
     monkeypatch.delenv("CI", raising=False)
     monkeypatch.delenv("FORCE_RERUN_ANALYTICS", raising=False)

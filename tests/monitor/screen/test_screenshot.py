@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -70,7 +71,7 @@ def _foreign_events():
 
 
 @pytest.fixture
-def recording(run, tmp_path):
+def recording(run, tmp_path: Path):
     path = tmp_path / "run.rrd"
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)))
     events = run(70)
@@ -109,7 +110,9 @@ def close(seen: tuple[int, int, int], wanted: int) -> bool:
     return all(abs(one - other) <= 6 for one, other in zip(seen, rgb(wanted), strict=True))
 
 
-def test_pills_have_their_places_and_colours_and_equal_pictures_are_equal(vulkan, recording, tmp_path):
+def test_pills_have_their_places_and_colours_and_equal_pictures_are_equal(
+    vulkan: None, recording, tmp_path: Path
+) -> None:
     path, view = recording
     wanted = {
         2.0: {"bumpgo": GROOT.busy, "Forward": GROOT.fill[RUNNING], "Back": GROOT.fill[IDLE]},
@@ -126,7 +129,7 @@ def test_pills_have_their_places_and_colours_and_equal_pictures_are_equal(vulkan
     assert (tmp_path / "again.png").read_bytes() == (tmp_path / "tree.png").read_bytes()
 
 
-def test_the_laser_and_the_trail_are_in_the_scene(vulkan, recording, tmp_path):
+def test_the_laser_and_the_trail_are_in_the_scene(vulkan: None, recording, tmp_path: Path) -> None:
     path, _ = recording
     write_screenshot(path, tmp_path / "scene.png", at=5.0, view="Robot")
     with Image.open(tmp_path / "scene.png") as image:
@@ -135,7 +138,9 @@ def test_the_laser_and_the_trail_are_in_the_scene(vulkan, recording, tmp_path):
         assert (np.abs(pixels - rgb(colour)).max(axis=1) <= 6).sum() > 20
 
 
-def test_texts_in_any_script_are_drawn_in_a_window_of_the_requested_size(vulkan, tmp_path):
+def test_texts_in_any_script_are_drawn_in_a_window_of_the_requested_size(
+    vulkan: None, tmp_path: Path
+) -> None:
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "run.rrd")), find_patterns=["充电"])
     for event in _foreign_events():
         screen.process_event(event)
@@ -152,7 +157,7 @@ def test_texts_in_any_script_are_drawn_in_a_window_of_the_requested_size(vulkan,
     assert close(picture.at("放电"), GROOT.fill[IDLE])  # not hidden by another subtree's drawing
 
 
-def test_every_letter_that_is_not_replaced_can_be_drawn(vulkan, tmp_path):
+def test_every_letter_that_is_not_replaced_can_be_drawn(vulkan: None, tmp_path: Path) -> None:
     letters = "".join(chr(code) for code in range(32, 0x3000) if legible(chr(code)) == chr(code))
     recording = rr.RecordingStream("letters")
     recording.set_sinks(rr.FileSink(tmp_path / "letters.rrd"))
@@ -165,7 +170,7 @@ def test_every_letter_that_is_not_replaced_can_be_drawn(vulkan, tmp_path):
     write_screenshot(tmp_path / "letters.rrd", tmp_path / "letters.png", size=(1280, 800))
 
 
-def test_a_viewer_that_dies_is_an_error_with_its_reason(vulkan, tmp_path):
+def test_a_viewer_that_dies_is_an_error_with_its_reason(vulkan: None, tmp_path: Path) -> None:
     recording = rr.RecordingStream("emoji")
     recording.set_sinks(rr.FileSink(tmp_path / "emoji.rrd"))
     recording.set_time(TREE_TIMELINE, duration=1.0)
@@ -176,7 +181,9 @@ def test_a_viewer_that_dies_is_an_error_with_its_reason(vulkan, tmp_path):
         write_screenshot(tmp_path / "emoji.rrd", tmp_path / "none.png", size=(640, 480))
 
 
-def test_requests_that_rerun_ends_too_early_are_repeated(vulkan, recording, tmp_path, monkeypatch):
+def test_requests_that_rerun_ends_too_early_are_repeated(
+    vulkan: None, recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """On a busy machine, each request may end with rerun's timeout of 15 s before the viewer answers."""
     ended = dict.fromkeys(("open", "get_state", "set_time", "take_screenshot"), 0)
 
@@ -201,7 +208,9 @@ def test_requests_that_rerun_ends_too_early_are_repeated(vulkan, recording, tmp_
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="a process can't be stopped here")
-def test_a_viewer_that_does_not_answer_is_killed(vulkan, recording, monkeypatch):
+def test_a_viewer_that_does_not_answer_is_killed(
+    vulkan: None, recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(screenshot_module, "_ANSWER_TIMEOUT_S", 2.0)
 
     def draw() -> None:
@@ -213,13 +222,13 @@ def test_a_viewer_that_does_not_answer_is_killed(vulkan, recording, monkeypatch)
         draw()
 
 
-def test_an_unknown_view_is_reported_with_the_existing_views(vulkan, recording, tmp_path):
+def test_an_unknown_view_is_reported_with_the_existing_views(vulkan: None, recording, tmp_path: Path) -> None:
     path, _ = recording
     with pytest.raises(ScreenError, match=r"no view 'Camera'.*Blackboard.*Transitions"):
         write_screenshot(path, tmp_path / "none.png", view="Camera")
 
 
-def test_a_missing_recording_is_reported(tmp_path):
+def test_a_missing_recording_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ScreenError, match=r"there is no recording .*nowhere\.rrd"):
         write_screenshot(tmp_path / "nowhere.rrd", tmp_path / "none.png")
 
@@ -229,7 +238,7 @@ RUN = """
 """
 
 
-def test_a_run_writes_a_picture_of_its_end_or_fails(vulkan, tmp_path):
+def test_a_run_writes_a_picture_of_its_end_or_fails(vulkan: None, tmp_path: Path) -> None:
     tree, picture = tmp_path / "tree.xml", tmp_path / "run.png"
     tree.write_text(RUN)
 

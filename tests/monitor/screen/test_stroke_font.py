@@ -13,7 +13,7 @@ BOX = glyph("漢")
 """The glyph of a character that the font does not have."""
 
 
-def test_every_printable_character_of_ascii_has_its_own_glyph():
+def test_every_printable_character_of_ascii_has_its_own_glyph() -> None:
     seen = set()
     for character in string.printable.strip():
         letter = glyph(character)
@@ -22,7 +22,7 @@ def test_every_printable_character_of_ascii_has_its_own_glyph():
     assert len(seen) == len(string.printable.strip())
 
 
-def test_accented_letters_have_the_width_of_their_plain_letters():
+def test_accented_letters_have_the_width_of_their_plain_letters() -> None:
     for accented, plain in (("é", "e"), ("Å", "A"), ("ü", "u"), ("ç", "c"), ("ñ", "n"), ("ï", "i")):
         assert glyph(accented) != BOX
         assert glyph(accented)[0] == glyph(plain)[0]
@@ -30,7 +30,7 @@ def test_accented_letters_have_the_width_of_their_plain_letters():
 
 
 @given(st.text(max_size=30), st.floats(1, 100))
-def test_text_stays_between_its_start_and_its_width(text, height):
+def test_text_stays_between_its_start_and_its_width(text, height) -> None:
     width = width_of(text, height)
     for stroke in strokes_of(text, 5.0, 7.0, height):
         for x, y in stroke:
@@ -39,7 +39,7 @@ def test_text_stays_between_its_start_and_its_width(text, height):
 
 
 @given(st.text(max_size=60), st.integers(6, 40))
-def test_an_elided_name_fits_and_keeps_both_ends(text, room):
+def test_an_elided_name_fits_and_keeps_both_ends(text, room) -> None:
     short = elide(text, room)
     assert len(short) <= room
     if len(text) <= room:
@@ -62,12 +62,12 @@ def test_an_elided_name_fits_and_keeps_both_ends(text, room):
         ("ForceSuccess", "ForceFailure"),
     ],
 )
-def test_similar_kinds_have_different_symbols(pair):
+def test_similar_kinds_have_different_symbols(pair) -> None:
     one, other = pair
     assert symbol_path(one, "control") != symbol_path(other, "control")
 
 
-def test_symbols_fit_the_badge_and_unknown_nodes_are_drawn_by_their_kind():
+def test_symbols_fit_the_badge_and_unknown_nodes_are_drawn_by_their_kind() -> None:
     kinds = ("action", "condition", "control", "decorator", "subtree")
     for name in (*kinds, "Sequence", "ReactiveFallback", "RecoveryNode", "Timeout"):
         for stroke in path_strokes(symbol_path(name, name)):
@@ -77,13 +77,13 @@ def test_symbols_fit_the_badge_and_unknown_nodes_are_drawn_by_their_kind():
     assert symbol_path("SomethingOfYourOwn", "alien") not in paths
 
 
-def test_a_declared_symbol_is_drawn_and_of_two_characters_the_second():
+def test_a_declared_symbol_is_drawn_and_of_two_characters_the_second() -> None:
     assert symbol_path("Hold", "action", "◷") == symbol_path("Timeout", "decorator")
     assert symbol_path("Hold", "action", "⌖◷") == symbol_path("Timeout", "decorator")
     assert symbol_path("Hold", "action", "⌖") == symbol_path("Hold", "action")
 
 
-def test_a_path_becomes_strokes_with_y_up():
+def test_a_path_becomes_strokes_with_y_up() -> None:
     assert path_strokes("M-1.5-.5L0 2L.5 0M1 1L2 2") == [[(-1.5, 0.5), (0, -2), (0.5, 0)], [(1, -1), (2, -2)]]
     (curve,) = path_strokes("M0 0C0 4 4 4 4 0")
     assert curve[-1] == (4, 0)
@@ -100,11 +100,11 @@ def test_a_path_becomes_strokes_with_y_up():
         ("cafe\u0301 ⚠\ufe0f\u2003\x07", "café ⚠ □"),
     ],
 )
-def test_characters_that_the_viewer_lacks_are_replaced(text, drawn):
+def test_characters_that_the_viewer_lacks_are_replaced(text: str, drawn: str) -> None:
     assert legible(text) == drawn
 
 
 @given(st.text(), st.text())
-def test_spelled_names_can_be_drawn_and_stay_different(one, other):
+def test_spelled_names_can_be_drawn_and_stay_different(one, other) -> None:
     assert legible(spell(one)) == spell(one)
     assert one == other or spell(one) != spell(other) or "u" in one + other

@@ -1,5 +1,7 @@
 """How a tree is drawn: the texts of its pills, its entities, and its legend."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import rerun as rr
@@ -50,15 +52,15 @@ def note_of(one: ObservedNode, whole: ObservedTree | None = None) -> str:
         (node(1, "Sleep", ports={"msec": "", "_skipIf": "x"}), ""),
     ],
 )
-def test_the_note_has_the_ports_and_the_id_if_it_differs_from_the_name(made, note):
+def test_the_note_has_the_ports_and_the_id_if_it_differs_from_the_name(made, note: str) -> None:
     assert note_of(made) == note
 
 
-def test_the_note_of_a_subtree_names_its_tree():
+def test_the_note_of_a_subtree_names_its_tree() -> None:
     assert note_of(NESTED.nodes[1], NESTED) == "DriveSomewhere"
 
 
-def test_long_texts_are_shortened_and_a_name_keeps_both_ends():
+def test_long_texts_are_shortened_and_a_name_keeps_both_ends() -> None:
     long = node(1, "WouldThisVeryLongAndUnusualNameBeLegible", ports={"path": "x" * 80})
     written = create_captions(observed_tree(long), observed_tree(long), with_notes=True)[1]
     assert len(written.name) == MAX_NAME_CHARS
@@ -68,7 +70,7 @@ def test_long_texts_are_shortened_and_a_name_keeps_both_ends():
     assert written.note.endswith("…")
 
 
-def test_a_tree_has_notes_unless_they_would_be_too_small_to_read():
+def test_a_tree_has_notes_unless_they_would_be_too_small_to_read() -> None:
     few = observed_tree(node(1, "Sleep", ports={"msec": "500"}))
     many = observed_tree(
         node(1, "Root", children=range(2, 62)),
@@ -78,7 +80,7 @@ def test_a_tree_has_notes_unless_they_would_be_too_small_to_read():
     assert TreeView(RowBuffer(rr.RecordingStream("test")), many, GROOT, ROOM).captions[2].note == ""
 
 
-def test_every_node_is_in_a_branch_and_the_number_of_branches_is_limited(big_tree):
+def test_every_node_is_in_a_branch_and_the_number_of_branches_is_limited(big_tree) -> None:
     assert split_by_subtree(NESTED) == {"": [0, 1, 4], "Drive": [2, 3]}
     big = big_tree(1000)
     parts = split_by_subtree(big)
@@ -87,7 +89,7 @@ def test_every_node_is_in_a_branch_and_the_number_of_branches_is_limited(big_tre
     assert split_by_subtree(big, most=1) == {"": list(range(1000))}
 
 
-def test_subtrees_beyond_the_limit_belong_to_the_branch_around_them():
+def test_subtrees_beyond_the_limit_belong_to_the_branch_around_them() -> None:
     inner = observed_tree(
         node(1, "A", children=(2,), id="SubTree", type="subtree", path="A"),
         node(2, "B", 1, (3,), id="SubTree", type="subtree", path="A/B", subtree="A"),
@@ -96,7 +98,7 @@ def test_subtrees_beyond_the_limit_belong_to_the_branch_around_them():
     assert split_by_subtree(inner, most=2) == {"": [0], "A": [1, 2]}
 
 
-def test_entities_follow_the_subtrees_and_avoid_the_names_of_drawing_parts(big_tree):
+def test_entities_follow_the_subtrees_and_avoid_the_names_of_drawing_parts(big_tree) -> None:
     entities, subtrees = node_entities(NESTED, "tree")
     assert entities == [
         "tree/Root.1",
@@ -112,7 +114,7 @@ def test_entities_follow_the_subtrees_and_avoid_the_names_of_drawing_parts(big_t
     assert node_entities(odd, "tree")[0] == ["tree/Is_it", "tree/Is_it.2"]
 
 
-def test_all_parts_of_a_subtree_are_below_its_entity(recorded, tmp_path):
+def test_all_parts_of_a_subtree_are_below_its_entity(recorded, tmp_path: Path) -> None:
     recording = recorded([TreeEvent(NESTED, 0, 0, {})], tmp_path / "run.rrd")
     entities = {entity for entity, _ in recording.rows if entity.startswith("/tree/Drive/")}
     shown = {"frames", "edges", "running_edges", "rims", "pills", "badges", "ink", "raised"}
@@ -123,7 +125,7 @@ def test_all_parts_of_a_subtree_are_below_its_entity(recorded, tmp_path):
     assert shown <= set(PARTS)
 
 
-def test_the_entity_of_a_node_describes_it_and_has_the_place_of_its_pill(recorded, tmp_path):
+def test_the_entity_of_a_node_describes_it_and_has_the_place_of_its_pill(recorded, tmp_path: Path) -> None:
     one = observed_tree(node(1, "nap", id="Sleep", path="nap", ports={"msec": "500"}))
     recording = recorded([TreeEvent(one, 0, 0, {})], tmp_path / "run.rrd")
     assert recording.of("/tree/nap", "node")[0][1] == ['Sleep  nap  msec="500"']
@@ -131,14 +133,14 @@ def test_the_entity_of_a_node_describes_it_and_has_the_place_of_its_pill(recorde
     assert recording.of("/tree/nap", "LineStrips2D:strips")[0][1] == pill
 
 
-def test_nodes_of_a_big_tree_have_entities_that_draw_nothing(big_tree, recorded, tmp_path):
+def test_nodes_of_a_big_tree_have_entities_that_draw_nothing(big_tree, recorded, tmp_path: Path) -> None:
     recording = recorded([TreeEvent(big_tree(FOLD_ABOVE_NODES + 10), 0, 0, {})], tmp_path / "run.rrd")
     named = [entity for entity, component in recording.rows if component == "node"]
     assert len(named) == FOLD_ABOVE_NODES + 10
     assert not [entity for entity in named if recording.of(entity, "LineStrips2D:strips")]
 
 
-def test_the_legend_is_below_the_tree_in_the_colours_of_the_palette(recorded, tmp_path):
+def test_the_legend_is_below_the_tree_in_the_colours_of_the_palette(recorded, tmp_path: Path) -> None:
     recording = recorded([TreeEvent(NESTED, 0, 0, {})], tmp_path / "run.rrd")
     colours = set(recording.of("/tree/legend", "LineStrips2D:colors")[0][1])
     assert {int(one) for one in GROOT.fill[:5]} | {GROOT.raised} <= colours
@@ -149,7 +151,7 @@ def test_the_legend_is_below_the_tree_in_the_colours_of_the_palette(recorded, tm
 
 
 @pytest.mark.parametrize("count", [1, 5, 60, 400])
-def test_the_view_contains_the_tree_and_does_not_magnify_small_trees(big_tree, count):
+def test_the_view_contains_the_tree_and_does_not_magnify_small_trees(big_tree, count: int) -> None:
     view = TreeView(RowBuffer(rr.RecordingStream("test")), big_tree(count), GROOT, ROOM)
     x0, y0, x1, y1 = view.bounds()
     width, height = view.layout.size
@@ -159,7 +161,7 @@ def test_the_view_contains_the_tree_and_does_not_magnify_small_trees(big_tree, c
     assert x1 - x0 > ROOM[0] / 1.4
 
 
-def test_lanes_of_nodes_with_the_same_name_differ_by_their_ports():
+def test_lanes_of_nodes_with_the_same_name_differ_by_their_ports() -> None:
     drives = [
         node(1, "Move", ports={"goal": "{home}"}),
         node(2, "Move", ports={"goal": "{shop}"}),
@@ -169,7 +171,7 @@ def test_lanes_of_nodes_with_the_same_name_differ_by_their_ports():
     assert distinct_names(drives) == ["Move {home}", "Move {shop}", "Move", "Turn"]
 
 
-def test_nodes_of_one_name_are_told_apart_by_their_subtrees_or_their_uids():
+def test_nodes_of_one_name_are_told_apart_by_their_subtrees_or_their_uids() -> None:
     places = ("Zone A/Order 1/Drive", "Zone A/Order 2/Drive", "Zone B/Order 2/Drive")
     nodes = [
         ObservedNode(uid, "Go", "Go", "action", f"{place}/Go", 1, (), {"t": "7"}, place)
@@ -189,5 +191,5 @@ def test_nodes_of_one_name_are_told_apart_by_their_subtrees_or_their_uids():
         ("division by zero", "division by zero"),
     ],
 )
-def test_an_error_is_shortened_to_its_message(message, said):
+def test_an_error_is_shortened_to_its_message(message: str, said: str) -> None:
     assert shorten_message(message) == said

@@ -76,14 +76,14 @@ def below(boxes: list[Box], index: int) -> set[int]:
 
 
 @given(trees(), st.floats(0.4, 4.0))
-def test_no_two_pills_overlap(boxes, aspect):
+def test_no_two_pills_overlap(boxes, aspect) -> None:
     drawn = pills(lay_out(boxes, HEIGHT, aspect))
     for at, one in enumerate(drawn):
         assert not any(overlap(one, other) for other in drawn[:at])
 
 
 @given(trees(), st.floats(0.4, 4.0))
-def test_the_root_is_on_top_and_children_are_under_their_parents(boxes, aspect):
+def test_the_root_is_on_top_and_children_are_under_their_parents(boxes, aspect) -> None:
     places = lay_out(boxes, HEIGHT, aspect).places
     for box, place in zip(boxes, places, strict=True):
         for child in box.children:
@@ -91,7 +91,7 @@ def test_the_root_is_on_top_and_children_are_under_their_parents(boxes, aspect):
 
 
 @given(trees(), st.floats(0.4, 4.0))
-def test_children_keep_their_order_to_the_right_or_downwards(boxes, aspect):
+def test_children_keep_their_order_to_the_right_or_downwards(boxes, aspect) -> None:
     places = lay_out(boxes, HEIGHT, aspect).places
     for box in boxes:
         for one, following in itertools.pairwise(box.children):
@@ -101,7 +101,7 @@ def test_children_keep_their_order_to_the_right_or_downwards(boxes, aspect):
 
 
 @given(trees(), st.floats(0.4, 4.0))
-def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspect):
+def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspect) -> None:
     layout = lay_out(boxes, HEIGHT, aspect)
     drawn = pills(layout)
     for parent, box in enumerate(boxes):
@@ -120,7 +120,7 @@ def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspe
 
 
 @given(trees(), st.floats(0.4, 4.0))
-def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect):
+def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect) -> None:
     layout = lay_out(boxes, HEIGHT, aspect)
     drawn = pills(layout)
     assert {frame[0] for frame in layout.frames} == {at for at, box in enumerate(boxes) if box.has_frame}
@@ -135,7 +135,7 @@ def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect):
 
 
 @given(trees(), st.floats(0.4, 4.0))
-def test_a_layout_stays_within_its_size_and_is_deterministic(boxes, aspect):
+def test_a_layout_stays_within_its_size_and_is_deterministic(boxes, aspect) -> None:
     layout = lay_out(boxes, HEIGHT, aspect)
     width, height = layout.size
     for x0, y0, x1, y1 in pills(layout):
@@ -144,7 +144,7 @@ def test_a_layout_stays_within_its_size_and_is_deterministic(boxes, aspect):
     assert lay_out(boxes, HEIGHT, aspect) == layout
 
 
-def test_a_small_tree_has_a_row_for_each_level_and_centred_parents():
+def test_a_small_tree_has_a_row_for_each_level_and_centred_parents() -> None:
     boxes = [Box(120, (1, 4)), Box(100, (2, 3)), Box(90, ()), Box(90, ()), Box(110, ())]
     places = lay_out(boxes, HEIGHT).places
     assert places[2].y == places[3].y > places[1].y == places[4].y > places[0].y
@@ -152,14 +152,14 @@ def test_a_small_tree_has_a_row_for_each_level_and_centred_parents():
     assert places[1].centre == (places[2].centre + places[3].centre) / 2
 
 
-def test_a_parent_is_directly_above_a_child_that_is_nearly_in_the_middle():
+def test_a_parent_is_directly_above_a_child_that_is_nearly_in_the_middle() -> None:
     boxes = [Box(150, (1, 2, 3)), Box(100, ()), Box(90, ()), Box(112, ())]
     layout = lay_out(boxes, HEIGHT)
     assert layout.places[0].centre == layout.places[2].centre
     assert len(layout.edges[2]) == 2
 
 
-def test_big_trees_are_no_larger_than_the_prototypes_layouts():
+def test_big_trees_are_no_larger_than_the_prototypes_layouts() -> None:
     for count, (width, height) in PROTOTYPE.items():
         layouts = [lay_out(random_tree(count, seed), HEIGHT, width / height) for seed in range(5)]
         needed = sorted(max(one.size[0] / width, one.size[1] / height) for one in layouts)
@@ -167,7 +167,7 @@ def test_big_trees_are_no_larger_than_the_prototypes_layouts():
 
 
 @pytest.mark.parametrize("count", [2, 3, 30, 150, 400])
-def test_a_chain_and_a_broom_of_any_length_are_laid_out(count):
+def test_a_chain_and_a_broom_of_any_length_are_laid_out(count: int) -> None:
     chain = tree_of(list(range(count - 1)), [100.0] * count)
     assert len(lay_out(chain, HEIGHT).places) == count
     broom = tree_of([0] * (count - 1), [100.0] * count)
@@ -175,7 +175,7 @@ def test_a_chain_and_a_broom_of_any_length_are_laid_out(count):
     assert count < 30 or 0.4 < width / height < 6.0
 
 
-def test_the_time_of_a_layout_grows_about_linearly_with_the_nodes():
+def test_the_time_of_a_layout_grows_about_linearly_with_the_nodes() -> None:
     def seconds(count: int) -> float:
         boxes = random_tree(count)
         best = float("inf")
@@ -188,7 +188,7 @@ def test_the_time_of_a_layout_grows_about_linearly_with_the_nodes():
     assert seconds(1200) < 10 * seconds(300)
 
 
-def test_an_only_child_is_below_its_parent_in_a_big_tree():
+def test_an_only_child_is_below_its_parent_in_a_big_tree() -> None:
     boxes = random_tree(300)
     places = lay_out(boxes, HEIGHT).places
     lonely = [(at, box.children[0]) for at, box in enumerate(boxes) if len(box.children) == 1]
@@ -199,7 +199,7 @@ def test_an_only_child_is_below_its_parent_in_a_big_tree():
         assert places[parent].x < places[child].x + places[child].width
 
 
-def test_children_in_a_column_and_an_only_child_below_share_their_left_edge():
+def test_children_in_a_column_and_an_only_child_below_share_their_left_edge() -> None:
     boxes = [
         Box(120, (1, 2, 3, 4)),
         *[Box(120, ())] * 3,
@@ -213,7 +213,7 @@ def test_children_in_a_column_and_an_only_child_below_share_their_left_edge():
     assert {place.x for place in places[1:6]} == {places[1].x}
 
 
-def test_a_tree_is_wrapped_when_it_is_wider_than_comfortable():
+def test_a_tree_is_wrapped_when_it_is_wider_than_comfortable() -> None:
     boxes = [Box(120, tuple(range(1, 13))), *[Box(200, ())] * 12]
     as_on_paper = lay_out(boxes, HEIGHT, comfort=100.0)
     assert len({place.y for place in as_on_paper.places[1:]}) == 1
@@ -221,5 +221,5 @@ def test_a_tree_is_wrapped_when_it_is_wider_than_comfortable():
     assert wrapped.size[0] < as_on_paper.size[0] / 2
 
 
-def test_no_nodes_give_an_empty_layout():
+def test_no_nodes_give_an_empty_layout() -> None:
     assert lay_out([], HEIGHT) == TreeLayout((), (), (), (0.0, 0.0))

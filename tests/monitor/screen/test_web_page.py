@@ -1,6 +1,7 @@
 """The page of the web viewer is served with rerun's files, and without requests to other hosts."""
 
 import http.client
+from collections.abc import Callable
 
 import pytest
 
@@ -8,7 +9,7 @@ from btcore_monitor.screen.page import PageServer, page_files
 
 
 @pytest.fixture(scope="module")
-def fetched(free_port):
+def fetched(free_port: Callable[[], int]):
     """``fetched(path)``: status, body and headers of the page server's response."""
     port = free_port()
     server = PageServer(port, page_files())
@@ -26,7 +27,7 @@ def fetched(free_port):
     server.close()
 
 
-def test_the_page_has_no_links_to_other_hosts(fetched):
+def test_the_page_has_no_links_to_other_hosts(fetched) -> None:
     status, page, headers = fetched("/")
     assert status == 200
     assert headers.get_content_type() == "text/html"
@@ -34,7 +35,7 @@ def test_the_page_has_no_links_to_other_hosts(fetched):
     assert b"fonts.googleapis.com" not in page
 
 
-def test_the_viewer_is_served_with_its_length_for_the_progress_bar(fetched):
+def test_the_viewer_is_served_with_its_length_for_the_progress_bar(fetched) -> None:
     status, program, headers = fetched("/re_viewer_bg.wasm?v=1")
     assert status == 200
     assert program.startswith(b"\0asm")
@@ -43,5 +44,5 @@ def test_the_viewer_is_served_with_its_length_for_the_progress_bar(fetched):
 
 
 @pytest.mark.parametrize("path", ["@elsewhere.org/", "99/", "http://elsewhere.org/", "/../sinks.py"])
-def test_a_path_that_is_not_a_file_of_the_page_is_refused(fetched, path):
+def test_a_path_that_is_not_a_file_of_the_page_is_refused(fetched, path: str) -> None:
     assert fetched(path)[0] == 404

@@ -6,6 +6,7 @@ import shutil
 import signal
 import time
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 from PIL import Image
 
 from btcore_monitor.screen.style import GROOT
+from tests.monitor.conftest import Command
 
 ROOT = Path(__file__).parents[3]
 LOG = ROOT / "tests" / "btcore" / "logs" / "captures" / "v4_sample.btlog"
@@ -48,7 +50,9 @@ def fetched(url: str) -> bytes:
         return bytes(answer.read())
 
 
-def test_the_page_is_served_with_all_its_files_and_without_external_links(command, free_port):
+def test_the_page_is_served_with_all_its_files_and_without_external_links(
+    command: Callable[..., Command], free_port: Callable[[], int]
+) -> None:
     """A second viewer has a relay of its own, and a port in use is reported."""
     port = free_port()
     replay = command("replay", LOG, "--serve-web", port)
@@ -75,7 +79,9 @@ def test_the_page_is_served_with_all_its_files_and_without_external_links(comman
     assert replay.end(signal.SIGINT) == 0, replay.stderr_text
 
 
-def test_a_finished_run_stays_in_the_browser_until_ctrl_c(command, tree_file, free_port):
+def test_a_finished_run_stays_in_the_browser_until_ctrl_c(
+    command: Callable[..., Command], tree_file: Path, free_port: Callable[[], int]
+) -> None:
     run = command("run", tree_file, "--fast", "--duration", "1", "--serve-web", free_port())
     run.wait_for("the run is over; the viewer for browsers stays open until Ctrl-C")
     assert b"<canvas" in fetched(address_of(run))
@@ -84,7 +90,9 @@ def test_a_finished_run_stays_in_the_browser_until_ctrl_c(command, tree_file, fr
 
 
 @pytest.mark.parametrize("message", ["publishing at", "by btcore's run channel"], ids=["starting", "running"])
-def test_a_run_that_is_ended_closes_the_viewer(command, tree_file, free_port, message):
+def test_a_run_that_is_ended_closes_the_viewer(
+    command: Callable[..., Command], tree_file: Path, free_port: Callable[[], int], message: str
+) -> None:
     port = free_port()
     run = command("run", tree_file, "--serve-web", port, "--verbose")
     run.wait_for(message)
@@ -109,8 +117,8 @@ def browser():
 
 
 def test_a_live_tree_is_drawn_in_chromium_without_an_error_on_its_console(
-    command, tree_file, browser, free_port
-):
+    command: Callable[..., Command], tree_file: Path, browser, free_port: Callable[[], int]
+) -> None:
     run = command("run", tree_file, "--serve-web", free_port())
     url = address_of(run)
     context = browser.new_context(viewport={"width": 900, "height": 600}, color_scheme="dark")

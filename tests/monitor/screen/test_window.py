@@ -1,6 +1,7 @@
 """The views of the window: their time, and the moment of a picture."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -30,7 +31,9 @@ def axes(blueprint):
 
 
 @pytest.mark.parametrize("ticks", [70, 400, 900])
-def test_axes_begin_with_the_run_and_follow_the_cursor_of_a_long_run(ticks, run, blueprints, tmp_path):
+def test_axes_begin_with_the_run_and_follow_the_cursor_of_a_long_run(
+    ticks: int, run, blueprints, tmp_path: Path
+) -> None:
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "run.rrd")))
     events = run(ticks)
     for event in events[:20]:
@@ -47,7 +50,9 @@ def test_axes_begin_with_the_run_and_follow_the_cursor_of_a_long_run(ticks, run,
         assert sent[-1] == {(-24 * SECOND, 3 * SECOND // 2)}  # from the cursor
 
 
-def test_the_default_moment_of_a_picture_is_thelast_tick_before_the_halt(run, recorded, tmp_path):
+def test_the_default_moment_of_a_picture_is_thelast_tick_before_the_halt(
+    run, recorded, tmp_path: Path
+) -> None:
     events = run(70)
     last = events[-1:]
     t = events[-2].stamp
@@ -59,14 +64,18 @@ def test_the_default_moment_of_a_picture_is_thelast_tick_before_the_halt(run, re
     assert before[FORWARD - 1] != after[FORWARD - 1]
 
 
-def test_the_column_of_the_time_is_wide_enough_and_lines_do_not_repeat_the_time(run, recorded, tmp_path):
+def test_the_column_of_the_time_is_wide_enough_and_lines_do_not_repeat_the_time(
+    run, recorded, tmp_path: Path
+) -> None:
     """rerun makes the column as wide as the name of its timeline."""
     recording = recorded(run(5), tmp_path / "run.rrd")
     assert len(TREE_TIMELINE) > len("+99m 59.99s")
     assert recording.of("/log", "TextLog:text")[0][1] == ["#1      bumpgo        IDLE → RUNNING"]
 
 
-def test_the_blackboards_of_running_subtrees_are_first_with_their_changes(big_tree, recorded, tmp_path):
+def test_the_blackboards_of_running_subtrees_are_first_with_their_changes(
+    big_tree, recorded, tmp_path: Path
+) -> None:
     tree = big_tree(60)
     tasks = [node for node in tree.nodes if node.type == "subtree"]
     paths = [tree.by_uid[task.children[0]].subtree for task in tasks]
@@ -96,7 +105,7 @@ def test_the_blackboards_of_running_subtrees_are_first_with_their_changes(big_tr
     assert recording.of("/blackboard_history", "TextLog:text") == [(2 * SECOND, [f"{paths[3]}: step: 1 → 2"])]
 
 
-def test_panels_without_data_are_not_in_the_window(run, recorded, blueprints, tmp_path):
+def test_panels_without_data_are_not_in_the_window(run, recorded, blueprints, tmp_path: Path) -> None:
     def views(name, events):
         recorded(events, tmp_path / name)
         return {name for (name,) in blueprints(tmp_path / name)[-1]["ViewBlueprint:display_name"]}
@@ -115,7 +124,9 @@ def test_panels_without_data_are_not_in_the_window(run, recorded, blueprints, tm
     assert views("still.rrd", still) == views("bare.rrd", bare) - {speed}
 
 
-def test_times_count_from_the_first_data_of_a_robot_whose_clock_began_earlier(run, recorded, tmp_path):
+def test_times_count_from_the_first_data_of_a_robot_whose_clock_began_earlier(
+    run, recorded, tmp_path: Path
+) -> None:
     later = 16_862 * SECOND
     events = [
         replace(event, stamp=event.stamp + later) if hasattr(event, "stamp") else event for event in run(70)

@@ -16,8 +16,8 @@ def attacks(acceptance_script: Callable[[str], ModuleType]) -> ModuleType:
 
 
 def test_memory_and_a_second_client_do_not_notice_endless_topics_and_unfinished_requests(
-    attacks, monkeypatch
-):
+    attacks: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # A busy machine may be silent for seconds, too.
     monkeypatch.setattr("btcore_monitor.watch.feed.SILENT_AFTER_S", attacks.REPLY_WITHIN)
     attacked, _ = attacks.run_pair(["big_topics", "unfinished"], 2.0)
@@ -28,7 +28,7 @@ def test_memory_and_a_second_client_do_not_notice_endless_topics_and_unfinished_
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the script needs Linux")
-def test_a_client_loses_nothing_under_attack_on_a_starved_machine(attacks):
+def test_a_client_loses_nothing_under_attack_on_a_starved_machine(attacks: ModuleType) -> None:
     """The script in its own process, which lowers its priority."""
     short = ["--priority", "0", "--seconds", "0.5", "--attacks", "unfinished"]
     command = [sys.executable, attacks.__file__, "--starved", "1", *short]

@@ -6,6 +6,7 @@ import socket
 import pytest
 import zmq
 
+import btcore
 from btcore_monitor.serve import Publisher, serve
 
 GREETING_TIMEOUT_S = b"\xff" + b"\0" * 8 + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + b"\0" * 32
@@ -26,7 +27,9 @@ def ports(publisher: Publisher) -> list[int]:
 
 
 @pytest.mark.parametrize("name", JUNK)
-def test_both_protocols_work_after_junk_at_any_port(name, endless, no_threads_left):
+def test_both_protocols_work_after_junk_at_any_port(
+    name, endless: btcore.Tree, no_threads_left: None
+) -> None:
     with serve(endless, groot2_port=0, groot1_port=0) as publisher, zmq.Context() as context:
         for port in ports(publisher):
             with socket.create_connection(("127.0.0.1", port), timeout=60) as junk:
@@ -41,7 +44,9 @@ def test_both_protocols_work_after_junk_at_any_port(name, endless, no_threads_le
                 assert len(asking.recv_multipart()[-1]) > 0
 
 
-def test_a_request_without_the_empty_delimiter_frame_is_dropped(endless, no_threads_left):
+def test_a_request_without_the_empty_delimiter_frame_is_dropped(
+    endless: btcore.Tree, no_threads_left: None
+) -> None:
     """A REP socket drops a request without the empty frame, and the next request is answered."""
     with serve(endless, groot2_port=0, groot1_port=0) as publisher, zmq.Context() as context:
         assert publisher.groot1_port is not None

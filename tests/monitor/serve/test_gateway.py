@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 import zmq
 
+import btcore
 from btcore_monitor.serve import gateway, gateway_process, serve
 from btcore_monitor.serve.gateway import Gateway
 from btcore_monitor.serve.gateway_process import ClientStream
@@ -117,13 +118,13 @@ REQUESTS = {
         *(pytest.param(False, *case, id=f"requests: {name}") for name, case in REQUESTS.items()),
     ],
 )
-def test_bytes_are_checked_the_same_in_one_piece_and_in_many(takes_topics, data, reason):
+def test_bytes_are_checked_the_same_in_one_piece_and_in_many(takes_topics, data, reason) -> None:
     assert verdict(data, takes_topics) == reason
     for seed in range(20):
         assert verdict(data, takes_topics, random.Random(seed)) == reason
 
 
-def test_no_byte_after_the_permitted_frames_is_checked():
+def test_no_byte_after_the_permitted_frames_is_checked() -> None:
     stream = ClientStream(False, 1000)
     data = V30 + 5 * frame(b"")
     assert stream.check(data, 3) == len(V30) + 4
@@ -139,7 +140,7 @@ def receive(connection: socket.socket, size: int) -> bytes:
     return data
 
 
-def test_a_client_of_zmtp_2_gets_a_reply(endless, no_threads_left):
+def test_a_client_of_zmtp_2_gets_a_reply(endless: btcore.Tree, no_threads_left: None) -> None:
     """As libzmq 3.2 sends: the signature, and the rest only after the server's signature."""
     with serve(endless, groot2_port=0) as publisher:
         address = ("127.0.0.1", publisher.port)
@@ -152,7 +153,9 @@ def test_a_client_of_zmtp_2_gets_a_reply(endless, no_threads_left):
             assert receive(client, 4)[:2] == b"\1\0"
 
 
-def test_a_client_of_zmtp_3_0_receives_what_it_subscribes_to(endless, no_threads_left):
+def test_a_client_of_zmtp_3_0_receives_what_it_subscribes_to(
+    endless: btcore.Tree, no_threads_left: None
+) -> None:
     with serve(endless, groot2_port=0) as publisher:
         client = socket.create_connection(("127.0.0.1", publisher.port + 2), timeout=60)
         with client:
@@ -164,7 +167,9 @@ def test_a_client_of_zmtp_3_0_receives_what_it_subscribes_to(endless, no_threads
                 data += client.recv(1000)
 
 
-def test_requests_and_subscriptions_of_the_maximum_size_are_forwarded(endless, no_threads_left, until):
+def test_requests_and_subscriptions_of_the_maximum_size_are_forwarded(
+    endless: btcore.Tree, no_threads_left: None, until: Callable[..., None]
+) -> None:
     with (
         serve(endless, groot2_port=0, allow_control=True) as publisher,
         zmq.Context() as context,
@@ -223,7 +228,7 @@ def subscriber(port: int, *topics: bytes):
         yield client
 
 
-def test_unread_bytes_wait_in_the_gateway_until_there_are_too_many(stream):
+def test_unread_bytes_wait_in_the_gateway_until_there_are_too_many(stream) -> None:
     # The robot's socket holds 2 messages per client at most, and then it waits.
     robot, port, _ = stream(sndhwm=2, xpub_nodrop=1)
     picture = frame(bytes(1 << 20))
@@ -246,7 +251,9 @@ def test_unread_bytes_wait_in_the_gateway_until_there_are_too_many(stream):
 
 
 @pytest.mark.usefixtures("in_a_thread")
-def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(stream, monkeypatch):
+def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(
+    stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(gateway_process, "CLIENT_TIMEOUT_S", 60.0)
     monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT_S", 60.0)
     robot, port, _ = stream()
@@ -267,7 +274,9 @@ def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(stream, monke
 
 
 @pytest.mark.usefixtures("in_a_thread")
-def test_a_request_without_a_reply_delays_the_next_request_for_a_limited_time(stream, monkeypatch):
+def test_a_request_without_a_reply_delays_the_next_request_for_a_limited_time(
+    stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert gateway_process._REQUEST_TOPIC == REQUEST_TOPIC + b"/"
     monkeypatch.setattr(gateway_process, "CLIENT_TIMEOUT_S", 60.0)
     monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT_S", 0.0)
@@ -277,7 +286,7 @@ def test_a_request_without_a_reply_delays_the_next_request_for_a_limited_time(st
         assert [robot.recv() for _ in range(3)] == [b"\1request/invalid", b"\1request/1/token", b"\1stream"]
 
 
-def test_encrypted_clients_are_forwarded_and_limited():
+def test_encrypted_clients_are_forwarded_and_limited() -> None:
     server_key, server_secret = zmq.curve_keypair()
     key, secret = zmq.curve_keypair()
     listener = socket.create_server(("127.0.0.1", 0))
@@ -316,7 +325,9 @@ def test_encrypted_clients_are_forwarded_and_limited():
             between.close()
 
 
-def test_a_connection_more_than_permitted_waits_until_another_ends(endless, no_threads_left):
+def test_a_connection_more_than_permitted_waits_until_another_ends(
+    endless: btcore.Tree, no_threads_left: None
+) -> None:
     with serve(endless, groot2_port=0) as publisher:
         address = ("127.0.0.1", publisher.port)
         held = []
@@ -343,7 +354,7 @@ def test_a_connection_more_than_permitted_waits_until_another_ends(endless, no_t
 
 
 @pytest.fixture
-def in_a_thread(monkeypatch) -> None:
+def in_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """The gateway in a thread, as in a frozen program, with short times."""
     monkeypatch.setattr(sys, "frozen", True, raising=False)
     monkeypatch.setattr(gateway_process, "CLIENT_TIMEOUT_S", 0.5)
@@ -351,7 +362,7 @@ def in_a_thread(monkeypatch) -> None:
 
 
 @pytest.mark.usefixtures("in_a_thread")
-def test_a_client_that_sends_nothing_is_disconnected(endless, no_threads_left):
+def test_a_client_that_sends_nothing_is_disconnected(endless: btcore.Tree, no_threads_left: None) -> None:
     with serve(endless, groot2_port=0) as publisher:
         silent = socket.create_connection(("127.0.0.1", publisher.port), timeout=60)
         with silent:
@@ -359,7 +370,9 @@ def test_a_client_that_sends_nothing_is_disconnected(endless, no_threads_left):
 
 
 @pytest.mark.usefixtures("in_a_thread")
-def test_a_client_that_does_not_read_is_disconnected_and_others_are_served(endless, no_threads_left):
+def test_a_client_that_does_not_read_is_disconnected_and_others_are_served(
+    endless: btcore.Tree, no_threads_left: None
+) -> None:
     requests = 100 * (frame(b"", 1) + frame(b"\x02T1234"))
     with (
         serve(endless, groot2_port=0) as publisher,
@@ -383,7 +396,9 @@ def test_a_client_that_does_not_read_is_disconnected_and_others_are_served(endle
     assert sent > len(requests)
 
 
-def test_a_thread_continues_if_the_process_of_the_gateway_is_killed(endless, no_threads_left, caplog):
+def test_a_thread_continues_if_the_process_of_the_gateway_is_killed(
+    endless: btcore.Tree, no_threads_left: None, caplog: pytest.LogCaptureFixture
+) -> None:
     with (
         serve(endless, groot2_port=0) as publisher,
         zmq.Context() as context,
@@ -399,7 +414,9 @@ def test_a_thread_continues_if_the_process_of_the_gateway_is_killed(endless, no_
     assert "ended with code -9; a thread continues" in caplog.text
 
 
-def test_without_unix_sockets_a_thread_forwards_by_tcp(endless, no_threads_left, monkeypatch):
+def test_without_unix_sockets_a_thread_forwards_by_tcp(
+    endless: btcore.Tree, no_threads_left: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(gateway, "_HAS_UNIX_SOCKETS", False)
     with (
         serve(endless, groot2_port=0) as publisher,
@@ -430,7 +447,7 @@ sys.stdin.read()
 """
 
 
-def test_a_killed_robot_leaves_neither_process_nor_files_nor_ports(until):
+def test_a_killed_robot_leaves_neither_process_nor_files_nor_ports(until: Callable[..., None]) -> None:
     robot = subprocess.Popen(
         [sys.executable, "-c", ROBOT], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
@@ -445,7 +462,9 @@ def test_a_killed_robot_leaves_neither_process_nor_files_nor_ports(until):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no Unix sockets")
-def test_the_next_run_removes_the_folder_of_a_killed_robot_and_gateway(endless, tmp_path, monkeypatch):
+def test_the_next_run_removes_the_folder_of_a_killed_robot_and_gateway(
+    endless: btcore.Tree, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr(tempfile, "tempdir", None)
     with subprocess.Popen(
@@ -469,7 +488,9 @@ def test_the_next_run_removes_the_folder_of_a_killed_robot_and_gateway(endless, 
     assert not list(tmp_path.iterdir())
 
 
-def test_a_closed_publisher_sends_its_last_messages_first(endless, no_threads_left):
+def test_a_closed_publisher_sends_its_last_messages_first(
+    endless: btcore.Tree, no_threads_left: None
+) -> None:
     with zmq.Context() as context, context.socket(zmq.SUB) as client:
         publisher = serve(endless, groot2_port=0)
         client.linger = 0
@@ -485,7 +506,7 @@ def test_a_closed_publisher_sends_its_last_messages_first(endless, no_threads_le
             data = client.recv_multipart()[1]
 
 
-def test_bytes_for_a_client_that_pauses_are_forwarded_at_the_end(stream):
+def test_bytes_for_a_client_that_pauses_are_forwarded_at_the_end(stream) -> None:
     robot, port, close = stream(sndhwm=2, xpub_nodrop=1)
     picture = frame(bytes(1 << 20))
     with subscriber(port, b"") as client:

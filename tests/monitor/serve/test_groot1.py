@@ -191,13 +191,13 @@ def nested() -> btcore.Tree:
 
 
 @pytest.fixture(params=["sample", "sample3", "nested"])
-def flat(request, window) -> dict[str, Any]:
+def flat(request: pytest.FixtureRequest, window: Callable[..., Window]) -> dict[str, Any]:
     """The tree in the publisher's reply, for each of several trees."""
     with serve(request.getfixturevalue(request.param), groot2_port=None, groot1_port=0) as publisher:
         return window(publisher).tree()
 
 
-def test_the_tree_meets_groot1s_requirements(flat):
+def test_the_tree_meets_groot1s_requirements(flat: dict[str, Any]) -> None:
     nodes = {node["uid"]: node for node in flat["nodes"]}
     models = {model["registration_name"]: model for model in flat["node_models"]}
     assert len(nodes) == len(flat["nodes"]) > 0
@@ -223,7 +223,9 @@ def test_the_tree_meets_groot1s_requirements(flat):
     assert 0 < order[0] <= order[-1] <= 0xFFFF
 
 
-def test_nodes_unknown_to_groot1_have_their_ports_and_types(nested, window):
+def test_nodes_unknown_to_groot1_have_their_ports_and_types(
+    nested: btcore.Tree, window: Callable[..., Window]
+) -> None:
     with serve(nested, groot2_port=None, groot1_port=0) as publisher:
         flat = window(publisher).tree()
     models = {model["registration_name"]: model for model in flat["node_models"]}
@@ -247,7 +249,9 @@ def test_nodes_unknown_to_groot1_have_their_ports_and_types(nested, window):
     assert by_name["Sub"]["port_remaps"] == []
 
 
-def test_a_skipped_node_is_idle_and_no_status_beyond_failure_is_sent(nested, window):
+def test_a_skipped_node_is_idle_and_no_status_beyond_failure_is_sent(
+    nested: btcore.Tree, window: Callable[..., Window]
+) -> None:
     with serve(nested, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         nested.tick_exactly_once()
@@ -261,7 +265,9 @@ def test_a_skipped_node_is_idle_and_no_status_beyond_failure_is_sent(nested, win
     assert not [step for one in messages for step in one.steps if step[0] == skipped]
 
 
-def test_every_uid_of_a_message_is_in_the_tree_and_all_nodes_have_a_status(endless, window):
+def test_every_uid_of_a_message_is_in_the_tree_and_all_nodes_have_a_status(
+    endless: btcore.Tree, window: Callable[..., Window]
+) -> None:
     with serve(endless, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         uids = [node["uid"] for node in groot.tree()["nodes"]]
@@ -272,7 +278,9 @@ def test_every_uid_of_a_message_is_in_the_tree_and_all_nodes_have_a_status(endle
             assert {uid for uid, *_ in message.steps} <= set(uids)
 
 
-def test_a_replaced_tree_has_new_uids_so_that_groot1_requests_it(endless, sample, window):
+def test_a_replaced_tree_has_new_uids_so_that_groot1_requests_it(
+    endless: btcore.Tree, sample: btcore.Tree, window: Callable[..., Window]
+) -> None:
     with serve(endless, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         before = groot.tree()
@@ -294,7 +302,7 @@ def test_a_replaced_tree_has_new_uids_so_that_groot1_requests_it(endless, sample
 # What the original sends.
 
 
-def test_the_tree_equals_the_originals(sample3, window):
+def test_the_tree_equals_the_originals(sample3: btcore.Tree, window: Callable[..., Window]) -> None:
     original = tree_in((CAPTURES / "v3_behaviortree.flatbuffer.bin").read_bytes())
     with serve(sample3, groot2_port=None, groot1_port=0) as publisher:
         ours = window(publisher).tree()
@@ -316,7 +324,7 @@ def test_the_tree_equals_the_originals(sample3, window):
     assert signatures[0] == signatures[1]
 
 
-def test_updates_equal_the_originals_bytes(sample3):
+def test_updates_equal_the_originals_bytes(sample3: btcore.Tree) -> None:
     """Tick by tick, with the original's times."""
     captured = [(CAPTURES / f"v3_pub_{number}.bin").read_bytes() for number in (1, 2, 3)]
     server = Groot1Server(sample3)
@@ -338,7 +346,9 @@ def test_updates_equal_the_originals_bytes(sample3):
         assert server.update(1.0) == frame
 
 
-def test_random_requests_are_answered_with_the_tree(sample, window):
+def test_random_requests_are_answered_with_the_tree(
+    sample: btcore.Tree, window: Callable[..., Window]
+) -> None:
     with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         tree = groot.ask()
@@ -360,7 +370,9 @@ def test_random_requests_are_answered_with_the_tree(sample, window):
         assert groot.next().steps
 
 
-def test_the_tree_has_the_current_statuses_of_its_nodes(sample, window):
+def test_the_tree_has_the_current_statuses_of_its_nodes(
+    sample: btcore.Tree, window: Callable[..., Window]
+) -> None:
     with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         assert {node["status"] for node in groot.tree()["nodes"]} == {0}
@@ -370,7 +382,7 @@ def test_the_tree_has_the_current_statuses_of_its_nodes(sample, window):
         ]
 
 
-def test_transitions_have_the_time_of_day(endless, window):
+def test_transitions_have_the_time_of_day(endless: btcore.Tree, window: Callable[..., Window]) -> None:
     with serve(endless, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         before = time.time_ns() // 1000
@@ -380,7 +392,9 @@ def test_transitions_have_the_time_of_day(endless, window):
     assert stamps == sorted(stamps)
 
 
-def test_an_update_has_the_statuses_at_the_end_of_the_previous_update(endless, window):
+def test_an_update_has_the_statuses_at_the_end_of_the_previous_update(
+    endless: btcore.Tree, window: Callable[..., Window]
+) -> None:
     with serve(endless, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         known = {node.uid: 0 for node in endless.nodes}
@@ -400,7 +414,7 @@ def change_of(tree: btcore.Tree, number: int, status: Status) -> TransitionItem:
     return TransitionItem(Transition(number, 0, 1, tree.root.uid, Status.IDLE, status), number)
 
 
-def test_an_update_is_sent_one_period_after_its_first_transition(endless):
+def test_an_update_is_sent_one_period_after_its_first_transition(endless: btcore.Tree) -> None:
     server = Groot1Server(endless, rate=25)
     assert server.update(100.0) is None, "nothing happened, so nothing is sent"
     server.add_transition(change_of(endless, 1, Status.RUNNING), 100.0)
@@ -412,7 +426,7 @@ def test_an_update_is_sent_one_period_after_its_first_transition(endless):
     assert server.update(200.0) is None
 
 
-def test_a_fast_tree_does_not_exceed_the_update_rate(endless):
+def test_a_fast_tree_does_not_exceed_the_update_rate(endless: btcore.Tree) -> None:
     server = Groot1Server(endless, rate=25)
     sent = []
     for millisecond in range(1000):
@@ -427,14 +441,16 @@ def test_a_fast_tree_does_not_exceed_the_update_rate(endless):
     assert sum(count for _, count in sent) >= 950, "throttling leaves no transition out"
 
 
-def test_the_last_transitions_are_sent_before_the_end(sample, window):
+def test_the_last_transitions_are_sent_before_the_end(
+    sample: btcore.Tree, window: Callable[..., Window]
+) -> None:
     with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         sample.tick_exactly_once()
     assert groot.next().steps == [(1, 0, 1), (2, 0, 2), (3, 0, 1), (4, 0, 3), (5, 0, 1)]
 
 
-def test_a_publisher_that_lost_transitions_sends_corrections(endless):
+def test_a_publisher_that_lost_transitions_sends_corrections(endless: btcore.Tree) -> None:
     server = Groot1Server(endless)
     server.add_transition(change_of(endless, 1, Status.RUNNING), 0.0)
     server.correct_statuses({1: 2, 2: 1, 3: 0}, 5_000, 0.0)
@@ -443,7 +459,7 @@ def test_a_publisher_that_lost_transitions_sends_corrections(endless):
     assert Message.read(frame).steps == [(1, 0, 1), (1, 1, 2), (2, 0, 1)]
 
 
-def test_uids_start_again_at_1_when_they_would_exceed_16_bits(endless):
+def test_uids_start_again_at_1_when_they_would_exceed_16_bits(endless: btcore.Tree) -> None:
     count = len(endless.nodes)
     last = Groot1Server(endless, offset=0xFFFF - count)
     assert [one["uid"] for one in tree_in(last.answer())["nodes"]][-1] == last.end == 0xFFFF
@@ -454,7 +470,7 @@ def test_uids_start_again_at_1_when_they_would_exceed_16_bits(endless):
 # Ports.
 
 
-def test_groot1_alone_has_the_run_channel_two_ports_above_its_requests(sample):
+def test_groot1_alone_has_the_run_channel_two_ports_above_its_requests(sample: btcore.Tree) -> None:
     with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         assert publisher.groot1_port is not None
         assert publisher.port == publisher.groot1_port + 1
@@ -466,6 +482,6 @@ def test_groot1_alone_has_the_run_channel_two_ports_above_its_requests(sample):
 
 
 @pytest.mark.parametrize("groot1", [1666, 1669])
-def test_overlapping_ports_are_refused_before_anything_is_opened(sample, groot1):
+def test_overlapping_ports_are_refused_before_anything_is_opened(sample: btcore.Tree, groot1: int) -> None:
     with pytest.raises(ServeError, match=r"needs the ports 1667 to 1669 and Groot 1 needs .* such as 2666"):
         serve(sample, groot2_port=1667, groot1_port=groot1)

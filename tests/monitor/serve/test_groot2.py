@@ -83,7 +83,9 @@ class Windows:
         return Window(publisher, socket)
 
 
-def test_statuses_equal_the_originals_bytes_before_during_and_after_a_run(sample, window):
+def test_statuses_equal_the_originals_bytes_before_during_and_after_a_run(
+    sample: btcore.Tree, window: Windows
+) -> None:
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         assert groot.ask("S") == captured("v4_status_before_first_tick")
@@ -94,7 +96,7 @@ def test_statuses_equal_the_originals_bytes_before_during_and_after_a_run(sample
         assert groot.ask("S") == captured("v4_status_after_completion")
 
 
-def test_blackboards_equal_the_originals_bytes(sample, window):
+def test_blackboards_equal_the_originals_bytes(sample: btcore.Tree, window: Windows) -> None:
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         assert groot.ask("B", b"Main;Sub::6") == captured("v4_blackboard_before_first_tick")
@@ -105,7 +107,9 @@ def test_blackboards_equal_the_originals_bytes(sample, window):
         assert groot.ask("B", b"Main;Sub::6") == captured("v4_blackboard_after")
 
 
-def test_recorded_transitions_equal_the_originals_and_are_read_once(sample, window):
+def test_recorded_transitions_equal_the_originals_and_are_read_once(
+    sample: btcore.Tree, window: Windows
+) -> None:
     original = captured("v4_get_transitions")
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
@@ -127,7 +131,7 @@ def test_recorded_transitions_equal_the_originals_and_are_read_once(sample, wind
     assert int(start) + offsets[-1] <= time.time_ns() // 1000
 
 
-def test_stop_keeps_the_recording_and_start_clears_it(sample, window):
+def test_stop_keeps_the_recording_and_start_clears_it(sample: btcore.Tree, window: Windows) -> None:
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         groot.ask("r", b"start")
@@ -142,7 +146,7 @@ def test_stop_keeps_the_recording_and_start_clears_it(sample, window):
         assert groot.transitions() == []
 
 
-def test_a_recording_keeps_the_last_thousand_transitions(endless, window):
+def test_a_recording_keeps_the_last_thousand_transitions(endless: btcore.Tree, window: Windows) -> None:
     with serve(endless, groot2_port=0) as publisher:
         groot = window(publisher)
         groot.ask("r", b"start")
@@ -151,7 +155,9 @@ def test_a_recording_keeps_the_last_thousand_transitions(endless, window):
         assert len(groot.transitions()) == 1000
 
 
-def test_a_halted_node_has_10_plus_its_last_status_but_is_recorded_as_idle(sample, window):
+def test_a_halted_node_has_10_plus_its_last_status_but_is_recorded_as_idle(
+    sample: btcore.Tree, window: Windows
+) -> None:
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         sample.tick_exactly_once()
@@ -163,7 +169,7 @@ def test_a_halted_node_has_10_plus_its_last_status_but_is_recorded_as_idle(sampl
         assert {status for _, _, status in groot.transitions()} == {0}
 
 
-def test_the_full_tree_equals_the_captured_tree(sample, window):
+def test_the_full_tree_equals_the_captured_tree(sample: btcore.Tree, window: Windows) -> None:
     with serve(sample, groot2_port=0) as publisher:
         xml = window(publisher).ask("T")
     ours = read_fulltree(xml, publisher.tree_id)
@@ -171,7 +177,7 @@ def test_the_full_tree_equals_the_captured_tree(sample, window):
     assert ours == original
 
 
-def test_the_tree_id_is_a_new_random_uuid_for_each_publisher(sample, window):
+def test_the_tree_id_is_a_new_random_uuid_for_each_publisher(sample: btcore.Tree, window: Windows) -> None:
     with serve(sample, groot2_port=0) as first:
         identity = uuid.UUID(first.tree_id)
         assert (identity.version, identity.variant) == (4, uuid.RFC_4122)
@@ -199,26 +205,32 @@ def test_the_tree_id_is_a_new_random_uuid_for_each_publisher(sample, window):
         ([b"\x02X\x01\x02\x03\x04"], "hooks are disabled"),
     ],
 )
-def test_an_invalid_request_gets_an_error_of_two_frames(sample, window, frames, sentence):
+def test_an_invalid_request_gets_an_error_of_two_frames(
+    sample: btcore.Tree, window: Windows, frames, sentence: str
+) -> None:
     with serve(sample, groot2_port=0) as publisher:
         assert window(publisher).send(*frames) == [b"error", sentence.encode()]
 
 
-def test_the_protocol_byte_is_not_checked_and_extra_frames_are_ignored(sample, window):
+def test_the_protocol_byte_is_not_checked_and_extra_frames_are_ignored(
+    sample: btcore.Tree, window: Windows
+) -> None:
     with serve(sample, groot2_port=0) as publisher:
         reply = window(publisher).send(b"\x07S\x01\x00\x00\x00", b"extra")
         assert reply[0][:6] == b"\x02S\x01\x00\x00\x00"
         assert reply[1] == captured("v4_status_before_first_tick")
 
 
-def test_a_request_without_a_known_blackboard_is_answered_with_nil(sample, window):
+def test_a_request_without_a_known_blackboard_is_answered_with_nil(
+    sample: btcore.Tree, window: Windows
+) -> None:
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         assert groot.ask("B", b"") == b"\xc0"
         assert groot.ask("B", b"nope;;\xff") == b"\xc0"
 
 
-def test_the_publisher_survives_random_requests(sample, window):
+def test_the_publisher_survives_random_requests(sample: btcore.Tree, window: Windows) -> None:
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         letters = st.sampled_from(list(b"TSBIRNUDAXrtZ\x00"))
@@ -270,7 +282,7 @@ def writing() -> Iterator[btcore.Tree]:
     assert turns[0] > 100
 
 
-def test_blackboards_are_consistent_while_the_tree_writes_them(writing, window):
+def test_blackboards_are_consistent_while_the_tree_writes_them(writing: btcore.Tree, window: Windows) -> None:
     with serve(writing, groot2_port=0) as publisher:
         groot = window(publisher)
         for _ in range(30):
@@ -278,21 +290,21 @@ def test_blackboards_are_consistent_while_the_tree_writes_them(writing, window):
             assert len(set(board["row"])) <= 1
 
 
-def test_the_tracker_can_read_blackboards_while_the_tree_ticks(writing):
+def test_the_tracker_can_read_blackboards_while_the_tree_ticks(writing: btcore.Tree) -> None:
     tracker = BlackboardTracker(writing)
     for _ in range(500):
         board = tracker.read_now()[""]
         assert len(set(board.get("row", []))) <= 1
 
 
-def test_values_written_from_outside_are_shown_without_a_tick(sample, window):
+def test_values_written_from_outside_are_shown_without_a_tick(sample: btcore.Tree, window: Windows) -> None:
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         sample.blackboard["x"] = 7
         assert msgpack.unpackb(groot.ask("B", b"Main"))["Main"]["x"] == 7
 
 
-def test_the_port_is_free_again_after_closing(sample, window):
+def test_the_port_is_free_again_after_closing(sample: btcore.Tree, window: Windows) -> None:
     with serve(sample, groot2_port=0) as publisher:
         port = publisher.port
         window(publisher).ask("S")
@@ -301,7 +313,7 @@ def test_the_port_is_free_again_after_closing(sample, window):
         assert len(window(publisher).statuses()) == 10
 
 
-def test_without_run_channel_its_port_stays_free(sample):
+def test_without_run_channel_its_port_stays_free(sample: btcore.Tree) -> None:
     with (
         serve(sample, groot2_port=0, run_channel=False) as first,
         zmq.Context() as context,
@@ -310,7 +322,9 @@ def test_without_run_channel_its_port_stays_free(sample):
         other.bind(f"tcp://127.0.0.1:{first.port + 2}")
 
 
-def test_two_trees_are_published_by_one_process(sample, endless, window):
+def test_two_trees_are_published_by_one_process(
+    sample: btcore.Tree, endless: btcore.Tree, window: Windows
+) -> None:
     with serve(sample, groot2_port=0) as first, serve(endless, groot2_port=0) as second:
         assert abs(first.port - second.port) >= 3
         assert first.address == f"tcp://127.0.0.1:{first.port}"

@@ -137,7 +137,7 @@ class Ticking:
 # --- bytes
 
 
-def test_our_requests_equal_the_captured_requests_byte_for_byte():
+def test_our_requests_equal_the_captured_requests_byte_for_byte() -> None:
     assert encode_hooks([WireHook(4)]) == frames_of("v4_hook_insert_breakpoint.req")[1]
     failing = WireHook(5, position=1, mode=1, once=True, desired_status="FAILURE")
     assert b"[" + encode_hooks([failing]) + b"]" == frames_of("v4_hook_insert_array_replace_post.req")[1]
@@ -146,7 +146,7 @@ def test_our_requests_equal_the_captured_requests_byte_for_byte():
     assert encode_unlocking(unlocking) == frames_of("v4_breakpoint_unlock.req")[1]
 
 
-def test_our_dump_and_notification_equal_the_captures_byte_for_byte():
+def test_our_dump_and_notification_equal_the_captures_byte_for_byte() -> None:
     assert encode_dump([WireHook(4)]) == frames_of("v4_hooks_dump_one.rep")[1]
     assert encode_dump([]) == frames_of("v4_hooks_dump_empty.rep")[1]
     captured = frames_of("v4_breakpoint_reached.pub")
@@ -154,7 +154,7 @@ def test_our_dump_and_notification_equal_the_captures_byte_for_byte():
     assert groot2.decode_breakpoint_reached(captured) == 4
 
 
-def test_a_dump_is_read_back():
+def test_a_dump_is_read_back() -> None:
     hooks = [WireHook(4), WireHook(7, 1, 1, True, "FAILURE", False)]
     assert decode_hooks(encode_dump(hooks)) == decode_hooks(encode_hooks(hooks)) == hooks
 
@@ -176,7 +176,9 @@ def test_a_dump_is_read_back():
         "error_bad_header",
     ],
 )
-def test_captured_requests_get_the_captured_replies_except_for_the_tree_id(sample, control, name):
+def test_captured_requests_get_the_captured_replies_except_for_the_tree_id(
+    sample: btcore.Tree, control: Opening, name: str
+) -> None:
     window = control(sample)
     if name in ("hooks_dump_one", "breakpoint_unlock", "hook_remove"):
         window.send(*frames_of("v4_hook_insert_breakpoint.req"))
@@ -186,7 +188,7 @@ def test_captured_requests_get_the_captured_replies_except_for_the_tree_id(sampl
     assert window.send(*frames_of(f"v4_{name}.req")) == expected
 
 
-def test_the_whole_captured_session_can_be_repeated(sample, control):
+def test_the_whole_captured_session_can_be_repeated(sample: btcore.Tree, control: Opening) -> None:
     """g2cli.out.txt: a breakpoint before AlwaysFailure, released with SUCCESS; then Count is made to fail."""
     window = control(sample)
     while sample.tick_exactly_once() is btcore.Status.RUNNING:
@@ -244,13 +246,15 @@ TYPE = "[json.exception.type_error.302] type must be {}, but is {}"
         ),
     ],
 )
-def test_an_invalid_request_is_refused_with_the_originals_message(sample, control, kind, body, sentence):
+def test_an_invalid_request_is_refused_with_the_originals_message(
+    sample: btcore.Tree, control: Opening, kind, body, sentence
+) -> None:
     window = control(sample)
     assert window.refused(kind, body) == sentence
     assert window.dump() == []
 
 
-def test_unencodable_text_and_invalid_json_are_refused(sample, control):
+def test_unencodable_text_and_invalid_json_are_refused(sample: btcore.Tree, control: Opening) -> None:
     window = control(sample)
     assert "NodeStatus" in window.refused("I", BREAKPOINT | {"desired_status": "\ud800"})
     for noise in (b"", b"[" * 100_000, b"\xff\xfe", b"9" * 5000, b"NaN", b'{"uid": 1e999}', b"[1,", b"nul"):
@@ -258,7 +262,7 @@ def test_unencodable_text_and_invalid_json_are_refused(sample, control):
     assert window.dump() == []
 
 
-def test_a_hook_for_an_unknown_node_is_accepted_and_ignored(sample, control):
+def test_a_hook_for_an_unknown_node_is_accepted_and_ignored(sample: btcore.Tree, control: Opening) -> None:
     window = control(sample)
     assert window.ask("I", BREAKPOINT | {"uid": 999}) == b""
     assert window.dump() == []
@@ -267,13 +271,13 @@ def test_a_hook_for_an_unknown_node_is_accepted_and_ignored(sample, control):
 # --- effects of hooks
 
 
-def test_a_dump_lists_hooks_before_a_tick_first(sample, control):
+def test_a_dump_lists_hooks_before_a_tick_first(sample: btcore.Tree, control: Opening) -> None:
     window = control(sample)
     window.ask("I", [BREAKPOINT | {"position": 1}, BREAKPOINT | {"uid": 7, "mode": 1}])
     assert [(one["uid"], one["position"], one["mode"]) for one in window.dump()] == [(7, 0, 1), (4, 1, 0)]
 
 
-def test_a_hook_at_the_same_place_is_replaced(sample, control):
+def test_a_hook_at_the_same_place_is_replaced(sample: btcore.Tree, control: Opening) -> None:
     window = control(sample)
     window.ask("I", BREAKPOINT)
     changed = BREAKPOINT | {"mode": 1, "once": True, "desired_status": "FAILURE", "enabled": False}
@@ -291,7 +295,9 @@ def test_a_hook_at_the_same_place_is_replaced(sample, control):
         ("U", {"uid": 4, "position": 0, "desired_status": "RUNNING", "remove_when_done": True}, 0),
     ],
 )
-def test_requests_that_release_a_waiting_tick(sample, control, kind, body, left):
+def test_requests_that_release_a_waiting_tick(
+    sample: btcore.Tree, control: Opening, kind: str, body, left: int
+) -> None:
     window = control(sample)
     window.ask("I", BREAKPOINT)
     tick = Ticking(sample)
@@ -302,7 +308,7 @@ def test_requests_that_release_a_waiting_tick(sample, control, kind, body, left)
     assert len(window.dump()) == left
 
 
-def test_statuses_and_blackboards_are_answered_at_a_breakpoint(sample, control):
+def test_statuses_and_blackboards_are_answered_at_a_breakpoint(sample: btcore.Tree, control: Opening) -> None:
     window = control(sample)
     window.ask("I", BREAKPOINT)
     tick = Ticking(sample)
@@ -313,7 +319,7 @@ def test_statuses_and_blackboards_are_answered_at_a_breakpoint(sample, control):
     tick.end()
 
 
-def test_recorded_transitions_show_the_injected_status(sample, control):
+def test_recorded_transitions_show_the_injected_status(sample: btcore.Tree, control: Opening) -> None:
     window = control(sample)
     window.ask("r", b"start")
     window.ask("I", BREAKPOINT | {"uid": 5, "mode": 1, "position": 1, "desired_status": "FAILURE"})
@@ -327,7 +333,9 @@ def test_recorded_transitions_show_the_injected_status(sample, control):
 # --- hooks work only as long as their client stays connected
 
 
-def test_hooks_that_a_silent_client_left_stay_disabled_until_they_are_inserted_again(sample, control):
+def test_hooks_that_a_silent_client_left_stay_disabled_until_they_are_inserted_again(
+    sample: btcore.Tree, control: Opening
+) -> None:
     window = control(sample, max_heartbeat_delay=0.3)
     window.ask("I", [BREAKPOINT, BREAKPOINT | {"uid": 5}])
     tick = Ticking(sample)
@@ -339,7 +347,9 @@ def test_hooks_that_a_silent_client_left_stay_disabled_until_they_are_inserted_a
     assert {one["uid"]: one["enabled"] for one in window.dump()} == {4: True, 5: False}
 
 
-def test_a_client_that_only_watches_neither_enables_hooks_nor_keeps_them_enabled(sample, control, until):
+def test_a_client_that_only_watches_neither_enables_hooks_nor_keeps_them_enabled(
+    sample: btcore.Tree, control: Opening, until: Callable[..., None]
+) -> None:
     """In BehaviorTree.CPP 4.10 the first request of a monitor brings back the breakpoints of others."""
     window = control(sample, max_heartbeat_delay=0.3)
     watching = Window(window.publisher)
@@ -360,7 +370,9 @@ def test_a_client_that_only_watches_neither_enables_hooks_nor_keeps_them_enabled
         watching.close()
 
 
-def test_a_client_that_releases_breakpoints_keeps_hooks_enabled(sample, control, until):
+def test_a_client_that_releases_breakpoints_keeps_hooks_enabled(
+    sample: btcore.Tree, control: Opening, until: Callable[..., None]
+) -> None:
     """Single commands, each with a connection of its own: break, and then release again and again."""
     window = control(sample, max_heartbeat_delay=3.0)
     releasing = Window(window.publisher)
@@ -376,14 +388,16 @@ def test_a_client_that_releases_breakpoints_keeps_hooks_enabled(sample, control,
         releasing.close()
 
 
-def test_hooks_of_the_program_itself_stay_enabled_without_a_client(sample, control):
+def test_hooks_of_the_program_itself_stay_enabled_without_a_client(
+    sample: btcore.Tree, control: Opening
+) -> None:
     publisher = control(sample, max_heartbeat_delay=0.01).publisher
     sample.hooks.insert(Hook(5, mode=HookMode.REPLACE, desired_status=btcore.Status.FAILURE))
     assert not publisher.wait_for_clients(1, 0.1)
     assert [one.enabled for one in sample.hooks.all()] == [True]
 
 
-def test_a_request_of_any_kind_counts_as_a_heartbeat(sample, control):
+def test_a_request_of_any_kind_counts_as_a_heartbeat(sample: btcore.Tree, control: Opening) -> None:
     window = control(sample, max_heartbeat_delay=3.0)
     window.ask("I", BREAKPOINT)
     tick = Ticking(sample)
@@ -397,7 +411,7 @@ def test_a_request_of_any_kind_counts_as_a_heartbeat(sample, control):
     tick.end()
 
 
-def test_a_finished_publisher_removes_its_hooks(sample, control):
+def test_a_finished_publisher_removes_its_hooks(sample: btcore.Tree, control: Opening) -> None:
     window = control(sample)
     window.ask("I", BREAKPOINT)
     tick = Ticking(sample)
@@ -409,7 +423,9 @@ def test_a_finished_publisher_removes_its_hooks(sample, control):
     assert window.refused("D") == "hooks are disabled"
 
 
-def test_replacing_the_tree_removes_its_hooks(sample, endless, control, until):
+def test_replacing_the_tree_removes_its_hooks(
+    sample: btcore.Tree, endless: btcore.Tree, control: Opening, until: Callable[..., None]
+) -> None:
     window = control(sample)
     window.ask("I", BREAKPOINT)
     window.publisher.replace_tree(endless)
@@ -456,7 +472,9 @@ KINDS = st.sampled_from(list(b"TSBIRNUDAXrtZ\x00IRU"))
 HEADERS = st.builds(lambda kind, rest: bytes([2, kind]) + rest, KINDS, st.binary(min_size=4, max_size=4))
 
 
-def test_robot_and_publisher_survive_random_requests(endless, control, until):
+def test_robot_and_publisher_survive_random_requests(
+    endless: btcore.Tree, control: Opening, until: Callable[..., None]
+) -> None:
     window = control(endless)
     stop = threading.Event()
 

@@ -5,11 +5,13 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 
 import pytest
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
+import btcore
 from btcore_monitor.breakpoints import BreakpointClient, BreakpointError
 from btcore_monitor.events import ConnectionEvent, TransitionEvent, TreeEvent
 from btcore_monitor.keys import ClientKeys, RobotKeys, create_keys
@@ -29,7 +31,7 @@ HANDSHAKES = (
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path: Path):
     """A folder with the key pairs of the robot, of a known client, and of an unknown client."""
     for name in ("robot", "desk", "unknown_client"):
         create_keys(tmp_path / name)
@@ -80,7 +82,9 @@ def watch(tree, address: str, keys: ClientKeys | None) -> tuple[str, str, int]:
     raise AssertionError
 
 
-def test_a_known_client_watches_and_controls(endless, robot_keys, desk):
+def test_a_known_client_watches_and_controls(
+    endless: btcore.Tree, robot_keys: RobotKeys, desk: ClientKeys
+) -> None:
     with serve(endless, groot2_port=0, keys=robot_keys, allow_control=True) as publisher:
         how, name, _ = watch(endless, publisher.address, desk)
         assert (how, name) == (f"{publisher.address}, by btcore's run channel", "Endless")
@@ -94,7 +98,9 @@ def test_a_known_client_watches_and_controls(endless, robot_keys, desk):
 
 
 @pytest.mark.parametrize("ports", [{"groot2_port": 0}, {"groot2_port": None, "groot1_port": 0}])
-def test_a_known_client_watches_by_the_protocols_of_groot(endless, robot_keys, desk, ports):
+def test_a_known_client_watches_by_the_protocols_of_groot(
+    endless: btcore.Tree, robot_keys: RobotKeys, desk: ClientKeys, ports
+) -> None:
     with serve(endless, **ports, run_channel=False, keys=robot_keys) as publisher:
         how, name, _ = watch(endless, publisher.address, desk)
     assert f"by Groot {1 if 'groot1_port' in ports else 2}'s protocol" in how
@@ -102,7 +108,9 @@ def test_a_known_client_watches_by_the_protocols_of_groot(endless, robot_keys, d
 
 
 @pytest.mark.parametrize("kind", REFUSALS)
-def test_a_wrong_key_is_reported_to_the_client(endless, folder, robot_keys, kind):
+def test_a_wrong_key_is_reported_to_the_client(
+    endless: btcore.Tree, folder, robot_keys: RobotKeys, kind
+) -> None:
     with serve(endless, groot2_port=0, keys=robot_keys, allow_control=True) as publisher:
         keys = wrong_keys(folder, kind)
         with pytest.raises(BreakpointError, match=REFUSALS[kind]):
@@ -115,7 +123,7 @@ def test_a_wrong_key_is_reported_to_the_client(endless, folder, robot_keys, kind
         assert publisher.client_count == 0
 
 
-def test_a_client_with_keys_is_told_that_a_robot_has_none(endless, desk):
+def test_a_client_with_keys_is_told_that_a_robot_has_none(endless: btcore.Tree, desk: ClientKeys) -> None:
     with (
         serve(endless, groot2_port=0, allow_control=True) as publisher,
         pytest.raises(
@@ -125,7 +133,7 @@ def test_a_client_with_keys_is_told_that_a_robot_has_none(endless, desk):
         BreakpointClient(publisher.address, timeout=100, keys=desk)
 
 
-def test_a_tunnel_to_a_robot_that_is_not_running_is_no_refusal(desk):
+def test_a_tunnel_to_a_robot_that_is_not_running_is_no_refusal(desk: ClientKeys) -> None:
     """The client continues to wait, although the tunnel closes each connection, as a robot does."""
     closed = 0
 
@@ -165,7 +173,9 @@ def connected(address: str, kind: int, keys: ClientKeys | None) -> Iterator[tupl
 
 
 @pytest.mark.parametrize("kind", REFUSALS)
-def test_every_port_refuses_a_wrong_key(endless, folder, robot_keys, desk, kind):
+def test_every_port_refuses_a_wrong_key(
+    endless: btcore.Tree, folder, robot_keys: RobotKeys, desk: ClientKeys, kind
+) -> None:
     keys = wrong_keys(folder, kind)
     with serve(endless, groot2_port=0, groot1_port=0, keys=robot_keys) as publisher:
         assert publisher.groot1_port is not None
@@ -243,7 +253,9 @@ def listeners_in_a_row(count: int) -> list[socket.socket]:
 
 
 @pytest.mark.parametrize("encrypted", [False, True])
-def test_the_bytes_on_the_wire_are_unreadable_with_keys(endless, robot_keys, desk, encrypted):
+def test_the_bytes_on_the_wire_are_unreadable_with_keys(
+    endless: btcore.Tree, robot_keys: RobotKeys, desk: ClientKeys, encrypted: bool
+) -> None:
     keys, client_keys = (robot_keys, desk) if encrypted else (None, None)
     with ExitStack() as stack:
         publisher = stack.enter_context(serve(endless, groot2_port=0, keys=keys, allow_control=True))
@@ -265,7 +277,9 @@ def test_the_bytes_on_the_wire_are_unreadable_with_keys(endless, robot_keys, des
     assert (b"desired_status" in requests) is readable
 
 
-def test_clients_without_keys_can_watch_where_it_is_asked_for(endless, robot_keys, desk):
+def test_clients_without_keys_can_watch_where_it_is_asked_for(
+    endless: btcore.Tree, robot_keys: RobotKeys, desk: ClientKeys
+) -> None:
     with serve(endless, groot2_port=0, keys=robot_keys, allow_control=True, watch_port=0) as publisher:
         how, name, _ = watch(endless, publisher.watch_address, None)
         assert (how, name) == (f"{publisher.watch_address}, by btcore's run channel", "Endless")
@@ -291,7 +305,9 @@ def test_clients_without_keys_can_watch_where_it_is_asked_for(endless, robot_key
 @pytest.mark.parametrize(
     "ports", [{"groot2_port": None, "groot1_port": 0}, {"groot2_port": 0, "groot1_port": 0}]
 )
-def test_groot_1_watches_without_keys_where_it_is_asked_for(endless, robot_keys, ports):
+def test_groot_1_watches_without_keys_where_it_is_asked_for(
+    endless: btcore.Tree, robot_keys: RobotKeys, ports
+) -> None:
     with serve(endless, **ports, keys=robot_keys, watch_port=0) as publisher:
         address = f"tcp://127.0.0.1:{publisher.watch_groot1_port}"
         with connected(address, zmq.SUB, None) as (groot, event):
@@ -303,7 +319,9 @@ def test_groot_1_watches_without_keys_where_it_is_asked_for(endless, robot_keys,
             assert groot.recv()
 
 
-def test_a_watch_port_in_use_is_reported(endless, sample, robot_keys):
+def test_a_watch_port_in_use_is_reported(
+    endless: btcore.Tree, sample: btcore.Tree, robot_keys: RobotKeys
+) -> None:
     with (
         serve(sample, groot2_port=0) as other,
         pytest.raises(
@@ -313,13 +331,15 @@ def test_a_watch_port_in_use_is_reported(endless, sample, robot_keys):
         serve(endless, groot2_port=0, keys=robot_keys, watch_port=other.port)
 
 
-def test_a_watch_port_needs_keys(endless):
+def test_a_watch_port_needs_keys(endless: btcore.Tree) -> None:
     with pytest.raises(ServeError, match="no effect, because there are no keys"):
         serve(endless, groot2_port=0, watch_port=0)
 
 
 @pytest.mark.parametrize("bind", ["*", "0.0.0.0"])
-def test_publishing_to_the_network_without_keys_warns_once(endless, robot_keys, caplog, bind):
+def test_publishing_to_the_network_without_keys_warns_once(
+    endless: btcore.Tree, robot_keys: RobotKeys, caplog: pytest.LogCaptureFixture, bind: str
+) -> None:
     caplog.set_level(logging.WARNING, "monitor")
     with serve(endless, groot2_port=0, bind=bind):
         pass
@@ -334,7 +354,9 @@ def test_publishing_to_the_network_without_keys_warns_once(endless, robot_keys, 
     assert caplog.messages == []
 
 
-def test_control_over_the_network_needs_keys_or_insecure(endless, caplog):
+def test_control_over_the_network_needs_keys_or_insecure(
+    endless: btcore.Tree, caplog: pytest.LogCaptureFixture
+) -> None:
     with pytest.raises(ServeError, match=r"control from the network \('\*'\) needs keys: .*--insecure"):
         serve(endless, groot2_port=0, bind="*", allow_control=True)
     assert caplog.messages == []

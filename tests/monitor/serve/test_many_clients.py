@@ -5,12 +5,13 @@ import contextlib
 import pytest
 import zmq
 
+import btcore
 from btcore_monitor.serve import serve
 from btcore_monitor.serve.request_socket import MAX_WAITING_FRAMES, RequestSocket
 
 
 @pytest.fixture
-def served(endless, no_threads_left):
+def served(endless: btcore.Tree, no_threads_left: None):
     with serve(endless, groot2_port=0) as publisher:
         yield publisher
 
@@ -34,7 +35,7 @@ def request(kind: bytes, number: int) -> bytes:
     return b"\x02" + kind + number.to_bytes(4, "little")
 
 
-def test_replies_go_to_the_requesting_client(dealer):
+def test_replies_go_to_the_requesting_client(dealer) -> None:
     clients = [dealer() for _ in range(20)]
     for turn in range(10):
         for at, client in enumerate(clients):
@@ -47,7 +48,7 @@ def test_replies_go_to_the_requesting_client(dealer):
         assert not client.poll(0)
 
 
-def test_a_reply_has_the_routing_envelope_of_its_request(dealer):
+def test_a_reply_has_the_routing_envelope_of_its_request(dealer) -> None:
     """As with a REP socket, the envelope ends at the first empty frame, and is returned unchanged."""
     client = dealer()
     client.send_multipart([b"first", b"second", b"", request(b"B", 7), b""])
@@ -62,7 +63,7 @@ def test_a_reply_has_the_routing_envelope_of_its_request(dealer):
     [[b""], [b"", b""], [b"", b"", b""], [b"", b"\x02S1234", b"", b"more"], [b"", b"\x02B1234"]],
     ids=["nothing", "an empty request", "two empty frames", "an additional frame", "a missing frame"],
 )
-def test_an_invalid_request_does_not_affect_other_clients(dealer, frames):
+def test_an_invalid_request_does_not_affect_other_clients(dealer, frames) -> None:
     odd, client = dealer(), dealer()
     odd.send_multipart(frames)
     client.send_multipart([b"", request(b"S", 1)])
@@ -75,7 +76,7 @@ def test_an_invalid_request_does_not_affect_other_clients(dealer, frames):
         assert len(answers) <= (2 if socket is odd else 1)
 
 
-def test_clients_that_leave_before_the_reply_do_no_harm(dealer):
+def test_clients_that_leave_before_the_reply_do_no_harm(dealer) -> None:
     for _ in range(20):
         with dealer() as gone:
             gone.linger = 100
@@ -86,7 +87,7 @@ def test_clients_that_leave_before_the_reply_do_no_harm(dealer):
     assert client.recv_multipart()[1][:6] == request(b"S", 3)
 
 
-def test_waiting_replies_to_a_client_that_does_not_read_are_limited():
+def test_waiting_replies_to_a_client_that_does_not_read_are_limited() -> None:
     big, asked = b"x" * 1_000_000, 4 * MAX_WAITING_FRAMES
     with zmq.Context() as context, context.socket(zmq.DEALER) as deaf:
         questions = RequestSocket(context, 1000)

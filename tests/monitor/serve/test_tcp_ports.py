@@ -3,6 +3,7 @@
 import pytest
 import zmq
 
+import btcore
 from btcore_monitor.serve import PortInUseError, ServeError, serve
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
@@ -10,7 +11,7 @@ PORTS = {"groot2": "port", "groot1": "groot1_port"}
 """The attributes of a publisher with the first ports of the protocols."""
 
 
-def test_a_port_in_use_is_reported_with_alternatives(sample):
+def test_a_port_in_use_is_reported_with_alternatives(sample: btcore.Tree) -> None:
     with serve(sample, groot2_port=0) as first, pytest.raises(PortInUseError) as raised:
         serve(sample, groot2_port=first.port)
     assert str(raised.value) == (
@@ -31,7 +32,9 @@ def test_a_port_in_use_is_reported_with_alternatives(sample):
         (("groot2", "groot1"), 0, "127.0.0.1", ""),
     ],
 )
-def test_a_port_in_use_is_reported_and_the_other_ports_are_released(sample, protocols, offset, bind, needed):
+def test_a_port_in_use_is_reported_and_the_other_ports_are_released(
+    sample: btcore.Tree, protocols, offset: int, bind: str, needed: str
+) -> None:
     with serve(sample, **{"groot2_port": None, **{f"{name}_port": 0 for name in protocols}}) as publisher:
         ports = {
             "groot2_port": None,
@@ -47,12 +50,12 @@ def test_a_port_in_use_is_reported_and_the_other_ports_are_released(sample, prot
         assert getattr(publisher, PORTS[protocols[0]]) == ports[f"{protocols[0]}_port"]
 
 
-def test_a_publisher_without_a_protocol_is_rejected(sample):
+def test_a_publisher_without_a_protocol_is_rejected(sample: btcore.Tree) -> None:
     with pytest.raises(ServeError, match="groot2_port and groot1_port are None"):
         serve(sample, groot2_port=None)
 
 
-def test_an_unknown_interface_is_reported(sample):
+def test_an_unknown_interface_is_reported(sample: btcore.Tree) -> None:
     with pytest.raises(ServeError, match=r"cannot listen at '203\.0\.113\.9'.*--bind"):
         serve(sample, groot2_port=0, bind="203.0.113.9")
 
@@ -65,11 +68,11 @@ def test_an_unknown_interface_is_reported(sample):
         ({"groot2_port": None, "groot1_port": 65533}, "choose one from 1 to 65532"),
     ],
 )
-def test_a_port_without_free_ports_above_it_is_out_of_range(sample, ports, message):
+def test_a_port_without_free_ports_above_it_is_out_of_range(sample: btcore.Tree, ports, message: str) -> None:
     with pytest.raises(ServeError, match=message):
         serve(sample, **ports)
 
 
-def test_all_interfaces_are_reached_on_this_machine_by_loopback(sample):
+def test_all_interfaces_are_reached_on_this_machine_by_loopback(sample: btcore.Tree) -> None:
     with serve(sample, groot2_port=0, bind="*") as publisher:
         assert publisher.address == f"tcp://127.0.0.1:{publisher.port}"

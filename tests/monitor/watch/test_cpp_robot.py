@@ -5,10 +5,11 @@ import re
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
+import btcore
 from btcore_monitor.events import (
     BlackboardEvent,
     ConnectionEvent,
@@ -23,6 +24,8 @@ from btcore_monitor.watch import groot2_feed
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.wire.groot2 import Request
+from tests.monitor.conftest import Changes, Command
+from tests.monitor.watch.conftest import CppRobot, Watcher
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 SECOND = 10**9
@@ -51,7 +54,9 @@ def source(viewer):
 # --- the simulated robot
 
 
-def test_the_simulated_robot_answers_like_the_captured_robot(cpp_robot, capture):
+def test_the_simulated_robot_answers_like_the_captured_robot(
+    cpp_robot: Callable[..., CppRobot], capture: Callable[[str], list[bytes]]
+) -> None:
     robot = cpp_robot(tree_id=capture("fulltree.rep")[0][6:])
     records = capture("get_transitions.rep")[1]
     steps = [records[at : at + 9] for at in range(0, len(records), 9)]
@@ -85,7 +90,9 @@ def test_the_simulated_robot_answers_like_the_captured_robot(cpp_robot, capture)
 # --- recorded transitions
 
 
-def test_every_recorded_transition_is_seen_with_its_time(cpp_robot, watch, until):
+def test_every_recorded_transition_is_seen_with_its_time(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     began = time.time_ns()
     viewer = watch(robot.address)
@@ -107,7 +114,9 @@ def test_every_recorded_transition_is_seen_with_its_time(cpp_robot, watch, until
     assert [one.stamp for one in viewer.of(TransitionEvent)] == [wall - seen.wall for wall in walls]
 
 
-def test_transitions_before_the_first_request_are_shown_as_statuses(cpp_robot, watch, until):
+def test_transitions_before_the_first_request_are_shown_as_statuses(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     robot.change(*TICK_1)
     viewer = watch(robot.address)
@@ -118,7 +127,9 @@ def test_transitions_before_the_first_request_are_shown_as_statuses(cpp_robot, w
     assert viewer.steps == [(5, RUNNING, SUCCESS), (4, FAILURE, IDLE), (5, SUCCESS, IDLE)]
 
 
-def test_data_that_the_protocol_lacks_is_reported_as_unavailable(cpp_robot, watch, until):
+def test_data_that_the_protocol_lacks_is_reported_as_unavailable(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
@@ -135,7 +146,9 @@ def test_data_that_the_protocol_lacks_is_reported_as_unavailable(cpp_robot, watc
     assert {one.tick for one in viewer.of(TransitionEvent)} == {0}
 
 
-def test_more_transitions_than_the_robot_keeps_are_reported_as_a_gap(cpp_robot, watch, until):
+def test_more_transitions_than_the_robot_keeps_are_reported_as_a_gap(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
@@ -159,8 +172,11 @@ def test_more_transitions_than_the_robot_keeps_are_reported_as_a_gap(cpp_robot, 
 
 @pytest.mark.parametrize("request_before", ["S", "t"])
 def test_statuses_that_changed_within_a_gap_are_corrected_without_another_gap(
-    cpp_robot, watch, until, request_before
-):
+    cpp_robot: Callable[..., CppRobot],
+    watch: Callable[..., Watcher],
+    until: Callable[..., None],
+    request_before: str,
+) -> None:
     robot = cpp_robot()
     viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
@@ -185,8 +201,11 @@ def test_statuses_that_changed_within_a_gap_are_corrected_without_another_gap(
 
 
 def test_a_big_tree_that_changes_in_bursts_is_requested_more_often_and_received_completely(
-    cpp_robot, watch, until, monkeypatch
-):
+    cpp_robot: Callable[..., CppRobot],
+    watch: Callable[..., Watcher],
+    until: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     nodes = "".join(f'<AlwaysSuccess name="node {uid}" _uid="{uid}"/>' for uid in range(2, 902))
     robot = cpp_robot(
         xml=(
@@ -232,7 +251,9 @@ def another_reader(robot) -> Iterator[None]:
         thread.join()
 
 
-def test_a_recording_that_another_client_reads_is_left_to_that_client(cpp_robot, watch, until):
+def test_a_recording_that_another_client_reads_is_left_to_that_client(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
@@ -252,7 +273,12 @@ def test_a_recording_that_another_client_reads_is_left_to_that_client(cpp_robot,
     assert robot.asked["t"] == drained
 
 
-def test_a_recording_is_read_again_after_another_client_has_left(cpp_robot, watch, until, monkeypatch):
+def test_a_recording_is_read_again_after_another_client_has_left(
+    cpp_robot: Callable[..., CppRobot],
+    watch: Callable[..., Watcher],
+    until: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(groot2_feed, "RETRY_AFTER_S", 0.2)
     robot = cpp_robot()
     viewer = watch(robot.address)
@@ -273,7 +299,9 @@ def test_a_recording_is_read_again_after_another_client_has_left(cpp_robot, watc
     assert times == sorted(times)
 
 
-def test_a_lost_reply_with_transitions_is_not_blamed_on_another_client(cpp_robot, watch, until):
+def test_a_lost_reply_with_transitions_is_not_blamed_on_another_client(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
@@ -288,7 +316,9 @@ def test_a_lost_reply_with_transitions_is_not_blamed_on_another_client(cpp_robot
     assert source(viewer).name == "Groot 2, recorded"
 
 
-def test_a_recording_that_another_client_restarts_is_left_to_that_client(cpp_robot, watch, until):
+def test_a_recording_that_another_client_restarts_is_left_to_that_client(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
@@ -308,7 +338,9 @@ def test_a_recording_that_another_client_restarts_is_left_to_that_client(cpp_rob
     assert robot.recording, "the other client's recording goes on"
 
 
-def test_a_robot_that_changes_faster_than_it_can_be_polled_is_recorded_with_gaps(cpp_robot, watch, until):
+def test_a_robot_that_changes_faster_than_it_can_be_polled_is_recorded_with_gaps(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
@@ -324,7 +356,9 @@ def test_a_robot_that_changes_faster_than_it_can_be_polled_is_recorded_with_gaps
     assert len(viewer.of(MissingDataEvent)) == 5
 
 
-def test_record_prints_one_line_for_each_gap(cpp_robot, command, until):
+def test_record_prints_one_line_for_each_gap(
+    cpp_robot: Callable[..., CppRobot], command: Callable[..., Command], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     recorder = command("record", robot.address, "-o", "run.btlog")
     recorder.wait_for("recording 'Main'")
@@ -343,7 +377,9 @@ def test_record_prints_one_line_for_each_gap(cpp_robot, command, until):
     assert "2 gaps are marked" in recorder.stderr_text
 
 
-def test_no_record_leaves_the_robots_buffer_to_other_clients(cpp_robot, watch, until):
+def test_no_record_leaves_the_robots_buffer_to_other_clients(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     viewer = watch(robot.address, record=False)
     until(lambda: viewer.of(TreeEvent), "the tree")
@@ -355,7 +391,9 @@ def test_no_record_leaves_the_robots_buffer_to_other_clients(cpp_robot, watch, u
     )
 
 
-def test_a_robot_that_cannot_record_is_sampled(cpp_robot, watch, until):
+def test_a_robot_that_cannot_record_is_sampled(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     robot.refused["r"] = "Request not recognized"
     viewer = watch(robot.address)
@@ -366,7 +404,9 @@ def test_a_robot_that_cannot_record_is_sampled(cpp_robot, watch, until):
     assert viewer.steps == [(4, IDLE, SUCCESS), (4, SUCCESS, IDLE)]
 
 
-def test_a_monitor_that_leaves_stops_the_recording_that_it_began(cpp_robot, watch, until):
+def test_a_monitor_that_leaves_stops_the_recording_that_it_began(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     viewer = watch(robot.address)
     until(lambda: robot.recording, "the recording")
@@ -378,7 +418,9 @@ def test_a_monitor_that_leaves_stops_the_recording_that_it_began(cpp_robot, watc
 # --- robots that come and go
 
 
-def test_a_feed_waits_for_a_robot_that_starts_later(cpp_robot, watch, until):
+def test_a_feed_waits_for_a_robot_that_starts_later(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     gone = cpp_robot()
     gone.close()
     viewer = watch(gone.address, reply_within=30.0)
@@ -390,7 +432,9 @@ def test_a_feed_waits_for_a_robot_that_starts_later(cpp_robot, watch, until):
     assert viewer.of(ConnectionEvent)[1].detail == f"{gone.address}, by Groot 2's protocol"
 
 
-def test_a_restarted_robot_shows_its_new_tree(cpp_robot, watch, until):
+def test_a_restarted_robot_shows_its_new_tree(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     first = cpp_robot()
     viewer = watch(first.address)
     until(lambda: viewer.of(TreeEvent), "the first tree")
@@ -407,7 +451,9 @@ def test_a_restarted_robot_shows_its_new_tree(cpp_robot, watch, until):
     assert not viewer.of(MissingDataEvent)
 
 
-def test_a_tree_with_a_new_id_is_noticed_without_a_lost_connection(cpp_robot, watch, until):
+def test_a_tree_with_a_new_id_is_noticed_without_a_lost_connection(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     viewer = watch(robot.address, reply_within=30.0)
     until(lambda: viewer.of(TreeEvent), "the first tree")
@@ -422,7 +468,9 @@ def test_a_tree_with_a_new_id_is_noticed_without_a_lost_connection(cpp_robot, wa
     assert viewer.links == ["waiting", "connected"]
 
 
-def test_transitions_recorded_during_a_short_silence_are_not_lost(cpp_robot, watch, until):
+def test_transitions_recorded_during_a_short_silence_are_not_lost(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
@@ -439,7 +487,9 @@ def test_transitions_recorded_during_a_short_silence_are_not_lost(cpp_robot, wat
     assert len(viewer.of(TreeEvent)) == 1
 
 
-def test_a_reply_may_take_longer_than_the_first_timeout(cpp_robot, watch, until):
+def test_a_reply_may_take_longer_than_the_first_timeout(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     robot.delay = 1.2
     viewer = watch(robot.address)
@@ -453,7 +503,9 @@ def test_a_reply_may_take_longer_than_the_first_timeout(cpp_robot, watch, until)
     assert (states[:2], states[-1]) == (["waiting", "connected"], "connected")
 
 
-def test_several_robots_are_followed_at_once(cpp_robot, watch, until):
+def test_several_robots_are_followed_at_once(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robots = [cpp_robot() for _ in range(3)]
     viewers = [watch(robot.address) for robot in robots]
     until(lambda: all(one.of(TreeEvent) for one in viewers), "the trees")
@@ -469,7 +521,14 @@ def test_several_robots_are_followed_at_once(cpp_robot, watch, until):
     ("rate", "message"),
     [(20.0, "requested 20 times a second: short changes are not seen"), (0, "not requested")],
 )
-def test_blackboards_are_requested_at_the_given_rate(cpp_robot, watch, until, capture, rate, message):
+def test_blackboards_are_requested_at_the_given_rate(
+    cpp_robot: Callable[..., CppRobot],
+    watch: Callable[..., Watcher],
+    until: Callable[..., None],
+    capture: Callable[[str], list[bytes]],
+    rate: float,
+    message: str,
+) -> None:
     robot = cpp_robot()
     robot.boards = capture("blackboard_after.rep")[1]
     viewer = watch(robot.address, blackboard_rate=rate)
@@ -488,7 +547,9 @@ def test_blackboards_are_requested_at_the_given_rate(cpp_robot, watch, until, ca
         }
 
 
-def test_blackboards_that_are_refused_together_are_requested_one_by_one(cpp_robot, watch, until):
+def test_blackboards_that_are_refused_together_are_requested_one_by_one(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     robot.refused["B"] = "two different root blackboards"
     viewer = watch(robot.address, reply_within=30.0, blackboard_rate=50)
@@ -505,7 +566,12 @@ def test_blackboards_that_are_refused_together_are_requested_one_by_one(cpp_robo
     assert viewer.links == ["waiting", "connected"]
 
 
-def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch, until, capture):
+def test_a_slow_network_leaves_time_for_blackboards(
+    cpp_robot: Callable[..., CppRobot],
+    watch: Callable[..., Watcher],
+    until: Callable[..., None],
+    capture: Callable[[str], list[bytes]],
+) -> None:
     robot = cpp_robot()
     robot.boards = capture("blackboard_after.rep")[1]
     robot.delay = 0.1
@@ -516,7 +582,9 @@ def test_a_slow_network_leaves_time_for_blackboards(cpp_robot, watch, until, cap
 # --- a btcore robot without its run channel
 
 
-def test_a_btcore_robot_can_be_followed_through_groot_2(endless, watch, until, changes):
+def test_a_btcore_robot_can_be_followed_through_groot_2(
+    endless: btcore.Tree, watch: Callable[..., Watcher], until: Callable[..., None], changes: type[Changes]
+) -> None:
     reported_values = changes(endless)
     with serve(endless, groot2_port=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)

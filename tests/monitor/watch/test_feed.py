@@ -37,6 +37,8 @@ from btcore_monitor.wire import run_channel as wire
 from btcore_monitor.wire.fulltree import read_fulltree
 from btcore_monitor.wire.groot2 import Request, StatusRecord, decode_statuses
 from btcore_scene import Box, Frame, MovingScene, Picture, Scan, StaticScene
+from tests.monitor.conftest import Changes
+from tests.monitor.watch.conftest import Watcher
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 
@@ -75,7 +77,12 @@ class Cameras(Scene):
         return replace(super().moving_scene(), pictures=[torn, whole])
 
 
-def test_a_picture_of_the_wrong_size_is_left_out_with_one_warning(sample, watch, until, caplog):
+def test_a_picture_of_the_wrong_size_is_left_out_with_one_warning(
+    sample: btcore.Tree,
+    watch: Callable[..., Watcher],
+    until: Callable[..., None],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     with serve(sample, groot2_port=0, resources=[Cameras()]) as publisher:
         watcher = watch(publisher.address)
         assert publisher.wait_for_clients(1, 60)
@@ -93,7 +100,9 @@ def test_a_picture_of_the_wrong_size_is_left_out_with_one_warning(sample, watch,
     ]
 
 
-def test_a_viewer_that_starts_before_the_robot_sees_everything(sample, watch, until):
+def test_a_viewer_that_starts_before_the_robot_sees_everything(
+    sample: btcore.Tree, watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with serve(sample, groot2_port=0) as publisher:
         port = publisher.port
     early = watch(f":{port}")
@@ -132,7 +141,9 @@ def strangers(publisher: Publisher, count: int) -> Iterator[Callable[[], None]]:
 
 
 @pytest.mark.parametrize(("protocol", "is_late"), [("groot2", True), ("groot1", True), ("groot2", False)])
-def test_a_robot_with_a_run_channel_is_not_sampled_meanwhile(endless, monkeypatch, protocol, is_late):
+def test_a_robot_with_a_run_channel_is_not_sampled_meanwhile(
+    endless: btcore.Tree, monkeypatch: pytest.MonkeyPatch, protocol: str, is_late: bool
+) -> None:
     """On a busy machine, the run channel may be later than Groot's replies, or silent for seconds."""
     monkeypatch.setattr(feed, "RUN_CHANNEL_WAIT_S", 0.0)
     if not is_late:
@@ -158,7 +169,9 @@ def test_a_robot_with_a_run_channel_is_not_sampled_meanwhile(endless, monkeypatc
     assert [event.tick for event in events if isinstance(event, TickEvent)] == list(range(1, 21))
 
 
-def test_a_robot_whose_run_channel_is_not_reachable_is_sampled(endless, monkeypatch):
+def test_a_robot_whose_run_channel_is_not_reachable_is_sampled(
+    endless: btcore.Tree, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(feed, "ANNOUNCED_RUN_CHANNEL_WAIT_S", 0.0)
     with ExitStack() as stack:
         publisher = stack.enter_context(serve(endless, groot2_port=0))
@@ -178,7 +191,9 @@ def test_a_robot_whose_run_channel_is_not_reachable_is_sampled(endless, monkeypa
         assert next(event for event in viewer if isinstance(event, TreeEvent)).has_transition_numbers
 
 
-def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, until):
+def test_a_late_reply_to_a_request_for_missing_messages_is_used(
+    monkeypatch: pytest.MonkeyPatch, until: Callable[..., None]
+) -> None:
     """With many clients or on a busy machine, a reply takes longer than the pause between two requests."""
     monkeypatch.setattr(run_channel_client, "_RETRY_AFTER_S", 0.0)
     context: zmq.Context = zmq.Context()
@@ -210,7 +225,12 @@ def test_a_late_reply_to_a_request_for_missing_messages_is_used(monkeypatch, unt
     context.term()
 
 
-def test_closing_waits_for_a_client_that_does_not_read_for_some_time(endless, monkeypatch, caplog, until):
+def test_closing_waits_for_a_client_that_does_not_read_for_some_time(
+    endless: btcore.Tree,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    until: Callable[..., None],
+) -> None:
     monkeypatch.setattr("btcore_monitor.serve.publisher._ANNOUNCE_AFTER_S", 0.01, raising=False)
     with serve(endless, groot2_port=0) as publisher, Feed(publisher.address) as viewer:
         events: list[Event] = []
@@ -228,7 +248,9 @@ def test_closing_waits_for_a_client_that_does_not_read_for_some_time(endless, mo
     assert [event.tick for event in events if isinstance(event, TickEvent)] == list(range(1, 21))
 
 
-def test_a_viewer_that_connects_during_a_run_gets_the_earlier_events(endless, watch, until):
+def test_a_viewer_that_connects_during_a_run_gets_the_earlier_events(
+    endless: btcore.Tree, watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with serve(endless, groot2_port=0) as publisher:
         for _ in range(50):
             endless.tick_exactly_once()
@@ -240,7 +262,9 @@ def test_a_viewer_that_connects_during_a_run_gets_the_earlier_events(endless, wa
         assert numbers(late) == list(range(1, len(numbers(late)) + 1))
 
 
-def test_a_viewer_that_connects_after_the_last_tick_gets_the_run(sample, watch, until):
+def test_a_viewer_that_connects_after_the_last_tick_gets_the_run(
+    sample: btcore.Tree, watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with serve(sample, groot2_port=0) as publisher:
         for _ in range(3):
             sample.tick_exactly_once()
@@ -252,7 +276,9 @@ def test_a_viewer_that_connects_after_the_last_tick_gets_the_run(sample, watch, 
         assert late.of(TransitionEvent)[-1].status == 0
 
 
-def test_slow_viewers_of_a_fast_tree_miss_no_transition(endless, watch, until, changes):
+def test_slow_viewers_of_a_fast_tree_miss_no_transition(
+    endless: btcore.Tree, watch: Callable[..., Watcher], until: Callable[..., None], changes: type[Changes]
+) -> None:
     reported = changes(endless)
     with serve(endless, groot2_port=0, grace=60) as publisher:
         viewers = [watch(publisher.address), watch(publisher.address, pause=0.002)]
@@ -272,7 +298,9 @@ def test_slow_viewers_of_a_fast_tree_miss_no_transition(endless, watch, until, c
     assert publisher.dropped_transitions == 0
 
 
-def test_a_robot_that_restarts_shows_its_new_tree(sample, endless, watch, until):
+def test_a_robot_that_restarts_shows_its_new_tree(
+    sample: btcore.Tree, endless: btcore.Tree, watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with serve(sample, groot2_port=0) as first:
         viewer = watch(first.address)
         until(lambda: viewer.of(TreeEvent), "the first tree")
@@ -286,7 +314,13 @@ def test_a_robot_that_restarts_shows_its_new_tree(sample, endless, watch, until)
     assert viewer.links[:4] == ["waiting", "connected", "ended", "connected"]
 
 
-def test_a_replaced_tree_is_seen_on_the_same_connection(sample, endless, watch, until, changes):
+def test_a_replaced_tree_is_seen_on_the_same_connection(
+    sample: btcore.Tree,
+    endless: btcore.Tree,
+    watch: Callable[..., Watcher],
+    until: Callable[..., None],
+    changes: type[Changes],
+) -> None:
     told_before, told_after = changes(sample), changes(endless)
     with serve(sample, groot2_port=0, resources=[Scene()]) as publisher:
         viewer = watch(publisher.address)
@@ -315,7 +349,7 @@ def test_a_replaced_tree_is_seen_on_the_same_connection(sample, endless, watch, 
     assert [one.tick for one in viewer.of(TickEvent)] == [1, *range(1, 101)]
 
 
-def test_a_groot2_client_sees_the_next_tree_at_once(sample, endless):
+def test_a_groot2_client_sees_the_next_tree_at_once(sample: btcore.Tree, endless: btcore.Tree) -> None:
     with (
         serve(sample, groot2_port=0) as publisher,
         Groot2Client(parse_address(publisher.address), timeout=60) as client,
@@ -329,7 +363,7 @@ def test_a_groot2_client_sees_the_next_tree_at_once(sample, endless):
         assert statuses(client).keys() == {node.uid for node in endless.nodes}
 
 
-def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until):
+def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until: Callable[..., None]) -> None:
     """A client whose queue overflowed when the tree changed must receive the new tree."""
     context: zmq.Context = zmq.Context()
     with context.socket(zmq.XPUB) as robot:
@@ -362,7 +396,7 @@ def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until)
     context.term()
 
 
-def test_the_exception_of_a_node_arrives(watch, until):
+def test_the_exception_of_a_node_arrives(watch: Callable[..., Watcher], until: Callable[..., None]) -> None:
     registry = btcore.Registry.standard()
 
     @btcore.action
@@ -382,7 +416,9 @@ def test_the_exception_of_a_node_arrives(watch, until):
     assert "boom" in viewer.of(ExceptionEvent)[0].message
 
 
-def test_transitions_of_an_unfinished_tick_are_shown(watch, until):
+def test_transitions_of_an_unfinished_tick_are_shown(
+    watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     go_on = threading.Event()
     registry = btcore.Registry.standard()
 
@@ -406,7 +442,7 @@ def test_transitions_of_an_unfinished_tick_are_shown(watch, until):
             ticking.join()
 
 
-def test_a_hanging_viewer_does_not_delay_the_end(endless):
+def test_a_hanging_viewer_does_not_delay_the_end(endless: btcore.Tree) -> None:
     with zmq.Context() as context, context.socket(zmq.SUB) as hanging:
         with serve(endless, groot2_port=0, grace=0.1) as publisher:
             hanging.setsockopt(zmq.RCVHWM, 1)
@@ -420,7 +456,7 @@ def test_a_hanging_viewer_does_not_delay_the_end(endless):
         assert time.monotonic() - began < 60
 
 
-def test_a_client_of_a_silent_robot_raises_and_can_request_again(sample):
+def test_a_client_of_a_silent_robot_raises_and_can_request_again(sample: btcore.Tree) -> None:
     with serve(sample, groot2_port=0) as publisher:
         port = publisher.port
     with Groot2Client(parse_address(f":{port}"), timeout=0.05) as client:
@@ -442,11 +478,11 @@ def test_a_client_of_a_silent_robot_raises_and_can_request_again(sample):
         ("10.0.0.7/", ("10.0.0.7", 1667)),
     ],
 )
-def test_an_address_may_be_short(text, where):
+def test_an_address_may_be_short(text: str, where) -> None:
     assert parse_address(text)[:2] == where
 
 
 @pytest.mark.parametrize("text", ["http://robot", "a b", "robot:port", "robot:99999", "65534", "::1"])
-def test_an_invalid_address_raises(text):
+def test_an_invalid_address_raises(text: str) -> None:
     with pytest.raises(AddressError, match=r"is not an address|out of range"):
         parse_address(text)

@@ -2,11 +2,13 @@
 
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import zmq
 
+import btcore
 from btcore_monitor.events import ConnectionEvent, MissingDataEvent, TickEvent, TransitionEvent, TreeEvent
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.address import parse_address
@@ -14,6 +16,8 @@ from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
 from btcore_monitor.wire.groot1 import WireTransition, encode_update
 from btcore_monitor.wire.groot1_tree import WireModel, WireNode, WireTree, encode_tree
 from btcore_monitor.wire.groot2 import Request
+from tests.monitor.conftest import Changes
+from tests.monitor.watch.conftest import Watcher
 
 pytestmark = pytest.mark.usefixtures("no_threads_left")
 CAPTURES = Path(__file__).parents[1] / "captures"
@@ -98,7 +102,9 @@ class Robot:
         self.close()
 
 
-def test_a_robot_of_version_3_is_detected_and_every_transition_is_shown(watch, until):
+def test_a_robot_of_version_3_is_detected_and_every_transition_is_shown(
+    watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeEvent), "the tree")
@@ -121,7 +127,9 @@ def test_a_robot_of_version_3_is_detected_and_every_transition_is_shown(watch, u
     assert not viewer.of(MissingDataEvent)
 
 
-def test_a_viewer_that_connects_during_a_run_gets_statuses_by_the_first_update(watch, until):
+def test_a_viewer_that_connects_during_a_run_gets_statuses_by_the_first_update(
+    watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     """The statuses in the tree are out of date, because they are those of the robot's start."""
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
@@ -133,7 +141,9 @@ def test_a_viewer_that_connects_during_a_run_gets_statuses_by_the_first_update(w
     assert not viewer.of(MissingDataEvent)
 
 
-def test_statuses_that_arrive_late_correct_the_statuses_of_the_tree(watch, until):
+def test_statuses_that_arrive_late_correct_the_statuses_of_the_tree(
+    watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeEvent), "the tree")
@@ -145,7 +155,9 @@ def test_statuses_that_arrive_late_correct_the_statuses_of_the_tree(watch, until
     assert not viewer.of(MissingDataEvent), "nothing got lost, since nothing was known"
 
 
-def test_a_lost_update_is_reported_as_a_gap(watch, until):
+def test_a_lost_update_is_reported_as_a_gap(
+    watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeEvent), "the tree")
@@ -161,7 +173,9 @@ def test_a_lost_update_is_reported_as_a_gap(watch, until):
     assert viewer.events.index(hole) < viewer.events.index(again)
 
 
-def test_a_robot_that_does_not_publish_transitions_to_idle_has_no_gaps(watch, until):
+def test_a_robot_that_does_not_publish_transitions_to_idle_has_no_gaps(
+    watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeEvent), "the tree")
@@ -171,7 +185,9 @@ def test_a_robot_that_does_not_publish_transitions_to_idle_has_no_gaps(watch, un
     assert not viewer.of(MissingDataEvent)
 
 
-def test_a_robot_may_start_later_and_restart_with_another_tree(watch, until):
+def test_a_robot_may_start_later_and_restart_with_another_tree(
+    watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with Robot(TREE) as robot:
         port = robot.port
     viewer = watch(f":{port}")
@@ -189,7 +205,9 @@ def test_a_robot_may_start_later_and_restart_with_another_tree(watch, until):
     assert viewer.of(TransitionEvent)[-1].number == 1
 
 
-def test_a_robot_that_restarts_with_the_same_tree_is_a_new_run(watch, until):
+def test_a_robot_that_restarts_with_the_same_tree_is_a_new_run(
+    watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     """Groot 1 does not notice the restart, because the uids are the same."""
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
@@ -206,7 +224,9 @@ def test_a_robot_that_restarts_with_the_same_tree_is_a_new_run(watch, until):
     assert not viewer.of(MissingDataEvent)
 
 
-def test_another_tree_in_the_same_process_is_requested(watch, until):
+def test_another_tree_in_the_same_process_is_requested(
+    watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeEvent), "the first tree")
@@ -218,7 +238,9 @@ def test_another_tree_in_the_same_process_is_requested(watch, until):
     assert viewer.steps == [(2, 0, 2)]
 
 
-def test_an_idle_robot_stays_connected_and_a_silent_robot_is_lost(watch, until, monkeypatch):
+def test_an_idle_robot_stays_connected_and_a_silent_robot_is_lost(
+    watch: Callable[..., Watcher], until: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("btcore_monitor.watch.groot1_feed.PROBE_AFTER_S", 0.8)
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
@@ -237,7 +259,9 @@ def test_an_idle_robot_stays_connected_and_a_silent_robot_is_lost(watch, until, 
     assert viewer.of(TreeEvent)[-1].statuses == {1: 1, 2: 0}
 
 
-def test_an_invalid_update_loses_the_connection_which_is_then_restored(watch, until):
+def test_an_invalid_update_loses_the_connection_which_is_then_restored(
+    watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeEvent), "the tree")
@@ -247,7 +271,9 @@ def test_an_invalid_update_loses_the_connection_which_is_then_restored(watch, un
         until(lambda: viewer.links[-1] == "connected", "the return")
 
 
-def test_an_unusual_publish_port_is_reported_and_can_be_given_in_the_address(watch, until):
+def test_an_unusual_publish_port_is_reported_and_can_be_given_in_the_address(
+    watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with Robot(encode_tree(SMALL), apart=3) as robot:
         blind = watch(f":{robot.port}")
         until(lambda: blind.of(TreeEvent), "the tree")
@@ -264,7 +290,9 @@ def test_an_unusual_publish_port_is_reported_and_can_be_given_in_the_address(wat
 # Our publisher.
 
 
-def test_every_transition_of_a_btcore_robot_arrives_by_groot1(endless, watch, until, changes):
+def test_every_transition_of_a_btcore_robot_arrives_by_groot1(
+    endless: btcore.Tree, watch: Callable[..., Watcher], until: Callable[..., None], changes: type[Changes]
+) -> None:
     reported = changes(endless)
     with serve(endless, groot2_port=None, groot1_port=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
@@ -280,7 +308,9 @@ def test_every_transition_of_a_btcore_robot_arrives_by_groot1(endless, watch, un
     assert viewer.of(TreeEvent)[0].tree.by_uid.keys() == {node.uid for node in endless.nodes}
 
 
-def test_the_tree_by_groot1_has_the_engines_paths(sample, watch, until):
+def test_the_tree_by_groot1_has_the_engines_paths(
+    sample: btcore.Tree, watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with serve(sample, groot2_port=None, groot1_port=0, run_channel=False) as publisher:
         viewer = watch(publisher.address)
         until(lambda: viewer.of(TreeEvent), "the tree")
@@ -290,7 +320,9 @@ def test_the_tree_by_groot1_has_the_engines_paths(sample, watch, until):
     ]
 
 
-def test_the_run_channel_is_preferred_to_groot1(endless, watch, until):
+def test_the_run_channel_is_preferred_to_groot1(
+    endless: btcore.Tree, watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with serve(endless, groot2_port=None, groot1_port=0) as publisher:
         viewer = watch(publisher.address)
         assert publisher.wait_for_clients(1, 60)
@@ -300,7 +332,9 @@ def test_the_run_channel_is_preferred_to_groot1(endless, watch, until):
     assert "run channel" in viewer.of(ConnectionEvent)[1].detail
 
 
-def test_a_robot_may_restart_with_the_other_protocol(endless, watch, until):
+def test_a_robot_may_restart_with_the_other_protocol(
+    endless: btcore.Tree, watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     with serve(endless, groot2_port=None, groot1_port=0, run_channel=False) as publisher:
         port = publisher.port
         viewer = watch(publisher.address)
@@ -313,7 +347,7 @@ def test_a_robot_may_restart_with_the_other_protocol(endless, watch, until):
         assert viewer.of(ConnectionEvent)[-1].detail.endswith("by Groot 1's protocol")
 
 
-def test_a_groot2_client_detects_a_robot_of_version_3_without_harm(until):
+def test_a_groot2_client_detects_a_robot_of_version_3_without_harm(until: Callable[..., None]) -> None:
     with Robot(TREE) as robot, Groot2Client(parse_address(f":{robot.port}"), timeout=60) as client:
         with pytest.raises(Groot1DetectedError, match="uses Groot 1's protocol"):
             client.request(Request.FULLTREE)
@@ -323,7 +357,9 @@ def test_a_groot2_client_detects_a_robot_of_version_3_without_harm(until):
         assert robot.asked == 2
 
 
-def test_watching_requests_the_tree_only_twice(watch, until):
+def test_watching_requests_the_tree_only_twice(
+    watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     """The tree is requested twice at the beginning, and not again as long as the robot publishes."""
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
@@ -347,6 +383,8 @@ def test_watching_requests_the_tree_only_twice(watch, until):
         ("1800/1700", "tcp://127.0.0.1:1800", "tcp://127.0.0.1:1700"),
     ],
 )
-def test_an_address_determines_the_port_of_groot1s_updates(text, request_at, published_at):
+def test_an_address_determines_the_port_of_groot1s_updates(
+    text: str, request_at: str, published_at: str
+) -> None:
     address = parse_address(text)
     assert (address.at(), address.published()) == (request_at, published_at)

@@ -2,24 +2,30 @@
 
 import json
 import signal
+from collections.abc import Callable
 
 import pytest
 
 from btcore_monitor.events import HooksEvent, TransitionEvent, TreeEvent
 from btcore_monitor.wire.hooks import WireHook, encode_dump
+from tests.monitor.conftest import Command
+from tests.monitor.watch.conftest import CppRobot, Watcher
 
 RUNNING = 1
 
 
 @pytest.fixture
-def left_over(capture) -> bytes:
+def left_over(capture: Callable[[str], list[bytes]]) -> bytes:
     """The captured list of hooks of a C++ robot: a breakpoint before node 4."""
     return capture("hooks_dump_one.rep")[1]
 
 
 def test_left_over_hooks_are_reported_once_with_the_command_that_removes_them(
-    cpp_robot, watch, until, left_over
-):
+    cpp_robot: Callable[..., CppRobot],
+    watch: Callable[..., Watcher],
+    until: Callable[..., None],
+    left_over: bytes,
+) -> None:
     robot = cpp_robot()
     robot.hooks = left_over
     viewer = watch(robot.address)
@@ -34,8 +40,8 @@ def test_left_over_hooks_are_reported_once_with_the_command_that_removes_them(
 
 
 def test_disabled_hooks_are_reported_because_the_next_request_after_a_silence_enables_them(
-    cpp_robot, watch, until
-):
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     robot.hooks = encode_dump(
         [WireHook(uid, position=1, mode=1, desired_status="FAILURE", enabled=False) for uid in (4, 99)]
@@ -48,7 +54,12 @@ def test_disabled_hooks_are_reported_because_the_next_request_after_a_silence_en
 
 
 @pytest.mark.parametrize("refusal", ["", "Request not recognized"])
-def test_a_robot_without_hooks_or_without_control_gets_no_warning(cpp_robot, watch, until, refusal):
+def test_a_robot_without_hooks_or_without_control_gets_no_warning(
+    cpp_robot: Callable[..., CppRobot],
+    watch: Callable[..., Watcher],
+    until: Callable[..., None],
+    refusal: str,
+) -> None:
     robot = cpp_robot()
     if refusal:
         robot.refused["D"] = refusal
@@ -59,7 +70,9 @@ def test_a_robot_without_hooks_or_without_control_gets_no_warning(cpp_robot, wat
     assert not viewer.of(HooksEvent)
 
 
-def test_an_invalid_list_of_hooks_is_reported_and_the_robot_is_followed(cpp_robot, watch, until):
+def test_an_invalid_list_of_hooks_is_reported_and_the_robot_is_followed(
+    cpp_robot: Callable[..., CppRobot], watch: Callable[..., Watcher], until: Callable[..., None]
+) -> None:
     robot = cpp_robot()
     robot.hooks = json.dumps([{"uid": 4}]).encode()
     viewer = watch(robot.address)
@@ -69,7 +82,12 @@ def test_an_invalid_list_of_hooks_is_reported_and_the_robot_is_followed(cpp_robo
     until(lambda: viewer.of(TransitionEvent), "the next transition")
 
 
-def test_record_and_monitor_print_one_warning_about_left_over_hooks(cpp_robot, command, until, left_over):
+def test_record_and_monitor_print_one_warning_about_left_over_hooks(
+    cpp_robot: Callable[..., CppRobot],
+    command: Callable[..., Command],
+    until: Callable[..., None],
+    left_over: bytes,
+) -> None:
     pytest.importorskip("rerun")
     robot = cpp_robot()
     robot.hooks = left_over

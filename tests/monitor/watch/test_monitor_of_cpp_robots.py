@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,7 @@ from btcore_monitor.screen.robot_layouts import SingleRobotLayout
 from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.row_buffer import TREE_TIMELINE
 from btcore_monitor.screen.sinks import RecordingSinks
+from tests.monitor.watch.conftest import CppRobot
 
 ROOT = Path(__file__).parents[3]
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
@@ -71,7 +73,7 @@ def shown(events, path: Path) -> Path:
     return path
 
 
-def test_each_panel_shows_which_data_is_not_sent(seen, tmp_path):
+def test_each_panel_shows_which_data_is_not_sent(seen: TreeEvent, tmp_path: Path) -> None:
     path = shown([seen, BlackboardEvent(MS, MS, {"": {"x": 1}})], tmp_path / "x.rrd")
     assert documents(path, "/blackboard")[0] == "*polled*"
     assert documents(path, "/blackboard")[1].startswith("*polled*\n\n| key | value |")
@@ -80,13 +82,13 @@ def test_each_panel_shows_which_data_is_not_sent(seen, tmp_path):
     assert any("ticks: not sent" in line for line in lines)
 
 
-def test_panels_of_a_robot_that_sends_all_data_have_no_such_notes(seen, tmp_path):
+def test_panels_of_a_robot_that_sends_all_data_have_no_such_notes(seen: TreeEvent, tmp_path: Path) -> None:
     reported = TreeEvent(TREE, 0, 0, {1: IDLE, 2: IDLE})
     path = shown([reported, TickEvent(1, MS, MS, 1, RUNNING)], tmp_path / "x.rrd")
     assert "| by |" not in documents(path, "/now")[0]
 
 
-def test_the_running_panel_works_without_ticks(seen, tmp_path):
+def test_the_running_panel_works_without_ticks(seen: TreeEvent, tmp_path: Path) -> None:
     changes = [TransitionEvent(n, 5 * MS, 5 * MS, 0, n, IDLE, RUNNING) for n in (1, 2)]
     now = documents(shown([seen, *changes], tmp_path / "x.rrd"), "/now")[-1]
     assert "| runs | **Go** |" in now
@@ -94,7 +96,7 @@ def test_the_running_panel_works_without_ticks(seen, tmp_path):
     assert "| by | Groot 2, sampled |\n| raised | no errors |" in now
 
 
-def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
+def test_the_latest_changes_are_shown_when_nothing_follows(seen: TreeEvent, tmp_path: Path) -> None:
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "x.rrd")))
     for event in (seen, TransitionEvent(1, 5 * MS, 5 * MS, 0, 2, IDLE, RUNNING)):
         screen.process_event(event)
@@ -104,7 +106,7 @@ def test_the_latest_changes_are_shown_when_nothing_follows(seen, tmp_path):
     screen.close()
 
 
-def test_missing_data_is_counted_and_shown(seen, tmp_path):
+def test_missing_data_is_counted_and_shown(seen: TreeEvent, tmp_path: Path) -> None:
     events = [
         seen,
         MissingDataEvent(10 * MS, 10 * MS, 4 * MS, "transitions", "the buffer ran over"),
@@ -122,7 +124,9 @@ def test_missing_data_is_counted_and_shown(seen, tmp_path):
     assert "| lost | transitions, 1 times |" in now
 
 
-def test_another_data_source_of_the_same_tree_starts_another_recording(seen, tmp_path):
+def test_another_data_source_of_the_same_tree_starts_another_recording(
+    seen: TreeEvent, tmp_path: Path
+) -> None:
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "x.rrd")))
     for event in (seen, TreeEvent(TREE, 10**12, 0, {1: IDLE, 2: IDLE})):
         screen.process_event(event)
@@ -130,7 +134,9 @@ def test_another_data_source_of_the_same_tree_starts_another_recording(seen, tmp
     assert [file.name for file in screen.files] == ["x.rrd", "x.2.rrd"]
 
 
-def test_several_robots_are_watched_in_one_window_and_in_one_recording(cpp_robot, until, tmp_path):
+def test_several_robots_are_watched_in_one_window_and_in_one_recording(
+    cpp_robot: Callable[..., CppRobot], until: Callable[..., None], tmp_path: Path
+) -> None:
     robots = [cpp_robot(), cpp_robot()]
     command = ["-m", "btcore_monitor", *(robot.address for robot in robots), "--no-view", "--save"]
     process = subprocess.Popen(
@@ -158,7 +164,7 @@ def test_several_robots_are_watched_in_one_window_and_in_one_recording(cpp_robot
         assert len([line for line in lines if "→" in line]) == 3
 
 
-def test_no_record_leaves_the_robots_buffer_alone(cpp_robot, tmp_path):
+def test_no_record_leaves_the_robots_buffer_alone(cpp_robot: Callable[..., CppRobot], tmp_path: Path) -> None:
     robot = cpp_robot()
     command = [
         sys.executable,

@@ -99,7 +99,13 @@ def log(tmp_path: Path) -> Iterator[LogWriter]:
 
 
 @pytest.mark.parametrize("share", [0.1, 0.6])
-def test_a_feed_of_damaged_groot_2_replies_recovers(robot, capture, log, until, share):
+def test_a_feed_of_damaged_groot_2_replies_recovers(
+    robot: Callable[..., Robot],
+    capture: Callable[[str], list[bytes]],
+    log: LogWriter,
+    until: Callable[..., None],
+    share: float,
+) -> None:
     chance = random.Random(20)
     answers = 0
     tree_ids = [bytes(16), bytes(range(16))]
@@ -144,7 +150,9 @@ def test_a_feed_of_damaged_groot_2_replies_recovers(robot, capture, log, until, 
     assert all(len(line) < 1_000 for line in reported)
 
 
-def test_a_feed_of_damaged_groot_1_messages_recovers(robot, log, until, monkeypatch):
+def test_a_feed_of_damaged_groot_1_messages_recovers(
+    robot: Callable[..., Robot], log: LogWriter, until: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(groot1_feed, "_RETRY_AFTER_S", 0.0)
     monkeypatch.setattr(groot1_feed, "FIRST_UPDATE", 0.0)
     chance = random.Random(10)

@@ -52,7 +52,7 @@ def moving(events: list[Any], key: str) -> list[Any]:
     return [one for one in found if one]
 
 
-def test_a_viewer_gets_all_data_of_a_run_that_is_the_same_without_a_viewer():
+def test_a_viewer_gets_all_data_of_a_run_that_is_the_same_without_a_viewer() -> None:
     events, reported = watched()
     assert [
         event.detail for event in events if isinstance(event, ConnectionEvent) and event.state == "lost"

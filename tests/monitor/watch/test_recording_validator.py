@@ -40,7 +40,7 @@ def validator_of(robot: Robot) -> RecordingValidator:
 
 
 @given(WALK, WALK, WALK, WALK)
-def test_a_complete_recording_passes_at_any_time_of_the_status_request(one, two, three, four):
+def test_a_complete_recording_passes_at_any_time_of_the_status_request(one, two, three, four) -> None:
     robot = Robot()
     validator = RecordingValidator(START)
     for before, after in ((one, two), (three, four)):
@@ -60,7 +60,7 @@ def test_a_complete_recording_passes_at_any_time_of_the_status_request(one, two,
 
 
 @given(WALK, WALK, WALK, st.data())
-def test_after_a_loss_the_statuses_are_right_or_a_gap_is_reported(one, two, three, data):
+def test_after_a_loss_the_statuses_are_right_or_a_gap_is_reported(one, two, three, data) -> None:
     robot = Robot()
     validator = validator_of(robot)
     batch = robot.walk(one)
@@ -76,7 +76,7 @@ def test_after_a_loss_the_statuses_are_right_or_a_gap_is_reported(one, two, thre
 
 
 @given(WALK, WALK, WALK, WALK, st.data())
-def test_after_a_gap_a_complete_batch_makes_the_statuses_right(one, two, three, four, data):
+def test_after_a_gap_a_complete_batch_makes_the_statuses_right(one, two, three, four, data) -> None:
     robot = Robot()
     validator = validator_of(robot)
     batch = robot.walk(one)
@@ -92,7 +92,7 @@ def test_after_a_gap_a_complete_batch_makes_the_statuses_right(one, two, three, 
     assert validator.apply(robot.snapshot(), robot.walk([(1, 1), (2, 1)])).is_complete
 
 
-def test_a_missing_beginning_is_reported_as_a_gap():
+def test_a_missing_beginning_is_reported_as_a_gap() -> None:
     robot = Robot()
     validator = validator_of(robot)
     batch = robot.walk([(1, 1), (1, 1), (2, 1)])
@@ -103,7 +103,7 @@ def test_a_missing_beginning_is_reported_as_a_gap():
     assert validator.apply(robot.snapshot(), []).is_complete
 
 
-def test_a_transition_to_the_same_status_is_reported_as_a_gap():
+def test_a_transition_to_the_same_status_is_reported_as_a_gap() -> None:
     validator = validator_of(Robot())
     twice = [RecordedTransition(0, 1, RUNNING), RecordedTransition(1, 1, RUNNING)]
     checked = validator.apply({**START, 1: StatusRecord(RUNNING, 0)}, twice)
@@ -111,7 +111,7 @@ def test_a_transition_to_the_same_status_is_reported_as_a_gap():
     assert checked.steps == [(twice[0], IDLE)]
 
 
-def test_a_full_buffer_is_an_overflow_whose_transitions_are_kept():
+def test_a_full_buffer_is_an_overflow_whose_transitions_are_kept() -> None:
     robot = Robot()
     validator = validator_of(robot)
     dropped = robot.walk([(1, 1), (2, 1), (3, 1)])
@@ -130,11 +130,11 @@ def test_a_full_buffer_is_an_overflow_whose_transitions_are_kept():
     assert validator.apply(robot.snapshot(), robot.walk([(1, 1)] * 999)).is_complete
 
 
-def test_nodes_that_the_tree_does_not_have_are_not_reported():
+def test_nodes_that_the_tree_does_not_have_are_not_reported() -> None:
     assert RecordingValidator(START).apply(START, [RecordedTransition(0, 99, RUNNING)]).steps == []
 
 
-def test_the_robots_clock_is_ours_until_its_time_is_known():
+def test_the_robots_clock_is_ours_until_its_time_is_known() -> None:
     clock = RobotClockEstimate()
     then = clock.wall()
     clock.set(then - 3600 * 10**9, then)

@@ -1,6 +1,6 @@
 """The client of the run channel, with a robot that sends faster than the client reads."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 import zmq
@@ -59,7 +59,9 @@ def robot() -> Iterator[Robot]:
     made.close()
 
 
-def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(robot, until):
+def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(
+    robot: Robot, until: Callable[..., None]
+) -> None:
     client = RunChannelClient(robot.address)
     received: list[int] = []
 

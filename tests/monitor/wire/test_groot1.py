@@ -35,7 +35,7 @@ NODE = re.compile(r"  uid (\d+) children (\[.*?\]) status absent=0 name (\S+) re
 MODEL = re.compile(r"  model (\S+) type (\d) (.*)")
 
 
-def test_the_captured_tree_equals_the_listing():
+def test_the_captured_tree_equals_the_listing() -> None:
     nodes = decode_tree(TREE).nodes
     listed = [
         WireNode(int(uid), tuple(literal_eval(children)), 0, name, id, tuple(literal_eval(ports)))
@@ -45,7 +45,7 @@ def test_the_captured_tree_equals_the_listing():
     assert len(nodes) == 11
 
 
-def test_the_captured_models_equal_the_listing():
+def test_the_captured_models_equal_the_listing() -> None:
     models = {model.id: model for model in decode_tree(TREE).models}
     assert len(models) == 32
     listed = MODEL.findall(LISTING)
@@ -58,7 +58,7 @@ def test_the_captured_models_equal_the_listing():
     assert models["Count"].ports[1] == WirePort("ticks", 0, "int", "how many")
 
 
-def test_the_captured_updates_equal_the_listing():
+def test_the_captured_updates_equal_the_listing() -> None:
     states = re.findall(r"^   st .*", LISTING, re.MULTILINE)
     changes = re.findall(r"   tr (\(.*?\)) \w{24}", LISTING)
     for frame, line in zip(UPDATES, states, strict=True):
@@ -73,12 +73,12 @@ def test_the_captured_updates_equal_the_listing():
 
 
 @pytest.mark.parametrize("frame", UPDATES)
-def test_a_captured_update_is_encoded_to_the_same_bytes(frame):
+def test_a_captured_update_is_encoded_to_the_same_bytes(frame) -> None:
     update = decode_update(frame)
     assert encode_update(update.statuses.items(), update.transitions) == frame
 
 
-def test_an_update_starts_with_the_last_statuses_of_the_previous_update():
+def test_an_update_starts_with_the_last_statuses_of_the_previous_update() -> None:
     known = dict(decode_update(UPDATES[0]).statuses)
     for frame in UPDATES:
         update = decode_update(frame)
@@ -88,19 +88,19 @@ def test_an_update_starts_with_the_last_statuses_of_the_previous_update():
             known[change.uid] = change.status
 
 
-def test_the_captured_tree_is_unchanged_after_encoding_and_decoding():
+def test_the_captured_tree_is_unchanged_after_encoding_and_decoding() -> None:
     tree = decode_tree(TREE)
     assert decode_tree(encode_tree(tree)) == tree
 
 
-def test_the_status_of_each_node_can_be_changed_in_place():
+def test_the_status_of_each_node_can_be_changed_in_place() -> None:
     data = bytearray(encode_tree(decode_tree(TREE)))
     for number, place in enumerate(status_places(bytes(data))):
         data[place] = number % 4
     assert [node.status for node in decode_tree(bytes(data)).nodes] == [one % 4 for one in range(11)]
 
 
-def test_the_captured_tree_gets_paths_by_the_rule_of_version_4():
+def test_the_captured_tree_gets_paths_by_the_rule_of_version_4() -> None:
     found = read_groot1(decode_tree(TREE), UUID)
     tree = found.tree
     assert (tree.tree_id, tree.name) == (UUID, "root_seq")
@@ -121,7 +121,7 @@ def test_the_captured_tree_gets_paths_by_the_rule_of_version_4():
     assert tree.nodes[1].ports == {"output_key": "x", "value": "42"}
 
 
-def test_the_observed_tree_has_uids_from_1_for_a_second_tree_of_a_process():
+def test_the_observed_tree_has_uids_from_1_for_a_second_tree_of_a_process() -> None:
     nodes = (WireNode(12, (13,), 1, "Inverter", "Inverter"), WireNode(13, (), 3, "look", "Look"))
     found = read_groot1(WireTree(nodes, ()), UUID)
     assert [(node.uid, node.type, node.children) for node in found.tree.nodes] == [
@@ -141,13 +141,13 @@ def test_the_observed_tree_has_uids_from_1_for_a_second_tree_of_a_process():
         ([(7,), ()], "node 1 has node 7 as a child"),
     ],
 )
-def test_nodes_that_do_not_form_a_tree_are_reported(children, message):
+def test_nodes_that_do_not_form_a_tree_are_reported(children, message: str) -> None:
     nodes = tuple(WireNode(uid, below, 0, "n", "N") for uid, below in enumerate(children, start=1))
     with pytest.raises(ProtocolError, match=message):
         read_groot1(WireTree(nodes, ()), UUID)
 
 
-def test_a_tree_without_nodes_or_with_a_duplicate_uid_is_reported():
+def test_a_tree_without_nodes_or_with_a_duplicate_uid_is_reported() -> None:
     with pytest.raises(ProtocolError, match="got none"):
         read_groot1(WireTree((), ()), UUID)
     twin = WireNode(1, (), 0, "n", "N")
@@ -170,7 +170,7 @@ def test_a_tree_without_nodes_or_with_a_duplicate_uid_is_reported():
         (struct.pack("<IIIIHbb", 0, 1, 0, 0, 7, 0, 9), "a status 0–3 of node 7, and got 9"),
     ],
 )
-def test_a_malformed_update_is_reported(frame, message):
+def test_a_malformed_update_is_reported(frame, message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
         decode_update(frame)
 
@@ -184,7 +184,7 @@ def test_a_malformed_update_is_reported(frame, message):
         (bytes(64), "lacks its field 1"),
     ],
 )
-def test_data_that_is_not_a_tree_is_reported(data, message):
+def test_data_that_is_not_a_tree_is_reported(data, message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
         decode_tree(data)
 
@@ -207,7 +207,7 @@ def shared_tables(nodes: int, ports: int) -> bytes:
     return data + struct.pack("<iIII", port - 30, text - port - 4, text - port - 8, 20) + b"x" * 20 + b"\0"
 
 
-def test_shared_tables_are_accepted_up_to_a_limit():
+def test_shared_tables_are_accepted_up_to_a_limit() -> None:
     tree = decode_tree(shared_tables(2, 3))
     assert tree.nodes == (WireNode(0, (), 0, "", "", (("x" * 20, "x" * 20),) * 3),) * 2
     with pytest.raises(ProtocolError, match="refers to the same bytes too often"):
@@ -237,18 +237,18 @@ changes = st.builds(
 
 
 @given(trees)
-def test_a_tree_is_unchanged_after_encoding_and_decoding(tree):
+def test_a_tree_is_unchanged_after_encoding_and_decoding(tree) -> None:
     assert decode_tree(encode_tree(tree)) == tree
 
 
 @given(st.dictionaries(uids, st.integers(0, 3)), st.lists(changes, max_size=5))
-def test_an_update_is_unchanged_after_encoding_and_decoding(statuses, changed):
+def test_an_update_is_unchanged_after_encoding_and_decoding(statuses, changed) -> None:
     assert decode_update(encode_update(statuses.items(), changed)) == Update(statuses, tuple(changed))
 
 
 @settings(max_examples=3 * settings().max_examples)
 @given(st.binary(max_size=200))
-def test_noise_is_decoded_or_refused(data):
+def test_noise_is_decoded_or_refused(data) -> None:
     for decode in (decode_tree, decode_update):
         with suppress(ProtocolError):
             decode(data)
@@ -256,7 +256,7 @@ def test_noise_is_decoded_or_refused(data):
 
 @settings(max_examples=5 * settings().max_examples)
 @given(st.lists(st.tuples(st.integers(0, len(TREE) - 1), st.integers(0, 255)), min_size=1, max_size=6))
-def test_a_damaged_tree_is_read_or_refused(damage):
+def test_a_damaged_tree_is_read_or_refused(damage) -> None:
     data = bytearray(TREE)
     for place, byte in damage:
         data[place] = byte
@@ -265,10 +265,10 @@ def test_a_damaged_tree_is_read_or_refused(damage):
 
 
 @given(st.integers(0, len(TREE) - 1))
-def test_a_truncated_tree_is_read_or_refused(size):
+def test_a_truncated_tree_is_read_or_refused(size) -> None:
     with suppress(ProtocolError):
         decode_tree(TREE[:size])
 
 
-def test_statuses_unknown_to_groot1_are_sent_as_idle():
+def test_statuses_unknown_to_groot1_are_sent_as_idle() -> None:
     assert [groot1.status_code(status) for status in range(5)] == [0, 1, 2, 3, 0]

@@ -41,7 +41,7 @@ def body_of(name: str) -> bytes:
 
 
 @pytest.mark.parametrize("name", [name for name in REPLIES if name not in REFUSED])
-def test_every_captured_reply_echoes_its_request_and_encodes_to_the_same_bytes(name):
+def test_every_captured_reply_echoes_its_request_and_encodes_to_the_same_bytes(name) -> None:
     asked = frames_of(f"{name}.req")
     header = RequestHeader.decode(asked[0])
     reply = groot2.decode_reply(frames_of(f"{name}.rep"))
@@ -53,20 +53,20 @@ def test_every_captured_reply_echoes_its_request_and_encodes_to_the_same_bytes(n
 
 
 @pytest.mark.parametrize(("name", "sentence"), REFUSED.items())
-def test_a_captured_error_reply_raises_its_message(name, sentence):
+def test_a_captured_error_reply_raises_its_message(name, sentence) -> None:
     with pytest.raises(RobotRefusedError) as raised:
         groot2.decode_reply(frames_of(f"{name}.rep"))
     assert str(raised.value) == sentence
     assert groot2.encode_error(sentence) == frames_of(f"{name}.rep")
 
 
-def test_before_the_first_tick_all_nodes_are_idle_in_the_trees_order():
+def test_before_the_first_tick_all_nodes_are_idle_in_the_trees_order() -> None:
     statuses = groot2.decode_statuses(body_of("v4_status_before_first_tick"))
     assert list(statuses) == [1, 2, 3, 4, 5, 6, 10, 7, 8, 9]
     assert set(statuses.values()) == {StatusRecord(0, 0)}
 
 
-def test_an_idle_node_has_its_previous_status():
+def test_an_idle_node_has_its_previous_status() -> None:
     statuses = groot2.decode_statuses(body_of("v4_status_after_completion"))
     assert statuses[4] == StatusRecord(status=0, previous=3)
     assert statuses[5] == StatusRecord(status=0, previous=2)
@@ -76,16 +76,16 @@ def test_an_idle_node_has_its_previous_status():
 @pytest.mark.parametrize(
     ("previous", "status", "code"), [(1, 0, 11), (2, 0, 12), (3, 0, 13), (0, 1, 1), (1, 2, 2), (1, 3, 3)]
 )
-def test_a_transition_has_its_status_code(previous, status, code):
+def test_a_transition_has_its_status_code(previous: int, status: int, code: int) -> None:
     assert groot2.status_code(previous, status) == code
 
 
-def test_statuses_encode_to_the_captured_bytes():
+def test_statuses_encode_to_the_captured_bytes() -> None:
     codes = [(1, 1), (2, 2), (3, 2), (4, 13), (5, 12), (6, 1), (10, 0), (7, 1), (8, 2), (9, 1)]
     assert groot2.encode_statuses(codes) == body_of("v4_status_after_completion")
 
 
-def test_recorded_transitions_decode_and_encode_to_the_captured_bytes():
+def test_recorded_transitions_decode_and_encode_to_the_captured_bytes() -> None:
     body = body_of("v4_get_transitions")
     transitions = groot2.decode_transitions(body)
     assert transitions[0] == (509, 1, 1)
@@ -94,39 +94,39 @@ def test_recorded_transitions_decode_and_encode_to_the_captured_bytes():
     assert b"".join(groot2.encode_transition(*one) for one in transitions) == body
 
 
-def test_a_transition_keeps_48_bits_of_microseconds():
+def test_a_transition_keeps_48_bits_of_microseconds() -> None:
     late = (1 << 47) + 12345
     assert groot2.decode_transitions(groot2.encode_transition(late, 65535, 4)) == [(late, 65535, 4)]
 
 
-def test_the_recordings_start_is_microseconds_in_ascii():
+def test_the_recordings_start_is_microseconds_in_ascii() -> None:
     assert groot2.decode_recording_start(body_of("v4_toggle_recording_start")) == 1795223146853466
 
 
-def test_a_reached_breakpoint_names_its_node():
+def test_a_reached_breakpoint_names_its_node() -> None:
     assert groot2.decode_breakpoint_reached(frames_of("v4_breakpoint_reached.pub")) == 4
 
 
-def test_blackboard_names_are_joined_by_semicolons():
+def test_blackboard_names_are_joined_by_semicolons() -> None:
     assert groot2.decode_names(frames_of("v4_blackboard.req")[1]) == ["Main", "Sub::6", "nope"]
     assert groot2.encode_names(["Main", "Sub::6"]) == frames_of("v4_blackboard_after.req")[1]
 
 
 @pytest.mark.parametrize("name", ["v4_blackboard", "v4_blackboard_after", "v4_blackboard_before_first_tick"])
-def test_blackboards_encode_to_the_captured_bytes(name):
+def test_blackboards_encode_to_the_captured_bytes(name: str) -> None:
     boards = decode_boards(body_of(name))
     assert list(boards) == ["Main", "ROOT", "Sub::6"]
     assert encode_boards(boards) == body_of(name)
 
 
-def test_captured_blackboards_have_the_robots_values():
+def test_captured_blackboards_have_the_robots_values() -> None:
     boards = decode_boards(body_of("v4_blackboard_after"))
     assert boards["Main"] == {"done": 1.0, "f": 2.5, "s": "hello", "val": 4.5, "x": 42}
     assert boards["Sub::6"] == {"lim": 7, "loc": 4.5, "mode": "fast", "o2": 1.5}
     assert groot2.boards_by_path(boards, "Main").keys() == {"", "Sub::6"}
 
 
-def test_no_blackboards_and_an_empty_blackboard_are_encoded_as_nil():
+def test_no_blackboards_and_an_empty_blackboard_are_encoded_as_nil() -> None:
     assert encode_boards({}) == b"\xc0"
     assert encode_boards({"Main": {}}) == b"\x81\xa4Main\xc0"
     assert decode_boards(b"\x81\xa4Main\xc0") == {"Main": {}}
@@ -149,17 +149,17 @@ def test_no_blackboards_and_an_empty_blackboard_are_encoded_as_nil():
         (object(), b"\xc0"),
     ],
 )
-def test_a_value_has_its_shortest_exact_encoding(value, packed):
+def test_a_value_has_its_shortest_exact_encoding(value, packed) -> None:
     assert encode_boards({"M": {"k": to_portable(value)}}) == b"\x81\xa1M\x81\xa1k" + packed
 
 
-def test_a_list_that_contains_itself_is_truncated():
+def test_a_list_that_contains_itself_is_truncated() -> None:
     endless: list[object] = []
     endless.append(endless)
     assert encode_boards({"M": {"k": to_portable(endless)}})
 
 
-def test_the_captured_full_tree_is_read_as_an_observed_tree():
+def test_the_captured_full_tree_is_read_as_an_observed_tree() -> None:
     tree = read_fulltree(body_of("v4_fulltree"), UUID)
     assert [(node.uid, node.path, node.type) for node in tree.nodes] == [
         (1, "root_seq", "control"),
@@ -215,12 +215,12 @@ BOMB = b'<!DOCTYPE r [<!ENTITY a "aaaa">]>' + tree_of(b'<X _uid="1" name="&a;"/>
     ],
     ids=lambda one: one if isinstance(one, str) else "",
 )
-def test_an_invalid_full_tree_is_refused_with_its_reason(xml, expected_message):
+def test_an_invalid_full_tree_is_refused_with_its_reason(xml, expected_message: str) -> None:
     with pytest.raises(ProtocolError, match=expected_message):
         read_fulltree(xml, UUID)
 
 
-def test_a_tree_of_a_thousand_levels_is_read():
+def test_a_tree_of_a_thousand_levels_is_read() -> None:
     depth = 1000
     opened = "".join(f'<Inverter _uid="{uid}">' for uid in range(1, depth))
     xml = f'<root><BehaviorTree ID="M" _fullpath="">{opened}<A _uid="{depth}"/>{"</Inverter>" * (depth - 1)}'
@@ -252,7 +252,7 @@ def test_a_tree_of_a_thousand_levels_is_read():
     ],
     ids=lambda one: one if isinstance(one, str) else "",
 )
-def test_invalid_bytes_are_reported(decode, data, expected_message):
+def test_invalid_bytes_are_reported(decode, data, expected_message: str) -> None:
     with pytest.raises(ProtocolError, match=expected_message):
         decode(data)
 
@@ -271,14 +271,14 @@ DECODERS = [
 @pytest.mark.parametrize("decode", DECODERS)
 @given(data=st.binary(max_size=200))
 @settings(max_examples=3 * settings().max_examples)
-def test_noise_raises_nothing_but_a_protocol_error(decode, data):
+def test_noise_raises_nothing_but_a_protocol_error(decode, data) -> None:
     with suppress(ProtocolError):
         decode(data)
 
 
 @given(frames=st.lists(st.binary(max_size=40), max_size=4))
 @settings(max_examples=3 * settings().max_examples)
-def test_noisy_frames_raise_nothing_but_a_protocol_error(frames):
+def test_noisy_frames_raise_nothing_but_a_protocol_error(frames) -> None:
     for decode in (groot2.decode_reply, groot2.decode_breakpoint_reached):
         with suppress(ProtocolError):
             decode(frames)
@@ -291,6 +291,6 @@ def test_noisy_frames_raise_nothing_but_a_protocol_error(frames):
         max_leaves=20,
     )
 )
-def test_portable_values_are_unchanged_after_encoding_and_decoding(value):
+def test_portable_values_are_unchanged_after_encoding_and_decoding(value) -> None:
     sent = to_portable(value)
     assert decode_boards(encode_boards({"M": {"k": sent}})) == {"M": {"k": sent}}

@@ -53,30 +53,30 @@ NESTED: list[object] = functools.reduce(lambda inner, _: [inner], range(900), []
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
-def test_a_message_is_unchanged_after_encoding_and_decoding(message):
+def test_a_message_is_unchanged_after_encoding_and_decoding(message) -> None:
     assert decode(encode(message)) == message
 
 
-def test_every_message_has_its_version_and_kind():
+def test_every_message_has_its_version_and_kind() -> None:
     for message in MESSAGES:
         whole = msgpack.unpackb(encode(message))
         assert (whole["v"], whole["kind"]) == (1, message.kind)
 
 
-def test_a_newer_version_is_refused_with_a_suggestion():
+def test_a_newer_version_is_refused_with_a_suggestion() -> None:
     newer = msgpack.packb({"v": 2, "kind": "ticks", "colour": "red"})
     with pytest.raises(ProtocolError, match=r"version 2 .* up to version 1: update btcore on this machine"):
         decode(newer)
 
 
-def test_unknown_fields_and_kinds_of_messages_are_ignored():
+def test_unknown_fields_and_kinds_of_messages_are_ignored() -> None:
     whole = msgpack.unpackb(encode(HeartbeatMessage(ID, 7)))
     assert decode(msgpack.packb(whole | {"mood": "fine"})) == HeartbeatMessage(ID, 7)
     assert decode(msgpack.packb({"v": 1, "kind": "smell", "tree_id": ID, "seq": 8})) == UnknownMessage(ID, 8)
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
-def test_a_missing_or_invalid_field_is_reported(message):
+def test_a_missing_or_invalid_field_is_reported(message) -> None:
     whole = msgpack.unpackb(encode(message), strict_map_key=False)
     for field in fields(message):
         without = {key: value for key, value in whole.items() if key != field.name}
@@ -108,7 +108,7 @@ def test_a_missing_or_invalid_field_is_reported(message):
         (MESSAGES[8], {"messages": ["text"]}, "messages as bytes in a 'piece' message"),
     ],
 )
-def test_an_invalid_value_is_reported(message, changed, expected_message):
+def test_an_invalid_value_is_reported(message, changed, expected_message: str) -> None:
     whole = msgpack.unpackb(encode(message), strict_map_key=False)
     with pytest.raises(ProtocolError, match=expected_message):
         decode(msgpack.packb(whole | changed))
@@ -116,7 +116,7 @@ def test_an_invalid_value_is_reported(message, changed, expected_message):
 
 @given(st.binary(max_size=200))
 @settings(max_examples=5 * settings().max_examples)
-def test_noise_raises_nothing_but_a_protocol_error(data):
+def test_noise_raises_nothing_but_a_protocol_error(data) -> None:
     with suppress(ProtocolError):
         decode(data)
 
@@ -130,7 +130,7 @@ VALUES = st.recursive(
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
 @given(data=st.data())
-def test_any_value_in_any_field_raises_nothing_but_a_protocol_error(message, data):
+def test_any_value_in_any_field_raises_nothing_but_a_protocol_error(message, data) -> None:
     whole = msgpack.unpackb(encode(message), strict_map_key=False)
     field = data.draw(st.sampled_from(sorted(whole)))
     with suppress(ProtocolError):
@@ -142,7 +142,7 @@ def ticks(seq: int, size: int) -> TransitionsMessage:
     return TransitionsMessage(ID, seq, 10**15 + seq, 10**18 + seq, seq, 0, 1, True, 1, rows)
 
 
-def test_a_history_keeps_a_million_transitions_and_the_statuses_before_them():
+def test_a_history_keeps_a_million_transitions_and_the_statuses_before_them() -> None:
     history = History({1: 3, 2: 4}, 5, 6)
     size = 5_001
     room = MAX_BUFFER_BYTES["ticks"] // len(encode(ticks(1, size)))
@@ -155,7 +155,7 @@ def test_a_history_keeps_a_million_transitions_and_the_statuses_before_them():
     assert history.stamp == 10**15 + history.oldest_seq - 1
 
 
-def test_big_scenes_do_not_displace_transitions():
+def test_big_scenes_do_not_displace_transitions() -> None:
     history = History({}, 0, 0)
     scene_bytes = MAX_BUFFER_BYTES["moving"] // 40 * 4
     for seq in range(1, 41):

@@ -97,7 +97,7 @@ def moving(**changed: object) -> MovingSceneMessage:
     return MovingSceneMessage(ID, 1, 2, 3, replace(MOVING, **changed))
 
 
-def test_a_scene_is_unchanged_after_decoding_and_its_cells_are_compressed():
+def test_a_scene_is_unchanged_after_decoding_and_its_cells_are_compressed() -> None:
     assert decode(encode(moving())) == moving()
     assert decode(encode(StaticSceneMessage(ID, STATIC))) == StaticSceneMessage(ID, STATIC)
     sent = msgpack.unpackb(encode(moving()))["data"]["grids"][0]
@@ -105,12 +105,12 @@ def test_a_scene_is_unchanged_after_decoding_and_its_cells_are_compressed():
     assert len(sent["cells"]) < 50
 
 
-def test_a_grid_of_a_single_cell_is_unchanged_after_decoding():
+def test_a_grid_of_a_single_cell_is_unchanged_after_decoding() -> None:
     message = moving(grids=(replace(COSTS, size=(1, 1), cells=b"7"),))
     assert decode(encode(message)) == message
 
 
-def test_a_scene_is_encoded_as_a_plain_map_without_unset_fields():
+def test_a_scene_is_encoded_as_a_plain_map_without_unset_fields() -> None:
     data = msgpack.unpackb(encode(StaticSceneMessage(ID, replace(STATIC, grids=(), meshes=()))))["data"]
     assert data == {
         "frame": "map",
@@ -148,7 +148,7 @@ def test_a_scene_is_encoded_as_a_plain_map_without_unset_fields():
     }
 
 
-def test_unknown_fields_are_passed_on():
+def test_unknown_fields_are_passed_on() -> None:
     sent = moving(extra={"smell": {"of": "coffee"}})
     assert msgpack.unpackb(encode(sent))["data"]["smell"] == {"of": "coffee"}
     assert decode(encode(sent)).data.extra["smell"] == {"of": "coffee"}
@@ -185,7 +185,7 @@ def test_unknown_fields_are_passed_on():
         ("parts", [{"kind": "blob"}], "box or cylinder or sphere, and got 'blob'"),
     ],
 )  # fmt: skip
-def test_invalid_data_is_reported(key, entries, expected_message):
+def test_invalid_data_is_reported(key: str, entries, expected_message: str) -> None:
     static = StaticSceneMessage(ID, STATIC)
     whole = msgpack.unpackb(encode(static if key in ("parts", "meshes") else moving()))
     whole["data"][key] = entries
@@ -193,7 +193,7 @@ def test_invalid_data_is_reported(key, entries, expected_message):
         decode(msgpack.packb(whole))
 
 
-def test_cells_that_would_fill_the_memory_are_not_unpacked():
+def test_cells_that_would_fill_the_memory_are_not_unpacked() -> None:
     bomb = zlib.compress(bytes(50_000_000), 9)
     whole = msgpack.unpackb(encode(moving()))
     whole["data"]["grids"] = [{**GRID, "cells": bomb, "coding": "zlib"}]
@@ -212,7 +212,7 @@ VALUES = st.recursive(
 
 @given(data=st.data())
 @settings(max_examples=3 * settings().max_examples)
-def test_any_value_in_a_scene_raises_nothing_but_a_protocol_error(data):
+def test_any_value_in_a_scene_raises_nothing_but_a_protocol_error(data) -> None:
     whole = msgpack.unpackb(encode(data.draw(st.sampled_from([moving(), StaticSceneMessage(ID, STATIC)]))))
     scene = whole["data"]
     key = data.draw(st.sampled_from(sorted(scene)))
@@ -225,7 +225,7 @@ def test_any_value_in_a_scene_raises_nothing_but_a_protocol_error(data):
         decode(msgpack.packb(whole))
 
 
-def test_pictures_are_sent_as_jpeg_and_look_the_same():
+def test_pictures_are_sent_as_jpeg_and_look_the_same() -> None:
     rgb = np.zeros((48, 64, 3), dtype=np.uint8)
     rgb[:, :32] = (200, 40, 10)
     rgb[:, 32:] = (10, 60, 220)
@@ -241,7 +241,7 @@ def test_pictures_are_sent_as_jpeg_and_look_the_same():
     assert to_jpeg(sent.pictures[0]) is sent.pictures[0]
 
 
-def test_scenes_of_several_sources_are_merged():
+def test_scenes_of_several_sources_are_merged() -> None:
     here, there = Frame("base_link", "map", (0, 0, 0), UPRIGHT), Frame("odom", "map", (0, 0, 0), UPRIGHT)
     body = MovingScene(frames=[here], notes={"body": "warm"}, stamp=1, velocity=(0.1, 0.2))
     mind = MovingScene(
@@ -255,7 +255,7 @@ def test_scenes_of_several_sources_are_merged():
     assert merge_scenes(StaticScene, [StaticScene(), StaticScene(frame="map")]) == StaticScene(frame="map")
 
 
-def test_a_big_picture_has_the_weight_of_several_scenes():
+def test_a_big_picture_has_the_weight_of_several_scenes() -> None:
     assert compute_weight(MovingScene()) == 1
     picture, grid = replace(CAMERA, data=bytes(320 * 240 * 3)), replace(COSTS, cells=bytes(100_000))
     assert compute_weight(MovingScene(pictures=[picture], grids=[grid])) == 6

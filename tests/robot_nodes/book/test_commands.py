@@ -53,7 +53,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_each_command_runs_reports_and_draws(name: str, box: str, tmp_path: Path):
+def test_each_command_runs_reports_and_draws(name: str, box: str, tmp_path: Path) -> None:
     picture = tmp_path / "picture.png"
     found = report(
         name,
@@ -74,24 +74,24 @@ def test_each_command_runs_reports_and_draws(name: str, box: str, tmp_path: Path
     assert len(np.unique(drawn.reshape(-1, 3), axis=0)) >= 5
 
 
-def test_the_same_seed_gives_the_same_run(box: str):
+def test_the_same_seed_gives_the_same_run(box: str) -> None:
     first, second = (report("vff", "--world", "arena", "--seed", "5", "--duration", "10") for _ in range(2))
     assert first == second
 
 
-def test_the_obstacle_moves_with_the_basic_but_not_with_the_improved_detector(box: str):
+def test_the_obstacle_moves_with_the_basic_but_not_with_the_improved_detector(box: str) -> None:
     arc = ("--world", box, "--drive", "0.1", "--turn", "0.2", "--duration", "8")
     assert report("obstacle-detector", *arc)["spread_m"] > 1.5
     assert report("obstacle-detector-improved", *arc)["spread_m"] < 0.5
 
 
-def test_the_head_follows_an_object_while_the_base_turns(box: str):
+def test_the_head_follows_an_object_while_the_base_turns(box: str) -> None:
     found = report("head-tracking", "--world", box, "--turn", "0.1", "--duration", "5")
     assert found["pictures_with_object"] > 30
     assert found["head"]["pan"] == pytest.approx(-0.45, abs=0.25)
 
 
-def test_vff_with_all_obstacles_avoids_collisions():
+def test_vff_with_all_obstacles_avoids_collisions() -> None:
     found = report("vff", "--all", "--world", "arena_boxes", "--seed", "2", "--duration", "30")
     assert found["robot"]["collisions"] + found["robot"]["grazes"] == 0
     assert found["robot"]["distance_m"] > 5.0
@@ -117,13 +117,13 @@ def test_vff_with_all_obstacles_avoids_collisions():
         (["hello", "--params", "none.yaml"], "none.yaml: no such file"),
     ],
 )
-def test_a_usage_error_is_reported(arguments: list[str], expected_message: str):
+def test_a_usage_error_is_reported(arguments: list[str], expected_message: str) -> None:
     code, _, error = run(*arguments, "--fast")
     assert code == 2
     assert expected_message in error
 
 
-def test_an_unknown_parameter_is_reported_with_a_suggestion(tmp_path: Path):
+def test_an_unknown_parameter_is_reported_with_a_suggestion(tmp_path: Path) -> None:
     (tmp_path / "p.yaml").write_text("localization_node: {ros__parameters: {particles: 300}}\n")
     done = CliRunner().invoke(
         main,
@@ -133,7 +133,7 @@ def test_an_unknown_parameter_is_reported_with_a_suggestion(tmp_path: Path):
     assert "Number of particles: 200" in done.output
 
 
-def test_the_picture_of_a_launch_file_shows_the_topic_graph(tmp_path: Path):
+def test_the_picture_of_a_launch_file_shows_the_topic_graph(tmp_path: Path) -> None:
     (tmp_path / "l.yaml").write_text("launch:\n- node: {exec: publisher}\n- node: {exec: subscriber}\n")
     found = report(
         "launch", str(tmp_path / "l.yaml"), "--duration", "1", "--picture", str(tmp_path / "g.png")

@@ -6,6 +6,8 @@ import threading
 import numpy as np
 import pytest
 
+from tests.robot_nodes.conftest import RecordingRobot
+
 pytest.importorskip("pybullet")
 
 from btcore_robot.control.bumpgo_fsm import (
@@ -63,28 +65,30 @@ class Bumping:
         self.ranges[4] = distance
 
 
-def test_before_the_first_scan_no_command_is_sent(robot):
+def test_before_the_first_scan_no_command_is_sent(robot: RecordingRobot) -> None:
     bumping = Bumping(robot)
     bumping.alive = False
     bumping.run(3.0)
     assert bumping.commands == []
 
 
-def test_a_command_is_sent_twenty_times_a_second(robot):
+def test_a_command_is_sent_twenty_times_a_second(robot: RecordingRobot) -> None:
     bumping = Bumping(robot)
     bumping.run(2.0)
     assert [twist for _, twist in bumping.commands] == [AHEAD] * 40
 
 
 @pytest.mark.parametrize(("distance", "state"), [(1.01, BumpGoState.FORWARD), (0.99, BumpGoState.BACK)])
-def test_a_reading_below_one_metre_is_an_obstacle(robot, distance: float, state: BumpGoState):
+def test_a_reading_below_one_metre_is_an_obstacle(
+    robot: RecordingRobot, distance: float, state: BumpGoState
+) -> None:
     bumping = Bumping(robot)
     bumping.ahead(distance)
     bumping.run(0.2)
     assert bumping.process.state is state
 
 
-def test_only_the_middle_reading_is_used(robot):
+def test_only_the_middle_reading_is_used(robot: RecordingRobot) -> None:
     bumping = Bumping(robot)
     bumping.ranges = [0.2] * 9
     bumping.ahead(5.0)
@@ -92,7 +96,7 @@ def test_only_the_middle_reading_is_used(robot):
     assert bumping.process.state is BumpGoState.FORWARD
 
 
-def test_the_robot_drives_back_for_2_s_turns_left_for_2_s_and_goes_on(robot):
+def test_the_robot_drives_back_for_2_s_turns_left_for_2_s_and_goes_on(robot: RecordingRobot) -> None:
     bumping = Bumping(robot)
     bumping.ahead(0.5)
     bumping.run(0.1)
@@ -108,7 +112,7 @@ def test_the_robot_drives_back_for_2_s_turns_left_for_2_s_and_goes_on(robot):
     assert commands[-1] == AHEAD
 
 
-def test_the_cycle_of_a_state_change_still_sends_the_old_velocity(robot):
+def test_the_cycle_of_a_state_change_still_sends_the_old_velocity(robot: RecordingRobot) -> None:
     bumping = Bumping(robot)
     bumping.ahead(0.5)
     bumping.run(0.1)
@@ -116,7 +120,7 @@ def test_the_cycle_of_a_state_change_still_sends_the_old_velocity(robot):
     assert bumping.commands[1] == (0.1, BACK)
 
 
-def test_the_robot_stops_while_the_scan_is_older_than_a_second(robot):
+def test_the_robot_stops_while_the_scan_is_older_than_a_second(robot: RecordingRobot) -> None:
     bumping = Bumping(robot)
     bumping.run(1.0)
     bumping.alive = False
@@ -130,7 +134,7 @@ def test_the_robot_stops_while_the_scan_is_older_than_a_second(robot):
     assert bumping.commands[-1][1] == AHEAD
 
 
-def test_back_has_priority_over_stop(robot):
+def test_back_has_priority_over_stop(robot: RecordingRobot) -> None:
     bumping = Bumping(robot)
     bumping.ahead(0.5)
     bumping.scans.publish(bumping.scan())
@@ -144,7 +148,9 @@ def test_back_has_priority_over_stop(robot):
 
 
 @pytest.mark.parametrize(("index", "side"), [(6, -1.0), (2, 1.0)])
-def test_exercise_the_robot_turns_to_the_diagonal_with_more_room(robot, index: int, side: float):
+def test_exercise_the_robot_turns_to_the_diagonal_with_more_room(
+    robot: RecordingRobot, index: int, side: float
+) -> None:
     bumping = Bumping(robot, Diagonals)
     bumping.ranges[index] = 0.4
     bumping.run(3.0)
@@ -152,7 +158,7 @@ def test_exercise_the_robot_turns_to_the_diagonal_with_more_room(robot, index: i
     assert bumping.commands[-1][1] == Twist2D(0.0, side * 0.3)
 
 
-def test_exercise_the_freest_direction_has_room_to_both_sides(robot):
+def test_exercise_the_freest_direction_has_room_to_both_sides(robot: RecordingRobot) -> None:
     ranges = np.full(181, 1.0, dtype=np.float32)
     ranges[90] = 20.0  # a slit, straight ahead
     ranges[120:181] = 4.0
@@ -172,7 +178,9 @@ def test_exercise_the_freest_direction_has_room_to_both_sides(robot):
         (-0.1, 0.3, False),
     ],
 )
-def test_exercise_an_obstacle_anywhere_in_the_lane_blocks_it(ahead: float, aside: float, blocked: bool):
+def test_exercise_an_obstacle_anywhere_in_the_lane_blocks_it(
+    ahead: float, aside: float, blocked: bool
+) -> None:
     ranges = np.full(1081, np.inf, dtype=np.float32)
     ranges[::7] = np.nan
     increment = math.radians(0.25)
@@ -197,7 +205,7 @@ def turned(kind: type[BumpGo], seconds: float, seed: int = 2) -> tuple[Simulated
 
 
 @pytest.mark.parametrize("kind", [BumpGo, Diagonals, OpenLoop, ClosedLoop])
-def test_in_the_simulator_the_robot_avoids_obstacles(kind: type[BumpGo]):
+def test_in_the_simulator_the_robot_avoids_obstacles(kind: type[BumpGo]) -> None:
     body, process, distance = turned(kind, 40.0)
     assert distance > 6.0
     assert process.changes >= 3
@@ -205,7 +213,7 @@ def test_in_the_simulator_the_robot_avoids_obstacles(kind: type[BumpGo]):
     body.world.close()
 
 
-def test_exercise_closed_loop_the_robot_does_not_run_into_corners_beside_the_middle_beam():
+def test_exercise_closed_loop_the_robot_does_not_run_into_corners_beside_the_middle_beam() -> None:
     # With seed 15, a box covers half of the robot's width after 1.3 m, and the middle beam misses the box.
     body, _, distance = turned(ClosedLoop, 8.0, seed=15)
     assert distance > 1.3
@@ -213,7 +221,7 @@ def test_exercise_closed_loop_the_robot_does_not_run_into_corners_beside_the_mid
     body.world.close()
 
 
-def test_exercise_open_loop_the_turning_time_is_angle_over_speed(robot):
+def test_exercise_open_loop_the_turning_time_is_angle_over_speed(robot: RecordingRobot) -> None:
     bumping = Bumping(robot, OpenLoop)
     bumping.ranges = [0.5] * 9
     bumping.ranges[6:] = [8.0, 8.0, 8.0]
@@ -225,7 +233,7 @@ def test_exercise_open_loop_the_turning_time_is_angle_over_speed(robot):
     assert turns[-1] - turns[0] == pytest.approx(bumping.process.angle / 0.3, abs=0.15)
 
 
-def test_exercise_closed_loop_the_robot_turns_until_the_way_is_clear(robot):
+def test_exercise_closed_loop_the_robot_turns_until_the_way_is_clear(robot: RecordingRobot) -> None:
     bumping = Bumping(robot, ClosedLoop)
     bumping.ranges = [0.5] * 9
     bumping.ranges[8] = 8.0

@@ -25,6 +25,7 @@ from btcore_robot.process.lifecycle import LifecycleComponent, LifecycleState, L
 from btcore_robot.process.parameters import ParameterError
 from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import CameraImage, HeadInfo, HeadPosition
+from tests.robot_nodes.conftest import RecordingRobot
 
 WOODEN = (170, 120, 60)  # RGB; OpenCV's HSV (16, 165, 170)
 GREY = (120, 120, 120)
@@ -41,7 +42,7 @@ def picture(*patches: tuple[int, int, int, int], stamp: int = 0) -> CameraImage:
 # --- PID
 
 
-def test_pid_a_small_error_with_the_class_defaults():
+def test_pid_a_small_error_with_the_class_defaults() -> None:
     pid = PID(0.0, 1.0, 0.0, 1.0)
     assert pid.output(0.0) == pytest.approx(0.0, abs=0.05)
     assert pid.output(0.1) < 0.099
@@ -49,7 +50,7 @@ def test_pid_a_small_error_with_the_class_defaults():
     assert pid.output(0.1) < 0.3
 
 
-def test_pid_stays_within_its_limits_and_keeps_the_sign():
+def test_pid_stays_within_its_limits_and_keeps_the_sign() -> None:
     random = np.random.default_rng(1)
     pid = PID(0.0, 1.0, 0.0, 1.0)
     pid.set_gains(1.0, 0.0, 0.0)
@@ -61,7 +62,7 @@ def test_pid_stays_within_its_limits_and_keeps_the_sign():
             assert abs(output) == 1.0
 
 
-def test_pid_output_is_zero_below_the_minimum_and_full_above_the_maximum_error():
+def test_pid_output_is_zero_below_the_minimum_and_full_above_the_maximum_error() -> None:
     pid = PID(0.1, 1.0, 0.2, 0.8)
     pid.set_gains(1.0, 0.0, 0.0)
     assert pid.output(0.09) == 0.0
@@ -70,7 +71,7 @@ def test_pid_output_is_zero_below_the_minimum_and_full_above_the_maximum_error()
     assert pid.output(3.0) == 0.8
 
 
-def test_pid_the_integral_decays_by_a_third_and_the_derivative_is_the_change():
+def test_pid_the_integral_decays_by_a_third_and_the_derivative_is_the_change() -> None:
     pid = PID(0.0, 1.0, 0.0, 1.0)
     pid.set_gains(0.0, 1.0, 0.0)
     assert [pid.output(0.3) for _ in range(2)] == pytest.approx([0.2, (0.2 + 0.3) * 2 / 3])
@@ -82,7 +83,7 @@ def test_pid_the_integral_decays_by_a_third_and_the_derivative_is_the_change():
 # --- the detector
 
 
-def test_a_detection_has_a_box_around_all_pixels_and_the_centre_of_mass():
+def test_a_detection_has_a_box_around_all_pixels_and_the_centre_of_mass() -> None:
     found = detect_colour(picture((100, 50, 40, 20), (300, 200, 40, 60)), WOOD)
     assert found is not None
     assert (found.left, found.top, found.width, found.height) == (100, 50, 240, 210)
@@ -91,11 +92,11 @@ def test_a_detection_has_a_box_around_all_pixels_and_the_centre_of_mass():
     assert found.image_size == (640, 480)
 
 
-def test_without_a_pixel_of_the_colour_nothing_is_found():
+def test_without_a_pixel_of_the_colour_nothing_is_found() -> None:
     assert detect_colour(picture(), WOOD) is None
 
 
-def test_exercise_a_box_for_each_separate_object_the_largest_first():
+def test_exercise_a_box_for_each_separate_object_the_largest_first() -> None:
     found = detect_each(picture((100, 50, 40, 20), (300, 200, 40, 60), (10, 10, 2, 2)), WOOD)
     assert [(one.left, one.top, one.width, one.height) for one in found] == [
         (300, 200, 40, 60),
@@ -103,13 +104,13 @@ def test_exercise_a_box_for_each_separate_object_the_largest_first():
     ]
 
 
-def test_the_books_colour_range_of_wood_and_the_default_colour_range():
+def test_the_books_colour_range_of_wood_and_the_default_colour_range() -> None:
     assert ColourRange((15, 20), (50, 200), (20, 200)) == WOOD
     assert ColourRange() == ColourRange((0, 180), (0, 255), (0, 255))
     assert colour_mask(picture(), ColourRange()).all()
 
 
-def test_the_debug_image_dims_the_background_and_draws_the_detections_box():
+def test_the_debug_image_dims_the_background_and_draws_the_detections_box() -> None:
     seen = picture((100, 50, 40, 20))
     shown = debug_image(seen, WOOD)
     assert shown[400, 400].tolist() == [40, 40, 40]
@@ -127,7 +128,7 @@ def detector(robot, **parameters) -> tuple[ProcessContext, Process, ObjectDetect
     return context, other, process
 
 
-def test_the_detector_process_publishes_its_detections_to_subscribers(robot):
+def test_the_detector_process_publishes_its_detections_to_subscribers(robot: RecordingRobot) -> None:
     _, other, process = detector(robot, hsv_ranges=[15, 20, 50, 200, 20, 200])
     images, received = other.create_publisher("input_image", CameraImage), []
     images.publish(picture((100, 50, 40, 20)))
@@ -140,7 +141,7 @@ def test_the_detector_process_publishes_its_detections_to_subscribers(robot):
     assert [len(one.objects) for one in received] == [1]
 
 
-def test_the_detector_process_requires_six_numbers_in_hsv_ranges(robot):
+def test_the_detector_process_requires_six_numbers_in_hsv_ranges(robot: RecordingRobot) -> None:
     with pytest.raises(ParameterError, match="hsv_ranges has 6 numbers"):
         detector(robot, hsv_ranges=[1, 2])
 
@@ -151,13 +152,15 @@ def test_the_detector_process_requires_six_numbers_in_hsv_ranges(robot):
 @pytest.mark.parametrize(
     ("x", "y", "pan", "tilt"), [(320, 240, 0, 0), (640, 240, 1, 0), (0, 480, -1, 1), (480, 120, 0.5, -0.5)]
 )
-def test_a_command_is_the_position_in_the_picture_from_minus_one_to_one(x, y, pan, tilt):
+def test_a_command_is_the_position_in_the_picture_from_minus_one_to_one(
+    x: int, y: int, pan: float, tilt: float
+) -> None:
     detection = Detection(0, 0, 1, 1, x, y, (640, 480), 7)
     assert command_from_detection(detection) == PanTiltCommand(pan, tilt, 7)
 
 
 @pytest.fixture
-def watching(robot):
+def watching(robot: RecordingRobot):
     """A robot with a head and a camera."""
     robot.limits = HeadInfo(-1.3, 1.3, -1.0, 0.7, 3.0)
     robot.turned = HeadPosition(0.0, 0.0, 0)
@@ -174,7 +177,7 @@ def active(robot, **settings) -> HeadTracker:
 @pytest.mark.parametrize(
     ("left", "top", "pan", "tilt"), [(600, 220, -1, 0), (0, 220, 1, 0), (300, 440, 0, -1), (300, 0, 0, 1)]
 )
-def test_the_head_turns_towards_the_object(watching, left, top, pan, tilt):
+def test_the_head_turns_towards_the_object(watching, left: int, top: int, pan: int, tilt: int) -> None:
     """An object to the right needs a smaller pan angle, and an object below a smaller tilt angle."""
     active(watching)
     watching.shown = picture((left, top, 40, 40), stamp=100_000_000)
@@ -183,7 +186,7 @@ def test_the_head_turns_towards_the_object(watching, left, top, pan, tilt):
     assert np.sign(np.where(np.abs(looked) < 0.01, 0.0, looked)).tolist() == [pan, tilt]
 
 
-def test_the_head_gets_ten_commands_a_second_while_the_tracker_is_active(watching):
+def test_the_head_gets_ten_commands_a_second_while_the_tracker_is_active(watching) -> None:
     tracker = active(watching)
     watching.clock.sleep(2.0)
     assert len(watching.looks) == 20
@@ -192,7 +195,7 @@ def test_the_head_gets_ten_commands_a_second_while_the_tracker_is_active(watchin
     assert len(watching.looks) == 21
 
 
-def test_the_head_returns_to_the_middle_after_100_ms_without_a_detection(watching):
+def test_the_head_returns_to_the_middle_after_100_ms_without_a_detection(watching) -> None:
     active(watching)
     watching.shown = picture((600, 220, 40, 40), stamp=100_000_000)
     watching.clock.sleep(0.2)
@@ -201,7 +204,7 @@ def test_the_head_returns_to_the_middle_after_100_ms_without_a_detection(watchin
     assert watching.looks[-1] == (0.0, 0.0)
 
 
-def test_the_head_returns_to_the_middle_when_the_tracker_is_deactivated(watching):
+def test_the_head_returns_to_the_middle_when_the_tracker_is_deactivated(watching) -> None:
     tracker = active(watching)
     watching.shown = picture((600, 220, 40, 40), stamp=100_000_000)
     watching.clock.sleep(0.1)
@@ -209,7 +212,7 @@ def test_the_head_returns_to_the_middle_when_the_tracker_is_deactivated(watching
     assert watching.looks[-1] == (0.0, 0.0)
 
 
-def test_exercise_a_more_reactive_head_reaches_the_object_sooner(watching):
+def test_exercise_a_more_reactive_head_reaches_the_object_sooner(watching) -> None:
     """The object is to the right by 0.5 rad; the head moves at once, and its picture spans 1.1 rad."""
     needed = {}
     for name, settings in {"book": {}, "reactive": {"tuning": REACTIVE}}.items():
@@ -232,7 +235,7 @@ def test_exercise_a_more_reactive_head_reaches_the_object_sooner(watching):
 # --- lifecycle
 
 
-def test_the_states_and_transitions_have_the_numbers_of_ros():
+def test_the_states_and_transitions_have_the_numbers_of_ros() -> None:
     assert [
         state.value
         for state in (
@@ -250,7 +253,7 @@ def test_the_states_and_transitions_have_the_numbers_of_ros():
     ] == [1, 2, 3, 4]
 
 
-def test_a_component_makes_valid_transitions_and_refuses_others():
+def test_a_component_makes_valid_transitions_and_refuses_others() -> None:
     component = LifecycleComponent()
     assert not component.activate()
     assert not component.deactivate()
@@ -268,7 +271,7 @@ def test_a_component_makes_valid_transitions_and_refuses_others():
     assert not component.configure()
 
 
-def test_a_callback_that_fails_refuses_the_transition(robot):
+def test_a_callback_that_fails_refuses_the_transition(robot: RecordingRobot) -> None:
     tracker = HeadTracker(robot)  # a robot without a head
     assert not tracker.configure()
     assert tracker.state is LifecycleState.UNCONFIGURED

@@ -15,6 +15,7 @@ from btcore_robot.control.vff import (
 from btcore_robot.process.messages import BLUE, GREEN, RED, Arrows
 from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Twist2D
+from tests.robot_nodes.conftest import RecordingRobot
 
 PI = math.pi
 SECOND = 10**9
@@ -44,14 +45,14 @@ def angle(vector) -> float:
     return math.atan2(vector[1], vector[0])
 
 
-def test_1_nothing_in_sight_the_vectors_are_exact():
+def test_1_nothing_in_sight_the_vectors_are_exact() -> None:
     found = forces_from_nearest(CASES["1 nothing in sight"])
     assert found.attractive.tolist() == [1.0, 0.0]
     assert found.repulsive.tolist() == [0.0, 0.0]
     assert found.result.tolist() == [1.0, 0.0]
 
 
-def test_2_all_at_zero_the_first_reading_is_used():
+def test_2_all_at_zero_the_first_reading_is_used() -> None:
     found = forces_from_nearest(CASES["2 all at zero"])
     assert found.attractive.tolist() == [1.0, 0.0]
     assert found.repulsive.tolist() == pytest.approx([1.0, 0.0], abs=1e-5)
@@ -69,7 +70,7 @@ QUADRANTS = [
 
 
 @pytest.mark.parametrize(("case", "signs", "push", "sum_"), QUADRANTS)
-def test_3_to_7_an_obstacle_pushes_away(case: str, signs, push, sum_):
+def test_3_to_7_an_obstacle_pushes_away(case: str, signs, push, sum_) -> None:
     found = forces_from_nearest(CASES[case])
     assert found.attractive.tolist() == [1.0, 0.0]
     assert np.sign(found.repulsive).tolist() == list(signs)
@@ -77,7 +78,7 @@ def test_3_to_7_an_obstacle_pushes_away(case: str, signs, push, sum_):
     assert sum_[0] < angle(found.result) < sum_[1]
 
 
-def test_8_right_ahead_the_remainder_has_the_sign_of_single_precision():
+def test_8_right_ahead_the_remainder_has_the_sign_of_single_precision() -> None:
     found = forces_from_nearest(CASES["8 right ahead"])
     assert found.repulsive[0] == pytest.approx(-1.0, abs=0.1)
     assert found.repulsive[1] == pytest.approx(0.0, abs=1e-4)
@@ -125,7 +126,7 @@ class Avoiding:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_velocity_after_a_second_of_scans_at_30_hz(robot, case: str):
+def test_the_velocity_after_a_second_of_scans_at_30_hz(robot: RecordingRobot, case: str) -> None:
     avoiding = Avoiding(robot)
     avoiding.run(CASES[case], 1.0)
     last = avoiding.commands[-1]
@@ -133,7 +134,7 @@ def test_the_velocity_after_a_second_of_scans_at_30_hz(robot, case: str):
     assert VELOCITIES[case](last.v, last.w), last
 
 
-def test_no_command_is_sent_for_a_scan_older_than_a_second(robot):
+def test_no_command_is_sent_for_a_scan_older_than_a_second(robot: RecordingRobot) -> None:
     avoiding = Avoiding(robot)
     avoiding.scans.publish(scan_of())
     robot.clock.sleep(1.0)
@@ -143,13 +144,13 @@ def test_no_command_is_sent_for_a_scan_older_than_a_second(robot):
     assert avoiding.commands == []
 
 
-def test_no_command_is_sent_without_a_scan(robot):
+def test_no_command_is_sent_without_a_scan(robot: RecordingRobot) -> None:
     avoiding = Avoiding(robot)
     robot.clock.sleep(1.0)
     assert avoiding.commands == []
 
 
-def test_the_arrows_are_published_for_subscribers_only(robot):
+def test_the_arrows_are_published_for_subscribers_only(robot: RecordingRobot) -> None:
     avoiding = Avoiding(robot)
     avoiding.run(CASES["4 ahead to the right"], 0.5)
     received: list[Arrows] = []
@@ -164,13 +165,13 @@ def test_the_arrows_are_published_for_subscribers_only(robot):
     assert arrows[1].end == pytest.approx(tuple(total), abs=1e-6)
 
 
-def test_the_velocity_keeps_to_the_books_limits():
+def test_the_velocity_keeps_to_the_books_limits() -> None:
     assert velocity(np.array([5.0, 0.0], dtype=np.float32)) == Twist2D(0.3, 0.0)
     assert velocity(np.array([0.0, 5.0], dtype=np.float32)) == Twist2D(0.3, 0.5)
     assert velocity(np.array([0.1, -5.0], dtype=np.float32)).w == -0.5
 
 
-def test_nan_is_ignored_and_minus_infinity_is_the_nearest_reading():
+def test_nan_is_ignored_and_minus_infinity_is_the_nearest_reading() -> None:
     ranges = scan_of(k10=math.nan, k6=0.5).ranges
     blind = LaserScan(ranges, 0, -PI, 2 * PI / 16, 0.0, 20.0, "laser")
     assert forces_from_nearest(blind).result.tolist() == forces_from_nearest(scan_of(k6=0.5)).result.tolist()
@@ -183,7 +184,7 @@ def test_nan_is_ignored_and_minus_infinity_is_the_nearest_reading():
 # --- the exercise: forces from all near obstacles
 
 
-def test_exercise_obstacles_at_both_sides_cancel_their_sideways_forces():
+def test_exercise_obstacles_at_both_sides_cancel_their_sideways_forces() -> None:
     between = scan_of(k6=0.3, k10=0.301)
     assert forces_from_nearest(between).result[1] > 0.1
     both = forces_from_all(between)
@@ -191,14 +192,14 @@ def test_exercise_obstacles_at_both_sides_cancel_their_sideways_forces():
     assert both.repulsive[0] == pytest.approx(-0.99, abs=0.01)
 
 
-def test_exercise_a_single_obstacle_gives_the_books_result():
+def test_exercise_a_single_obstacle_gives_the_books_result() -> None:
     for case in ("3 behind to the right", "4 ahead to the right", "5 ahead to the left"):
         assert forces_from_all(CASES[case]).result == pytest.approx(
             forces_from_nearest(CASES[case]).result, abs=1e-6
         )
 
 
-def test_exercise_the_robot_does_not_drive_forward_if_the_sum_points_back(robot):
+def test_exercise_the_robot_does_not_drive_forward_if_the_sum_points_back(robot: RecordingRobot) -> None:
     avoiding = Avoiding(robot, AvoidanceFromAll)
     avoiding.run(scan_of(k6=0.2, k7=0.2, k8=0.2, k9=0.25), 0.5)
     assert avoiding.process.forces is not None

@@ -4,6 +4,7 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
+from tests.robot_nodes.conftest import RecordingRobot
 
 TENTH = 100_000_000
 
@@ -34,7 +35,9 @@ def tick(tree: Tree, robot, times: int) -> Status:
         ("Forward", 30, Status.RUNNING, (1, 0)),
     ],
 )
-def test_a_leaf_sends_some_thirty_commands_in_its_direction(robot, leaf: str, times: int, status, direction):
+def test_a_leaf_sends_some_thirty_commands_in_its_direction(
+    robot: RecordingRobot, leaf: str, times: int, status, direction
+) -> None:
     assert tick(tree_of(leaf, robot), robot, times) is status
     assert len(robot.commands) == pytest.approx(30, abs=1)
     for speed, sign in zip(robot.commands[0], direction, strict=True):
@@ -44,13 +47,15 @@ def test_a_leaf_sends_some_thirty_commands_in_its_direction(robot, leaf: str, ti
 @pytest.mark.parametrize(
     ("leaf", "command"), [("Forward", (0.3, 0.0)), ("Back", (-0.3, 0.0)), ("Turn", (0.0, 0.5))]
 )
-def test_every_tick_commands_the_books_figure(robot, leaf: str, command: tuple[float, float]):
+def test_every_tick_commands_the_books_figure(
+    robot: RecordingRobot, leaf: str, command: tuple[float, float]
+) -> None:
     tick(tree_of(leaf, robot), robot, 10)
     assert robot.commands == [command] * 10
 
 
 @pytest.mark.parametrize("leaf", ["Back", "Turn"])
-def test_a_manoeuvre_takes_three_seconds_from_its_first_tick(robot, leaf: str):
+def test_a_manoeuvre_takes_three_seconds_from_its_first_tick(robot: RecordingRobot, leaf: str) -> None:
     robot.clock.time = 7 * 10**9
     tree = tree_of(leaf, robot)
     assert tree.tick_once() is Status.RUNNING
@@ -60,7 +65,7 @@ def test_a_manoeuvre_takes_three_seconds_from_its_first_tick(robot, leaf: str):
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_a_manoeuvre_takes_its_whole_time_again_after_a_halt(robot):
+def test_a_manoeuvre_takes_its_whole_time_again_after_a_halt(robot: RecordingRobot) -> None:
     tree = tree_of("Turn", robot)
     tick(tree, robot, 20)
     tree.halt()

@@ -6,6 +6,7 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
+from tests.robot_nodes.conftest import RecordingRobot
 
 SECOND = 1_000_000_000
 INF = math.inf
@@ -27,24 +28,26 @@ def obstacle(robot, **ports: float) -> bool:
     ("reading", "ports", "found"),
     [(2.0, {}, False), (0.3, {}, True), (0.3, {"distance": 0.5}, True), (0.6, {"distance": 0.5}, False)],
 )
-def test_is_obstacle_with_the_books_readings(robot, reading: float, ports: dict[str, float], found: bool):
+def test_is_obstacle_with_the_books_readings(
+    robot: RecordingRobot, reading: float, ports: dict[str, float], found: bool
+) -> None:
     robot.see(reading)
     assert obstacle(robot, **ports) is found
 
 
-def test_before_the_first_scan_there_is_no_obstacle(robot):
+def test_before_the_first_scan_there_is_no_obstacle(robot: RecordingRobot) -> None:
     assert not obstacle(robot)
     assert not obstacle(robot, corridor=0.8)
 
 
-def test_the_middle_beam_is_the_upper_of_two(robot):
+def test_the_middle_beam_is_the_upper_of_two(robot: RecordingRobot) -> None:
     robot.see(5.0, 5.0, 0.5, 5.0)
     assert obstacle(robot)
     robot.see(5.0, 0.5, 5.0, 5.0)
     assert not obstacle(robot)
 
 
-def test_a_reading_below_the_minimum_is_an_obstacle_and_no_echo_is_not(robot):
+def test_a_reading_below_the_minimum_is_an_obstacle_and_no_echo_is_not(robot: RecordingRobot) -> None:
     robot.see(-INF)
     assert obstacle(robot)
     robot.see(INF)
@@ -64,19 +67,21 @@ CASES = [
 
 
 @pytest.mark.parametrize(("x", "y", "found"), CASES)
-def test_the_corridor_is_a_rectangle_ahead_of_the_laser(robot, x: float, y: float, found: bool):
+def test_the_corridor_is_a_rectangle_ahead_of_the_laser(
+    robot: RecordingRobot, x: float, y: float, found: bool
+) -> None:
     robot.see(math.hypot(x, y), angle_min=math.atan2(y, x))
     assert obstacle(robot, corridor=0.8) is found
 
 
-def test_in_the_corridor_only_finite_readings_count(robot):
+def test_in_the_corridor_only_finite_readings_count(robot: RecordingRobot) -> None:
     robot.see(INF, -INF, math.nan)
     assert not obstacle(robot, corridor=0.8)
     robot.see(INF, -INF, 0.5)
     assert obstacle(robot, corridor=0.8)
 
 
-def test_a_scan_older_than_the_timeout_counts_as_an_obstacle(robot):
+def test_a_scan_older_than_the_timeout_counts_as_an_obstacle(robot: RecordingRobot) -> None:
     robot.see(5.0)
     robot.clock.time = SECOND // 2
     assert not obstacle(robot, timeout=0.5)
@@ -85,11 +90,11 @@ def test_a_scan_older_than_the_timeout_counts_as_an_obstacle(robot):
     assert not obstacle(robot)
 
 
-def test_with_a_timeout_a_missing_scan_counts_as_an_obstacle(robot):
+def test_with_a_timeout_a_missing_scan_counts_as_an_obstacle(robot: RecordingRobot) -> None:
     assert obstacle(robot, timeout=0.5)
 
 
-def test_wait_for_scan_stops_the_robot_until_there_is_a_new_scan(robot):
+def test_wait_for_scan_stops_the_robot_until_there_is_a_new_scan(robot: RecordingRobot) -> None:
     tree = tree_of(robot, "WaitForScan", timeout=0.5)
     assert tree.tick_once() is Status.RUNNING
     assert robot.commands == [(0.0, 0.0)]

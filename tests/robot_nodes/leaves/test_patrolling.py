@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.robot_nodes.conftest import RecordingRobot
+
 pytest.importorskip("pybullet")
 
 import btcore
@@ -69,12 +71,12 @@ class SlowServer(ActionServer[Pose2D, None, None]):
 
 
 @pytest.fixture
-def server(robot) -> SlowServer:
+def server(robot: RecordingRobot) -> SlowServer:
     return SlowServer(robot)
 
 
 @pytest.fixture
-def tracker(robot) -> HeadTracker:
+def tracker(robot: RecordingRobot) -> HeadTracker:
     robot.limits = HeadInfo(-1.3, 1.3, -1.0, 0.7, 3.0)
     robot.turned = HeadPosition(0.0, 0.0, 0)
     return HeadTracker(robot)
@@ -83,7 +85,7 @@ def tracker(robot) -> HeadTracker:
 # --- recharge_btn, patrol_btn
 
 
-def test_recharge_btn(robot):
+def test_recharge_btn(robot: RecordingRobot) -> None:
     tree = tree_of('<Action ID="Recharge"/>', robot)
     tree.blackboard["battery_level"] = 3.0
     assert tick(tree, robot, 60.0) is Status.SUCCESS
@@ -92,7 +94,7 @@ def test_recharge_btn(robot):
     assert robot.recharges == 1
 
 
-def test_recharge_continues_after_a_halt(robot):
+def test_recharge_continues_after_a_halt(robot: RecordingRobot) -> None:
     tree = tree_of('<Action ID="Recharge"/>', robot)
     tick(tree, robot, 3.0)
     tree.halt()
@@ -100,7 +102,7 @@ def test_recharge_continues_after_a_halt(robot):
     assert tree.ticks == 51
 
 
-def test_patrol_btn(robot):
+def test_patrol_btn(robot: RecordingRobot) -> None:
     tree = tree_of('<Action ID="Patrol"/>', robot)
     assert tick(tree, robot, 60.0) is Status.SUCCESS
     assert len(robot.commands) == pytest.approx(150, abs=2)
@@ -112,14 +114,14 @@ def test_patrol_btn(robot):
 # --- move_btn
 
 
-def test_move_btn(robot, server: SlowServer):
+def test_move_btn(robot: RecordingRobot, server: SlowServer) -> None:
     tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, server)
     assert tick(tree, robot, 20.0) is Status.SUCCESS
     assert robot.clock.now() / SECOND == pytest.approx(5.0, abs=0.3)
     assert server.goals == [Pose2D(1.0, 2.0, 0.0)]
 
 
-def test_move_cancels_its_goal_when_it_is_halted(robot, server: SlowServer):
+def test_move_cancels_its_goal_when_it_is_halted(robot: RecordingRobot, server: SlowServer) -> None:
     tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, server)
     tick(tree, robot, 1.0)
     tree.halt()
@@ -127,21 +129,25 @@ def test_move_cancels_its_goal_when_it_is_halted(robot, server: SlowServer):
     assert server.handles[0].status.name == "CANCELED"
 
 
-def test_move_fails_with_the_error_of_the_navigation(robot, server: SlowServer, caplog):
+def test_move_fails_with_the_error_of_the_navigation(
+    robot: RecordingRobot, server: SlowServer, caplog: pytest.LogCaptureFixture
+) -> None:
     tree = tree_of('<Action ID="Move" goal="999;0" error_code="{code}" error="{why}"/>', robot, server)
     assert tick(tree, robot, 20.0) is Status.FAILURE
     assert (tree.blackboard["code"], tree.blackboard["why"]) == (208, "there is no way to it")
     assert "can't go to (999.00, 0.00): there is no way to it" in caplog.text
 
 
-def test_move_succeeds_when_another_client_cancels_its_goal(robot, server: SlowServer):
+def test_move_succeeds_when_another_client_cancels_its_goal(
+    robot: RecordingRobot, server: SlowServer
+) -> None:
     tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, server)
     tick(tree, robot, 1.0)
     server.handles[0].cancel()
     assert tick(tree, robot, 1.0) is Status.SUCCESS
 
 
-def test_move_fails_when_the_server_accepts_no_goal_for_a_second(robot):
+def test_move_fails_when_the_server_accepts_no_goal_for_a_second(robot: RecordingRobot) -> None:
     class SilentServer:
         def go_to(self, goal: Pose2D) -> GoalHandle[Pose2D, None, None]:
             return GoalHandle(goal)
@@ -158,14 +164,14 @@ def entries(tree: Tree, names: Sequence[str]) -> list[Pose2D]:
     return [tree.blackboard[name] for name in names]
 
 
-def test_get_waypoint_btn_recharge(robot):
+def test_get_waypoint_btn_recharge(robot: RecordingRobot) -> None:
     tree = tree_of('<Action ID="GetWaypoint" wp_id="recharge" waypoint="{wp}"/>')
     assert tree.tick_once() is Status.SUCCESS
     place = tree.blackboard["wp"]
     assert (place.x, place.y) == pytest.approx((3.67, -0.24), abs=1e-7)
 
 
-def test_a_missing_waypoint_is_an_error_when_the_tree_is_created():
+def test_a_missing_waypoint_is_an_error_when_the_tree_is_created() -> None:
     nodes = Registry.standard()
     nodes.add_plugin("btcore_robot.leaves")
     body = '<GetWaypoint wp_id="{}" waypoint="{{wp}}"/>'
@@ -189,20 +195,20 @@ SEQUENCE = (
 )
 
 
-def test_get_waypoint_btn_only_recharge_is_chosen_by_name(robot):
+def test_get_waypoint_btn_only_recharge_is_chosen_by_name(robot: RecordingRobot) -> None:
     tree = tree_of(SEQUENCE)
     assert tree.tick_once() is Status.SUCCESS
     assert entries(tree, [f"p{number}" for number in range(7)]) == [WP1, WP2, WP3, RECHARGE, WP1, WP2, WP3]
 
 
-def test_get_waypoint_counts_separately_in_each_tree():
+def test_get_waypoint_counts_separately_in_each_tree() -> None:
     for _ in range(2):
         tree = tree_of('<Action ID="GetWaypoint" wp_id="next" waypoint="{wp}"/>')
         tree.tick_once()
         assert tree.blackboard["wp"] == WP1
 
 
-def test_the_waypoints_of_the_house_are_the_books():
+def test_the_waypoints_of_the_house_are_the_books() -> None:
     places = {name: (place.x, place.y, place.yaw) for name, place in HOUSE.places.items() if name != "start"}
     assert places == {
         "recharge": (3.67, -0.24, 0.0),
@@ -215,7 +221,7 @@ def test_the_waypoints_of_the_house_are_the_books():
 # --- battery_checker_btn
 
 
-def test_battery_checker_btn(robot):
+def test_battery_checker_btn(robot: RecordingRobot) -> None:
     body = '<ReactiveSequence><Condition ID="BatteryChecker"/><Action ID="Patrol"/></ReactiveSequence>'
     tree = tree_of(body, robot)
     status = tick(tree, robot, 60.0, after=lambda: robot.drive(0.8, 0.0))
@@ -224,7 +230,9 @@ def test_battery_checker_btn(robot):
 
 
 @pytest.mark.parametrize(("ports", "threshold"), [("", 10.0), ('low="20"', 20.0)])
-def test_battery_checker_fails_below_its_threshold(robot, ports: str, threshold: float):
+def test_battery_checker_fails_below_its_threshold(
+    robot: RecordingRobot, ports: str, threshold: float
+) -> None:
     tree = tree_of(f'<Condition ID="BatteryChecker" {ports}/>', robot)
     tree.blackboard["battery_level"] = threshold
     assert tree.tick_once() is Status.SUCCESS
@@ -233,7 +241,9 @@ def test_battery_checker_fails_below_its_threshold(robot, ports: str, threshold:
 
 
 @pytest.mark.parametrize(("v", "w", "a_second"), [(0.0, 0.0, 0.01), (0.3, 0.0, 0.16), (0.3, 0.4, 0.26)])
-def test_battery_drains_by_the_commanded_velocity(robot, v: float, w: float, a_second: float):
+def test_battery_drains_by_the_commanded_velocity(
+    robot: RecordingRobot, v: float, w: float, a_second: float
+) -> None:
     tree = tree_of('<Condition ID="BatteryChecker"/>', robot)
     tree.tick_once()
     robot.drive(v, w)
@@ -242,7 +252,7 @@ def test_battery_drains_by_the_commanded_velocity(robot, v: float, w: float, a_s
     assert tree.blackboard["battery_level"] == pytest.approx(100.0 - 10 * a_second)
 
 
-def test_battery_quirk_a_gap_is_charged_at_the_velocity_after_it(robot):
+def test_battery_quirk_a_gap_is_charged_at_the_velocity_after_it(robot: RecordingRobot) -> None:
     tree = tree_of('<Condition ID="BatteryChecker"/>', robot)
     tree.tick_once()
     robot.clock.sleep(100.0)  # the leaf was not ticked, and the robot stood
@@ -251,7 +261,7 @@ def test_battery_quirk_a_gap_is_charged_at_the_velocity_after_it(robot):
     assert tree.blackboard["battery_level"] == pytest.approx(84.0)
 
 
-def test_battery_is_never_below_zero(robot):
+def test_battery_is_never_below_zero(robot: RecordingRobot) -> None:
     tree = tree_of('<Condition ID="BatteryChecker"/>', robot)
     robot.clock.sleep(1e5)
     tree.tick_once()
@@ -261,14 +271,18 @@ def test_battery_is_never_below_zero(robot):
 # --- track_objects_btn
 
 
-def test_track_objects_btn_1_an_unconfigured_tracker_is_not_activated(robot, tracker: HeadTracker):
+def test_track_objects_btn_1_an_unconfigured_tracker_is_not_activated(
+    robot: RecordingRobot, tracker: HeadTracker
+) -> None:
     assert not tracker.activate()
     tree = tree_of('<Action ID="TrackObjects"/>', tracker)
     assert tree.tick_once() is Status.RUNNING
     assert tracker.state is LifecycleState.UNCONFIGURED
 
 
-def test_track_objects_btn_2_a_tick_activates_and_a_halt_deactivates(robot, tracker: HeadTracker):
+def test_track_objects_btn_2_a_tick_activates_and_a_halt_deactivates(
+    robot: RecordingRobot, tracker: HeadTracker
+) -> None:
     tracker.configure()
     tree = tree_of('<Action ID="TrackObjects"/>', tracker)
     assert tree.tick_once() is Status.RUNNING
@@ -277,7 +291,9 @@ def test_track_objects_btn_2_a_tick_activates_and_a_halt_deactivates(robot, trac
     assert tracker.state is LifecycleState.INACTIVE
 
 
-def test_track_objects_btn_3_the_end_of_the_tree_deactivates(robot, tracker: HeadTracker):
+def test_track_objects_btn_3_the_end_of_the_tree_deactivates(
+    robot: RecordingRobot, tracker: HeadTracker
+) -> None:
     tracker.configure()
     tree = tree_of('<Action ID="TrackObjects"/>', tracker)
     for _ in range(10):
@@ -292,7 +308,7 @@ def test_track_objects_btn_3_the_end_of_the_tree_deactivates(robot, tracker: Hea
 # --- move_track_btn
 
 
-def test_move_track_btn(robot, server: SlowServer, tracker: HeadTracker):
+def test_move_track_btn(robot: RecordingRobot, server: SlowServer, tracker: HeadTracker) -> None:
     tracker.configure()
     body = (
         '<Parallel success_threshold="1" failure_threshold="1">'
@@ -309,7 +325,9 @@ def test_move_track_btn(robot, server: SlowServer, tracker: HeadTracker):
 
 
 @pytest.mark.parametrize("name", ["patrolling", "patrolling_book"])
-def test_the_tree_patrols_and_recharges(robot, server: SlowServer, tracker: HeadTracker, name: str):
+def test_the_tree_patrols_and_recharges(
+    robot: RecordingRobot, server: SlowServer, tracker: HeadTracker, name: str
+) -> None:
     """A waypoint costs 5 s and a patrol 15 s: 3.9 % of the battery, and 20 % or 10 % are kept."""
     nodes = Registry.standard()
     nodes.add_plugin("btcore_robot.leaves")
@@ -347,14 +365,14 @@ def test_the_tree_patrols_and_recharges(robot, server: SlowServer, tracker: Head
     ids=["one_waypoint", "all_waypoints", "charger"],
 )
 def test_the_skipping_tree_skips_a_waypoint_and_ends_when_it_can_reach_nothing(
-    robot,
+    robot: RecordingRobot,
     server: SlowServer,
     tracker: HeadTracker,
     unreachable: Sequence[str],
     level: float,
     goals: list[str],
     result: Status,
-):
+) -> None:
     places = dict(HOUSE.places)
     for number, name in enumerate(unreachable):
         places[name] = Pose2D(1000.0 + number, 0.0, 0.0)

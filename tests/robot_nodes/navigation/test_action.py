@@ -36,7 +36,7 @@ def server() -> Counting:
     return Counting()
 
 
-def test_a_goal_waits_for_the_next_step(server):
+def test_a_goal_waits_for_the_next_step(server: Counting) -> None:
     handle = server.send_goal(2)
     assert (handle.status, server.busy) == (GoalStatus.UNKNOWN, True)
     server.step(0)
@@ -45,13 +45,13 @@ def test_a_goal_waits_for_the_next_step(server):
     assert (handle.status, handle.result.value, server.busy) == (GoalStatus.SUCCEEDED, 2, False)
 
 
-def test_a_goal_can_end_as_it_starts(server):
+def test_a_goal_can_end_as_it_starts(server: Counting) -> None:
     handle = server.send_goal(-1)
     server.step(0)
     assert (handle.status, handle.result.code, handle.feedback) == (GoalStatus.ABORTED, 7, None)
 
 
-def test_a_newer_goal_pre_empts_without_a_stop(server):
+def test_a_newer_goal_pre_empts_without_a_stop(server: Counting) -> None:
     first = server.send_goal(5)
     server.step(0)
     second = server.send_goal(1)
@@ -60,7 +60,7 @@ def test_a_newer_goal_pre_empts_without_a_stop(server):
     assert (server.preempted, server.stopped) == ([5], [])
 
 
-def test_a_cancelled_goal_is_stopped_once(server):
+def test_a_cancelled_goal_is_stopped_once(server: Counting) -> None:
     handle = server.send_goal(5)
     server.step(0)
     handle.cancel()
@@ -70,7 +70,7 @@ def test_a_cancelled_goal_is_stopped_once(server):
     assert (handle.status, server.stopped) == (GoalStatus.CANCELED, [5])
 
 
-def test_a_server_that_is_not_active_rejects_goals_and_aborts_the_goal_in_progress(server):
+def test_a_server_that_is_not_active_rejects_goals_and_aborts_the_goal_in_progress(server: Counting) -> None:
     running = server.send_goal(5)
     server.step(0)
     server.is_active = False
@@ -87,20 +87,20 @@ def test_a_server_that_is_not_active_rejects_goals_and_aborts_the_goal_in_progre
     assert accepted.status == GoalStatus.SUCCEEDED
 
 
-def test_a_goal_cancelled_before_its_turn_never_starts(server):
+def test_a_goal_cancelled_before_its_turn_never_starts(server: Counting) -> None:
     handle = server.send_goal(5)
     handle.cancel()
     server.step(0)
     assert (handle.status, handle.feedback, server.busy) == (GoalStatus.CANCELED, None, False)
 
 
-def test_the_newer_of_two_goals_between_steps_is_executed(server):
+def test_the_newer_of_two_goals_between_steps_is_executed(server: Counting) -> None:
     first, second = server.send_goal(5), server.send_goal(6)
     server.step(0)
     assert (first.status, second.status) == (GoalStatus.CANCELED, GoalStatus.EXECUTING)
 
 
-def test_a_goal_that_has_ended_does_not_change(server):
+def test_a_goal_that_has_ended_does_not_change(server: Counting) -> None:
     handle = server.send_goal(1)
     server.step(0)
     handle.cancel()

@@ -1,4 +1,5 @@
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from btcore_navigation.behaviours import (
 )
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_robot.robot import SonarReading, Twist2D
+from tests.robot_nodes.navigation.conftest import NavigationRig
 
 
 def ended(course, handle, seconds=30.0):
@@ -22,7 +24,7 @@ def ended(course, handle, seconds=30.0):
 
 
 @pytest.mark.parametrize("angle", [1.57, -1.57, 4.0, 7.5])
-def test_spin_turns_by_its_angle(floor, angle):
+def test_spin_turns_by_its_angle(floor: Callable[..., NavigationRig], angle: float) -> None:
     course = floor()
     turned, last = 0.0, 0.0
     handle = course.spin.send_goal(SpinGoal(angle))
@@ -39,7 +41,7 @@ def test_spin_turns_by_its_angle(floor, angle):
     assert turned == pytest.approx(angle, abs=0.1)
 
 
-def test_spin_keeps_to_nav2s_rates(floor):
+def test_spin_keeps_to_nav2s_rates(floor: Callable[..., NavigationRig]) -> None:
     course = floor()
     ended(course, course.spin.send_goal(SpinGoal(3.0)))
     rates = np.array([w for _, _, w in course.robot.commands])
@@ -47,7 +49,7 @@ def test_spin_keeps_to_nav2s_rates(floor):
     assert np.abs(np.diff(rates)).max() <= 2.09 * 0.1 + 1e-9
 
 
-def test_back_up_goes_straight_back(floor):
+def test_back_up_goes_straight_back(floor: Callable[..., NavigationRig]) -> None:
     course = floor()
     handle = course.back_up.send_goal(BackUpGoal(0.3, 0.15))
     ended(course, handle)
@@ -57,13 +59,13 @@ def test_back_up_goes_straight_back(floor):
     assert course.robot.pose.y == pytest.approx(0.0, abs=0.001)
 
 
-def test_back_up_commands_no_more_than_the_bases_backward_speed(floor):
+def test_back_up_commands_no_more_than_the_bases_backward_speed(floor: Callable[..., NavigationRig]) -> None:
     course = floor()
     ended(course, course.back_up.send_goal(BackUpGoal(0.5, 0.5)))
     assert min(v for _, v, _ in course.robot.commands) >= course.robot.base.v_min
 
 
-def test_drive_on_heading_ends_at_its_distance(floor):
+def test_drive_on_heading_ends_at_its_distance(floor: Callable[..., NavigationRig]) -> None:
     course = floor()
     handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(0.5, 0.2))
     ended(course, handle)
@@ -72,7 +74,7 @@ def test_drive_on_heading_ends_at_its_distance(floor):
     assert course.robot.pose.x == pytest.approx(0.5, abs=0.03)
 
 
-def test_drive_on_heading_stops_two_seconds_before_a_wall(floor):
+def test_drive_on_heading_stops_two_seconds_before_a_wall(floor: Callable[..., NavigationRig]) -> None:
     course = floor((1.5, -1.0, 1.7, 1.0))
     handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(3.0, 0.2, 60.0))
     ended(course, handle, 60.0)
@@ -81,7 +83,7 @@ def test_drive_on_heading_stops_two_seconds_before_a_wall(floor):
     assert 0.25 < course.robot.nearest < 0.6
 
 
-def test_back_up_remembers_a_wall_that_was_seen_before_a_turn(floor):
+def test_back_up_remembers_a_wall_that_was_seen_before_a_turn(floor: Callable[..., NavigationRig]) -> None:
     course = floor((0.8, -1.0, 1.0, 1.0))
     ended(course, course.spin.send_goal(SpinGoal(math.pi)))
     handle = course.back_up.send_goal(BackUpGoal(1.0, 0.2, 20.0))
@@ -91,7 +93,7 @@ def test_back_up_remembers_a_wall_that_was_seen_before_a_turn(floor):
     assert course.robot.nearest > 0.1
 
 
-def test_back_up_uses_the_sonars(floor):
+def test_back_up_uses_the_sonars(floor: Callable[..., NavigationRig]) -> None:
     course = floor()
     course.run(0.1)
     course.robot.sonar_readings.append(SonarReading(0.2, 0, 0.5, 0.03, 1.0, "sonar_link"))
@@ -101,7 +103,9 @@ def test_back_up_uses_the_sonars(floor):
     assert course.robot.pose.x > -0.05
 
 
-def test_assisted_teleop_drives_by_the_commands_and_stops_before_a_wall(floor):
+def test_assisted_teleop_drives_by_the_commands_and_stops_before_a_wall(
+    floor: Callable[..., NavigationRig],
+) -> None:
     course = floor((2.0, -1.0, 2.2, 1.0))
     handle = course.assisted_teleop.send_goal(AssistedTeleopGoal(0.0))
     course.run(0.5)
@@ -125,7 +129,7 @@ def test_assisted_teleop_drives_by_the_commands_and_stops_before_a_wall(floor):
     assert course.robot.pose == still
 
 
-def test_disabled_collision_checks_ignore_a_wall(floor):
+def test_disabled_collision_checks_ignore_a_wall(floor: Callable[..., NavigationRig]) -> None:
     course = floor((1.0, -1.0, 1.2, 1.0))
     handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(0.5, 0.2, 10.0, True))
     ended(course, handle)
@@ -140,7 +144,9 @@ def test_disabled_collision_checks_ignore_a_wall(floor):
         ("drive_on_heading", DriveOnHeadingGoal(1.0, 0.05, 1.0), Nav2ErrorCode.DRIVE_ON_HEADING_TIMEOUT),
     ],
 )
-def test_a_timeout_ends_the_behaviour_and_stops_the_robot(floor, server, goal, code):
+def test_a_timeout_ends_the_behaviour_and_stops_the_robot(
+    floor: Callable[..., NavigationRig], server: str, goal, code
+) -> None:
     course = floor()
     handle = getattr(course, server).send_goal(goal)
     assert ended(course, handle) == pytest.approx(1.15, abs=0.1)
@@ -159,7 +165,9 @@ def test_a_timeout_ends_the_behaviour_and_stops_the_robot(floor, server, goal, c
         ("wait", WaitGoal(math.inf), Nav2ErrorCode.WAIT_UNKNOWN),
     ],
 )
-def test_a_goal_that_never_ends_is_refused(floor, server, goal, code):
+def test_a_goal_that_never_ends_is_refused(
+    floor: Callable[..., NavigationRig], server: str, goal, code
+) -> None:
     course = floor()
     handle = getattr(course, server).send_goal(goal)
     ended(course, handle)
@@ -167,7 +175,7 @@ def test_a_goal_that_never_ends_is_refused(floor, server, goal, code):
     assert all(command[1:] == (0.0, 0.0) for command in course.robot.commands)
 
 
-def test_a_robot_without_scans_stops_until_scans_return(floor):
+def test_a_robot_without_scans_stops_until_scans_return(floor: Callable[..., NavigationRig]) -> None:
     course = floor()
     handle = course.back_up.send_goal(BackUpGoal(0.3, 0.1, 20.0))
     course.run(1.0)
@@ -179,7 +187,7 @@ def test_a_robot_without_scans_stops_until_scans_return(floor):
     assert handle.status == GoalStatus.SUCCEEDED
 
 
-def test_wait_takes_its_duration_and_sends_no_commands(floor):
+def test_wait_takes_its_duration_and_sends_no_commands(floor: Callable[..., NavigationRig]) -> None:
     course = floor()
     handle = course.wait.send_goal(WaitGoal(2.0))
     course.run(1.05)
@@ -188,7 +196,7 @@ def test_wait_takes_its_duration_and_sends_no_commands(floor):
     assert course.robot.commands == []
 
 
-def test_a_cancelled_behaviour_stops(floor):
+def test_a_cancelled_behaviour_stops(floor: Callable[..., NavigationRig]) -> None:
     course = floor()
     handle = course.spin.send_goal(SpinGoal(6.0))
     course.run(2.0)
@@ -202,7 +210,9 @@ def test_a_cancelled_behaviour_stops(floor):
     ("action", "goal", "amount"),
     [("spin", SpinGoal(2.0, 0.0), 2.0), ("back_up", BackUpGoal(0.8, 0.2, 0.0, True), 0.8)],
 )
-def test_a_behaviour_waits_without_odometry_and_ignores_a_jump_after_it(floor, action, goal, amount):
+def test_a_behaviour_waits_without_odometry_and_ignores_a_jump_after_it(
+    floor: Callable[..., NavigationRig], action: str, goal, amount: float
+) -> None:
     course = floor()
     robot = course.robot
     handle = getattr(course, action).send_goal(goal)
@@ -220,7 +230,9 @@ def test_a_behaviour_waits_without_odometry_and_ignores_a_jump_after_it(floor, a
     assert amount - 0.1 < abs(moved) < amount + 0.6
 
 
-def test_a_behaviour_fails_after_a_long_outage_of_the_laser(floor, monkeypatch):
+def test_a_behaviour_fails_after_a_long_outage_of_the_laser(
+    floor: Callable[..., NavigationRig], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sensor_watch, "MAX_OUTAGE_S", 3.0)
     course = floor()
     handle = course.back_up.send_goal(BackUpGoal(1.0, 0.1, 5.0))

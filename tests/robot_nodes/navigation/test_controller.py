@@ -1,4 +1,5 @@
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -7,8 +8,9 @@ from btcore_navigation import sensor_watch
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.controller import FollowPathGoal
 from btcore_navigation.error_codes import Nav2ErrorCode
-from btcore_navigation.path import empty_path
+from btcore_navigation.path import NavPath, empty_path
 from btcore_robot.robot import Pose2D
+from tests.robot_nodes.navigation.conftest import NavigationRig, Person
 
 CORRIDOR = (-1.0, -1.2, 7.0, -1.0), (-1.0, 1.0, 7.0, 1.2)
 
@@ -18,7 +20,11 @@ def commands(robot):
     return np.array([(stamp / 1e9, v, w) for stamp, v, w in robot.commands]).T
 
 
-def test_a_path_is_followed_to_its_end_and_heading(floor, path, follow):
+def test_a_path_is_followed_to_its_end_and_heading(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor()
     handle = course.follow_path.send_goal(follow(path((0, 0), (3, 0), (3, 2), yaw=math.pi)))
     course.run(60.0, lambda: handle.done)
@@ -29,7 +35,12 @@ def test_a_path_is_followed_to_its_end_and_heading(floor, path, follow):
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 0.15, 0.25])
-def test_the_goal_tolerance_is_a_parameter(floor, path, follow, tolerance):
+def test_the_goal_tolerance_is_a_parameter(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+    tolerance: float,
+) -> None:
     course = floor(xy_goal_tolerance=tolerance)
     handle = course.follow_path.send_goal(follow(path((0, 0), (2, 1))))
     course.run(60.0, lambda: handle.done)
@@ -37,7 +48,11 @@ def test_the_goal_tolerance_is_a_parameter(floor, path, follow, tolerance):
     assert math.hypot(course.robot.pose.x - 2, course.robot.pose.y - 1) <= tolerance + 0.03
 
 
-def test_an_s_shaped_path_is_followed_closely(floor, path, follow):
+def test_an_s_shaped_path_is_followed_closely(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor()
     beside = []
     handle = course.follow_path.send_goal(follow(path((0, 0), (2, 0), (2, 2), (4, 2), (4, 0), (6, 0))))
@@ -52,7 +67,11 @@ def test_an_s_shaped_path_is_followed_closely(floor, path, follow):
     assert seconds < 10.0 / 0.3 + 5.0
 
 
-def test_speeds_and_accelerations_stay_within_the_limits(floor, path, follow):
+def test_speeds_and_accelerations_stay_within_the_limits(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor(*CORRIDOR, (2.0, -0.3, 2.5, 0.2), seed=3)
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0), yaw=2.0)))
     course.run(60.0, lambda: handle.done)
@@ -67,7 +86,11 @@ def test_speeds_and_accelerations_stay_within_the_limits(floor, path, follow):
     assert (np.abs(np.diff(w)) <= min(limits.acc_lim_theta, base.w_rate) * periods + 1e-9).all()
 
 
-def test_a_robot_that_faces_away_turns_before_it_drives(floor, path, follow):
+def test_a_robot_that_faces_away_turns_before_it_drives(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor(start=Pose2D(0.0, 0.0, math.pi))
     course.follow_path.send_goal(follow(path((0, 0), (3, 0))))
     course.run(4.0)
@@ -75,7 +98,11 @@ def test_a_robot_that_faces_away_turns_before_it_drives(floor, path, follow):
     assert abs(math.remainder(course.robot.pose.yaw - math.pi, 2 * math.pi)) > 1.0
 
 
-def test_a_path_in_the_map_frame_is_followed_in_odom(floor, path, follow):
+def test_a_path_in_the_map_frame_is_followed_in_odom(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor()
     course.map_at((1.0, 2.0, math.pi / 2))
     handle = course.follow_path.send_goal(follow(path((1, 2), (1, 4), yaw=math.pi / 2)))
@@ -85,7 +112,11 @@ def test_a_path_in_the_map_frame_is_followed_in_odom(floor, path, follow):
     assert course.robot.pose.y == pytest.approx(0.0, abs=0.1)
 
 
-def test_the_local_plan_leads_from_the_robot_along_the_path(floor, path, follow):
+def test_the_local_plan_leads_from_the_robot_along_the_path(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor()
     course.map_at((1.0, 2.0, math.pi / 2))
     assert course.follow_path.local_plan() is None
@@ -100,7 +131,11 @@ def test_the_local_plan_leads_from_the_robot_along_the_path(floor, path, follow)
     assert course.follow_path.local_plan() is None
 
 
-def test_the_local_plan_leads_around_an_obstacle(floor, path, follow):
+def test_the_local_plan_leads_around_an_obstacle(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor(*CORRIDOR, (2.0, -0.3, 2.5, 0.2))
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
     sides = []
@@ -114,7 +149,11 @@ def test_the_local_plan_leads_around_an_obstacle(floor, path, follow):
     assert max(sides) > 0.3
 
 
-def test_feedback_has_the_remaining_distance_and_the_speed(floor, path, follow):
+def test_feedback_has_the_remaining_distance_and_the_speed(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor()
     handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
     course.run(5.0)
@@ -125,7 +164,12 @@ def test_feedback_has_the_remaining_distance_and_the_speed(floor, path, follow):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_box_on_the_path_is_passed_on_the_side_with_room(floor, path, follow, seed):
+def test_a_box_on_the_path_is_passed_on_the_side_with_room(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+    seed: int,
+) -> None:
     course = floor((-1.0, -0.7, 7.0, -0.5), (-1.0, 1.15, 7.0, 1.3), (1.5, -0.25, 2.0, 0.25), seed=seed)
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
     course.run(60.0, lambda: handle.done)
@@ -133,7 +177,11 @@ def test_a_box_on_the_path_is_passed_on_the_side_with_room(floor, path, follow, 
     assert course.robot.nearest > 0.0
 
 
-def test_a_box_dropped_in_front_of_the_driving_robot_is_passed(floor, path, follow):
+def test_a_box_dropped_in_front_of_the_driving_robot_is_passed(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor(*CORRIDOR)
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
     course.run(3.0)
@@ -144,7 +192,12 @@ def test_a_box_dropped_in_front_of_the_driving_robot_is_passed(floor, path, foll
     assert course.robot.nearest > 0.05
 
 
-def test_the_robot_stands_while_the_pose_of_the_laser_is_unknown(floor, path, follow, monkeypatch):
+def test_the_robot_stands_while_the_pose_of_the_laser_is_unknown(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(sensor_watch, "MAX_OUTAGE_S", 5.0)
     course = floor()
     handle = course.follow_path.send_goal(follow(path((0, 0), (3, 0))))
@@ -163,7 +216,11 @@ def test_the_robot_stands_while_the_pose_of_the_laser_is_unknown(floor, path, fo
     )
 
 
-def test_a_wall_across_the_path_is_not_touched_and_the_goal_fails(floor, path, follow):
+def test_a_wall_across_the_path_is_not_touched_and_the_goal_fails(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor((2.0, -3.0, 2.2, 3.0))
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
     course.run(60.0, lambda: handle.done)
@@ -173,7 +230,11 @@ def test_a_wall_across_the_path_is_not_touched_and_the_goal_fails(floor, path, f
     assert course.robot.pose.x > 1.2
 
 
-def test_zero_failure_tolerance_fails_soon_at_a_wall(floor, path, follow):
+def test_zero_failure_tolerance_fails_soon_at_a_wall(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=0.0)
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
     seconds = course.run(60.0, lambda: handle.done)
@@ -181,7 +242,11 @@ def test_zero_failure_tolerance_fails_soon_at_a_wall(floor, path, follow):
     assert seconds < 5.0
 
 
-def test_no_progress_fails_after_ten_seconds(floor, path, follow):
+def test_no_progress_fails_after_ten_seconds(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=-1.0)
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
     seconds = course.run(60.0, lambda: handle.done)
@@ -190,7 +255,13 @@ def test_no_progress_fails_after_ten_seconds(floor, path, follow):
 
 
 @pytest.mark.parametrize("place", [(5.0, 0.3, -0.5, 0.0), (2.0, 3.2, 0.0, -0.5), (4.0, 0.0, -0.5, 0.0)])
-def test_people_are_never_touched_and_the_goal_is_reached(floor, path, follow, person, place):
+def test_people_are_never_touched_and_the_goal_is_reached(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+    person: type[Person],
+    place,
+) -> None:
     course = floor(seed=1)
     course.robot.people.append(person(*place))
     handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
@@ -199,7 +270,11 @@ def test_people_are_never_touched_and_the_goal_is_reached(floor, path, follow, p
     assert course.robot.nearest > 0.03
 
 
-def test_the_robot_drives_slower_beside_a_wall(floor, path, follow):
+def test_the_robot_drives_slower_beside_a_wall(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor((-1.0, -0.6, 7.0, -0.36))
     handle = course.follow_path.send_goal(follow(path((0, 0), (3, 0))))
     course.run(60.0, lambda: handle.done)
@@ -208,7 +283,11 @@ def test_the_robot_drives_slower_beside_a_wall(floor, path, follow):
     assert commands(course.robot)[1].max() < 0.25
 
 
-def test_a_robot_without_scans_stops_within_a_second_until_scans_return(floor, path, follow):
+def test_a_robot_without_scans_stops_within_a_second_until_scans_return(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor(*CORRIDOR)
     handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
     course.run(4.0)
@@ -224,7 +303,11 @@ def test_a_robot_without_scans_stops_within_a_second_until_scans_return(floor, p
     assert handle.status == GoalStatus.SUCCEEDED
 
 
-def test_a_held_robot_does_not_fail_for_lack_of_progress(floor, path, follow):
+def test_a_held_robot_does_not_fail_for_lack_of_progress(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor()
     handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
     course.run(2.0)
@@ -237,7 +320,11 @@ def test_a_held_robot_does_not_fail_for_lack_of_progress(floor, path, follow):
     assert handle.status == GoalStatus.SUCCEEDED
 
 
-def test_a_cancelled_robot_brakes_within_its_limits(floor, path, follow):
+def test_a_cancelled_robot_brakes_within_its_limits(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor()
     handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
     course.run(4.0)
@@ -249,7 +336,11 @@ def test_a_cancelled_robot_brakes_within_its_limits(floor, path, follow):
     assert np.diff(commands(course.robot)[1]).min() >= -0.05 - 1e-9
 
 
-def test_a_new_path_is_followed_without_a_stop(floor, path, follow):
+def test_a_new_path_is_followed_without_a_stop(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor()
     first = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
     course.run(4.0)
@@ -261,7 +352,11 @@ def test_a_new_path_is_followed_without_a_stop(floor, path, follow):
     assert second.status == GoalStatus.SUCCEEDED
 
 
-def test_replanning_once_a_second_does_not_hide_a_lack_of_progress(floor, path, follow):
+def test_replanning_once_a_second_does_not_hide_a_lack_of_progress(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=-1.0)
     for _ in range(20):
         handle = course.follow_path.send_goal(follow(path((course.robot.pose.x, 0), (5, 0))))
@@ -271,14 +366,20 @@ def test_replanning_once_a_second_does_not_hide_a_lack_of_progress(floor, path, 
     assert handle.result.code == Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS
 
 
-def test_a_path_without_poses_is_refused(floor, follow):
+def test_a_path_without_poses_is_refused(
+    floor: Callable[..., NavigationRig], follow: Callable[[NavPath], FollowPathGoal]
+) -> None:
     course = floor()
     handle = course.follow_path.send_goal(follow(empty_path(0)))
     course.run(0.1)
     assert handle.result.code == Nav2ErrorCode.INVALID_PATH
 
 
-def test_a_path_in_an_unknown_frame_fails_with_the_frames_name(floor, path, follow):
+def test_a_path_in_an_unknown_frame_fails_with_the_frames_name(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     course = floor(failure_tolerance=0.0)
     handle = course.follow_path.send_goal(follow(path((0, 0), (1, 0), frame="mapp")))
     course.run(0.2)
@@ -286,7 +387,7 @@ def test_a_path_in_an_unknown_frame_fails_with_the_frames_name(floor, path, foll
     assert "did you mean 'map'?" in handle.result.message
 
 
-def test_an_idle_controller_sends_no_commands(floor):
+def test_an_idle_controller_sends_no_commands(floor: Callable[..., NavigationRig]) -> None:
     course = floor()
     course.run(1.0)
     assert course.robot.commands == []
@@ -302,7 +403,9 @@ def test_an_idle_controller_sends_no_commands(floor):
         ({"goal_checker_id": "goal_checker", "progress_checker_id": "progress_checker"}, 0),
     ],
 )
-def test_goals_name_plug_ins_of_the_parameters(floor, path, ids, code):
+def test_goals_name_plug_ins_of_the_parameters(
+    floor: Callable[..., NavigationRig], path: Callable[..., NavPath], ids, code
+) -> None:
     course = floor()
     handle = course.follow_path.send_goal(FollowPathGoal(path((0, 0), (1, 0)), **ids))
     course.run(0.1)

@@ -1,9 +1,14 @@
 """FollowPath and the behaviours drive the simulated Tiago."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+
+from btcore_navigation.controller import FollowPathGoal
+from btcore_navigation.path import NavPath
+from tests.robot_nodes.navigation.conftest import NavigationRig
 
 pytest.importorskip("pybullet")
 
@@ -19,7 +24,7 @@ START = (-4.8, -4.8)
 
 
 @pytest.fixture
-def arena(course_of):
+def arena(course_of: type[NavigationRig]):
     """Return the function `arena()`: a Tiago among the arena's boxes, facing east."""
     worlds = []
 
@@ -42,7 +47,9 @@ def touched_nothing(body):
     return (body.contacts.collisions, body.contacts.grazes) == (0, 0)
 
 
-def test_an_s_shaped_path_between_boxes_is_followed_without_contact(arena, path, follow):
+def test_an_s_shaped_path_between_boxes_is_followed_without_contact(
+    arena, path: Callable[..., NavPath], follow: Callable[[NavPath], FollowPathGoal]
+) -> None:
     course = arena()
     beside = []
     handle = course.follow_path.send_goal(
@@ -60,7 +67,14 @@ def test_an_s_shaped_path_between_boxes_is_followed_without_contact(arena, path,
 
 
 @pytest.mark.parametrize(("seed", "slip", "slip_sigma"), [(0, 0.0, 0.0), (1, 0.04, 0.015), (2, 0.04, 0.015)])
-def test_a_box_on_a_path_with_a_corner_is_passed(arena, path, follow, seed, slip, slip_sigma):
+def test_a_box_on_a_path_with_a_corner_is_passed(
+    arena,
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+    seed: int,
+    slip: float,
+    slip_sigma: float,
+) -> None:
     course = arena(slip=slip, slip_sigma=slip_sigma, seed=seed)
     handle = course.follow_path.send_goal(follow(path(START, (-3.15, -4.4), (-3.15, -1.5))))
     course.run(40.0, lambda: handle.done)
@@ -76,7 +90,9 @@ def test_a_box_on_a_path_with_a_corner_is_passed(arena, path, follow, seed, slip
         pytest.param((-5.0, 3.2), (-1.4, 3.2), id="a cabinet, 0.9 m wide"),
     ],
 )
-def test_an_obstacle_on_a_straight_path_is_passed(arena, path, follow, begin, end):
+def test_an_obstacle_on_a_straight_path_is_passed(
+    arena, path: Callable[..., NavPath], follow: Callable[[NavPath], FollowPathGoal], begin, end
+) -> None:
     yaw = math.atan2(end[1] - begin[1], end[0] - begin[0])
     course = arena(at=(*begin, yaw), slip=0.0, slip_sigma=0.0)
     handle = course.follow_path.send_goal(follow(path(begin, end, yaw=yaw)))
@@ -85,7 +101,9 @@ def test_an_obstacle_on_a_straight_path_is_passed(arena, path, follow, begin, en
     assert touched_nothing(course.robot)
 
 
-def test_the_arenas_wall_is_not_touched(arena, path, follow):
+def test_the_arenas_wall_is_not_touched(
+    arena, path: Callable[..., NavPath], follow: Callable[[NavPath], FollowPathGoal]
+) -> None:
     course = arena()
     handle = course.follow_path.send_goal(follow(path(START, (-4.8, -8.0))))
     course.run(40.0, lambda: handle.done)
@@ -94,7 +112,7 @@ def test_the_arenas_wall_is_not_touched(arena, path, follow):
     assert -5.7 < course.robot.true_pose().y < -5.2
 
 
-def test_tiago_spins_and_backs_up(arena):
+def test_tiago_spins_and_backs_up(arena) -> None:
     course = arena()
     spin = course.spin.send_goal(SpinGoal(1.57))
     course.run(10.0, lambda: spin.done)

@@ -25,7 +25,7 @@ def wall_ahead(distance, rays=666):
     return np.where(np.abs(angles) < 1.2, distance / np.cos(angles), np.inf)
 
 
-def test_smoothing_reduces_the_noise_of_a_wall():
+def test_smoothing_reduces_the_noise_of_a_wall() -> None:
     truth = wall_ahead(1.0)
     noisy = truth + 0.06 * np.random.default_rng(1).standard_normal(666)
     ahead = np.abs(-math.radians(110.0) + STEP * np.arange(666)) < 0.8
@@ -34,7 +34,7 @@ def test_smoothing_reduces_the_noise_of_a_wall():
     assert error.min() > -0.1 > (noisy[ahead] - truth[ahead]).min()
 
 
-def test_smoothing_keeps_a_table_leg_and_removes_a_single_reading():
+def test_smoothing_keeps_a_table_leg_and_removes_a_single_reading() -> None:
     ranges = np.full(666, 3.0)
     ranges[300:303] = 1.2
     ranges[400] = 1.2
@@ -43,7 +43,7 @@ def test_smoothing_keeps_a_table_leg_and_removes_a_single_reading():
     assert after[400] == pytest.approx(3.0)
 
 
-def test_smoothing_keeps_readings_without_an_echo_and_below_the_minimum():
+def test_smoothing_keeps_readings_without_an_echo_and_below_the_minimum() -> None:
     ranges = np.full(666, np.inf)
     ranges[100:120] = -np.inf
     ranges[300] = np.nan
@@ -64,7 +64,7 @@ def seen():
     return make
 
 
-def test_clearance_is_the_distance_to_the_readings_of_the_scan(seen):
+def test_clearance_is_the_distance_to_the_readings_of_the_scan(seen) -> None:
     field = seen()
     assert field.distance_at(0.0, 0.0) == pytest.approx(1.0, abs=0.03)
     assert field.distance_at(0.6, 0.3) == pytest.approx(0.4, abs=0.03)
@@ -74,7 +74,7 @@ def test_clearance_is_the_distance_to_the_readings_of_the_scan(seen):
     ]
 
 
-def test_obstacles_of_the_costmap_count_unless_the_scan_sees_through_them(seen):
+def test_obstacles_of_the_costmap_count_unless_the_scan_sees_through_them(seen) -> None:
     costmap = LocalCostmap()
     for x in (-0.5, 0.5):
         row, col = costmap.cell(x, 0.0)
@@ -84,14 +84,14 @@ def test_obstacles_of_the_costmap_count_unless_the_scan_sees_through_them(seen):
     assert field.distance_at(0.5, 0.0) == pytest.approx(0.5, abs=0.04)
 
 
-def test_a_keep_out_area_counts_even_if_the_scan_sees_through_it(seen):
+def test_a_keep_out_area_counts_even_if_the_scan_sees_through_it(seen) -> None:
     costmap = LocalCostmap()
     row, col = costmap.cell(0.5, 0.0)
     costmap.costs[row, col] = 254
     assert seen(costmap).distance_at(0.5, 0.0) < 0.05
 
 
-def test_a_carrot_lies_ahead_on_the_path_and_has_the_curvature_to_it():
+def test_a_carrot_lies_ahead_on_the_path_and_has_the_curvature_to_it() -> None:
     pursuit = PurePursuit(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]))
     pose = Pose2D(0.5, 0.1, 0.0)
     pursuit.locate(pose)
@@ -101,7 +101,7 @@ def test_a_carrot_lies_ahead_on_the_path_and_has_the_curvature_to_it():
     assert carrot.curvature == pytest.approx(2 * -0.1 / (0.4**2 + 0.1**2))
 
 
-def test_a_path_that_crosses_itself_is_not_cut_short():
+def test_a_path_that_crosses_itself_is_not_cut_short() -> None:
     loop = np.array([(0.0, 0.0), (3.0, 0.0), (3.0, 2.0), (1.5, 2.0), (1.5, -2.0)])
     pursuit = PurePursuit(loop)
     for x in np.arange(0.0, 1.6, 0.1):
@@ -109,13 +109,13 @@ def test_a_path_that_crosses_itself_is_not_cut_short():
     assert pursuit.travelled == pytest.approx(1.5)
 
 
-def test_a_path_with_a_single_point_has_no_remaining_length():
+def test_a_path_with_a_single_point_has_no_remaining_length() -> None:
     pursuit = PurePursuit(np.array([(1.0, 0.0)]))
     pursuit.locate(Pose2D(0.0, 0.0, 0.0))
     assert (pursuit.remaining, pursuit.cross_track_distance) == (0.0, 1.0)
 
 
-def test_a_detour_keeps_its_clearance_and_an_enclosed_target_has_none(seen):
+def test_a_detour_keeps_its_clearance_and_an_enclosed_target_has_none(seen) -> None:
     field = seen()
     rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
     cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
@@ -130,7 +130,7 @@ def test_a_detour_keeps_its_clearance_and_an_enclosed_target_has_none(seen):
     assert find_detour(field, Pose2D(0.0, 0.0, 0.0), np.array([(1.4, 0.0)]), 0.32) is None
 
 
-def test_a_detour_stays_on_the_side_of_the_previous_detour(seen):
+def test_a_detour_stays_on_the_side_of_the_previous_detour(seen) -> None:
     field = seen()
     rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
     cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
@@ -148,7 +148,7 @@ def test_a_detour_stays_on_the_side_of_the_previous_detour(seen):
     assert anew[1][:, 1].min() < -0.2
 
 
-def test_progress_is_a_distance_or_a_turn_within_the_allowed_time():
+def test_progress_is_a_distance_or_a_turn_within_the_allowed_time() -> None:
     progress = ProgressChecker(0.5, 0.5, 10.0)
     assert progress.check(Pose2D(0.0, 0.0, 0.0), 0)
     assert progress.check(Pose2D(0.3, 0.0, 0.0), 10 * SECOND)
@@ -158,7 +158,7 @@ def test_progress_is_a_distance_or_a_turn_within_the_allowed_time():
     assert progress.check(Pose2D(0.9, 0.0, 0.6), 23 * SECOND)
 
 
-def test_paused_time_does_not_count_as_lack_of_progress():
+def test_paused_time_does_not_count_as_lack_of_progress() -> None:
     progress = ProgressChecker(0.5, 0.5, 10.0)
     progress.check(Pose2D(0.0, 0.0, 0.0), 0)
     progress.pause(5 * SECOND)
@@ -167,7 +167,7 @@ def test_paused_time_does_not_count_as_lack_of_progress():
 
 
 @pytest.mark.parametrize(("stateful", "reached"), [(True, True), (False, False)])
-def test_a_stateful_goal_checker_remembers_that_the_place_was_reached(stateful, reached):
+def test_a_stateful_goal_checker_remembers_that_the_place_was_reached(stateful: bool, reached: bool) -> None:
     checker = GoalChecker(0.25, 0.25, stateful)
     goal = Pose2D(1.0, 0.0, 0.0)
     assert not checker.is_goal_reached(Pose2D(0.8, 0.0, 1.0), goal)

@@ -45,7 +45,7 @@ def wall_at(distance: float) -> LaserScan:
         (0.55, 119), (0.60, 0),
     ],
 )  # fmt: skip
-def test_costs_fall_with_the_distance_by_nav2s_formula(distance, cost):
+def test_costs_fall_with_the_distance_by_nav2s_formula(distance: float, cost: int) -> None:
     cells = floor().cells.copy()
     cells[40, 40] = 100
     costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
@@ -54,7 +54,7 @@ def test_costs_fall_with_the_distance_by_nav2s_formula(distance, cost):
     assert InflationLayer(0.30, 0.55, 3.0, 0.05).cost(distance) == cost
 
 
-def test_diagonal_distances_are_measured_between_the_centres_of_cells():
+def test_diagonal_distances_are_measured_between_the_centres_of_cells() -> None:
     cells = floor().cells.copy()
     cells[40, 40] = 100
     costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
@@ -70,7 +70,7 @@ def test_diagonal_distances_are_measured_between_the_centres_of_cells():
     inflation_radius=st.sampled_from([0.2, 0.55, 1.0]),
     scaling=st.sampled_from([1.0, 3.0, 10.0]),
 )
-def test_inflation_is_the_formula_on_exact_distances(occupied, radius, inflation_radius, scaling):
+def test_inflation_is_the_formula_on_exact_distances(occupied, radius, inflation_radius, scaling) -> None:
     inflation = InflationLayer(radius, inflation_radius, scaling, 0.05)
     found = inflation.inflate(np.where(occupied, LETHAL, FREE).astype(np.uint8))
     if occupied.any():
@@ -81,7 +81,7 @@ def test_inflation_is_the_formula_on_exact_distances(occupied, radius, inflation
         assert not found.any()
 
 
-def test_unknown_cells_stay_unknown_except_within_the_inscribed_radius():
+def test_unknown_cells_stay_unknown_except_within_the_inscribed_radius() -> None:
     cells = floor(cells=-1).cells.copy()
     cells[40, 40] = 100
     costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
@@ -90,18 +90,18 @@ def test_unknown_cells_stay_unknown_except_within_the_inscribed_radius():
     assert costmap.costs[40, 47] == UNKNOWN
 
 
-def test_unknown_cells_can_be_treated_as_free():
+def test_unknown_cells_can_be_treated_as_free() -> None:
     assert not GlobalCostmap(floor(cells=-1), track_unknown=False).costs.any()
 
 
-def test_occupancies_below_100_are_free():
+def test_occupancies_below_100_are_free() -> None:
     assert not GlobalCostmap(floor(cells=99)).costs.any()
 
 
 # -- the obstacle layer: marking and clearing
 
 
-def test_a_reading_marks_the_cell_of_its_end_point():
+def test_a_reading_marks_the_cell_of_its_end_point() -> None:
     costmap = GlobalCostmap(floor())
     costmap.observe(scan(1.0), HERE)
     assert not costmap.costs.any()  # observations wait for the update
@@ -110,7 +110,7 @@ def test_a_reading_marks_the_cell_of_its_end_point():
     assert costmap.cost(2.575, 2.025) == 160  # inflated at once
 
 
-def test_a_reading_is_placed_by_the_lasers_pose():
+def test_a_reading_is_placed_by_the_lasers_pose() -> None:
     costmap = GlobalCostmap(floor())
     costmap.observe(scan(1.0, start=math.pi / 4), Pose2D(2.025, 1.025, math.pi / 4))
     costmap.update(0)
@@ -118,7 +118,7 @@ def test_a_reading_is_placed_by_the_lasers_pose():
 
 
 @pytest.mark.parametrize("reading", [math.inf, -math.inf, math.nan, 0.04, 25.0, 2.6])
-def test_readings_that_mark_no_obstacle(reading):
+def test_readings_that_mark_no_obstacle(reading) -> None:
     # No echo, too near, broken, under the minimum, at the maximum, over the range of obstacles.
     costmap = GlobalCostmap(floor(8.0))
     costmap.observe(scan(reading), HERE)
@@ -126,7 +126,7 @@ def test_readings_that_mark_no_obstacle(reading):
     assert not costmap.costs.any()
 
 
-def test_readings_mark_obstacles_from_the_minimum_range_on():
+def test_readings_mark_obstacles_from_the_minimum_range_on() -> None:
     costmap = GlobalCostmap(floor(), obstacle_min_range=0.5)
     costmap.observe(scan(0.45), HERE)
     costmap.update(0)
@@ -139,7 +139,7 @@ def test_readings_mark_obstacles_from_the_minimum_range_on():
 @pytest.mark.parametrize(
     ("reading", "cleared_to"), [(math.inf, 3.0), (25.0, 3.0), (8.0, 3.0), (2.0, 1.9), (0.5, 0.4)]
 )
-def test_a_ray_clears_unknown_cells_up_to_its_end_or_its_range(reading, cleared_to):
+def test_a_ray_clears_unknown_cells_up_to_its_end_or_its_range(reading, cleared_to: float) -> None:
     costmap = GlobalCostmap(floor(8.0, cells=-1))
     costmap.observe(scan(reading), HERE)
     costmap.update(0)
@@ -150,14 +150,14 @@ def test_a_ray_clears_unknown_cells_up_to_its_end_or_its_range(reading, cleared_
 
 
 @pytest.mark.parametrize("reading", [-math.inf, math.nan, 0.01])
-def test_invalid_readings_clear_nothing(reading):
+def test_invalid_readings_clear_nothing(reading) -> None:
     costmap = GlobalCostmap(floor(cells=-1))
     costmap.observe(scan(reading), HERE)
     costmap.update(0)
     assert (costmap.costs == UNKNOWN).all()
 
 
-def test_a_removed_obstacle_is_cleared_by_readings_behind_it():
+def test_a_removed_obstacle_is_cleared_by_readings_behind_it() -> None:
     costmap = GlobalCostmap(floor())
     costmap.observe(wall_at(1.0), HERE)
     costmap.update(0)
@@ -168,7 +168,7 @@ def test_a_removed_obstacle_is_cleared_by_readings_behind_it():
     assert costmap.cost(3.725, 2.025) == LETHAL
 
 
-def test_an_obstacle_out_of_sight_stays():
+def test_an_obstacle_out_of_sight_stays() -> None:
     costmap = GlobalCostmap(floor())
     costmap.observe(wall_at(1.0), HERE)
     costmap.update(0)
@@ -178,7 +178,7 @@ def test_an_obstacle_out_of_sight_stays():
     assert np.array_equal(costmap.costs[:, 45:], before[:, 45:])
 
 
-def test_obstacles_of_the_map_are_not_cleared_by_scans():
+def test_obstacles_of_the_map_are_not_cleared_by_scans() -> None:
     cells = floor().cells.copy()
     cells[30:50, 60] = 100
     costmap = GlobalCostmap(OccupancyMap(cells, 0.05, (0.0, 0.0)))
@@ -188,7 +188,7 @@ def test_obstacles_of_the_map_are_not_cleared_by_scans():
     assert np.array_equal(costmap.costs, before)
 
 
-def test_the_newest_scan_of_each_laser_is_used():
+def test_the_newest_scan_of_each_laser_is_used() -> None:
     costmap = GlobalCostmap(floor())
     costmap.observe(scan(0.5), HERE)
     costmap.observe(scan(1.0), HERE)
@@ -197,14 +197,14 @@ def test_the_newest_scan_of_each_laser_is_used():
     assert np.argwhere(costmap.costs == LETHAL).tolist() == [[40, 20], [40, 60]]
 
 
-def test_readings_within_the_robot_are_ignored():
+def test_readings_within_the_robot_are_ignored() -> None:
     costmap = GlobalCostmap(floor())
     costmap.observe(scan(0.25), HERE)
     costmap.update(0, HERE)
     assert not costmap.costs.any()
 
 
-def test_scans_from_outside_the_map_and_across_its_edge_do_no_harm():
+def test_scans_from_outside_the_map_and_across_its_edge_do_no_harm() -> None:
     costmap = GlobalCostmap(floor())
     costmap.observe(wall_at(2.0), Pose2D(3.9, 2.0, 0.0))
     costmap.update(0, Pose2D(3.9, 2.0, 0.0))
@@ -220,7 +220,7 @@ def test_scans_from_outside_the_map_and_across_its_edge_do_no_harm():
         max_size=6,
     )
 )
-def test_incremental_costs_equal_recomputed_costs(scans):
+def test_incremental_costs_equal_recomputed_costs(scans) -> None:
     cells = floor().cells.copy()
     cells[20, 10:60] = 100
     cells[50:, 30] = -1
@@ -235,7 +235,7 @@ def test_incremental_costs_equal_recomputed_costs(scans):
     assert (costmap.lower_bound[costmap.costs != UNKNOWN] <= costmap.costs[costmap.costs != UNKNOWN]).all()
 
 
-def test_the_version_changes_only_if_the_costs_change():
+def test_the_version_changes_only_if_the_costs_change() -> None:
     costmap = GlobalCostmap(floor())
     seen = costmap.version
     costmap.observe(scan(1.0), HERE)
@@ -250,7 +250,7 @@ def test_the_version_changes_only_if_the_costs_change():
 # -- keep-outs
 
 
-def test_a_keepout_is_an_obstacle_that_no_ray_clears():
+def test_a_keepout_is_an_obstacle_that_no_ray_clears() -> None:
     costmap = GlobalCostmap(floor(keepout=((2.5, 1.5, 3.0, 2.5),)))
     assert costmap.cost(2.525, 2.025) == LETHAL
     assert costmap.cost(2.225, 2.025) == INSCRIBED
@@ -261,7 +261,7 @@ def test_a_keepout_is_an_obstacle_that_no_ray_clears():
     assert costmap.cost(2.525, 2.025) == LETHAL
 
 
-def test_the_local_costmap_transforms_keepouts_from_the_map():
+def test_the_local_costmap_transforms_keepouts_from_the_map() -> None:
     costmap = LocalCostmap(keepout=((0.5, -0.2, 0.8, 0.2),))
     costmap.update(0, Pose2D(0.0, 0.0, 0.0))
     assert not costmap.costs.any()
@@ -293,14 +293,14 @@ def places(costmap: Costmap) -> list[float]:
     return [x for x in (1.0, 2.0, 3.0) if costmap.cost(x + 0.025, 2.0) == LETHAL]
 
 
-def test_clear_removes_observed_obstacles_and_keeps_the_map(littered):
+def test_clear_removes_observed_obstacles_and_keeps_the_map(littered: GlobalCostmap) -> None:
     littered.clear()
     assert places(littered) == []
     assert littered.cost(0.525, 2.0) == LETHAL
     assert np.array_equal(littered.costs, GlobalCostmap(littered.map).costs)
 
 
-def test_clear_keeps_obstacles_that_were_observed_recently_and_that_no_ray_has_freed_since():
+def test_clear_keeps_obstacles_that_were_observed_recently_and_that_no_ray_has_freed_since() -> None:
     costmap = GlobalCostmap(floor())
     for stamp, x in enumerate((1.0, 2.0, 3.0)):
         costmap.observe(replace(scan(0.5, start=math.pi / 2), stamp=stamp), Pose2D(x + 0.025, 1.5, 0.0))
@@ -313,24 +313,24 @@ def test_clear_keeps_obstacles_that_were_observed_recently_and_that_no_ray_has_f
     assert places(costmap) == []
 
 
-def test_clear_removes_pending_observations(littered):
+def test_clear_removes_pending_observations(littered: GlobalCostmap) -> None:
     littered.observe(scan(0.5), HERE)
     littered.clear()
     littered.update(0)
     assert np.array_equal(littered.costs, GlobalCostmap(littered.map).costs)
 
 
-def test_clear_around_clears_a_square_of_the_given_side(littered):
+def test_clear_around_clears_a_square_of_the_given_side(littered: GlobalCostmap) -> None:
     littered.clear_around(Pose2D(2.0, 2.0, 0.0), 1.0)
     assert places(littered) == [1.0, 3.0]
 
 
-def test_clear_except_keeps_a_square_of_the_given_side(littered):
+def test_clear_except_keeps_a_square_of_the_given_side(littered: GlobalCostmap) -> None:
     littered.clear_except(Pose2D(2.0, 2.0, 0.0), 1.0)
     assert places(littered) == [2.0]
 
 
-def test_clear_around_a_place_outside_the_map_does_nothing(littered):
+def test_clear_around_a_place_outside_the_map_does_nothing(littered: GlobalCostmap) -> None:
     before = littered.costs.copy()
     littered.clear_around(Pose2D(40.0, 2.0, 0.0), 1.0)
     assert np.array_equal(littered.costs, before)
@@ -339,7 +339,7 @@ def test_clear_around_a_place_outside_the_map_does_nothing(littered):
 # -- the local costmap
 
 
-def test_the_local_costmap_is_a_square_about_the_robot_in_odom():
+def test_the_local_costmap_is_a_square_about_the_robot_in_odom() -> None:
     costmap = LocalCostmap()
     costmap.update(0, Pose2D(7.03, -3.02, 1.0))
     assert (costmap.frame, costmap.costs.shape) == ("odom", (60, 60))
@@ -348,7 +348,7 @@ def test_the_local_costmap_is_a_square_about_the_robot_in_odom():
     assert not costmap.inside(8.6, -3.0)
 
 
-def test_obstacles_stay_in_place_while_the_robot_moves_and_are_forgotten_outside():
+def test_obstacles_stay_in_place_while_the_robot_moves_and_are_forgotten_outside() -> None:
     costmap = LocalCostmap()
     costmap.observe(scan(1.0), Pose2D(0.0, 0.0, 0.0))
     costmap.update(0, Pose2D(0.0, 0.0, 0.0))
@@ -361,7 +361,7 @@ def test_obstacles_stay_in_place_while_the_robot_moves_and_are_forgotten_outside
     assert not costmap.costs.any()
 
 
-def test_a_jump_of_the_robot_clears_the_local_costmap():
+def test_a_jump_of_the_robot_clears_the_local_costmap() -> None:
     costmap = LocalCostmap()
     costmap.observe(scan(1.0), Pose2D(0.0, 0.0, 0.0))
     costmap.update(0, Pose2D(0.0, 0.0, 0.0))
@@ -374,7 +374,7 @@ def test_a_jump_of_the_robot_clears_the_local_costmap():
 # -- looking up
 
 
-def test_costs_of_many_points_are_looked_up_and_lethal_outside_the_grid():
+def test_costs_of_many_points_are_looked_up_and_lethal_outside_the_grid() -> None:
     costs = np.arange(12, dtype=np.uint8).reshape(3, 4)
     costmap = Costmap(costs, 0.5, (-1.0, 1.0))
     points = np.array(
@@ -385,7 +385,7 @@ def test_costs_of_many_points_are_looked_up_and_lethal_outside_the_grid():
     assert costs.tolist() == np.arange(12).reshape(3, 4).tolist()
 
 
-def test_the_disc_under_the_robot_has_all_cells_up_to_its_radius():
+def test_the_disc_under_the_robot_has_all_cells_up_to_its_radius() -> None:
     layer = ObstacleLayer((9, 9), 1.0, UNKNOWN)
     layer.free_disc(Pose2D(4.5, 4.5, 0.0), 2.0, (0.0, 0.0))
     rows, columns = np.indices((9, 9))
@@ -395,7 +395,7 @@ def test_the_disc_under_the_robot_has_all_cells_up_to_its_radius():
 # -- a map that grows
 
 
-def test_a_growing_costmap_remembers_recent_obstacles_at_their_places_on_the_new_map():
+def test_a_growing_costmap_remembers_recent_obstacles_at_their_places_on_the_new_map() -> None:
     costmap = GrowingCostmap(floor())
     costmap.observe(wall_at(1.0), HERE)
     costmap.update(0)

@@ -150,7 +150,7 @@ class Walk:
         return math.inf
 
 
-def test_a_robot_in_a_large_hall_knows_its_pose_although_noise_grows_with_the_range():
+def test_a_robot_in_a_large_hall_knows_its_pose_although_noise_grows_with_the_range() -> None:
     """At 17 m the noise has a standard deviation of 18 cm, more than the thickness of the walls."""
     start = Pose2D(17.0, 17.0, 0.0)
     parameters = AmclParameters(initial_pose_x=start.x, initial_pose_y=start.y)
@@ -173,7 +173,7 @@ def test_a_robot_in_a_large_hall_knows_its_pose_although_noise_grows_with_the_ra
     assert not walk.localiser.confident
 
 
-def test_the_pose_is_accurate_to_centimetres_while_odometry_drifts():
+def test_the_pose_is_accurate_to_centimetres_while_odometry_drifts() -> None:
     walk = Walk()
     errors = walk.round()
     drift = Pose2D(*walk.robot.reported)
@@ -185,7 +185,7 @@ def test_the_pose_is_accurate_to_centimetres_while_odometry_drifts():
     assert walk.localiser.confident
 
 
-def test_the_same_seed_gives_the_same_particles():
+def test_the_same_seed_gives_the_same_particles() -> None:
     one, other, different = (Walk(seed=seed) for seed in (4, 4, 5))
     for walk in (one, other, different):
         walk.go(0.2, 0.3, 5.0)
@@ -194,7 +194,7 @@ def test_the_same_seed_gives_the_same_particles():
     assert not np.array_equal(one.localiser.particles[:400], different.localiser.particles[:400])
 
 
-def test_the_number_of_particles_is_limited_and_only_motion_updates_them():
+def test_the_number_of_particles_is_limited_and_only_motion_updates_them() -> None:
     walk = Walk()
     walk.go(0.0, 0.0, 1.0)
     before = walk.localiser.particles
@@ -206,7 +206,7 @@ def test_the_number_of_particles_is_limited_and_only_motion_updates_them():
     assert walk.localiser.weights.sum() == pytest.approx(1.0)
 
 
-def test_a_rough_initial_pose_is_refined():
+def test_a_rough_initial_pose_is_refined() -> None:
     walk = Walk(
         replace(AT_START, initial_pose_x=START.x + 0.3, initial_pose_y=START.y - 0.2, initial_pose_yaw=0.15)
     )
@@ -216,7 +216,7 @@ def test_a_rough_initial_pose_is_refined():
     assert walk.error()[1] < 0.05
 
 
-def test_map_to_odom_has_the_scans_time_and_is_valid_for_the_tolerance():
+def test_map_to_odom_has_the_scans_time_and_is_valid_for_the_tolerance() -> None:
     walk = Walk()
     walk.go(0.3, 0.0, 2.0)
     stamp = walk.robot.newest.stamp
@@ -226,7 +226,7 @@ def test_map_to_odom_has_the_scans_time_and_is_valid_for_the_tolerance():
     assert not walk.tree.can_transform("map", "odom", stamp + SECOND + 1)
 
 
-def test_between_two_scans_the_pose_follows_odometry():
+def test_between_two_scans_the_pose_follows_odometry() -> None:
     walk = Walk()
     walk.go(0.3, 0.0, 2.0)
     before = walk.localiser.pose()
@@ -234,7 +234,7 @@ def test_between_two_scans_the_pose_follows_odometry():
     assert walk.localiser.pose().x - before.x == pytest.approx(0.03, abs=0.005)
 
 
-def test_scans_without_echoes_do_not_change_the_particles():
+def test_scans_without_echoes_do_not_change_the_particles() -> None:
     walk = Walk()
     walk.go(0.3, 0.0, 1.0)
     walk.robot.sweep = lambda: None
@@ -249,7 +249,7 @@ def test_scans_without_echoes_do_not_change_the_particles():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_kidnapping_is_noticed_at_once_and_the_pose_is_found_again(seed):
+def test_kidnapping_is_noticed_at_once_and_the_pose_is_found_again(seed: int) -> None:
     walk = Walk(seed=seed)
     walk.go(0.3, 0.0, 4.0)
     random = np.random.default_rng(seed)
@@ -266,7 +266,7 @@ def test_kidnapping_is_noticed_at_once_and_the_pose_is_found_again(seed):
     assert walk.go(0.0, 0.5, 5.0).max() < 0.1
 
 
-def test_without_an_initial_pose_the_whole_free_space_is_searched():
+def test_without_an_initial_pose_the_whole_free_space_is_searched() -> None:
     walk = Walk(replace(AT_START, set_initial_pose=False))
     assert walk.localiser.searching
     assert not walk.localiser.confident
@@ -279,7 +279,7 @@ def test_without_an_initial_pose_the_whole_free_space_is_searched():
     assert walk.error()[0] < 0.1
 
 
-def test_a_given_pose_is_used_until_the_laser_contradicts_it():
+def test_a_given_pose_is_used_until_the_laser_contradicts_it() -> None:
     walk = Walk()
     walk.go(0.0, 0.0, 1.0)
     walk.localiser.set_pose(Pose2D(10.0, 6.5, 1.0))
@@ -291,7 +291,7 @@ def test_a_given_pose_is_used_until_the_laser_contradicts_it():
     assert walk.error()[0] < 0.1
 
 
-def test_people_and_a_new_box_do_not_end_the_confidence():
+def test_people_and_a_new_box_do_not_end_the_confidence() -> None:
     walk = Walk()
     errors = []
     for step in range(300):

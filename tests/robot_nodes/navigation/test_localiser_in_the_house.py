@@ -53,7 +53,7 @@ def house():
     world.close()
 
 
-def test_the_pose_is_accurate_to_centimetres(house):
+def test_the_pose_is_accurate_to_centimetres(house) -> None:
     errors = np.concatenate(
         [house.drive(*leg) for leg in ((0.0, 0.5, 13.0), (0.3, 0.0, 3.0), (0.2, 0.5, 13.0), (0.0, -0.5, 6.0))]
     )
@@ -63,7 +63,7 @@ def test_the_pose_is_accurate_to_centimetres(house):
     assert errors[:, 1].max() < 0.08
 
 
-def test_kidnapping_is_noticed_and_the_pose_is_found_again(house):
+def test_kidnapping_is_noticed_and_the_pose_is_found_again(house) -> None:
     house.drive(0.3, 0.0, 3.0)
     house.body.teleport(Pose2D(-5.3, -8.85, 2.0))
     house.drive(0.0, 0.0, 0.5)

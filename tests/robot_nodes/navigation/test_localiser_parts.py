@@ -76,7 +76,7 @@ def scan(ranges, increment=0.01, range_max=25.0):
         (3.0, 0.5 * math.exp(-50.0) + 0.5 / 25.0),  # farther than 2 m is 2 m
     ],
 )
-def test_a_weight_is_1_plus_the_cubes_of_its_beams_probabilities(z, pz):
+def test_a_weight_is_1_plus_the_cubes_of_its_beams_probabilities(z: float, pz) -> None:
     cells = empty()
     cells[100, 100] = 100
     field = LikelihoodField(OccupancyMap(cells, 0.05, (0.0, 0.0)))
@@ -87,7 +87,7 @@ def test_a_weight_is_1_plus_the_cubes_of_its_beams_probabilities(z, pz):
     assert weight[0] == pytest.approx(1.0 + 2.0 * pz**3, rel=1e-5)
 
 
-def test_a_beam_that_ends_outside_the_map_has_the_maximum_distance():
+def test_a_beam_that_ends_outside_the_map_has_the_maximum_distance() -> None:
     cells = empty()
     cells[:, -1] = 100
     field = LikelihoodField(OccupancyMap(cells, 0.05, (0.0, 0.0)))
@@ -96,7 +96,7 @@ def test_a_beam_that_ends_outside_the_map_has_the_maximum_distance():
     assert weight[0] == pytest.approx(1.0 + far**3, rel=1e-5)
 
 
-def test_beams_are_transformed_by_the_pose_of_each_particle():
+def test_beams_are_transformed_by_the_pose_of_each_particle() -> None:
     field_map = l_shaped()
     field = LikelihoodField(field_map)
     random = np.random.default_rng(3)
@@ -116,7 +116,7 @@ def test_beams_are_transformed_by_the_pose_of_each_particle():
         assert weight == pytest.approx(1.0 + (pz**3).sum(), rel=1e-3)
 
 
-def test_beams_are_an_even_sample_of_the_readings_with_an_echo():
+def test_beams_are_an_even_sample_of_the_readings_with_an_echo() -> None:
     ranges = np.full(666, 2.0)
     ranges[11], ranges[22], ranges[33], ranges[44], ranges[55] = np.inf, -np.inf, np.nan, 0.04, 25.0
     ends = beam_endpoints(scan(ranges), 60, 0.05, 25.0)
@@ -128,14 +128,14 @@ def test_beams_are_an_even_sample_of_the_readings_with_an_echo():
 # Motion
 
 
-def test_a_motion_is_decomposed_into_a_turn_a_line_and_a_turn():
+def test_a_motion_is_decomposed_into_a_turn_a_line_and_a_turn() -> None:
     turn, way, after = decompose_motion(Pose2D(1.0, 1.0, 0.5), Pose2D(1.0, 3.0, 0.0))
     assert (turn, way, after) == pytest.approx((math.pi / 2 - 0.5, 2.0, -math.pi / 2))
     assert decompose_motion(Pose2D(0, 0, 0), Pose2D(0.005, 0.005, 0.3))[0] == 0.0
 
 
 @pytest.mark.parametrize("heading", [0.0, math.pi])
-def test_the_noise_of_a_straight_motion_follows_the_model_in_both_directions(heading):
+def test_the_noise_of_a_straight_motion_follows_the_model_in_both_directions(heading) -> None:
     before, after = Pose2D(0.0, 0.0, heading), Pose2D(0.5, 0.0, heading)
     start = np.zeros((200_000, 3))
     start[:, 2] = heading
@@ -149,7 +149,7 @@ def test_the_noise_of_a_straight_motion_follows_the_model_in_both_directions(hea
     assert np.mean(off) == pytest.approx(0.0, abs=0.01)
 
 
-def test_the_noise_of_a_turn_on_the_spot_follows_the_model():
+def test_the_noise_of_a_turn_on_the_spot_follows_the_model() -> None:
     end = sample_motion_model(
         np.zeros((200_000, 3)), Pose2D(0, 0, 0), Pose2D(0, 0, 0.4), ALPHAS, np.random.default_rng(1)
     )
@@ -162,18 +162,18 @@ def test_the_noise_of_a_turn_on_the_spot_follows_the_model():
 
 
 @pytest.mark.parametrize(("bins", "size"), [(0, 2000), (1, 2000), (2, 500), (100, 1129), (1000, 2000)])
-def test_the_number_of_particles_depends_on_the_number_of_occupied_bins(bins, size):
+def test_the_number_of_particles_depends_on_the_number_of_occupied_bins(bins: int, size: int) -> None:
     assert kld_sample_size(bins, 0.05, 0.99, 500, 2000) == size
 
 
-def test_kld_sampling_follows_foxs_formula_between_its_bounds():
+def test_kld_sampling_follows_foxs_formula_between_its_bounds() -> None:
     k, err, z = 60, 0.05, 0.99
     spread = 2 / (9 * (k - 1))
     expected = (k - 1) / (2 * err) * (1 - spread + math.sqrt(spread) * z) ** 3
     assert kld_sample_size(k, err, z, 1, 10_000) == math.ceil(expected)
 
 
-def test_a_tight_cloud_needs_few_particles_and_a_wide_cloud_many():
+def test_a_tight_cloud_needs_few_particles_and_a_wide_cloud_many() -> None:
     random = np.random.default_rng(0)
     even = np.full(2000, 1 / 2000)
     figures = {"err": 0.05, "z": 0.99, "least": 500, "most": 2000}
@@ -183,7 +183,7 @@ def test_a_tight_cloud_needs_few_particles_and_a_wide_cloud_many():
     assert len(resample(wide, even, random, **figures)) == 2000
 
 
-def test_resampling_is_proportional_to_weight():
+def test_resampling_is_proportional_to_weight() -> None:
     particles = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]])
     chosen = resample(
         particles, np.array([0.25, 0.75]), np.random.default_rng(5), err=0.05, z=0.99, least=400, most=400
@@ -191,7 +191,7 @@ def test_resampling_is_proportional_to_weight():
     assert abs(int((chosen[:, 0] == 9.0).sum()) - 300) <= 1
 
 
-def test_the_pose_is_the_mean_of_the_heaviest_cluster_also_across_half_a_turn():
+def test_the_pose_is_the_mean_of_the_heaviest_cluster_also_across_half_a_turn() -> None:
     random = np.random.default_rng(2)
     spread = np.diag([0.1, 0.2, 0.1]) ** 2
     one = sample_particles(Pose2D(2.0, 3.0, math.pi), spread, 600, random)
@@ -207,7 +207,7 @@ def test_the_pose_is_the_mean_of_the_heaviest_cluster_also_across_half_a_turn():
 
 
 @pytest.mark.parametrize("off", [(0.15, -0.1, 0.06), (-0.12, 0.12, -0.08), (0.0, 0.0, 0.0)])
-def test_a_match_refines_a_guess_to_centimetres(off):
+def test_a_match_refines_a_guess_to_centimetres(off) -> None:
     field_map, true = l_shaped(), Pose2D(3.0, 5.0, 0.7)
     points = seen_from(field_map, true)
     guess = Pose2D(true.x + off[0], true.y + off[1], true.yaw + off[2])
@@ -217,7 +217,7 @@ def test_a_match_refines_a_guess_to_centimetres(off):
     assert found.share == 1.0
 
 
-def test_people_in_the_way_do_not_distort_a_match():
+def test_people_in_the_way_do_not_distort_a_match() -> None:
     field_map, true = l_shaped(), Pose2D(3.0, 5.0, 0.7)
     points = seen_from(field_map, true)
     points[40:60] *= 0.5
@@ -226,7 +226,7 @@ def test_people_in_the_way_do_not_distort_a_match():
     assert math.hypot(found.pose.x - true.x, found.pose.y - true.y) < 0.02
 
 
-def test_a_match_does_not_move_a_guess_along_a_bare_corridor():
+def test_a_match_does_not_move_a_guess_along_a_bare_corridor() -> None:
     cells = empty()
     cells[80:83], cells[120:123] = 100, 100
     field_map = OccupancyMap(cells, 0.05, (0.0, 0.0))
@@ -237,7 +237,7 @@ def test_a_match_does_not_move_a_guess_along_a_bare_corridor():
     assert found.pose.y == pytest.approx(5.0, abs=0.01)
 
 
-def test_a_laser_beside_the_robot_determines_the_side_of_a_wall_that_is_seen():
+def test_a_laser_beside_the_robot_determines_the_side_of_a_wall_that_is_seen() -> None:
     cells = empty()
     cells[97:103] = 100
     walls = SignedDistanceField(OccupancyMap(cells, 0.05, (0.0, 0.0)))
@@ -248,7 +248,7 @@ def test_a_laser_beside_the_robot_determines_the_side_of_a_wall_that_is_seen():
     assert found.pose.y == pytest.approx(4.5, abs=0.01)
 
 
-def test_people_shorten_beams_and_at_a_wrong_pose_beams_pass_through_walls():
+def test_people_shorten_beams_and_at_a_wrong_pose_beams_pass_through_walls() -> None:
     field_map, true = l_shaped(), Pose2D(3.0, 5.0, 0.7)
     visibility = RayCaster(field_map)
     points = seen_from(field_map, true)
@@ -263,7 +263,7 @@ def test_people_shorten_beams_and_at_a_wrong_pose_beams_pass_through_walls():
     assert np.array_equal(visibility.unobstructed_beams(true, EYE, points), np.arange(120) >= 60)
 
 
-def test_a_scan_that_turns_with_the_robot_has_not_changed():
+def test_a_scan_that_turns_with_the_robot_has_not_changed() -> None:
     angles = np.arange(666) * 0.0058
     before = scan(3.0 + np.sin(angles), 0.0058)
     turned = scan(3.0 + np.sin(angles + 0.3), 0.0058)
@@ -273,7 +273,7 @@ def test_a_scan_that_turns_with_the_robot_has_not_changed():
 
 
 @pytest.mark.parametrize("true", [Pose2D(3.0, 5.0, 0.7), Pose2D(8.0, 2.0, -2.5), Pose2D(2.0, 8.5, 3.0)])
-def test_the_whole_map_is_searched_in_slices(true):
+def test_the_whole_map_is_searched_in_slices(true) -> None:
     field_map = l_shaped()
     search = GlobalSearch(SearchSpace(field_map), seen_from(field_map, true, count=60))
     slices = 1

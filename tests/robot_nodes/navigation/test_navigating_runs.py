@@ -39,7 +39,7 @@ def started(*arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
 
 
-def test_the_same_seed_gives_the_same_bytes_in_two_processes():
+def test_the_same_seed_gives_the_same_bytes_in_two_processes() -> None:
     arguments = ("patrolling", "--world", "aws_house", "--duration", "8", "--seed", "3")
     message = [one.communicate()[0] for one in [started(*arguments), started(*arguments)]]
     one, other = ({**json.loads(text), "real_time_factor": 0.0} for text in message)
@@ -47,7 +47,7 @@ def test_the_same_seed_gives_the_same_bytes_in_two_processes():
     assert json.dumps(one) == json.dumps(other)
 
 
-def test_goal_or_home_goes_home_and_logs_the_reason():
+def test_goal_or_home_goes_home_and_logs_the_reason() -> None:
     message, logged = started("tutorials/goal_or_home", "--world", "house", "--duration", "30").communicate()
     result = json.loads(message)
     assert result["status"] == "SUCCESS"
@@ -66,7 +66,9 @@ def test_goal_or_home_goes_home_and_logs_the_reason():
         ("--nav-params", "a: [", "not valid YAML"),
     ],
 )
-def test_a_missing_or_invalid_file_is_a_usage_error(tmp_path, option, text, message):
+def test_a_missing_or_invalid_file_is_a_usage_error(
+    tmp_path: Path, option: str, text: str | None, message: str
+) -> None:
     file = tmp_path / "file.yaml"
     if text is not None:
         file.write_text(text)
@@ -76,14 +78,14 @@ def test_a_missing_or_invalid_file_is_a_usage_error(tmp_path, option, text, mess
     assert message in done.stderr
 
 
-def test_a_patrol_in_a_world_without_waypoints_is_a_usage_error():
+def test_a_patrol_in_a_world_without_waypoints_is_a_usage_error() -> None:
     done = run("patrolling", "--world", "arena", "--duration", "1")
     assert done.exit_code == 2
     assert done.stdout == ""
     assert "this world has no waypoints, but GetWaypoint::6 needs them" in done.stderr
 
 
-def test_a_robot_outside_its_map_logs_the_unknown_pose_and_does_not_drive(tmp_path):
+def test_a_robot_outside_its_map_logs_the_unknown_pose_and_does_not_drive(tmp_path: Path) -> None:
     # The map contains the first waypoint, but not the robot.
     save_map(room(0, 100, origin=(0.0, -13.3)), tmp_path / "far.yaml")
     options = ("--world", "house", "--duration", "2", "--map", str(tmp_path / "far.yaml"))
@@ -95,7 +97,7 @@ def test_a_robot_outside_its_map_logs_the_unknown_pose_and_does_not_drive(tmp_pa
 @pytest.mark.parametrize(
     ("floor", "wall", "missing"), [(100, 100, "free floor"), (-1, 100, "free floor"), (0, 0, "wall")]
 )
-def test_a_map_without_floor_or_walls_is_refused(tmp_path, floor, wall, missing):
+def test_a_map_without_floor_or_walls_is_refused(tmp_path: Path, floor: int, wall: int, missing: str) -> None:
     save_map(room(floor, wall), tmp_path / "map.yaml")
     done = run("patrolling", "--world", "house", "--duration", "2", "--map", str(tmp_path / "map.yaml"))
     assert done.exit_code == 2

@@ -1,5 +1,6 @@
 import json
 import threading
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from textwrap import dedent
@@ -10,12 +11,15 @@ import pytest
 
 from btcore.bundled_trees import folder
 from btcore_navigation.behaviours import BackUpGoal, SpinGoal
+from btcore_navigation.controller import FollowPathGoal
 from btcore_navigation.error_codes import CONTROLLER_RECOVERY_HELPS, PLANNER_RECOVERY_HELPS, Nav2ErrorCode
 from btcore_navigation.parameters import NavigationParameters, load_parameters
+from btcore_navigation.path import NavPath
 from btcore_navigation.stack import Navigation
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.parameter_files import ParameterError, aliases_of
 from btcore_robot.robot import BaseInfo, Pose2D
+from tests.robot_nodes.navigation.conftest import NavigationRig
 
 
 @pytest.fixture
@@ -28,7 +32,7 @@ def written(tmp_path: Path):
     return write
 
 
-def test_the_default_parameters_are_the_books():
+def test_the_default_parameters_are_the_books() -> None:
     figures = NavigationParameters()
     assert (figures.controller.max_vel_x, figures.controller.max_vel_theta) == (0.3, 0.5)
     assert (figures.controller.acc_lim_x, figures.controller.acc_lim_theta) == (1.5, 2.2)
@@ -39,11 +43,11 @@ def test_the_default_parameters_are_the_books():
     assert (figures.behaviours.max_rotational_vel, figures.behaviours.min_rotational_vel) == (1.0, 0.4)
 
 
-def test_the_default_tolerance_of_the_planner_is_zero():
+def test_the_default_tolerance_of_the_planner_is_zero() -> None:
     assert NavigationParameters().planner.tolerance == 0.0
 
 
-def test_parameters_of_plugins_are_found_below_any_plugin_id(written):
+def test_parameters_of_plugins_are_found_below_any_plugin_id(written) -> None:
     figures = load_parameters(
         written("""
         controller_server:
@@ -72,7 +76,7 @@ def test_parameters_of_plugins_are_found_below_any_plugin_id(written):
     assert figures.warnings == ()
 
 
-def test_parameters_of_nested_costmaps_and_layers_are_found(written):
+def test_parameters_of_nested_costmaps_and_layers_are_found(written) -> None:
     figures = load_parameters(
         written("""
         local_costmap:
@@ -109,18 +113,18 @@ def test_parameters_of_nested_costmaps_and_layers_are_found(written):
     ],
     ids=["with ros__parameters", "flat", "with a namespace", "below a namespace"],
 )
-def test_servers_are_found_in_every_form(written, head):
+def test_servers_are_found_in_every_form(written, head: str) -> None:
     assert load_parameters(written(f"{head}\n    max_beams: 30\n")).amcl.max_beams == 30
 
 
-def test_two_stars_apply_to_every_server(written):
+def test_two_stars_apply_to_every_server(written) -> None:
     figures = load_parameters(
         written("/**:\n  ros__parameters:\n    robot_radius: 0.4\n    use_sim_time: true\n")
     )
     assert figures.local_costmap.robot_radius == figures.global_costmap.robot_radius == 0.4
 
 
-def test_foxys_names_of_servers_and_keys_are_accepted(written):
+def test_foxys_names_of_servers_and_keys_are_accepted(written) -> None:
     figures = load_parameters(
         written("""
         recoveries_server:
@@ -133,7 +137,7 @@ def test_foxys_names_of_servers_and_keys_are_accepted(written):
     assert figures.navigator.default_nav_to_pose_bt_xml == "a.xml"
 
 
-def test_the_limits_of_other_controllers_are_accepted(written):
+def test_the_limits_of_other_controllers_are_accepted(written) -> None:
     figures = load_parameters(
         written(
             "controller_server:\n  ros__parameters:\n    FollowPath: {vx_max: 0.4, wz_max: 1.9, ax_max: 3}\n"
@@ -144,7 +148,7 @@ def test_the_limits_of_other_controllers_are_accepted(written):
     assert figures.controller.acc_lim_x == 3.0
 
 
-def test_of_two_plugins_the_first_listed_plugin_is_used(written):
+def test_of_two_plugins_the_first_listed_plugin_is_used(written) -> None:
     figures = load_parameters(
         written("""
         controller_server:
@@ -157,7 +161,7 @@ def test_of_two_plugins_the_first_listed_plugin_is_used(written):
     assert figures.controller.xy_goal_tolerance == 0.1
 
 
-def test_unsupported_keys_are_kept_and_reported_once(written):
+def test_unsupported_keys_are_kept_and_reported_once(written) -> None:
     path = written("""
     controller_server:
       ros__parameters:
@@ -179,7 +183,7 @@ def test_unsupported_keys_are_kept_and_reported_once(written):
     )
 
 
-def test_a_misspelled_key_is_reported_with_a_suggestion(written):
+def test_a_misspelled_key_is_reported_with_a_suggestion(written) -> None:
     path = written("amcl:\n  ros__parameters:\n    max_particels: 100\n")
     assert load_parameters(path).warnings[0] == (
         f"{path}:3: amcl.max_particels has no effect; did you mean max_particles?"
@@ -187,7 +191,7 @@ def test_a_misspelled_key_is_reported_with_a_suggestion(written):
 
 
 @pytest.mark.parametrize("key", ["initial_pose.z", "FollowPath.acc_lim_y", "voxel_layer.z_resolution"])
-def test_nav2s_own_keys_are_not_reported_as_misspelled(written, key):
+def test_nav2s_own_keys_are_not_reported_as_misspelled(written, key: str) -> None:
     server = "amcl" if "pose" in key else "local_costmap" if "voxel" in key else "controller_server"
     figures = load_parameters(written(f"{server}:\n  ros__parameters:\n    {key}: 0.1\n"))
     assert not any("did you mean" in warning for warning in figures.warnings)
@@ -200,7 +204,7 @@ def test_nav2s_own_keys_are_not_reported_as_misspelled(written, key):
         ("tf_broadcast: 1", "amcl.tf_broadcast is 1, and true or false is expected"),
     ],
 )
-def test_an_invalid_value_raises_with_its_line(written, value, sentence):
+def test_an_invalid_value_raises_with_its_line(written, value: str, sentence: str) -> None:
     path = written(f"amcl:\n  ros__parameters:\n    {value}\n")
     with pytest.raises(ParameterError) as raised:
         load_parameters(path)
@@ -208,13 +212,13 @@ def test_an_invalid_value_raises_with_its_line(written, value, sentence):
 
 
 @pytest.mark.parametrize("footprint", ["[[0.1], [0.2]]", "circle", "[[.inf, 0]]", "[[1e999, 0]]", "7"])
-def test_an_invalid_footprint_raises_with_its_line(written, footprint):
+def test_an_invalid_footprint_raises_with_its_line(written, footprint: str) -> None:
     path = written(f"local_costmap:\n  ros__parameters:\n    footprint: '{footprint}'\n")
     with pytest.raises(ParameterError, match=r"nav.yaml:3: local_costmap.footprint must be a list of points"):
         load_parameters(path)
 
 
-def test_all_invalid_values_are_reported_at_once(written):
+def test_all_invalid_values_are_reported_at_once(written) -> None:
     path = written(
         """
         amcl: {ros__parameters: {max_beams: x}}
@@ -226,7 +230,7 @@ def test_all_invalid_values_are_reported_at_once(written):
     assert str(raised.value).count("\n") == 1
 
 
-def test_numbers_may_have_an_exponent(written):
+def test_numbers_may_have_an_exponent(written) -> None:
     assert load_parameters(written("amcl:\n  ros__parameters:\n    sigma_hit: 2e-1\n")).amcl.sigma_hit == 0.2
 
 
@@ -238,17 +242,17 @@ def test_numbers_may_have_an_exponent(written):
         ("amcl: 3", ":1: amcl must have parameters below it, not a single value"),
     ],
 )
-def test_a_file_with_an_invalid_structure_raises(written, text, sentence):
+def test_a_file_with_an_invalid_structure_raises(written, text: str, sentence: str) -> None:
     with pytest.raises(ParameterError, match=sentence):
         load_parameters(written(text))
 
 
-def test_a_missing_file_raises(tmp_path):
+def test_a_missing_file_raises(tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match=r"none.yaml: no such file"):
         load_parameters(tmp_path / "none.yaml")
 
 
-def test_an_empty_file_gives_the_default_parameters(written):
+def test_an_empty_file_gives_the_default_parameters(written) -> None:
     assert load_parameters(written("")) == NavigationParameters()
 
 
@@ -264,7 +268,7 @@ SECTIONS = {
 
 
 @pytest.mark.parametrize("server", SECTIONS)
-def test_every_field_changes_a_parameter_and_is_not_reported(written, server):
+def test_every_field_changes_a_parameter_and_is_not_reported(written, server) -> None:
     defaults = getattr(NavigationParameters(), SECTIONS[server])
     hints = get_type_hints(type(defaults), include_extras=True)
     for field in fields(defaults):
@@ -277,7 +281,11 @@ def test_every_field_changes_a_parameter_and_is_not_reported(written, server):
             assert read.warnings == (), name
 
 
-def test_every_field_is_read_by_the_navigation(floor, path, follow):
+def test_every_field_is_read_by_the_navigation(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+) -> None:
     """A field that nothing reads would have no effect, without a warning."""
     unread: dict[str, set[str]] = {}
 
@@ -344,7 +352,7 @@ NAV2_KEYS = {
 """Keys of Nav2's parameter files without effect here."""
 
 
-def test_keys_of_nav2_without_effect_are_reported_in_one_warning(written):
+def test_keys_of_nav2_without_effect_are_reported_in_one_warning(written) -> None:
     content = {
         server: {"ros__parameters": dict.fromkeys(keys.split(), 1)} for server, keys in NAV2_KEYS.items()
     }
@@ -353,7 +361,7 @@ def test_keys_of_nav2_without_effect_are_reported_in_one_warning(written):
     assert load_parameters(path).warnings == (f"{path}: no effect here: {listed}",)
 
 
-def test_settings_that_others_override_are_reported(written):
+def test_settings_that_others_override_are_reported(written) -> None:
     path = written("""
     /**: {ros__parameters: {max_beams: 30, nothing: 1}}
     controller_server:
@@ -373,7 +381,7 @@ def test_settings_that_others_override_are_reported(written):
     assert (resolved.local_costmap.robot_radius, resolved.global_costmap.robot_radius) == (0.5, 0.3)
 
 
-def test_the_error_codes_are_nav2s():
+def test_the_error_codes_are_nav2s() -> None:
     assert (Nav2ErrorCode.GOAL_OCCUPIED, Nav2ErrorCode.NO_VALID_PATH) == (206, 208)
     assert (Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, Nav2ErrorCode.NO_VALID_CONTROL) == (105, 106)
     assert (Nav2ErrorCode.SPIN_COLLISION_AHEAD, Nav2ErrorCode.BACKUP_COLLISION_AHEAD) == (703, 714)

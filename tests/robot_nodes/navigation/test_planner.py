@@ -119,14 +119,14 @@ def grids(draw: st.DrawFn) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]
 # -- the search
 
 
-def test_the_costs_of_cells_are_navfns():
+def test_the_costs_of_cells_are_navfns() -> None:
     costs = np.array([[0, 1, 100, 252, INSCRIBED, LETHAL, UNKNOWN]], dtype=np.uint8)
     assert grid_costs(costs)[0] == pytest.approx([50, 50.8, 130, 251.6, IMPASSABLE, IMPASSABLE, 252.4])
     assert grid_costs(costs, allow_unknown=False)[0, -1] == IMPASSABLE
 
 
 @given(grids(), st.booleans())
-def test_the_found_path_is_the_cheapest_path(grid, allow_unknown):
+def test_the_found_path_is_the_cheapest_path(grid, allow_unknown) -> None:
     values, start, goal = grid
     costs = grid_costs(values, allow_unknown=allow_unknown)
     least = least_costs(costs, start)
@@ -142,7 +142,7 @@ def test_the_found_path_is_the_cheapest_path(grid, allow_unknown):
 
 
 @given(grids(), st.data())
-def test_bounds_of_a_floor_with_fewer_obstacles_find_the_cheapest_path(grid, data):
+def test_bounds_of_a_floor_with_fewer_obstacles_find_the_cheapest_path(grid, data) -> None:
     values, first, goal = grid
     kept = data.draw(arrays(np.bool_, values.shape, elements=st.booleans(), fill=st.nothing()))
     floor = grid_costs(np.where(kept & (values != UNKNOWN), values, 0).astype(np.uint8))
@@ -157,7 +157,7 @@ def test_bounds_of_a_floor_with_fewer_obstacles_find_the_cheapest_path(grid, dat
             assert path_cost(costs, found) == pytest.approx(least)
 
 
-def test_bounds_of_an_enclosed_start_can_be_used_for_another_start():
+def test_bounds_of_an_enclosed_start_can_be_used_for_another_start() -> None:
     floor = grid_costs(np.array([[0, LETHAL, 0, 0, 0]], dtype=np.uint8))
     bounds = CostBounds(floor, (0, 0), (0, 4))
     assert find_cheapest_path(floor, (0, 2), (0, 4), bounds) == [(0, 2), (0, 3), (0, 4)]
@@ -168,7 +168,7 @@ def test_bounds_of_an_enclosed_start_can_be_used_for_another_start():
 
 
 @given(grids())
-def test_a_smoothed_path_avoids_walls_and_costs_hardly_more(grid):
+def test_a_smoothed_path_avoids_walls_and_costs_hardly_more(grid) -> None:
     values, start, goal = grid
     costs = grid_costs(values.repeat(3, axis=0).repeat(3, axis=1))
     start, goal = (3 * start[0] + 1, 3 * start[1] + 1), (3 * goal[0] + 1, 3 * goal[1] + 1)
@@ -189,7 +189,7 @@ def test_a_smoothed_path_avoids_walls_and_costs_hardly_more(grid):
     assert (prices.mean(axis=1) * lengths).sum() <= 1.03 * MAX_COST_RATIO * path_cost(costs, cells) + grazed
 
 
-def test_a_path_over_an_open_floor_is_a_straight_line():
+def test_a_path_over_an_open_floor_is_a_straight_line() -> None:
     planner = Planner(GlobalCostmap(OccupancyMap(np.zeros((120, 200), dtype=np.int8), 0.05, (0.0, 0.0))))
     start, goal = Pose2D(1.0, 1.0, 0.0), Pose2D(9.0, 4.0, 2.0)
     path = planner.plan(start, goal, 0)
@@ -197,14 +197,14 @@ def test_a_path_over_an_open_floor_is_a_straight_line():
     assert path.poses[:-1, 2] == pytest.approx(math.atan2(3.0, 8.0), abs=0.1)
 
 
-def test_a_path_turns_gently_and_keeps_away_from_corners(rooms):
+def test_a_path_turns_gently_and_keeps_away_from_corners(rooms: GlobalCostmap) -> None:
     path = Planner(rooms).plan(WEST, EAST, 0)
     turns = np.diff(path.poses[:-1, 2])
     assert np.abs((turns + math.pi) % (2 * math.pi) - math.pi).max() < 0.25
     assert np.median(rooms.costs_at(path.points)) == 0
 
 
-def test_a_smoothed_path_is_shorter_than_the_path_of_cells(rooms):
+def test_a_smoothed_path_is_shorter_than_the_path_of_cells(rooms: GlobalCostmap) -> None:
     costs = grid_costs(rooms.costs)
     cells = find_cheapest_path(costs, rooms.cell(WEST.x, WEST.y), rooms.cell(EAST.x, EAST.y))
     assert cells is not None
@@ -217,7 +217,7 @@ def test_a_smoothed_path_is_shorter_than_the_path_of_cells(rooms):
 
 
 @given(st.lists(st.tuples(st.floats(0.1, 7.9), st.floats(0.1, 4.7)), min_size=2, max_size=2))
-def test_a_path_keeps_the_robots_radius_from_obstacles(places):
+def test_a_path_keeps_the_robots_radius_from_obstacles(places) -> None:
     costmap = GlobalCostmap(drawn(ROOMS))
     start, goal = (Pose2D(x, y, 0.0) for x, y in places)
     assume(costmap.cost(start.x, start.y) < INSCRIBED)
@@ -230,14 +230,14 @@ def test_a_path_keeps_the_robots_radius_from_obstacles(places):
     assert costmap.costs_at(dense(path)).max() < INSCRIBED
 
 
-def test_a_goal_in_the_corner_of_its_cell_is_not_approached_through_a_wall(rooms):
+def test_a_goal_in_the_corner_of_its_cell_is_not_approached_through_a_wall(rooms: GlobalCostmap) -> None:
     goal = Pose2D(3.59765625, 2.96875, 0.0)  # the straight line from the next cell's centre is blocked
     path = Planner(rooms).plan(Pose2D(5.0, 1.0, 0.0), goal, 0)
     assert path.goal == goal
     assert rooms.costs_at(dense(path)).max() < INSCRIBED
 
 
-def test_a_path_begins_at_the_robot_and_ends_with_the_goals_pose(rooms):
+def test_a_path_begins_at_the_robot_and_ends_with_the_goals_pose(rooms: GlobalCostmap) -> None:
     path = Planner(rooms).plan(WEST, EAST, 17)
     assert path.points[0].tolist() == [WEST.x, WEST.y]
     assert path.goal == EAST
@@ -247,13 +247,13 @@ def test_a_path_begins_at_the_robot_and_ends_with_the_goals_pose(rooms):
     assert np.hypot(*steps.T).max() <= 0.0501
 
 
-def test_a_path_to_a_goal_at_the_robots_place_ends_at_the_goal(rooms):
+def test_a_path_to_a_goal_at_the_robots_place_ends_at_the_goal(rooms: GlobalCostmap) -> None:
     path = Planner(rooms).plan(WEST, Pose2D(1.01, 1.0, -2.0), 0)
     assert path.goal == Pose2D(1.01, 1.0, -2.0)
     assert path.length() == pytest.approx(0.01)
 
 
-def test_replanning_from_a_later_pose_keeps_the_path(rooms):
+def test_replanning_from_a_later_pose_keeps_the_path(rooms: GlobalCostmap) -> None:
     planner = Planner(rooms)
     path = planner.plan(WEST, EAST, 0)
     whole = path.length()
@@ -262,14 +262,14 @@ def test_replanning_from_a_later_pose_keeps_the_path(rooms):
         assert again.length() == pytest.approx(whole - path.distances()[index], rel=0.03, abs=0.05)
 
 
-def test_the_same_request_gives_the_same_path(rooms):
+def test_the_same_request_gives_the_same_path(rooms: GlobalCostmap) -> None:
     planner = Planner(rooms)
     answers = [planner.plan(WEST, EAST, 0) for _ in range(3)]
     assert all(answers[0].has_same_poses(one) for one in answers[1:])
     assert answers[0].has_same_poses(Planner(rooms).plan(WEST, EAST, 9))
 
 
-def test_an_observed_obstacle_is_avoided_until_it_is_cleared():
+def test_an_observed_obstacle_is_avoided_until_it_is_cleared() -> None:
     costmap = GlobalCostmap(drawn(ROOMS))
     planner = Planner(costmap)
     before = planner.plan(WEST, NORTH, 0)
@@ -289,7 +289,7 @@ def test_an_observed_obstacle_is_avoided_until_it_is_cleared():
     assert planner.plan(WEST, NORTH, 2).has_same_poses(before)
 
 
-def test_a_path_crosses_unknown_cells_only_if_allowed():
+def test_a_path_crosses_unknown_cells_only_if_allowed() -> None:
     bridge = drawn("###########\n" + "#   ??    #\n" * 4 + "###########")
     start, goal = Pose2D(0.5, 0.6, 0.0), Pose2D(1.6, 0.6, 0.0)
     assert Planner(GlobalCostmap(bridge)).plan(start, goal, 0).goal == goal
@@ -301,7 +301,7 @@ def test_a_path_crosses_unknown_cells_only_if_allowed():
 # -- through poses
 
 
-def test_a_path_through_poses_passes_each_in_turn(rooms):
+def test_a_path_through_poses_passes_each_in_turn(rooms: GlobalCostmap) -> None:
     path = Planner(rooms).plan_through([WEST, NORTH, EAST], 5)
     reached = [path.nearest(pose.x, pose.y) for pose in (WEST, NORTH, EAST)]
     assert reached == [0, reached[1], len(path) - 1]
@@ -311,13 +311,13 @@ def test_a_path_through_poses_passes_each_in_turn(rooms):
 
 
 @pytest.mark.parametrize("poses", [[], [WEST]])
-def test_a_path_through_fewer_than_two_poses_raises(rooms, poses):
+def test_a_path_through_fewer_than_two_poses_raises(rooms: GlobalCostmap, poses) -> None:
     with pytest.raises(PlannerError) as fault:
         Planner(rooms).plan_through(poses, 0)
     assert fault.value.code == Nav2ErrorCode.NO_VIAPOINTS_GIVEN
 
 
-def test_a_leg_that_fails_is_reported_with_the_code_of_its_action(rooms):
+def test_a_leg_that_fails_is_reported_with_the_code_of_its_action(rooms: GlobalCostmap) -> None:
     with pytest.raises(
         PlannerError, match=r"leg 2 of 2: no path to \(6\.90, 0\.70\): the map does not connect it"
     ) as fault:
@@ -344,14 +344,14 @@ def test_a_leg_that_fails_is_reported_with_the_code_of_its_action(rooms):
         (Pose2D(3.9, 0.1, 0.0), EAST, Nav2ErrorCode.START_OCCUPIED),
     ],
 )
-def test_an_invalid_start_or_goal_raises_with_its_code(rooms, start, goal, code):
+def test_an_invalid_start_or_goal_raises_with_its_code(rooms: GlobalCostmap, start, goal, code) -> None:
     with pytest.raises(PlannerError) as fault:
         Planner(rooms).plan(start, goal, 0)
     assert fault.value.code == code
     assert str(fault.value)
 
 
-def test_an_observed_obstacle_that_blocks_the_way_or_the_goal_is_named_with_its_place():
+def test_an_observed_obstacle_that_blocks_the_way_or_the_goal_is_named_with_its_place() -> None:
     costmap = GlobalCostmap(drawn(ROOMS))
     planner = Planner(costmap, place_name=lambda pose: "the charger")
     assert planner.plan(EAST, NORTH, 0).goal == NORTH
@@ -381,13 +381,13 @@ def test_an_observed_obstacle_that_blocks_the_way_or_the_goal_is_named_with_its_
         (Pose2D(8.01, 1.0, 0.0), Nav2ErrorCode.GOAL_OUTSIDE_MAP),
     ],
 )
-def test_a_goal_that_the_map_excludes_is_refused_without_a_plan(rooms, goal, code):
+def test_a_goal_that_the_map_excludes_is_refused_without_a_plan(rooms: GlobalCostmap, goal, code) -> None:
     with pytest.raises(PlannerError) as fault:
         Planner(rooms).check_goal(goal)
     assert fault.value.code == code
 
 
-def test_a_goal_in_a_keepout_is_occupied():
+def test_a_goal_in_a_keepout_is_occupied() -> None:
     map = drawn(ROOMS)
     kept = OccupancyMap(map.cells, map.resolution, map.origin, ((5.0, 3.5, 6.0, 4.5),))
     with pytest.raises(PlannerError, match="is in an obstacle") as fault:
@@ -395,7 +395,7 @@ def test_a_goal_in_a_keepout_is_occupied():
     assert fault.value.code == Nav2ErrorCode.GOAL_OCCUPIED
 
 
-def test_a_path_without_poses_has_no_goal_and_no_length():
+def test_a_path_without_poses_has_no_goal_and_no_length() -> None:
     path = empty_path(3)
     assert (len(path), path.goal, path.length(), path.nearest(0, 0), path.stamp) == (0, None, 0.0, -1, 3)
 
@@ -404,7 +404,7 @@ def test_a_path_without_poses_has_no_goal_and_no_length():
 
 
 @pytest.mark.parametrize("gap", [0.28, 0.2, 0.12])
-def test_a_path_leads_away_from_a_start_too_near_to_a_wall(rooms, gap):
+def test_a_path_leads_away_from_a_start_too_near_to_a_wall(rooms: GlobalCostmap, gap: float) -> None:
     start = Pose2D(3.8 - gap, 1.0, 0.0)
     assert rooms.cost(start.x, start.y) == INSCRIBED
     path = Planner(rooms).plan(start, EAST, 0)
@@ -414,7 +414,7 @@ def test_a_path_leads_away_from_a_start_too_near_to_a_wall(rooms, gap):
     assert costs[~near].max() < INSCRIBED
 
 
-def test_a_lethal_cell_under_the_robot_does_not_block_it():
+def test_a_lethal_cell_under_the_robot_does_not_block_it() -> None:
     costs = np.zeros((60, 60), dtype=np.uint8)
     costs[30, 30] = LETHAL
     path = Planner(Costmap(costs, 0.05, (0.0, 0.0))).plan(Pose2D(1.525, 1.525, 0.0), Pose2D(2.5, 2.5, 0.0), 0)
@@ -424,7 +424,7 @@ def test_a_lethal_cell_under_the_robot_does_not_block_it():
 # -- tolerance
 
 
-def test_with_a_tolerance_the_path_ends_at_the_nearest_reachable_place(rooms):
+def test_with_a_tolerance_the_path_ends_at_the_nearest_reachable_place(rooms: GlobalCostmap) -> None:
     goal = Pose2D(3.9, 1.0, 1.5)
     path = Planner(rooms, tolerance=0.5).plan(WEST, goal, 0)
     end = path.goal
@@ -436,11 +436,11 @@ def test_with_a_tolerance_the_path_ends_at_the_nearest_reachable_place(rooms):
     assert math.hypot(end.x - goal.x, end.y - goal.y) == pytest.approx(nearest)
 
 
-def test_with_a_tolerance_a_reachable_goal_is_reached(rooms):
+def test_with_a_tolerance_a_reachable_goal_is_reached(rooms: GlobalCostmap) -> None:
     assert Planner(rooms, tolerance=0.5).plan(WEST, EAST, 0).goal == EAST
 
 
-def test_a_tolerance_without_a_reachable_place_raises_the_same_error(rooms):
+def test_a_tolerance_without_a_reachable_place_raises_the_same_error(rooms: GlobalCostmap) -> None:
     for goal, code in (
         (Pose2D(3.9, 1.0, 0.0), Nav2ErrorCode.GOAL_OCCUPIED),
         (CLOSED, Nav2ErrorCode.NO_VALID_PATH),
@@ -453,7 +453,7 @@ def test_a_tolerance_without_a_reachable_place_raises_the_same_error(rooms):
 # -- attributes of a path
 
 
-def test_the_length_nearest_pose_and_equality_of_paths():
+def test_the_length_nearest_pose_and_equality_of_paths() -> None:
     poses = np.array([(0, 0, 0), (1, 0, 0), (2, 0, math.pi / 2), (2, 2, 0)], dtype=np.float64)
     path = NavPath(poses, 0)
     assert path.length() == 4.0

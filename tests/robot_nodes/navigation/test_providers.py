@@ -31,7 +31,7 @@ def used(wanted: list[Any], *settings: Settings) -> set[str]:
     return {one.name for one in choose(wanted, AvailableProviders(), GivenSettings(settings)).order}
 
 
-def test_the_simulated_robot_navigates_on_the_map_of_its_world():
+def test_the_simulated_robot_navigates_on_the_map_of_its_world() -> None:
     simulation = {"simulator", "world_map", "world_places", "waypoints", "navigation", "navigator"}
     assert used([Robot, PoseNavigator]) == simulation
     assert used([NavigationServers]) == (simulation - {"navigator"}) | {"navigation_servers"}
@@ -44,7 +44,7 @@ def test_the_simulated_robot_navigates_on_the_map_of_its_world():
 @pytest.mark.parametrize(
     ("settings", "robot"), [(BagSettings(Path("bag")), "bag_robot"), (RosRobotSettings("tiago"), "ros_robot")]
 )
-def test_with_another_robot_nothing_of_the_simulator_is_used(settings: Settings, robot: str):
+def test_with_another_robot_nothing_of_the_simulator_is_used(settings: Settings, robot: str) -> None:
     found = used([PoseNavigator, Waypoints, Robot], settings, MapSettings(Path("map.yaml")), HOUSE)
     navigation = {robot, "waypoints", "navigation", "navigator"}
     assert found - {"ros_session"} == {*navigation, "map_file"}
@@ -53,14 +53,14 @@ def test_with_another_robot_nothing_of_the_simulator_is_used(settings: Settings,
 
 
 @pytest.mark.parametrize(("wanted", "provider"), [(Servers, "navigation"), (Explorer, "exploration")])
-def test_leaves_navigate_by_nav2_beside_what_navigation_provides_else(wanted: Any, provider: str):
+def test_leaves_navigate_by_nav2_beside_what_navigation_provides_else(wanted: Any, provider: str) -> None:
     settings = RosRobotSettings("tiago"), Nav2Settings(True)
     found = used([Robot, PoseNavigator, NavigationServers, wanted], *settings)
     assert {"nav2_client", provider} <= found
     assert not found & {"navigator", "exploring_navigator", "navigation_servers"}
 
 
-def test_a_tree_that_explores_navigates_on_the_map_that_it_makes(tmp_path: Path):
+def test_a_tree_that_explores_navigates_on_the_map_that_it_makes(tmp_path: Path) -> None:
     assert "navigation" not in used([Robot, PoseNavigator, Explorer, Servers])
     run = Run(TreelessProgram("Explore"), settings=[HOUSE, ExplorationSettings(tmp_path / "map.yaml")])
     with run.want(PoseNavigator, Explorer, MapFile, Servers) as opened:
@@ -73,7 +73,7 @@ def test_a_tree_that_explores_navigates_on_the_map_that_it_makes(tmp_path: Path)
     assert list(opened.report) == ["map", "robot"]
 
 
-def test_tracker_and_locator_are_configured_and_shut_down():
+def test_tracker_and_locator_are_configured_and_shut_down() -> None:
     settings = [SimulatorSettings(world="house"), RunSettings(fast=True)]
     with Run(TreelessProgram("Look"), settings=settings).want(
         HeadTrackerProtocol, ObjectLocatorProtocol
@@ -91,7 +91,7 @@ class Rover(Robot):
     """A robot without a map."""
 
 
-def test_a_robot_without_a_map_cannot_navigate(tmp_path: Path):
+def test_a_robot_without_a_map_cannot_navigate(tmp_path: Path) -> None:
     run = Run(TreelessProgram("Navigate"), settings=[NavigationSettings()], provided=[Rover()])
     with pytest.raises(SettingsError, match=r"there is no map to navigate on: use --map FILE\.yaml"):
         run.want(PoseNavigator).__enter__()
@@ -101,6 +101,6 @@ def test_a_robot_without_a_map_cannot_navigate(tmp_path: Path):
         run.want(PoseNavigator).__enter__()
 
 
-def test_the_folder_of_the_map_is_checked_before_the_run():
+def test_the_folder_of_the_map_is_checked_before_the_run() -> None:
     with pytest.raises(SettingsError, match=r"--save-map /nowhere/map\.yaml: there is no folder /nowhere"):
         ExplorationSettings(Path("/nowhere/map.yaml"))

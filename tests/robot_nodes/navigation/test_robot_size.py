@@ -1,6 +1,7 @@
 """The navigation keeps the clearance of the robot that it drives: robots of three sizes at a gap."""
 
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,11 +10,14 @@ import pytest
 from btcore.bundled_trees import folder
 from btcore.clock import NS_PER_S
 from btcore_navigation.action import GoalStatus
+from btcore_navigation.controller import FollowPathGoal
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.parameters import NavigationParameters
+from btcore_navigation.path import NavPath
 from btcore_navigation.stack import Navigation
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
+from tests.robot_nodes.navigation.conftest import NavigationRig
 
 TURTLEBOT, TIAGO, WIDE = 0.18, 0.27, 0.45
 """The radii (m) of a robot like TurtleBot 4, of Tiago, and of a wide robot."""
@@ -47,7 +51,14 @@ def map_of(boxes) -> OccupancyMap:
     ("radius", "gap", "passes"),
     [(TURTLEBOT, 0.5, True), (TIAGO, 0.5, False), (TIAGO, 0.8, True), (WIDE, 0.8, False)],
 )
-def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(floor, path, follow, radius, gap, passes):
+def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+    radius,
+    gap: float,
+    passes: bool,
+) -> None:
     boxes = boxes_around_gap(gap)
     robot = floor(*boxes).robot
     robot.info = replace(robot.info, radius=radius)
@@ -73,7 +84,9 @@ def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(floor, path, follo
         assert robot.nearest > 0.0
 
 
-def test_a_radius_that_is_too_small_for_the_robot_is_replaced_with_a_warning(floor, caplog):
+def test_a_radius_that_is_too_small_for_the_robot_is_replaced_with_a_warning(
+    floor: Callable[..., NavigationRig], caplog: pytest.LogCaptureFixture
+) -> None:
     boxes = boxes_around_gap(0.8)
     figures = NavigationParameters()
     small = replace(figures, global_costmap=replace(figures.global_costmap, robot_radius=0.22))

@@ -106,7 +106,7 @@ def flat():
         one.world.close()
 
 
-def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(flat):
+def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(flat) -> None:
     home = flat()
     handle = home.navigation.go_to(Pose2D(3.0, -1.0, 1.0))
     home.run(5.0)
@@ -123,7 +123,7 @@ def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(flat):
     assert home.navigation.outcomes()[0].goal == Pose2D(3.0, -1.0, 1.0)
 
 
-def test_a_new_goal_replaces_the_current_goal_without_a_stop(flat):
+def test_a_new_goal_replaces_the_current_goal_without_a_stop(flat) -> None:
     home = flat()
     first = home.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
     home.run(6.0)
@@ -138,7 +138,7 @@ def test_a_new_goal_replaces_the_current_goal_without_a_stop(flat):
     assert [one.status for one in home.navigation.outcomes()] == ["CANCELED", "SUCCEEDED"]
 
 
-def test_a_goal_that_is_sent_just_before_the_arrival_at_another_goal_is_reached(flat):
+def test_a_goal_that_is_sent_just_before_the_arrival_at_another_goal_is_reached(flat) -> None:
     home = flat()
     first = home.navigation.go_to(Pose2D(1.5, 0.0, 0.0))
     home.run(20.0, lambda: home.distance_to(1.5, 0.0) < 0.26 or first.done)
@@ -148,7 +148,7 @@ def test_a_goal_that_is_sent_just_before_the_arrival_at_another_goal_is_reached(
     assert home.distance_to(0.0, 1.2) < 0.35
 
 
-def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat):
+def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat) -> None:
     home = flat()
     handle = home.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
     home.run(5.0)
@@ -164,7 +164,7 @@ def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat):
     assert [one.status for one in home.navigation.outcomes()] == ["CANCELED"]
 
 
-def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(flat):
+def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(flat) -> None:
     home = flat()
     home.run(0.5)
     seen = home.body.scan()
@@ -179,7 +179,9 @@ def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(flat):
     assert home.distance_to(3.0, -1.0) < 0.35
 
 
-def test_a_search_on_a_wrong_map_ends_and_a_new_goal_starts_another_search(flat, monkeypatch):
+def test_a_search_on_a_wrong_map_ends_and_a_new_goal_starts_another_search(
+    flat, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The laser's outage of 20 s is not part of the search: without scans nothing is known about the pose."""
     monkeypatch.setattr(stack, "SEARCH_LIMIT_S", 30.0)
     cells = np.zeros((80, 80), dtype=np.int8)
@@ -207,7 +209,9 @@ def test_a_search_on_a_wrong_map_ends_and_a_new_goal_starts_another_search(flat,
         (Pose2D(4.3, 1.9, 0.0), Nav2ErrorCode.NO_VALID_PATH, 60.0),
     ],
 )
-def test_a_goal_that_cannot_be_reached_ends_with_the_planners_reason(flat, goal, code, seconds):
+def test_a_goal_that_cannot_be_reached_ends_with_the_planners_reason(
+    flat, goal, code, seconds: float
+) -> None:
     home = flat()
     handle = home.navigation.go_to(goal)
     home.run(seconds, lambda: handle.done)
@@ -217,7 +221,7 @@ def test_a_goal_that_cannot_be_reached_ends_with_the_planners_reason(flat, goal,
     assert [one.status for one in home.navigation.outcomes()] == ["ABORTED"]
 
 
-def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(flat):
+def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(flat) -> None:
     home = flat()
     handle = home.navigation.go_to(Pose2D(1.05, 1.5, 0.0))
     home.run(2.0, lambda: handle.done)
@@ -227,7 +231,7 @@ def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(flat):
     assert again.result.code == Nav2ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE
 
 
-def test_a_failure_names_the_server_that_is_not_active(flat):
+def test_a_failure_names_the_server_that_is_not_active(flat) -> None:
     home = flat()
     home.navigation.servers.compute_path.is_active = False
     tree = "navigation/navigate_w_replanning_time.xml"
@@ -241,7 +245,7 @@ def test_a_failure_names_the_server_that_is_not_active(flat):
     )
 
 
-def test_several_goals_are_passed_in_their_order(flat):
+def test_several_goals_are_passed_in_their_order(flat) -> None:
     home = flat()
     goals = [Pose2D(0.0, 1.5, 0.0), Pose2D(0.3, -1.2, 0.0), Pose2D(2.5, 0.0, 0.0)]
     handle = home.navigation.go_through(goals)
@@ -264,7 +268,7 @@ def test_several_goals_are_passed_in_their_order(flat):
     assert [one.state.name for one in handle.result.value] == ["COMPLETED"] * 3
 
 
-def test_the_waypoint_follower_lists_missed_waypoints_or_stops(flat):
+def test_the_waypoint_follower_lists_missed_waypoints_or_stops(flat) -> None:
     home = flat()
     goals = (Pose2D(0.5, 0.0, 0.0), Pose2D(50.0, 0.0, 0.0), Pose2D(0.0, 0.3, 0.0))
     results = []
@@ -284,7 +288,7 @@ def test_the_waypoint_follower_lists_missed_waypoints_or_stops(flat):
     assert handle.result.code == Nav2ErrorCode.NO_VALID_WAYPOINTS
 
 
-def test_a_new_map_of_another_size_is_used_for_the_pose_and_for_paths(flat):
+def test_a_new_map_of_another_size_is_used_for_the_pose_and_for_paths(flat) -> None:
     home = flat()
     home.run(2.0)
     x0, y0 = home.navigation.map.origin
@@ -309,7 +313,7 @@ def test_a_new_map_of_another_size_is_used_for_the_pose_and_for_paths(flat):
     assert home.navigation.global_costmap.costs.shape == wide.shape
 
 
-def test_without_localisation_the_robot_stands_and_goals_fail(flat):
+def test_without_localisation_the_robot_stands_and_goals_fail(flat) -> None:
     home = flat()
     handle = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
     home.run(3.0)
@@ -324,7 +328,7 @@ def test_without_localisation_the_robot_stands_and_goals_fail(flat):
     assert home.navigation.estimate() is not None
 
 
-def test_a_goal_can_have_its_own_tree_and_a_path_of_nav2_selects_our_tree_of_that_name(flat):
+def test_a_goal_can_have_its_own_tree_and_a_path_of_nav2_selects_our_tree_of_that_name(flat) -> None:
     home = flat()
     named = "/opt/ros/humble/share/nav2_bt_navigator/behavior_trees/navigate_w_replanning_time.xml"
     handle = home.navigation.navigate_to_pose.send_goal(NavigateGoal((Pose2D(0.8, 0.0, 0.0),), named))
@@ -333,7 +337,7 @@ def test_a_goal_can_have_its_own_tree_and_a_path_of_nav2_selects_our_tree_of_tha
     assert "RecoveryNode" not in {node.id for node in home.navigation.navigate_to_pose.tree.nodes}
 
 
-def test_an_invalid_tree_fails_only_its_own_goal(flat, tmp_path):
+def test_an_invalid_tree_fails_only_its_own_goal(flat, tmp_path: Path) -> None:
     home = flat()
     file = tmp_path / "tree.xml"
     for text in (
@@ -353,7 +357,7 @@ def test_an_invalid_tree_fails_only_its_own_goal(flat, tmp_path):
     assert after.status is GoalStatus.SUCCEEDED
 
 
-def test_a_leaf_that_raises_fails_the_goal_and_stops_the_robot(flat, tmp_path):
+def test_a_leaf_that_raises_fails_the_goal_and_stops_the_robot(flat, tmp_path: Path) -> None:
     home = flat()
     file = tmp_path / "tree.xml"
     file.write_text(
@@ -370,7 +374,7 @@ def test_a_leaf_that_raises_fails_the_goal_and_stops_the_robot(flat, tmp_path):
     assert home.body.ramped_twist()[0] == pytest.approx(0.0, abs=0.02)
 
 
-def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(flat):
+def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(flat) -> None:
     home = flat(Fault("laser", 6 * NS_PER_S, 11 * NS_PER_S))
     handle = home.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
     home.run(6.0)
@@ -385,7 +389,9 @@ def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(flat):
 
 
 @pytest.mark.parametrize("during", ["carried to another room", "restarted at zero"])
-def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(flat, caplog, during):
+def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(
+    flat, caplog: pytest.LogCaptureFixture, during: str
+) -> None:
     home = flat(Fault("odometry", 6 * NS_PER_S, 11 * NS_PER_S))
     handle = home.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
     home.run(6.0)
@@ -428,7 +434,9 @@ def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(flat, c
         ("odometry", "NAVIGATE_TF_ERROR", "odometry", "navigate_w_replanning_time.xml"),
     ],
 )
-def test_a_goal_fails_after_a_long_outage_with_its_cause(flat, monkeypatch, sensor, code, reading, tree):
+def test_a_goal_fails_after_a_long_outage_with_its_cause(
+    flat, monkeypatch: pytest.MonkeyPatch, sensor: str, code: str, reading: str, tree: str
+) -> None:
     monkeypatch.setattr(sensor_watch, "MAX_OUTAGE_S", 2.0)
     home = flat(Fault(sensor, 3 * NS_PER_S, 99 * NS_PER_S))
     goal = NavigateGoal((Pose2D(4.3, 0.0, 0.0),), tree)
@@ -440,7 +448,7 @@ def test_a_goal_fails_after_a_long_outage_with_its_cause(flat, monkeypatch, sens
     assert Nav2ErrorCode(handle.result.code).name == code
 
 
-def test_a_goal_fails_with_an_empty_battery_and_another_is_reached_after_recharging(flat):
+def test_a_goal_fails_with_an_empty_battery_and_another_is_reached_after_recharging(flat) -> None:
     home = flat()
     home.body.battery_model.level = 0.6
     handle = home.navigation.go_to(Pose2D(2.5, 0.0, 0.0))
@@ -455,7 +463,7 @@ def test_a_goal_fails_with_an_empty_battery_and_another_is_reached_after_recharg
     assert again.status is GoalStatus.SUCCEEDED
 
 
-def test_a_goal_waits_for_a_laser_that_fails_at_the_start(flat):
+def test_a_goal_waits_for_a_laser_that_fails_at_the_start(flat) -> None:
     home = flat(Fault("laser", 0, 4 * NS_PER_S))
     handle = home.navigation.go_to(Pose2D(1.5, 1.0, 0.0))
     home.run(3.9)
@@ -465,7 +473,7 @@ def test_a_goal_waits_for_a_laser_that_fails_at_the_start(flat):
     assert handle.status is GoalStatus.SUCCEEDED
 
 
-def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(flat):
+def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(flat) -> None:
     home = flat()
     handle = home.navigation.go_to(Pose2D(2.5, -1.2, 0.0))
     home.run(5.0)
@@ -485,7 +493,7 @@ def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(flat):
     assert home.distance_to(2.5, -1.2) < 0.35
 
 
-def test_a_new_goal_ends_the_recovery_of_the_previous_goal(flat):
+def test_a_new_goal_ends_the_recovery_of_the_previous_goal(flat) -> None:
     home = flat()
     first = home.navigation.go_to(Pose2D(4.3, 1.9, 0.0))
     home.run(60.0, lambda: home.navigation.servers.wait.busy)
@@ -498,7 +506,7 @@ def test_a_new_goal_ends_the_recovery_of_the_previous_goal(flat):
     assert second.status is GoalStatus.SUCCEEDED
 
 
-def test_the_same_goal_again_gets_a_new_path(flat):
+def test_the_same_goal_again_gets_a_new_path(flat) -> None:
     home = flat()
     first = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
     home.run(4.0)
@@ -520,14 +528,14 @@ def test_the_same_goal_again_gets_a_new_path(flat):
         ("", "navigate_to_pose_w_replanning_and_recovery.xml"),
     ],
 )
-def test_a_tree_in_the_parameters_selects_our_tree_or_the_default_tree(flat, named, meant):
+def test_a_tree_in_the_parameters_selects_our_tree_or_the_default_tree(flat, named: str, meant: str) -> None:
     usual = NavigationParameters()
     navigator = replace(usual.navigator, default_nav_to_pose_bt_xml=named)
     home = flat(parameters=replace(usual, navigator=navigator))
     assert home.navigation.navigate_to_pose.default_tree == TREES / "navigation" / meant
 
 
-def test_a_goal_waits_until_the_pose_is_known(flat, caplog):
+def test_a_goal_waits_until_the_pose_is_known(flat, caplog: pytest.LogCaptureFixture) -> None:
     home = flat(start=Pose2D(3.0, -1.2, 2.0))
     handle = home.navigation.go_to(Pose2D(0.0, 0.0, 0.0))
     home.run(1.0)

@@ -115,7 +115,9 @@ def two_rooms():
     ],
     ids=["recharge_under_a_crate", "two_closed_doors"],
 )
-def test_a_blocked_goal_ends_with_the_place_of_the_obstacle(two_rooms, tree, crates, code, cause):
+def test_a_blocked_goal_ends_with_the_place_of_the_obstacle(
+    two_rooms, tree, crates, code, cause: str
+) -> None:
     rooms = two_rooms(*crates, tree=tree)
     assert rooms.run(150.0) < 90.0
     assert rooms.handle.status is GoalStatus.ABORTED
@@ -131,7 +133,7 @@ def test_a_blocked_goal_ends_with_the_place_of_the_obstacle(two_rooms, tree, cra
 @pytest.mark.parametrize(
     ("crates", "tree"), [((ON_RECHARGE,), ""), ((SOUTH_DOOR, NORTH_DOOR), NAV2)], ids=["default", "nav2"]
 )
-def test_a_goal_is_reached_when_the_obstacle_goes_away(two_rooms, crates, tree):
+def test_a_goal_is_reached_when_the_obstacle_goes_away(two_rooms, crates, tree) -> None:
     rooms = two_rooms(*crates, tree=tree)
     rooms.run(25.0)
     assert not rooms.handle.done
@@ -140,7 +142,7 @@ def test_a_goal_is_reached_when_the_obstacle_goes_away(two_rooms, crates, tree):
     assert rooms.handle.status is GoalStatus.SUCCEEDED
 
 
-def test_the_navigator_ends_the_goal_of_a_tree_that_never_gives_up(two_rooms, tmp_path):
+def test_the_navigator_ends_the_goal_of_a_tree_that_never_gives_up(two_rooms, tmp_path: Path) -> None:
     file = tmp_path / "tree.xml"
     file.write_text(
         '<root BTCPP_format="4"><BehaviorTree ID="T"><RetryUntilSuccessful num_attempts="-1">'
@@ -174,7 +176,7 @@ def stalled(progress: GoalProgress, seconds: float) -> bool:
     return progress.stalled(round(seconds * NS_PER_S)) > 0.0
 
 
-def test_patience_is_the_time_without_progress_and_the_time_for_the_path(progress):
+def test_patience_is_the_time_without_progress_and_the_time_for_the_path(progress: GoalProgress) -> None:
     progress.update(4.0, 0)
     progress.update(1.6, 50 * NS_PER_S)  # less than 2.5 m
     limit = MAX_STALL_S + 4.0 / SPEED
@@ -184,7 +186,7 @@ def test_patience_is_the_time_without_progress_and_the_time_for_the_path(progres
     assert not stalled(progress, 70.0 + MAX_STALL_S + 1.5 / SPEED)
 
 
-def test_a_detour_takes_its_time_but_the_way_back_adds_none(progress):
+def test_a_detour_takes_its_time_but_the_way_back_adds_none(progress: GoalProgress) -> None:
     progress.update(4.0, 0)
     progress.update(20.0, 10 * NS_PER_S)
     progress.update(5.0, 90 * NS_PER_S)
@@ -193,14 +195,14 @@ def test_a_detour_takes_its_time_but_the_way_back_adds_none(progress):
     assert stalled(progress, MAX_STALL_S + 20.0 / SPEED + 0.1)
 
 
-def test_time_in_which_the_robot_has_to_stand_does_not_count(progress):
+def test_time_in_which_the_robot_has_to_stand_does_not_count(progress: GoalProgress) -> None:
     progress.update(4.0, 0)
     progress.pause(100 * NS_PER_S)
     assert not stalled(progress, 100.0 + MAX_STALL_S + 4.0 / SPEED)
     assert stalled(progress, 100.1 + MAX_STALL_S + 4.0 / SPEED)
 
 
-def test_a_robot_at_its_goal_may_stay_there(progress):
+def test_a_robot_at_its_goal_may_stay_there(progress: GoalProgress) -> None:
     progress.update(0.2, 0)
     progress.update(0.2, 500 * NS_PER_S)
     assert not stalled(progress, 550.0)

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from tests.robot_nodes.conftest import RecordingRobot
+
 pytest.importorskip("pybullet")
 
 from btcore.bundled_trees import folder
@@ -54,14 +56,14 @@ def canvas() -> Canvas:
     return Canvas()
 
 
-def test_the_point_of_a_pixel_follows_the_pinhole_model():
+def test_the_point_of_a_pixel_follows_the_pinhole_model() -> None:
     depth = np.full((120, 160), 2.0, dtype=np.float32)
     chosen = np.zeros((120, 160), dtype=bool)
     chosen[100, 150] = True
     assert depth_to_points(depth, LENS, chosen) == pytest.approx(np.array([[1.41, 0.81, 2.0]]))
 
 
-def test_a_wall_is_a_box_without_depth_in_the_requested_frame(canvas):
+def test_a_wall_is_a_box_without_depth_in_the_requested_frame(canvas: Canvas) -> None:
     canvas.wall(np.s_[50:70], np.s_[100:140], 2.0)
     (box,) = canvas.boxes()
     assert (box.frame, box.stamp) == ("base_footprint", 7)
@@ -69,25 +71,25 @@ def test_a_wall_is_a_box_without_depth_in_the_requested_frame(canvas):
     assert box.size == pytest.approx((0.0, 0.78, 0.38), abs=0.03)
 
 
-def test_objects_behind_each_other_have_separate_boxes_the_largest_first(canvas):
+def test_objects_behind_each_other_have_separate_boxes_the_largest_first(canvas: Canvas) -> None:
     canvas.wall(np.s_[40:80], np.s_[40:120], 4.0)
     canvas.wall(np.s_[50:90], np.s_[60:80], 2.0)
     near = [box.centre[0] for box in canvas.boxes()]
     assert near == pytest.approx([4.0, 2.0])
 
 
-def test_colour_without_depth_and_small_specks_are_ignored(canvas):
+def test_colour_without_depth_and_small_specks_are_ignored(canvas: Canvas) -> None:
     canvas.wall(np.s_[50:70], np.s_[100:140], np.inf)
     canvas.wall(np.s_[10:13], np.s_[10:13], 2.0)
     assert canvas.boxes() == []
 
 
-def test_a_camera_without_depth_gives_no_boxes(canvas):
+def test_a_camera_without_depth_gives_no_boxes(canvas: Canvas) -> None:
     canvas.wall(np.s_[50:70], np.s_[100:140], 2.0)
     assert detect_boxes(CameraImage(canvas.rgb, 0, "camera"), LENS, WOOD, "map", Transform()) == []
 
 
-def test_a_locator_without_a_camera_cannot_be_configured(robot):
+def test_a_locator_without_a_camera_cannot_be_configured(robot: RecordingRobot) -> None:
     locator = ObjectLocator(robot, TransformTree())
     assert not locator.configure()
     assert locator.state is LifecycleState.UNCONFIGURED
@@ -117,7 +119,7 @@ def locator(body: SimulatedRobot) -> ObjectLocator:
 
 def test_each_box_lies_in_a_piece_of_wooden_furniture_of_the_house(
     body: SimulatedRobot, locator: ObjectLocator
-):
+) -> None:
     assert locator.activate()
     body.move_head(-1.2, -0.15)
     wait(body, 2.6)
@@ -137,7 +139,7 @@ def test_each_box_lies_in_a_piece_of_wooden_furniture_of_the_house(
 
 def test_the_nearest_box_has_the_place_and_height_of_its_furniture(
     body: SimulatedRobot, locator: ObjectLocator
-):
+) -> None:
     locator.activate()
     body.move_head(-1.2, -0.15)
     wait(body, 2.6)
@@ -146,7 +148,9 @@ def test_the_nearest_box_has_the_place_and_height_of_its_furniture(
     assert counter.centre[2] + counter.size[2] / 2 == pytest.approx(0.9, abs=0.03)
 
 
-def test_boxes_are_detected_only_while_the_locator_is_active(body: SimulatedRobot, locator: ObjectLocator):
+def test_boxes_are_detected_only_while_the_locator_is_active(
+    body: SimulatedRobot, locator: ObjectLocator
+) -> None:
     body.move_head(-1.2, -0.15)
     wait(body, 2.0)
     assert locator.boxes == ()
@@ -162,7 +166,7 @@ def test_boxes_are_detected_only_while_the_locator_is_active(body: SimulatedRobo
     assert locator.moving_scene() == MovingScene(boxes=[])
 
 
-def test_with_the_navigation_boxes_are_in_the_map_frame(body: SimulatedRobot):
+def test_with_the_navigation_boxes_are_in_the_map_frame(body: SimulatedRobot) -> None:
     chart = rasterise(body.world.description)
     navigation = Navigation(body, chart, np.random.default_rng(1), folder())
     locator = ObjectLocator(body, navigation.transforms)

@@ -17,6 +17,7 @@ from btcore_robot.process.messages import GREEN, RED, Arrow, Arrows
 from btcore_robot.process.process import Executor, LogMessage, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Phase, Pose2D
 from btcore_robot.transforms import FrameBroadcaster
+from tests.robot_nodes.conftest import RecordingRobot
 
 LASER = "base_laser_link"
 
@@ -57,11 +58,11 @@ class Looking:
 
 
 @pytest.fixture
-def looking(robot) -> Looking:
+def looking(robot: RecordingRobot) -> Looking:
     return Looking(robot)
 
 
-def test_the_detector_publishes_the_hit_of_the_middle_ray_in_the_lasers_frame(looking: Looking):
+def test_the_detector_publishes_the_hit_of_the_middle_ray_in_the_lasers_frame(looking: Looking) -> None:
     looking.add(ObstacleDetector)
     looking.see(0.3, 1.5, 0.4)
     found = looking.context.transforms.lookup(LASER, "detected_obstacle")
@@ -71,20 +72,20 @@ def test_the_detector_publishes_the_hit_of_the_middle_ray_in_the_lasers_frame(lo
 
 
 @pytest.mark.parametrize("reading", [math.inf, -math.inf, math.nan])
-def test_without_an_echo_the_detector_publishes_nothing(looking: Looking, reading: float):
+def test_without_an_echo_the_detector_publishes_nothing(looking: Looking, reading: float) -> None:
     looking.add(ObstacleDetector)
     looking.see(1.0, reading, 1.0)
     assert "detected_obstacle" not in looking.context.transforms.frames()
 
 
-def test_the_obstacles_transform_is_static_and_does_not_expire(looking: Looking):
+def test_the_obstacles_transform_is_static_and_does_not_expire(looking: Looking) -> None:
     looking.add(ObstacleDetector)
     looking.see(1.0, 1.5, 1.0)
     looking.robot.clock.sleep(60.0)
     assert looking.where(LASER)[0] == pytest.approx(1.5)
 
 
-def test_only_the_improved_detectors_obstacle_stays_when_the_robot_moves(robot):
+def test_only_the_improved_detectors_obstacle_stays_when_the_robot_moves(robot: RecordingRobot) -> None:
     places = {}
     for kind in (ObstacleDetector, ObstacleDetectorImproved):
         looking = Looking(type(robot)())
@@ -102,7 +103,7 @@ def test_only_the_improved_detectors_obstacle_stays_when_the_robot_moves(robot):
     assert places[ObstacleDetectorImproved] == pytest.approx((1.7, 0.0, 0.1), abs=1e-6)
 
 
-def test_the_improved_detector_uses_the_lasers_pose_at_the_scans_time(looking: Looking):
+def test_the_improved_detector_uses_the_lasers_pose_at_the_scans_time(looking: Looking) -> None:
     looking.know_frames()
     looking.add(ObstacleDetectorImproved)
     looking.robot.clock.sleep(0.5)
@@ -115,14 +116,14 @@ def test_the_improved_detector_uses_the_lasers_pose_at_the_scans_time(looking: L
     assert looking.where("odom") == pytest.approx((1.7, 0.0, 0.1), abs=1e-6)
 
 
-def test_without_the_robots_frames_the_improved_detector_warns(looking: Looking):
+def test_without_the_robots_frames_the_improved_detector_warns(looking: Looking) -> None:
     looking.add(ObstacleDetectorImproved)
     looking.see(1.0, 1.5, 1.0)
     assert [line.level for line in looking.lines] == ["WARN"]
     assert "detected_obstacle" not in looking.context.transforms.frames()
 
 
-def test_the_monitor_logs_the_obstacle_twice_a_second_and_draws_an_arrow(looking: Looking):
+def test_the_monitor_logs_the_obstacle_twice_a_second_and_draws_an_arrow(looking: Looking) -> None:
     looking.know_frames()
     looking.add(ObstacleDetector)
     looking.add(ObstacleMonitor)
@@ -136,7 +137,7 @@ def test_the_monitor_logs_the_obstacle_twice_a_second_and_draws_an_arrow(looking
     assert (arrow.start, arrow.end) == ((0.0, 0.0, 0.0), pytest.approx((1.7, 0.0, 0.1)))
 
 
-def test_the_monitor_warns_while_there_is_no_obstacle(looking: Looking):
+def test_the_monitor_warns_while_there_is_no_obstacle(looking: Looking) -> None:
     looking.know_frames()
     looking.add(ObstacleMonitor)
     looking.robot.clock.sleep(1.0)
@@ -147,7 +148,7 @@ def test_the_monitor_warns_while_there_is_no_obstacle(looking: Looking):
 # --- exercises
 
 
-def test_exercise_the_displacement_of_each_second(looking: Looking):
+def test_exercise_the_displacement_of_each_second(looking: Looking) -> None:
     looking.know_frames()
     looking.add(Displacement)
     looking.robot.clock.sleep(1.0)
@@ -162,11 +163,11 @@ def test_exercise_the_displacement_of_each_second(looking: Looking):
 
 
 @pytest.mark.parametrize(("distance", "colour"), [(9.0, GREEN), (3.0, GREEN), (0.5, RED), (0.1, RED)])
-def test_exercise_the_arrow_is_green_far_away_and_red_near(distance: float, colour):
+def test_exercise_the_arrow_is_green_far_away_and_red_near(distance: float, colour) -> None:
     assert distance_colour(distance) == colour
 
 
-def test_exercise_the_arrows_colour_changes_gradually_with_the_distance(looking: Looking):
+def test_exercise_the_arrows_colour_changes_gradually_with_the_distance(looking: Looking) -> None:
     shares = [distance_colour(distance)[0] for distance in (0.6, 1.0, 2.0, 2.9)]
     assert shares == sorted(shares, reverse=True)
     looking.know_frames()
@@ -177,7 +178,7 @@ def test_exercise_the_arrows_colour_changes_gradually_with_the_distance(looking:
     assert looking.arrows[0].colour == GREEN
 
 
-def test_exercise_the_obstacle_in_three_frames(looking: Looking):
+def test_exercise_the_obstacle_in_three_frames(looking: Looking) -> None:
     looking.robot.at = Pose2D(1.0, 2.0, math.pi / 2)
     looking.know_frames()
     looking.add(ObstacleDetectorImproved)

@@ -18,6 +18,7 @@ from btcore_robot.process.process import (
 from btcore_robot.process.programs import UnknownProgramError, create_processes
 from btcore_robot.process.topics import TopicError
 from btcore_robot.robot import Phase
+from tests.robot_nodes.conftest import RecordingRobot
 
 SECOND = 10**9
 
@@ -41,11 +42,11 @@ class Desk:
 
 
 @pytest.fixture
-def desk(robot) -> Desk:
+def desk(robot: RecordingRobot) -> Desk:
     return Desk(robot.clock)
 
 
-def test_the_logger_counts_from_zero_twice_a_second(desk: Desk):
+def test_the_logger_counts_from_zero_twice_a_second(desk: Desk) -> None:
     desk.add(Logger(desk.context))
     desk.clock.sleep(1.6)
     assert desk.output == [
@@ -56,7 +57,7 @@ def test_the_logger_counts_from_zero_twice_a_second(desk: Desk):
     assert str(desk.lines[0]) == "[INFO] [0.500] [logger_node]: Hello 0"
 
 
-def test_the_publisher_counts_before_it_publishes(desk: Desk):
+def test_the_publisher_counts_before_it_publishes(desk: Desk) -> None:
     received: list[tuple[float, int]] = []
     listener = Process("listener", desk.context)
     listener.create_subscription(
@@ -67,14 +68,14 @@ def test_the_publisher_counts_before_it_publishes(desk: Desk):
     assert received == [(0.5, 1), (1.0, 2), (1.5, 3)]
 
 
-def test_publisher_and_subscriber_in_one_executor(desk: Desk):
+def test_publisher_and_subscriber_in_one_executor(desk: Desk) -> None:
     desk.add(*create_processes("executor", desk.context))
     desk.clock.sleep(1.6)
     assert [text for _, _, text in desk.output] == ["Hello 1", "Hello 2", "Hello 3"]
     assert {name for _, name, _ in desk.output} == {"subscriber_node"}
 
 
-def test_publisher_and_subscriber_in_two_executors(desk: Desk):
+def test_publisher_and_subscriber_in_two_executors(desk: Desk) -> None:
     other = Executor(desk.clock, desk.clock)
     other.add(NumberSubscriber(desk.context))
     desk.add(NumberPublisher(desk.context))
@@ -82,7 +83,7 @@ def test_publisher_and_subscriber_in_two_executors(desk: Desk):
     assert [(time, text) for time, _, text in desk.output] == [(0.5, "Hello 1"), (1.0, "Hello 2")]
 
 
-def test_localization_has_default_parameters(desk: Desk):
+def test_localization_has_default_parameters(desk: Desk) -> None:
     process = Localization(desk.context)
     assert (process.number_particles, process.topics, process.topic_types) == (200, [], [])
     assert desk.lines[0].level == "INFO"
@@ -97,7 +98,7 @@ localization_node:
 """
 
 
-def test_a_parameter_file_sets_the_parameters(desk: Desk, tmp_path: Path):
+def test_a_parameter_file_sets_the_parameters(desk: Desk, tmp_path: Path) -> None:
     (tmp_path / "params.yaml").write_text(PARAMS)
     given = load_process_parameters(tmp_path / "params.yaml", "localization_node")
     process = Localization(desk.context, ProcessOptions(parameters=given))
@@ -106,14 +107,14 @@ def test_a_parameter_file_sets_the_parameters(desk: Desk, tmp_path: Path):
     assert [line.level for line in desk.lines] == ["INFO"] * 3
 
 
-def test_lists_of_different_lengths_are_reported_as_an_error(desk: Desk):
+def test_lists_of_different_lengths_are_reported_as_an_error(desk: Desk) -> None:
     Localization(desk.context, ProcessOptions(parameters={"topics": ["scan"]}))
     assert [(line.level, line.text) for line in desk.lines] == [
         ("ERROR", "Number of topics (1) != number of types (0)")
     ]
 
 
-def test_a_misnamed_parameter_is_ignored_with_a_warning(desk: Desk):
+def test_a_misnamed_parameter_is_ignored_with_a_warning(desk: Desk) -> None:
     """The first launch file of the book passes "particles"."""
     process = Localization(desk.context, ProcessOptions(parameters={"particles": 300}))
     assert process.number_particles == 200
@@ -123,7 +124,7 @@ def test_a_misnamed_parameter_is_ignored_with_a_warning(desk: Desk):
     ]
 
 
-def test_every_process_accepts_use_sim_time(desk: Desk):
+def test_every_process_accepts_use_sim_time(desk: Desk) -> None:
     assert (
         list(Logger(desk.context, ProcessOptions(parameters={"use_sim_time": True})).unused_warnings()) == []
     )
@@ -133,7 +134,7 @@ def test_every_process_accepts_use_sim_time(desk: Desk):
     "given",
     [{"number_particles": "many"}, {"number_particles": 1.5}, {"topics": "scan"}, {"topics": [1, "a"]}],
 )
-def test_a_parameter_of_another_type_raises(desk: Desk, given: dict):
+def test_a_parameter_of_another_type_raises(desk: Desk, given: dict) -> None:
     with pytest.raises(ParameterError, match="localization_node: the parameter '"):
         Localization(desk.context, ProcessOptions(parameters=given))
 
@@ -158,7 +159,7 @@ class Talk:
         self.received.append(message.data)
 
 
-def test_a_full_queue_loses_its_oldest_messages(desk: Desk):
+def test_a_full_queue_loses_its_oldest_messages(desk: Desk) -> None:
     talk = Talk(desk)
     subscription = talk.listener.create_subscription("numbers", Int32, talk.receive, depth=2)
     desk.add(talk.listener)
@@ -169,7 +170,7 @@ def test_a_full_queue_loses_its_oldest_messages(desk: Desk):
     assert subscription.lost == 2
 
 
-def test_a_later_subscriber_receives_the_last_message_of_a_latched_topic(desk: Desk):
+def test_a_later_subscriber_receives_the_last_message_of_a_latched_topic(desk: Desk) -> None:
     talk = Talk(desk, latched=True)
     talk.send(1, 2)
     talk.listener.create_subscription("numbers", Int32, talk.receive)
@@ -178,7 +179,7 @@ def test_a_later_subscriber_receives_the_last_message_of_a_latched_topic(desk: D
     assert talk.received == [2]
 
 
-def test_a_later_subscriber_receives_no_earlier_message_without_latching(desk: Desk):
+def test_a_later_subscriber_receives_no_earlier_message_without_latching(desk: Desk) -> None:
     talk = Talk(desk)
     talk.send(1, 2)
     talk.listener.create_subscription("numbers", Int32, talk.receive)
@@ -187,7 +188,7 @@ def test_a_later_subscriber_receives_no_earlier_message_without_latching(desk: D
     assert talk.received == []
 
 
-def test_a_message_or_a_subscription_of_another_type_raises(desk: Desk):
+def test_a_message_or_a_subscription_of_another_type_raises(desk: Desk) -> None:
     talk = Talk(desk)
     with pytest.raises(TopicError, match="/numbers has messages of type Int32, not of type str"):
         talk.numbers.publish("seven")  # type: ignore[arg-type]
@@ -195,7 +196,7 @@ def test_a_message_or_a_subscription_of_another_type_raises(desk: Desk):
         talk.listener.create_subscription("/numbers", str, print)
 
 
-def test_a_process_is_remapped_at_its_start(desk: Desk):
+def test_a_process_is_remapped_at_its_start(desk: Desk) -> None:
     listener = NumberSubscriber(desk.context, ProcessOptions("other", {"int_topic": "/numbers"}))
     talk = Talk(desk)
     desk.add(listener)
@@ -204,7 +205,7 @@ def test_a_process_is_remapped_at_its_start(desk: Desk):
     assert desk.output == [(0.0, "other", "Hello 7")]
 
 
-def test_a_message_is_received_at_the_time_of_its_publication(desk: Desk):
+def test_a_message_is_received_at_the_time_of_its_publication(desk: Desk) -> None:
     talk = Talk(desk)
     moments: list[float] = []
     talk.listener.create_subscription(
@@ -216,7 +217,7 @@ def test_a_message_is_received_at_the_time_of_its_publication(desk: Desk):
     assert moments == [0.25, 0.5, 0.75, 1.0]
 
 
-def test_a_destroyed_process_receives_nothing_and_its_timers_stop(desk: Desk):
+def test_a_destroyed_process_receives_nothing_and_its_timers_stop(desk: Desk) -> None:
     talk = Talk(desk)
     talk.listener.create_subscription("numbers", Int32, talk.receive)
     logger = Logger(desk.context)
@@ -228,7 +229,7 @@ def test_a_destroyed_process_receives_nothing_and_its_timers_stop(desk: Desk):
     assert (talk.received, desk.lines) == ([], [])
 
 
-def test_a_timer_can_be_cancelled_by_its_own_callback(desk: Desk):
+def test_a_timer_can_be_cancelled_by_its_own_callback(desk: Desk) -> None:
     process = Process("once", desk.context)
     calls: list[int] = []
     timer = process.create_timer(0.1, lambda: (calls.append(1), timer.cancel()))
@@ -237,7 +238,7 @@ def test_a_timer_can_be_cancelled_by_its_own_callback(desk: Desk):
     assert calls == [1]
 
 
-def test_callbacks_that_publish_to_each_other_without_end_raise(desk: Desk):
+def test_callbacks_that_publish_to_each_other_without_end_raise(desk: Desk) -> None:
     talk = Talk(desk)
     talk.listener.create_subscription("numbers", Int32, talk.numbers.publish)
     desk.add(talk.listener)
@@ -266,7 +267,7 @@ launch:
 """
 
 
-def test_a_launch_file_starts_publisher_and_subscriber(desk: Desk, tmp_path: Path):
+def test_a_launch_file_starts_publisher_and_subscriber(desk: Desk, tmp_path: Path) -> None:
     (tmp_path / "pub_sub.launch.yaml").write_text(PUB_SUB)
     desk.add(*launch_processes(read_launch(tmp_path / "pub_sub.launch.yaml"), desk.context))
     assert [process.name for process in desk.executor.processes] == ["speaker", "subscriber_node"]
@@ -274,7 +275,7 @@ def test_a_launch_file_starts_publisher_and_subscriber(desk: Desk, tmp_path: Pat
     assert [text for _, _, text in desk.output] == ["Hello 1", "Hello 2"]
 
 
-def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path: Path):
+def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path: Path) -> None:
     (tmp_path / "pub_sub.launch.yaml").write_text(PUB_SUB)
     (tmp_path / "params.yaml").write_text(PARAMS)
     (tmp_path / "all.launch.yaml").write_text(WITH_PARAMS)
@@ -307,12 +308,12 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
 )
 def test_an_error_in_a_launch_file_is_reported_with_its_line(
     desk: Desk, tmp_path: Path, text: str, output: str
-):
+) -> None:
     (tmp_path / "f.yaml").write_text(text)
     with pytest.raises(LaunchError, match=output):
         launch_processes(read_launch(tmp_path / "f.yaml"), desk.context)
 
 
-def test_an_unknown_program_raises(desk: Desk):
+def test_an_unknown_program_raises(desk: Desk) -> None:
     with pytest.raises(UnknownProgramError, match="there are logger, publisher"):
         create_processes("xyz", desk.context)

@@ -14,6 +14,7 @@ from btcore_robot.process.robot_bridge import (
     RobotBridge,
 )
 from btcore_robot.robot import CameraImage, HeadPosition, LaserScan, Odometry, Pose2D, Twist2D
+from tests.robot_nodes.conftest import RecordingRobot
 
 
 class Bridged:
@@ -36,11 +37,11 @@ class Bridged:
 
 
 @pytest.fixture
-def bridged(robot) -> Bridged:
+def bridged(robot: RecordingRobot) -> Bridged:
     return Bridged(robot)
 
 
-def test_each_scan_is_published_once(bridged: Bridged):
+def test_each_scan_is_published_once(bridged: Bridged) -> None:
     bridged.listen("/scan_raw", LaserScan)
     bridged.robot.see(1.0)
     bridged.sleep(0.1)
@@ -51,7 +52,7 @@ def test_each_scan_is_published_once(bridged: Bridged):
     assert SCAN_TOPIC == "/scan_raw"
 
 
-def test_odometry_is_published_fifty_times_a_second(bridged: Bridged):
+def test_odometry_is_published_fifty_times_a_second(bridged: Bridged) -> None:
     bridged.listen(ODOMETRY_TOPIC, Odometry)
     bridged.robot.at = Pose2D(1.0, 2.0, 0.5)
     bridged.sleep(1.0)
@@ -59,7 +60,7 @@ def test_odometry_is_published_fifty_times_a_second(bridged: Bridged):
     assert bridged.received[-1].pose == Pose2D(1.0, 2.0, 0.5)
 
 
-def test_the_head_is_published_and_commanded(bridged: Bridged):
+def test_the_head_is_published_and_commanded(bridged: Bridged) -> None:
     bridged.listen(JOINT_STATE, HeadPosition)
     bridged.robot.turned = HeadPosition(0.1, 0.2, 7)
     bridged.other.create_publisher(JOINT_COMMAND, HeadCommand).publish(HeadCommand(0.3, -0.1))
@@ -71,7 +72,7 @@ def test_the_head_is_published_and_commanded(bridged: Bridged):
 @pytest.mark.parametrize(
     ("topic", "priority"), [("/cmd_vel", 10), ("/nav_vel", 10), ("/key_vel", 90), ("/joy_vel", 100)]
 )
-def test_velocities_are_passed_on_with_their_priority(bridged: Bridged, topic: str, priority: int):
+def test_velocities_are_passed_on_with_their_priority(bridged: Bridged, topic: str, priority: int) -> None:
     reported: list[int] = []
     drive = bridged.robot.drive
     bridged.robot.drive = lambda v, w, *, priority: (reported.append(priority), drive(v, w))
@@ -81,7 +82,7 @@ def test_velocities_are_passed_on_with_their_priority(bridged: Bridged, topic: s
     assert reported == [priority]
 
 
-def test_a_picture_is_requested_only_while_there_is_a_subscriber(bridged: Bridged):
+def test_a_picture_is_requested_only_while_there_is_a_subscriber(bridged: Bridged) -> None:
     asked: list[int] = []
     picture = CameraImage(np.zeros((2, 2, 3), dtype=np.uint8), 5, "camera")
     bridged.robot.camera = lambda: (asked.append(1), picture)[1]
@@ -92,7 +93,7 @@ def test_a_picture_is_requested_only_while_there_is_a_subscriber(bridged: Bridge
     assert bridged.received == [picture]
 
 
-def test_a_bridge_without_a_robot_is_refused(robot):
+def test_a_bridge_without_a_robot_is_refused(robot: RecordingRobot) -> None:
     context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
     with pytest.raises(ValueError, match="a bridge needs a robot"):
         RobotBridge(context)

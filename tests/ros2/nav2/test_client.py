@@ -8,6 +8,8 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from tests.ros2.nav2.conftest import ClientBench
+
 pytest.importorskip("rclpy")
 pytest.importorskip("nav2_msgs")
 
@@ -37,7 +39,7 @@ SPIN = '<Spin spin_dist="1.5" server_name="{}/spin" error_code_id="{{code}}" err
 
 
 @pytest.fixture
-def impatient(bench, monkeypatch):
+def impatient(bench: ClientBench, monkeypatch: pytest.MonkeyPatch):
     """Let the nodes wait for an answer as long as for users."""
     monkeypatch.setattr(action_node, "MIN_ACCEPTANCE_MS", MIN_ACCEPTANCE_MS)
 
@@ -65,7 +67,7 @@ def impatient(bench, monkeypatch):
         ('<NavigateThroughPoses goals="2;0|2;3"/>', "navigate_through_poses", {"behavior_tree": ""}),
     ],
 )
-def test_the_server_receives_the_ports(bench, leaf, action, expected):
+def test_the_server_receives_the_ports(bench: ClientBench, leaf: str, action: str, expected) -> None:
     assert bench.run(bench.tree(leaf)) is Status.SUCCESS
     assert bench.session.wait_for(lambda: bench.received, LIMIT)
     name, goal = bench.received[0]
@@ -73,7 +75,7 @@ def test_the_server_receives_the_ports(bench, leaf, action, expected):
     assert {key: goal[key] for key in expected} == expected
 
 
-def test_compute_path_writes_the_path(bench):
+def test_compute_path_writes_the_path(bench: ClientBench) -> None:
     tree = bench.tree(
         '<ComputePathToPose goal="2;0" start="1;0" planner_id="Lattice"'
         ' path="{path}" error_code_id="{code}"/>'
@@ -91,7 +93,7 @@ def test_compute_path_writes_the_path(bench):
     )
 
 
-def test_compute_path_through_poses_passes_all_goals(bench):
+def test_compute_path_through_poses_passes_all_goals(bench: ClientBench) -> None:
     tree = bench.tree('<ComputePathThroughPoses goals="{goals}" path="{path}"/>', goals=[AHEAD, LEFT])
     assert bench.run(tree) is Status.SUCCESS
     path = tree.blackboard["path"]
@@ -99,7 +101,7 @@ def test_compute_path_through_poses_passes_all_goals(bench):
     assert path[2].yaw == pytest.approx(1.0)
 
 
-def test_smooth_path_writes_the_result(bench):
+def test_smooth_path_writes_the_result(bench: ClientBench) -> None:
     tree = bench.tree(
         '<SmoothPath unsmoothed_path="{path}" smoothed_path="{out}" was_completed="{done}"/>', path=PATH
     )
@@ -108,7 +110,7 @@ def test_smooth_path_writes_the_result(bench):
     assert tree.blackboard["done"] is True
 
 
-def test_follow_path_writes_its_feedback_while_it_runs(bench):
+def test_follow_path_writes_its_feedback_while_it_runs(bench: ClientBench) -> None:
     tree = bench.tree(
         '<FollowPath path="{path}" tracking_feedback="{how}" server_name="hang/follow_path"/>', path=PATH
     )
@@ -119,7 +121,7 @@ def test_follow_path_writes_its_feedback_while_it_runs(bench):
     assert bench.session.wait_for(lambda: "hang/follow_path canceled" in bench.names(), LIMIT)
 
 
-def test_follow_path_sends_a_changed_path_without_cancelling(bench):
+def test_follow_path_sends_a_changed_path_without_cancelling(bench: ClientBench) -> None:
     tree = bench.tree('<FollowPath path="{path}" server_name="hang/follow_path"/>', path=PATH)
     bench.run(tree, lambda: bench.names().count("hang/follow_path") == 1)
     tree.blackboard["path"] = NavPath(PATH.poses[:2], 1)
@@ -134,20 +136,20 @@ def test_follow_path_sends_a_changed_path_without_cancelling(bench):
 # --- failures
 
 
-def test_an_aborted_goal_is_a_failure_with_code_and_message(bench):
+def test_an_aborted_goal_is_a_failure_with_code_and_message(bench: ClientBench) -> None:
     tree = bench.tree(SPIN.format("abort"))
     assert bench.run(tree) is Status.FAILURE
     assert (tree.blackboard["code"], tree.blackboard["why"]) == (Nav2ErrorCode.SPIN_TF_ERROR, "no transform")
 
 
-def test_compute_path_clears_the_path_when_it_is_aborted(bench):
+def test_compute_path_clears_the_path_when_it_is_aborted(bench: ClientBench) -> None:
     leaf = '<ComputePathToPose goal="2;0" path="{path}" server_name="abort/compute_path_to_pose"/>'
     tree = bench.tree(leaf, path=PATH)
     assert bench.run(tree) is Status.FAILURE
     assert len(tree.blackboard["path"]) == 0
 
 
-def test_a_rejected_goal_is_a_failure(bench):
+def test_a_rejected_goal_is_a_failure(bench: ClientBench) -> None:
     tree = bench.tree(SPIN.format("reject"))
     assert bench.run(tree) is Status.FAILURE
     assert tree.blackboard["code"] == Nav2ErrorCode.GOAL_REJECTED
@@ -155,7 +157,9 @@ def test_a_rejected_goal_is_a_failure(bench):
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_missing_server_is_a_failure_after_the_time_out(bench, caplog, monkeypatch):
+def test_a_missing_server_is_a_failure_after_the_time_out(
+    bench: ClientBench, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(bench.client, "discovery_ns", 0)
     tree = bench.tree(SPIN.format("hagn"))
     began = bench.session.clock.now()
@@ -168,7 +172,7 @@ def test_a_missing_server_is_a_failure_after_the_time_out(bench, caplog, monkeyp
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_server_that_accepts_too_late_is_told_to_cancel(bench):
+def test_a_server_that_accepts_too_late_is_told_to_cancel(bench: ClientBench) -> None:
     tree = bench.tree(SPIN.format("late"))
     assert bench.run(tree) is Status.FAILURE
     assert tree.blackboard["why"] == "the action server 'late/spin' did not answer the goal in time"
@@ -176,7 +180,7 @@ def test_a_server_that_accepts_too_late_is_told_to_cancel(bench):
 
 
 @pytest.mark.usefixtures("impatient")
-def test_server_timeout_is_respected_above_a_second(bench):
+def test_server_timeout_is_respected_above_a_second(bench: ClientBench) -> None:
     tree = bench.tree('<Spin server_name="late/spin" server_timeout="60000"/>')
     end = bench.session.clock.now() + 1_300_000_000
     assert bench.run(tree, lambda: bench.session.clock.now() > end) is Status.RUNNING
@@ -213,7 +217,9 @@ node.destroy_node()
     ],
     ids=["starts late", "ends"],
 )
-def test_a_server_starts_late_and_may_end_while_it_works(bench, execute, result, reason):
+def test_a_server_starts_late_and_may_end_while_it_works(
+    bench: ClientBench, execute: str, result, reason: str
+) -> None:
     name = f"{result.name.lower()}/wait"
     tree = bench.tree(f'<Wait server_name="{name}" server_timeout="120000" error_msg="{{why}}"/>')
     assert tree.tick_exactly_once() is Status.RUNNING
@@ -225,7 +231,7 @@ def test_a_server_starts_late_and_may_end_while_it_works(bench, execute, result,
     assert tree.blackboard["why"] == (f"the action server '{name}'{reason}" if reason else "")
 
 
-def test_the_time_for_the_discovery_of_a_server_is_a_parameter():
+def test_the_time_for_the_discovery_of_a_server_is_a_parameter() -> None:
     with RosSession("patient", arguments=["-p", "wait_for_service_timeout:=25000"]) as session:
         assert [Nav2Client(session).discovery_ns for _ in range(2)] == [25_000_000_000] * 2
         client = Nav2Client(session)
@@ -240,7 +246,7 @@ def test_the_time_for_the_discovery_of_a_server_is_a_parameter():
         Nav2Client(session)
 
 
-def test_move_waits_for_the_discovery_of_the_navigator():
+def test_move_waits_for_the_discovery_of_the_navigator() -> None:
     nodes = Registry.standard()
     nodes.add(Move)
     move = '<Move goal="{goal}" error="{why}"/>'
@@ -257,14 +263,16 @@ def test_move_waits_for_the_discovery_of_the_navigator():
 
 
 @pytest.mark.parametrize(("recovery", "result"), [("true", Status.FAILURE), ("false", Status.SUCCESS)])
-def test_aborted_teleoperation_fails_only_as_a_recovery(bench, recovery, result):
+def test_aborted_teleoperation_fails_only_as_a_recovery(bench: ClientBench, recovery: str, result) -> None:
     ports = f'is_recovery="{recovery}" server_name="abort/assisted_teleop" error_code_id="{{code}}"'
     tree = bench.tree(f"<AssistedTeleop {ports}/>")
     assert bench.run(tree) is result
     assert tree.blackboard["code"] == 732
 
 
-def test_an_action_of_another_release_is_a_failure(bench, monkeypatch):
+def test_an_action_of_another_release_is_a_failure(
+    bench: ClientBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delattr("nav2_msgs.action.ComputeRoute", raising=False)
     tree = bench.tree('<ComputeRoute goal="1;2" use_poses="true" route="{route}" error_msg="{why}"/>')
     assert bench.run(tree) is Status.FAILURE
@@ -274,7 +282,7 @@ def test_an_action_of_another_release_is_a_failure(bench, monkeypatch):
     assert tree.blackboard["route"] == Route()
 
 
-def test_nodes_of_a_route_become_goals(bench):
+def test_nodes_of_a_route_become_goals(bench: ClientBench) -> None:
     tree = bench.tree('<ExtractRouteNodesAsGoals route="{r}" goals="{goals}"/>', r=Route((AHEAD, LEFT)))
     assert bench.run(tree) is Status.SUCCESS
     assert tree.blackboard["goals"] == [AHEAD, LEFT]
@@ -283,7 +291,7 @@ def test_nodes_of_a_route_become_goals(bench):
 # --- cancellations
 
 
-def test_a_halt_returns_at_once_and_cancels_the_goal(bench):
+def test_a_halt_returns_at_once_and_cancels_the_goal(bench: ClientBench) -> None:
     tree = bench.tree(SPIN.format("hang"))
     bench.run(tree, lambda: bench.names() == ["hang/spin"])
     bench.wait(0.1)
@@ -295,7 +303,7 @@ def test_a_halt_returns_at_once_and_cancels_the_goal(bench):
     assert bench.session.wait_for(lambda: "hang/spin canceled" in bench.names(), LIMIT)
 
 
-def test_a_goal_that_another_client_cancels_is_a_success(bench):
+def test_a_goal_that_another_client_cancels_is_a_success(bench: ClientBench) -> None:
     tree = bench.tree(SPIN.format("hang"))
     bench.run(tree, lambda: bench.names() == ["hang/spin"])
     bench.wait(0.1)
@@ -307,7 +315,7 @@ def test_a_goal_that_another_client_cancels_is_a_success(bench):
     assert tree.blackboard["code"] == 0
 
 
-def test_a_cancel_node_ends_the_goals_of_its_server(bench):
+def test_a_cancel_node_ends_the_goals_of_its_server(bench: ClientBench) -> None:
     running = bench.tree(SPIN.format("hang"))
     bench.run(running, lambda: bench.names() == ["hang/spin"])
     bench.wait(0.1)
@@ -315,7 +323,7 @@ def test_a_cancel_node_ends_the_goals_of_its_server(bench):
     assert bench.run(running) is Status.SUCCESS
 
 
-def test_a_refused_cancellation_is_logged(bench, caplog):
+def test_a_refused_cancellation_is_logged(bench: ClientBench, caplog: pytest.LogCaptureFixture) -> None:
     tree = bench.tree(SPIN.format("stubborn"))
     bench.run(tree, lambda: bench.names() == ["stubborn/spin"])
     bench.wait(0.1)
@@ -349,7 +357,7 @@ def test_a_refused_cancellation_is_logged(bench, caplog):
         ("<ReinitializeGlobalLocalization/>", "reinitialize_global_localization", {}),
     ],
 )
-def test_a_service_receives_its_request(bench, leaf, service, expected):
+def test_a_service_receives_its_request(bench: ClientBench, leaf: str, service: str, expected) -> None:
     tree = bench.tree(leaf)
     assert bench.run(tree) is Status.SUCCESS
     assert bench.session.wait_for(lambda: bench.received, LIMIT)
@@ -358,7 +366,7 @@ def test_a_service_receives_its_request(bench, leaf, service, expected):
     assert {key: request[key] for key in expected} == expected
 
 
-def test_clearing_counts_as_a_recovery_once(bench):
+def test_clearing_counts_as_a_recovery_once(bench: ClientBench) -> None:
     tree = bench.tree('<ClearEntireCostmap service_name="local_costmap/clear_entirely_local_costmap"/>')
     assert bench.run(tree) is Status.SUCCESS
     assert tree.blackboard["number_recoveries"] == 1
@@ -366,27 +374,27 @@ def test_clearing_counts_as_a_recovery_once(bench):
 
 @pytest.mark.parametrize("node", ["IsPathValid", "ValidatePath"])
 @pytest.mark.parametrize(("length", "result"), [(2, Status.SUCCESS), (3, Status.FAILURE)])
-def test_a_path_is_checked(bench, node, length, result):
+def test_a_path_is_checked(bench: ClientBench, node: str, length: int, result) -> None:
     tree = bench.tree(f'<{node} path="{{path}}" max_cost="200"/>', path=NavPath(PATH.poses[:length], 0))
     assert bench.run(tree) is result
     assert bench.session.wait_for(lambda: bench.received, LIMIT)
     assert bench.received[0][1]["max_cost"] == 200
 
 
-def test_validate_path_writes_the_poses_in_collision(bench):
+def test_validate_path_writes_the_poses_in_collision(bench: ClientBench) -> None:
     tree = bench.tree('<ValidatePath path="{path}" collision_poses="{hits}"/>', path=PATH)
     assert bench.run(tree) is Status.FAILURE
     assert tree.blackboard["hits"] == [Pose2D(1.0, 0.0, 0.0)]
 
 
-def test_goals_in_collision_are_removed(bench):
+def test_goals_in_collision_are_removed(bench: ClientBench) -> None:
     goals = [AHEAD, LEFT, Pose2D(9.0, 9.0, 0.0)]
     tree = bench.tree('<RemoveInCollisionGoals input_goals="{goals}" output_goals="{left}"/>', goals=goals)
     assert bench.run(tree) is Status.SUCCESS
     assert tree.blackboard["left"] == goals[:2]
 
 
-def test_a_service_that_reports_a_failure_is_a_failure(bench):
+def test_a_service_that_reports_a_failure_is_a_failure(bench: ClientBench) -> None:
     tree = bench.tree('<RemoveInCollisionGoals input_goals="" output_goals="{left}"/>')
     assert bench.run(tree) is Status.FAILURE
     assert tree.blackboard["left"] == []
@@ -401,13 +409,21 @@ def test_a_service_that_reports_a_failure_is_a_failure(bench):
         ("", "ClearEntireCostmap has no default name: set the port service_name"),
     ],
 )
-def test_a_service_that_does_not_answer_is_a_failure(bench, caplog, monkeypatch, service, message):
+def test_a_service_that_does_not_answer_is_a_failure(
+    bench: ClientBench,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+    service: str,
+    message: str,
+) -> None:
     monkeypatch.setattr(bench.client, "discovery_ns", 0)
     assert bench.run(bench.tree(f'<ClearEntireCostmap service_name="{service}"/>')) is Status.FAILURE
     assert message in caplog.text
 
 
-def test_a_service_of_another_release_is_a_failure(bench, caplog, monkeypatch):
+def test_a_service_of_another_release_is_a_failure(
+    bench: ClientBench, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delattr("nav2_msgs.srv.ClearCostmapAroundPose", raising=False)
     tree = bench.tree('<ClearCostmapAroundPose pose="1;2" service_name="global_costmap/clear_around_pose"/>')
     assert bench.run(tree) is Status.FAILURE
@@ -417,7 +433,7 @@ def test_a_service_of_another_release_is_a_failure(bench, caplog, monkeypatch):
 # --- pose, odometry, battery and topics
 
 
-def test_the_pose_comes_from_tf(bench):
+def test_the_pose_comes_from_tf(bench: ClientBench) -> None:
     pose = bench.client.pose()
     assert (pose.x, pose.y, pose.yaw) == pytest.approx((1.0, 2.0, math.pi / 2))
     assert bench.run(bench.tree('<TransformAvailable parent="map" child="base_link"/>')) is Status.SUCCESS
@@ -425,7 +441,7 @@ def test_the_pose_comes_from_tf(bench):
     assert bench.run(bench.tree('<GoalReached goal="2;2"/>')) is Status.FAILURE
 
 
-def test_the_pose_is_new_after_a_jump_of_the_clock():
+def test_the_pose_is_new_after_a_jump_of_the_clock() -> None:
     def transform(second, x, child="base_footprint", parent="odom"):
         frame = TransformStamped(child_frame_id=child)
         frame.header.frame_id, frame.header.stamp.sec = parent, second
@@ -450,7 +466,7 @@ def test_the_pose_is_new_after_a_jump_of_the_clock():
         assert is_at(15.0, transform(3, 5.0))
 
 
-def test_a_selector_reads_its_latched_topic(bench):
+def test_a_selector_reads_its_latched_topic(bench: ClientBench) -> None:
     tree = bench.tree(
         '<PlannerSelector topic_name="planner_selector" default_planner="Grid" selected_planner="{planner}"/>'
     )
@@ -459,7 +475,7 @@ def test_a_selector_reads_its_latched_topic(bench):
     assert tree.blackboard["planner"] == "Lattice"
 
 
-def test_the_goal_updater_reads_its_topic(bench):
+def test_the_goal_updater_reads_its_topic(bench: ClientBench) -> None:
     tree = bench.tree(
         '<GoalUpdater input_goal="{goal}" output_goal="{moved}"><AlwaysSuccess/></GoalUpdater>', goal=AHEAD
     )
@@ -468,7 +484,7 @@ def test_the_goal_updater_reads_its_topic(bench):
     assert tree.blackboard["moved"] == Pose2D(7.0, 0.0, 0.0)
 
 
-def test_the_battery_is_read(bench):
+def test_the_battery_is_read(bench: ClientBench) -> None:
     bench.client.battery("/battery_status")
     assert bench.session.wait_for(lambda: bench.client.battery("/battery_status"), LIMIT)
     for leaf, result in (
@@ -480,6 +496,6 @@ def test_the_battery_is_read(bench):
         assert bench.run(bench.tree(leaf)) is result
 
 
-def test_a_moving_robot_has_not_stopped(bench):
+def test_a_moving_robot_has_not_stopped(bench: ClientBench) -> None:
     assert bench.run(bench.tree('<CheckStopStatus velocity_threshold="0.1"/>')) is Status.FAILURE
     assert bench.client.odometry().twist.v == 0.5

@@ -65,7 +65,7 @@ def is_close(first: Pose2D, second: Pose2D) -> bool:
 
 
 @pytest.mark.parametrize("goal", GOALS, ids=lambda goal: type(goal).__name__)
-def test_goals_survive_the_transmission(goal):
+def test_goals_survive_the_transmission(goal) -> None:
     converter = action_of(goal)
     message = converter.type.Goal()
     converter.write_goal(goal, message)
@@ -98,14 +98,14 @@ def test_goals_survive_the_transmission(goal):
         ("navigate_through_poses", NavigateFeedback(Pose2D(1.0, 2.0, 0.0), 2.5, 3, 1.5, 2)),
     ],
 )
-def test_feedback_survives_the_transmission(action, feedback):
+def test_feedback_survives_the_transmission(action: str, feedback) -> None:
     converter = ACTIONS[action]
     message = converter.type.Feedback()
     converter.write_feedback(feedback, message)
     assert converter.read_feedback(transmit(message)) == feedback
 
 
-def test_a_planned_path_survives_the_transmission():
+def test_a_planned_path_survives_the_transmission() -> None:
     converter = ACTIONS["compute_path_to_pose"]
     message = converter.type.Result()
     converter.write_result(PATH, message)
@@ -114,17 +114,17 @@ def test_a_planned_path_survives_the_transmission():
     assert back.frame == "map"
 
 
-def test_the_frame_of_a_path_is_kept():
+def test_the_frame_of_a_path_is_kept() -> None:
     path = NavPath(PATH.poses, 7, "odom")
     assert path_from_message(path_to_message(path), 7).frame == "odom"
 
 
-def test_a_pose_in_another_frame_is_refused():
+def test_a_pose_in_another_frame_is_refused() -> None:
     with pytest.raises(RosError, match="in the frame 'odom', but it must be in 'map'"):
         pose_from_stamped(pose_to_stamped(HERE, "odom"))
 
 
-def test_a_frame_has_to_be_named():
+def test_a_frame_has_to_be_named() -> None:
     with pytest.raises(RosError, match="a pose names no frame, but it must be in 'map'"):
         pose_from_stamped(pose_to_stamped(HERE, ""))
     path = path_to_message(PATH)
@@ -135,13 +135,13 @@ def test_a_frame_has_to_be_named():
         path_from_message(path)
 
 
-def test_a_pose_that_is_not_finite_is_refused():
+def test_a_pose_that_is_not_finite_is_refused() -> None:
     message = pose_to_stamped(HERE)
     message.pose.position.x = math.nan
     with pytest.raises(RosError, match="finite"):
         pose_from_stamped(message)
 
 
-def test_a_class_of_another_release_is_reported():
+def test_a_class_of_another_release_is_reported() -> None:
     with pytest.raises(RosError, match="no srv/ClearCostmapAroundPose: it belongs to another release"):
         nav2_type("srv", "ClearCostmapAroundPose")

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -132,7 +133,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(file)
 
 
-def test_the_default_tree_reaches_the_goal(client):
+def test_the_default_tree_reaches_the_goal(client: Client) -> None:
     handle = client.send(2.0)
     assert handle.accepted
     status, result = client.result(handle)
@@ -143,14 +144,14 @@ def test_the_default_tree_reaches_the_goal(client):
     assert set(client.bench.names()) == {"compute_path_to_pose", "follow_path"}
 
 
-def test_goals_through_poses_reach_the_last_pose(client):
+def test_goals_through_poses_reach_the_last_pose(client: Client) -> None:
     goal = NavigateThroughPoses.Goal(poses=poses_to_goals([Pose2D(1.0, 2.0, 0.0), Pose2D(2.0, 0.0, 0.0)]))
     handle = client.wait(client.through_poses.send_goal_async(goal, client.take))
     assert client.result(handle)[0] is GoalStatus.SUCCEEDED
     client.wait_until_received("compute_path_through_poses")
 
 
-def test_feedback_has_pose_times_and_distance(client, drive):
+def test_feedback_has_pose_times_and_distance(client: Client, drive: str) -> None:
     handle = client.send(2.0, drive)
     assert client.bench.session.wait_for(
         lambda: client.feedback and client.feedback[-1].distance_remaining > 0, LIMIT
@@ -169,7 +170,7 @@ def test_feedback_has_pose_times_and_distance(client, drive):
     assert client.result(handle)[0] is GoalStatus.CANCELED
 
 
-def test_cancelling_halts_the_tree_and_cancels_its_goals(client, drive):
+def test_cancelling_halts_the_tree_and_cancels_its_goals(client: Client, drive: str) -> None:
     handle = client.send(2.0, drive)
     client.wait_until_received("hang/follow_path")
     assert client.wait(handle.cancel_goal_async()).goals_canceling
@@ -177,7 +178,7 @@ def test_cancelling_halts_the_tree_and_cancels_its_goals(client, drive):
     client.wait_until_received("hang/follow_path canceled")
 
 
-def test_a_new_goal_for_the_same_tree_takes_over_without_a_halt(client, drive):
+def test_a_new_goal_for_the_same_tree_takes_over_without_a_halt(client: Client, drive: str) -> None:
     first = client.send(2.0, drive)
     client.wait_until_received("hang/follow_path")
     second = client.send(3.0, drive)
@@ -192,7 +193,7 @@ def test_a_new_goal_for_the_same_tree_takes_over_without_a_halt(client, drive):
     client.wait_until_received("hang/follow_path canceled", 2)
 
 
-def test_a_goal_for_another_tree_is_aborted_and_the_first_continues(client, drive):
+def test_a_goal_for_another_tree_is_aborted_and_the_first_continues(client: Client, drive: str) -> None:
     first = client.send(2.0, drive)
     client.wait_until_received("hang/follow_path")
     status, result = client.result(client.send(3.0))
@@ -203,7 +204,7 @@ def test_a_goal_for_another_tree_is_aborted_and_the_first_continues(client, driv
     assert client.result(first)[0] is GoalStatus.CANCELED
 
 
-def test_the_other_action_rejects_goals_meanwhile(client, drive):
+def test_the_other_action_rejects_goals_meanwhile(client: Client, drive: str) -> None:
     first = client.send(2.0, drive)
     client.wait_until_received("hang/follow_path")
     goal = NavigateThroughPoses.Goal(poses=poses_to_goals([Pose2D(1.0, 2.0, 0.0)]))
@@ -212,7 +213,7 @@ def test_the_other_action_rejects_goals_meanwhile(client, drive):
     assert client.result(first)[0] is GoalStatus.CANCELED
 
 
-def test_the_result_has_the_error_code_of_the_server_that_failed(client, tmp_path):
+def test_the_result_has_the_error_code_of_the_server_that_failed(client: Client, tmp_path: Path) -> None:
     file = tmp_path / "fail.xml"
     file.write_text(FAIL)
     status, result = client.result(client.send(2.0, file))
@@ -225,7 +226,9 @@ def test_the_result_has_the_error_code_of_the_server_that_failed(client, tmp_pat
     ("text", "code", "message"),
     [("<root", 9001, "tree.xml"), (BROKEN, 9000, "missing"), (None, 9001, "tree.xml")],
 )
-def test_a_tree_that_cannot_be_used_aborts_the_goal(client, tmp_path, text, code, message):
+def test_a_tree_that_cannot_be_used_aborts_the_goal(
+    client: Client, tmp_path: Path, text, code: int, message: str
+) -> None:
     file = tmp_path / "tree.xml"
     if text is not None:
         file.write_text(text)
@@ -235,21 +238,21 @@ def test_a_tree_that_cannot_be_used_aborts_the_goal(client, tmp_path, text, code
     assert message in result.error_msg
 
 
-def test_error_codes_of_goals_through_poses_begin_at_9100(client, tmp_path):
+def test_error_codes_of_goals_through_poses_begin_at_9100(client: Client, tmp_path: Path) -> None:
     goal = NavigateThroughPoses.Goal(poses=poses_to_goals([Pose2D(1.0, 2.0, 0.0)]))
     goal.behavior_tree = str(tmp_path / "missing.xml")
     handle = client.wait(client.through_poses.send_goal_async(goal))
     assert client.result(handle)[1].error_code == NavigateThroughPoses.Result.FAILED_TO_LOAD_BEHAVIOR_TREE
 
 
-def test_a_goal_in_an_unknown_frame_is_aborted(client):
+def test_a_goal_in_an_unknown_frame_is_aborted(client: Client) -> None:
     goal = NavigateToPose.Goal(pose=pose_to_stamped(Pose2D(1.0, 0.0, 0.0), "table"))
     status, result = client.result(client.wait(client.to_pose.send_goal_async(goal)))
     assert status is GoalStatus.ABORTED
     assert "frame 'table'" in result.error_msg
 
 
-def test_the_topic_goal_pose_starts_the_default_tree(client):
+def test_the_topic_goal_pose_starts_the_default_tree(client: Client) -> None:
     publisher = client.bench.session.node.create_publisher(PoseStamped, "goal_pose", 1)
     assert client.bench.session.wait_for(lambda: publisher.get_subscription_count() > 0, LIMIT)
     publisher.publish(pose_to_stamped(Pose2D(4.0, 0.0, 0.0)))
@@ -260,7 +263,9 @@ def test_the_topic_goal_pose_starts_the_default_tree(client):
     assert client.result(client.send(2.0))[0] is GoalStatus.SUCCEEDED
 
 
-def test_ctrl_c_cancels_the_goals_and_ends_the_process(client, navigator, drive):
+def test_ctrl_c_cancels_the_goals_and_ends_the_process(
+    client: Client, navigator: subprocess.Popen[str], drive: str
+) -> None:
     handle = client.send(2.0, drive)
     client.wait_until_received("hang/follow_path")
     result = handle.get_result_async()
@@ -275,7 +280,7 @@ def test_ctrl_c_cancels_the_goals_and_ends_the_process(client, navigator, drive)
     assert "--ros-args has no effect" not in output
 
 
-def test_viewers_see_the_tree_of_a_goal(session):
+def test_viewers_see_the_tree_of_a_goal(session: Iterator[RosSession]) -> None:
     """In a namespace without tf: the goal waits for the robot's pose."""
     command = [sys.executable, "-m", "btcore", "ros2", "navigator", "--publish", "groot2", "--port", "0"]
     command += ["--ros-args", "-r __ns:=/seen"]
@@ -300,7 +305,7 @@ def test_viewers_see_the_tree_of_a_goal(session):
         assert process.wait(LIMIT) == 130
 
 
-def test_a_goal_waits_longer_for_the_first_pose(monkeypatch):
+def test_a_goal_waits_longer_for_the_first_pose(monkeypatch: pytest.MonkeyPatch) -> None:
     """A goal that arrives before any transform is not aborted after the patience for a lost pose."""
     monkeypatch.setattr(navigator_server, "POSE_PATIENCE_S", 0.0)
     monkeypatch.setattr(navigator_server, "FIRST_POSE_PATIENCE_S", LIMIT)

@@ -117,7 +117,7 @@ def test_a_user_may_select_every_child() -> None:
     assert found[ENDS].answer == REFUTED  # the user selects RUNNING again and again
 
 
-def test_a_tick_without_end_is_an_exception(monkeypatch) -> None:
+def test_a_tick_without_end_is_an_exception(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("btcore_proof.prover.TICK_LIMIT_S", 0.05)
     body = '<RetryUntilSuccessful num_attempts="-1"><AlwaysFailure/></RetryUntilSuccessful>'
     answer = answers(body, format=3)[EXCEPTIONS]

@@ -29,7 +29,7 @@ class Grip(InstantLeaf):
     place: Annotated[In[str], "The place."]
 
 
-def test_a_model_decorator_holds_its_child_back_but_not_forever():
+def test_a_model_decorator_holds_its_child_back_but_not_forever() -> None:
     answers = answers_of(
         prover_of(
             '<WhenClose place="{place}"><Grip place="{place}"/></WhenClose>',
@@ -71,11 +71,11 @@ def answers_about(declared: dict[str, dict[str, object]]) -> dict[str, str]:
     return {question: answer.answer for question, answer in answers_of(prover).items()}
 
 
-def test_code_that_looks_at_an_unknown_value_makes_answers_unknown():
+def test_code_that_looks_at_an_unknown_value_makes_answers_unknown() -> None:
     assert set(answers_about({}).values()) == {UNKNOWN_ANSWER}
 
 
-def test_a_declared_decorator_may_return_a_result_without_its_child():
+def test_a_declared_decorator_may_return_a_result_without_its_child() -> None:
     answers = answers_about({"IfLonger": {"results": ["SUCCESS"]}})
     assert [answers[LEAVES], answers[INPUTS]] == [PROVED, PROVED]
     assert answers["never Grip ticked"] == answers["never IfLonger is SUCCESS"] == REFUTED

@@ -37,7 +37,7 @@ BOTH_RUN = '<Parallel success_count="2" failure_count="1"><Drive/><Charge/></Par
 HANDS_OVER = {"Drive": {"hands_over": True}}
 
 
-def test_the_reactive_hand_over_is_refuted_and_its_order_is_shown():
+def test_the_reactive_hand_over_is_refuted_and_its_order_is_shown() -> None:
     answer = answer_about(HAND_OVER)
     assert answer.answer == REFUTED
     assert answer.detail == "'Charge::4' starts before 'Drive::5' is halted, and both use wheels"
@@ -76,12 +76,12 @@ def test_the_reactive_hand_over_is_refuted_and_its_order_is_shown():
 )
 def test_leaves_use_resources_from_their_start_to_their_end(
     body: str, declared: dict[str, dict[str, object]], expected: str
-):
+) -> None:
     answer = answer_about(body, declared)
     assert answer.answer == expected, answer.detail
 
 
-def test_a_decorator_cannot_use_resources():
+def test_a_decorator_cannot_use_resources() -> None:
     keep = type("Keep", (DecoratorNode,), {})
     with pytest.raises(ModelError, match="a decorator uses no resources"):
         prover_of("<AlwaysSuccess/>", leaves=[keep], declared={"Keep": {"uses": ["wheels"]}})

@@ -19,17 +19,17 @@ def answers(xml: str, *questions: str) -> dict[str, str]:
     return {question: answer.answer for question, answer in found.items()}
 
 
-def test_a_leaf_that_is_started_again_after_another_leaf_does_not_run_beside_it():
+def test_a_leaf_that_is_started_again_after_another_leaf_does_not_run_beside_it() -> None:
     # In one tick Drive completes, Turn completes, and the loop starts Drive again.
     found = answers('<Repeat num_cycles="3"><Sequence><Drive/><Turn/></Sequence></Repeat>')
     assert found[RESOURCES] == PROVED
 
 
-def test_two_leaves_that_run_at_once_share_a_resource():
+def test_two_leaves_that_run_at_once_share_a_resource() -> None:
     assert answers("<Parallel><Drive/><Turn/></Parallel>")[RESOURCES] == REFUTED
 
 
-def test_a_leaf_that_completes_and_starts_again_in_each_tick_is_not_stuck():
+def test_a_leaf_that_completes_and_starts_again_in_each_tick_is_not_stuck() -> None:
     # In the cycle in which Drive succeeds and starts again in every tick, Turn never runs.
     xml = '<Fallback><Repeat num_cycles="-1"><Drive/></Repeat><Turn/></Fallback>'
     question = "Drive leads to Turn ticked"

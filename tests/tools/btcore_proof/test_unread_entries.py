@@ -39,7 +39,7 @@ CHECK_FIRST = (
 )
 
 
-def test_an_optional_input_may_be_unwritten_but_then_the_leaf_does_not_succeed():
+def test_an_optional_input_may_be_unwritten_but_then_the_leaf_does_not_succeed() -> None:
     answers = {
         optional: answers_of(prover_for(CHECK_FIRST, [*optional], "never Check is SUCCESS"))
         for optional in ((), ("route",))
@@ -49,13 +49,13 @@ def test_an_optional_input_may_be_unwritten_but_then_the_leaf_does_not_succeed()
     assert answers["route",]["never Check is SUCCESS"].answer == PROVED
 
 
-def test_an_optional_input_that_no_other_node_reads_is_searched():
+def test_an_optional_input_that_no_other_node_reads_is_searched() -> None:
     xml = '<Fallback><Check route="{route}"/><Plan route="{route}"/></Fallback>'
     question = "never Check is SUCCESS"
     assert answers_of(prover_for(xml, ["route"], question))[question].answer == PROVED
 
 
-def test_an_entry_is_searched_only_if_something_reads_it():
+def test_an_entry_is_searched_only_if_something_reads_it() -> None:
     tree = (
         '<Sequence><ForceSuccess><Plan route="{route}" error="{error}"/></ForceSuccess>'
         '<Check route="{route}"/></Sequence>'
@@ -70,7 +70,7 @@ def test_an_entry_is_searched_only_if_something_reads_it():
     assert asked.explorer.choices.unread == set()
 
 
-def test_a_leaf_that_writes_early_may_be_running_with_its_outputs_written():
+def test_a_leaf_that_writes_early_may_be_running_with_its_outputs_written() -> None:
     both = '<Parallel><Search route="{route}"/><Check route="{route}"/></Parallel>'
     xml = f'<Sequence>{both}<Follow route="{{route}}"/></Sequence>'
     question = "never Check is SUCCESS & Search"

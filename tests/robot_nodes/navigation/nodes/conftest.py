@@ -17,6 +17,7 @@ from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import TransformTree
 from tests.conformance.recorded_cases import CallLog, PlanAction
+from tests.robot_nodes.navigation.conftest import NavigationRig
 
 HALF = 5.0  # m from the middle of the hall to its walls
 CELL = 0.05  # m
@@ -121,12 +122,12 @@ class Bench:
 
 
 @pytest.fixture
-def bench(floor) -> Bench:
+def bench(floor: Callable[..., NavigationRig]) -> Bench:
     return Bench(floor())
 
 
 @pytest.fixture
-def among(floor) -> Callable[..., Bench]:
+def among(floor: Callable[..., NavigationRig]) -> Callable[..., Bench]:
     """Return the function `among(*boxes)`, which returns a bench with boxes on the floor."""
     return lambda *boxes: Bench(floor(*boxes))
 

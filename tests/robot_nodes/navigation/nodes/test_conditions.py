@@ -1,15 +1,19 @@
 """Nav2's conditions: a test for each sentence of their documentation."""
 
+from collections.abc import Callable
+
 import pytest
 
 from btcore import NodeExecutionError
 from btcore_navigation.controller import FollowPathFeedback
+from btcore_navigation.path import NavPath
 from btcore_robot.robot import BatteryState, Odometry, Pose2D, Twist2D
+from tests.robot_nodes.navigation.nodes.conftest import Bench
 
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
 
 
-def test_goal_reached_within_the_tolerance_of_the_navigator(bench):
+def test_goal_reached_within_the_tolerance_of_the_navigator(bench: Bench) -> None:
     tree = bench.tree('<GoalReached goal="{goal}"/>', goal=HERE)
     bench.move(0.74)
     assert bench.letters(tree, 1) == "F"
@@ -20,14 +24,14 @@ def test_goal_reached_within_the_tolerance_of_the_navigator(bench):
 
 
 @pytest.mark.parametrize("key", ["goal", "goals"])
-def test_goal_updated_fails_at_first_and_succeeds_once_for_each_change(bench, key):
+def test_goal_updated_fails_at_first_and_succeeds_once_for_each_change(bench: Bench, key: str) -> None:
     tree = bench.tree("<GoalUpdated/>", goal=HERE)
     assert bench.letters(tree, 2) == "FF"
     tree.blackboard[key] = THERE if key == "goal" else [THERE]
     assert bench.letters(tree, 2) == "SF"
 
 
-def test_goal_updated_forgets_its_goal_at_a_halt(bench):
+def test_goal_updated_forgets_its_goal_at_a_halt(bench: Bench) -> None:
     tree = bench.tree("<GoalUpdated/>", goal=HERE)
     bench.letters(tree, 1)
     tree.halt()
@@ -35,7 +39,7 @@ def test_goal_updated_forgets_its_goal_at_a_halt(bench):
     assert bench.letters(tree, 1) == "F"
 
 
-def test_global_updated_goal_succeeds_at_first_and_remembers_across_halts(bench):
+def test_global_updated_goal_succeeds_at_first_and_remembers_across_halts(bench: Bench) -> None:
     tree = bench.tree("<GlobalUpdatedGoal/>", goal=HERE)
     assert bench.letters(tree, 2) == "SF"
     tree.halt()
@@ -58,7 +62,7 @@ class Bumped:
         self.bench.robot._odometry = Odometry(Pose2D(0, 0, 0), Twist2D(v, 0.0), self.bench.robot.clock.now())
 
 
-def test_is_stuck_succeeds_when_the_robot_slows_down_as_in_a_collision(bench):
+def test_is_stuck_succeeds_when_the_robot_slows_down_as_in_a_collision(bench: Bench) -> None:
     tree, odometry = bench.tree("<IsStuck/>"), Bumped(bench)
     found = ""
     for speed in (0.3, 0.3, 0.3, 0.05, 0.05):
@@ -67,7 +71,7 @@ def test_is_stuck_succeeds_when_the_robot_slows_down_as_in_a_collision(bench):
     assert found == "FFFSF"
 
 
-def test_is_stuck_fails_when_the_robot_brakes(bench):
+def test_is_stuck_fails_when_the_robot_brakes(bench: Bench) -> None:
     tree, odometry = bench.tree("<IsStuck/>"), Bumped(bench)
     found = ""
     for speed in (0.3, 0.3, 0.3, 0.15, 0.0, 0.0):
@@ -77,16 +81,18 @@ def test_is_stuck_fails_when_the_robot_brakes(bench):
 
 
 @pytest.mark.parametrize(("level", "letter"), [(100.0, "F"), (20.1, "F"), (20.0, "S"), (3.0, "S")])
-def test_is_battery_low_compares_the_level_with_its_threshold(bench, monkeypatch, level, letter):
+def test_is_battery_low_compares_the_level_with_its_threshold(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, level: float, letter: str
+) -> None:
     monkeypatch.setattr(bench.robot, "battery", lambda: BatteryState(level, 0))
     assert bench.letters(bench.tree('<IsBatteryLow min_battery="0.2"/>'), 1) == letter
 
 
-def test_an_unknown_battery_level_is_not_low(bench):
+def test_an_unknown_battery_level_is_not_low(bench: Bench) -> None:
     assert bench.letters(bench.tree('<IsBatteryLow min_battery="0.2"/>'), 1) == "F"
 
 
-def test_is_battery_charging_reads_its_topic(bench):
+def test_is_battery_charging_reads_its_topic(bench: Bench) -> None:
     tree = bench.tree("<IsBatteryCharging/>")
     assert bench.letters(tree, 1) == "F"
     bench.servers.topics["/battery_status"] = "charging"
@@ -95,7 +101,7 @@ def test_is_battery_charging_reads_its_topic(bench):
     assert bench.letters(other, 1) == "F"
 
 
-def test_distance_traveled_counts_from_the_last_success(bench):
+def test_distance_traveled_counts_from_the_last_success(bench: Bench) -> None:
     tree = bench.tree('<DistanceTraveled distance="0.5"/>')
     assert bench.letters(tree, 1) == "F"
     bench.move(0.45)
@@ -108,33 +114,33 @@ def test_distance_traveled_counts_from_the_last_success(bench):
     assert bench.letters(tree, 1) == "S"
 
 
-def test_time_expired_counts_from_the_first_tick_and_the_last_success(bench):
+def test_time_expired_counts_from_the_first_tick_and_the_last_success(bench: Bench) -> None:
     tree = bench.tree('<TimeExpired seconds="0.5"/>')
     assert bench.letters(tree, 12, every=0.1) == "FFFFFSFFFFSF"
 
 
-def test_time_expired_starts_again_after_a_halt(bench):
+def test_time_expired_starts_again_after_a_halt(bench: Bench) -> None:
     tree = bench.tree('<TimeExpired seconds="0.5"/>')
     bench.letters(tree, 1, every=0.6)
     tree.halt()
     assert bench.letters(tree, 1) == "F"
 
 
-def test_path_expiring_timer_counts_from_a_new_path(bench, path):
+def test_path_expiring_timer_counts_from_a_new_path(bench: Bench, path: Callable[..., NavPath]) -> None:
     tree = bench.tree('<PathExpiringTimer seconds="0.5" path="{path}"/>', path=path((0, 0), (1, 0)))
     assert bench.letters(tree, 4, every=0.1) == "FFFF"
     tree.blackboard["path"] = path((0, 0), (2, 0))
     assert bench.letters(tree, 7, every=0.1) == "FFFFFSF"
 
 
-def test_path_expiring_timer_continues_across_halts(bench, path):
+def test_path_expiring_timer_continues_across_halts(bench: Bench, path: Callable[..., NavPath]) -> None:
     tree = bench.tree('<PathExpiringTimer seconds="0.5" path="{path}"/>', path=path((0, 0), (1, 0)))
     bench.letters(tree, 1, every=0.6)
     tree.halt()
     assert bench.letters(tree, 1) == "S"
 
 
-def test_transform_available_succeeds_always_after_the_first_success(bench):
+def test_transform_available_succeeds_always_after_the_first_success(bench: Bench) -> None:
     tree = bench.tree('<TransformAvailable child="{child}" parent="map"/>', child="nowhere")
     assert bench.letters(tree, 1) == "F"
     tree.blackboard["child"] = "base_laser_link"
@@ -143,12 +149,12 @@ def test_transform_available_succeeds_always_after_the_first_success(bench):
     assert bench.letters(tree, 1) == "S"
 
 
-def test_transform_available_requires_two_frames(bench):
+def test_transform_available_requires_two_frames(bench: Bench) -> None:
     with pytest.raises(NodeExecutionError, match="two frames"):
         bench.tree('<TransformAvailable child="map"/>').tick_exactly_once()
 
 
-def test_initial_pose_received_reads_its_port_or_the_entry_of_that_name(bench):
+def test_initial_pose_received_reads_its_port_or_the_entry_of_that_name(bench: Bench) -> None:
     tree = bench.tree("<InitialPoseReceived/>")
     assert bench.letters(tree, 1) == "F"
     tree.blackboard["initial_pose_received"] = True
@@ -157,7 +163,9 @@ def test_initial_pose_received_reads_its_port_or_the_entry_of_that_name(bench):
     assert bench.letters(other, 1) == "F"
 
 
-def test_is_goal_nearby_compares_the_remaining_length_of_the_path(bench, path):
+def test_is_goal_nearby_compares_the_remaining_length_of_the_path(
+    bench: Bench, path: Callable[..., NavPath]
+) -> None:
     tree = bench.tree('<IsGoalNearby path="{path}"/>', path=path((0, 0), (2, 0), (2, 0.5)))
     bench.move(1.4)
     assert bench.letters(tree, 1) == "F"
@@ -165,14 +173,16 @@ def test_is_goal_nearby_compares_the_remaining_length_of_the_path(bench, path):
     assert bench.letters(tree, 1) == "S"
 
 
-def test_is_goal_nearby_fails_without_a_path_or_a_pose(bench, path):
+def test_is_goal_nearby_fails_without_a_path_or_a_pose(bench: Bench, path: Callable[..., NavPath]) -> None:
     assert bench.letters(bench.tree('<IsGoalNearby path="{path}"/>'), 1) == "F"
     assert bench.letters(bench.tree('<IsGoalNearby path="{path}"/>', path=path((0, 0))), 1) == "S"
     bench.localiser.confident = False
     assert bench.letters(bench.tree('<IsGoalNearby path="{path}"/>', path=path((0, 0))), 1) == "F"
 
 
-def test_is_goal_nearby_can_limit_its_search_at_the_start_of_a_loop(bench, path):
+def test_is_goal_nearby_can_limit_its_search_at_the_start_of_a_loop(
+    bench: Bench, path: Callable[..., NavPath]
+) -> None:
     loop = path((0, 0), (3, 0), (3, 2), (0, 2), (0, 0.02))
     all_of_it = bench.tree('<IsGoalNearby path="{path}"/>', path=loop)
     ahead = bench.tree('<IsGoalNearby path="{path}" max_robot_pose_search_dist="1.0"/>', path=loop)
@@ -187,7 +197,7 @@ def test_is_goal_nearby_can_limit_its_search_at_the_start_of_a_loop(bench, path)
 
 
 @pytest.mark.parametrize(("x", "letter"), [(1.49, "S"), (1.51, "F")])
-def test_are_poses_near(bench, x, letter):
+def test_are_poses_near(bench: Bench, x: float, letter: str) -> None:
     text = '<ArePosesNear ref_pose="{a}" target_pose="{b}"/>'
     assert bench.letters(bench.tree(text, a=HERE, b=Pose2D(x, 0.0, 2.0)), 1) == letter
 
@@ -196,7 +206,9 @@ def test_are_poses_near(bench, x, letter):
     ("aside", "turned", "letter"),
     [(0.2, 0.0, "S"), (0.4, 0.0, "F"), (-0.4, 0.0, "S"), (-0.6, 0.0, "F"), (0.0, 0.9, "S"), (0.0, -1.1, "F")],
 )
-def test_within_tracking_bounds_checks_left_right_and_heading_errors(bench, aside, turned, letter):
+def test_within_tracking_bounds_checks_left_right_and_heading_errors(
+    bench: Bench, aside: float, turned: float, letter: str
+) -> None:
     tree = bench.tree(
         '<IsWithinPathTrackingBounds max_error_left="0.3" max_error_heading="1" tracking_feedback="{how}"/>',
         how=FollowPathFeedback(1.0, 0.3, aside, turned),
@@ -204,12 +216,12 @@ def test_within_tracking_bounds_checks_left_right_and_heading_errors(bench, asid
     assert bench.letters(tree, 1) == letter
 
 
-def test_within_tracking_bounds_succeeds_without_feedback(bench):
+def test_within_tracking_bounds_succeeds_without_feedback(bench: Bench) -> None:
     assert bench.letters(bench.tree('<IsWithinPathTrackingBounds tracking_feedback="{how}"/>'), 1) == "S"
     assert bench.letters(bench.tree("<IsWithinPathTrackingBounds/>"), 1) == "S"
 
 
-def test_are_error_codes_present(bench):
+def test_are_error_codes_present(bench: Bench) -> None:
     text = '<AreErrorCodesPresent error_code="{code}" error_codes_to_check="{codes}"/>'
     assert bench.letters(bench.tree(text, code=104, codes=[100, 104]), 1) == "S"
     assert bench.letters(bench.tree(text, code=105, codes=[100, 104]), 1) == "F"
@@ -225,7 +237,7 @@ def test_are_error_codes_present(bench):
         ("WouldARouteRecoveryHelp", {400, 404, 405}),
     ],
 )
-def test_would_a_recovery_help(bench, node, codes):
+def test_would_a_recovery_help(bench: Bench, node: str, codes) -> None:
     tree, helped = bench.tree(f'<{node} error_code="{{code}}"/>'), set()
     for code in range(1000):
         tree.blackboard["code"] = code

@@ -1,5 +1,8 @@
 """Nav2's decorators: a test for each sentence of their documentation."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import pytest
 
 from btcore import NodeExecutionError, Status
@@ -7,6 +10,7 @@ from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.navigator import MAX_STALL_S, MIN_PROGRESS_SPEED, NavigateGoal, Navigator
 from btcore_navigation.path import NavPath
 from btcore_robot.robot import Phase, Pose2D
+from tests.robot_nodes.navigation.nodes.conftest import Bench
 
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
 
@@ -15,24 +19,32 @@ def starts(bench) -> int:
     return bench.journal.take().count("a:start")
 
 
-def test_rate_controller_ticks_its_child_at_first_and_then_at_its_rate(bench, plan):
+def test_rate_controller_ticks_its_child_at_first_and_then_at_its_rate(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(f'<RateController hz="2">{plan("a", "S")}</RateController>')
     assert bench.letters(tree, 11, every=0.1) == "SRRRRSRRRRS"
     assert starts(bench) == 3
 
 
-def test_rate_controller_ticks_its_child_ten_times_a_second_by_default(bench, plan):
+def test_rate_controller_ticks_its_child_ten_times_a_second_by_default(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(f"<RateController>{plan('a', 'S')}</RateController>")
     assert bench.letters(tree, 5, every=0.05) == "SRSRS"
 
 
-def test_rate_controller_ticks_a_running_child_in_every_tick(bench, plan):
+def test_rate_controller_ticks_a_running_child_in_every_tick(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(f'<RateController hz="1">{plan("a", "RRS")}</RateController>')
     assert bench.letters(tree, 4, every=0.1) == "RRSR"
     assert bench.journal.take() == ["a:start", "a:running", "a:running"]
 
 
-def test_rate_controller_counts_from_the_childs_last_success(bench, plan):
+def test_rate_controller_counts_from_the_childs_last_success(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(f'<RateController hz="1">{plan("a", "RRRRRRS")}</RateController>')
     assert bench.letters(tree, 7, every=0.1) == "RRRRRRS"
     starts(bench)
@@ -42,21 +54,23 @@ def test_rate_controller_counts_from_the_childs_last_success(bench, plan):
     assert starts(bench) == 1
 
 
-def test_rate_controller_does_not_count_from_a_failure(bench, plan):
+def test_rate_controller_does_not_count_from_a_failure(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(f'<RateController hz="1">{plan("a", "RF")}</RateController>')
     assert bench.letters(tree, 2, every=0.9) == "RF"
     assert bench.letters(tree, 1) == "R"
     assert starts(bench) == 2
 
 
-def test_rate_controller_starts_again_after_a_halt(bench, plan):
+def test_rate_controller_starts_again_after_a_halt(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(f'<RateController hz="0.1">{plan("a", "S")}</RateController>')
     bench.letters(tree, 2)
     tree.halt()
     assert bench.letters(tree, 1) == "S"
 
 
-def test_rate_controller_starts_again_after_it_was_skipped(bench, plan):
+def test_rate_controller_starts_again_after_it_was_skipped(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     rated = f'<RateController hz="0.1" _skipIf="off">{plan("a", "S")}</RateController>'
     tree = bench.tree(f"<Fallback>{rated}<AlwaysSuccess/></Fallback>", off=False)
     bench.letters(tree, 1)
@@ -68,7 +82,9 @@ def test_rate_controller_starts_again_after_it_was_skipped(bench, plan):
     assert starts(bench) == 1
 
 
-def test_distance_controller_ticks_its_child_after_each_distance(bench, plan):
+def test_distance_controller_ticks_its_child_after_each_distance(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(f'<DistanceController distance="0.5">{plan("a", "S")}</DistanceController>')
     assert bench.letters(tree, 2) == "SR"
     bench.move(0.4)
@@ -79,7 +95,9 @@ def test_distance_controller_ticks_its_child_after_each_distance(bench, plan):
     assert bench.letters(tree, 1) == "R"
 
 
-def test_distance_controller_ticks_its_child_after_1_m_by_default(bench, plan):
+def test_distance_controller_ticks_its_child_after_1_m_by_default(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(f"<DistanceController>{plan('a', 'S')}</DistanceController>")
     assert bench.letters(tree, 1) == "S"
     bench.move(0.9)
@@ -88,12 +106,16 @@ def test_distance_controller_ticks_its_child_after_1_m_by_default(bench, plan):
     assert bench.letters(tree, 1) == "S"
 
 
-def test_distance_controller_ticks_a_running_child_in_every_tick(bench, plan):
+def test_distance_controller_ticks_a_running_child_in_every_tick(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(f"<DistanceController>{plan('a', 'RRS')}</DistanceController>")
     assert bench.letters(tree, 4) == "RRSR"
 
 
-def test_distance_controller_fails_when_the_pose_is_unknown(bench, plan):
+def test_distance_controller_fails_when_the_pose_is_unknown(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(f"<DistanceController>{plan('a', 'S')}</DistanceController>")
     bench.localiser.confident = False
     assert bench.letters(tree, 1) == "F"
@@ -105,13 +127,15 @@ def test_distance_controller_fails_when_the_pose_is_unknown(bench, plan):
 SPEED = '<SpeedController min_rate="0.5" max_rate="2" max_speed="0.4">{}</SpeedController>'
 
 
-def test_speed_controller_uses_the_shortest_period_first_and_then_the_speed(bench, plan):
+def test_speed_controller_uses_the_shortest_period_first_and_then_the_speed(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(SPEED.format(plan("a", "S")))
     # Standing: half a second to the second tick of the child, two seconds to the third.
     assert bench.letters(tree, 27, every=0.1) == "S" + "RRRRS" + "R" * 19 + "SR"
 
 
-def test_speed_controller_uses_the_mean_speed(bench, plan):
+def test_speed_controller_uses_the_mean_speed(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(SPEED.format(plan("a", "S")))
     found = ""
     for _ in range(40):
@@ -121,24 +145,30 @@ def test_speed_controller_uses_the_mean_speed(bench, plan):
     assert found.rstrip("R").endswith("SRRRRRRRS")
 
 
-def test_speed_controller_starts_again_for_another_goal(bench, plan):
+def test_speed_controller_starts_again_for_another_goal(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(SPEED.format(plan("a", "S")), goal=HERE)
     bench.letters(tree, 8, every=0.1)
     tree.blackboard["goal"] = THERE
     assert bench.letters(tree, 6, every=0.1) == "SRRRRS"
 
 
-def test_speed_controller_returns_the_result_of_its_child(bench, plan):
+def test_speed_controller_returns_the_result_of_its_child(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     assert bench.letters(bench.tree(SPEED.format(plan("a", "RF"))), 2) == "RF"
 
 
-def test_speed_controller_requires_rates_above_zero(bench, plan):
+def test_speed_controller_requires_rates_above_zero(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(f'<SpeedController min_rate="0">{plan("a", "S")}</SpeedController>')
     with pytest.raises(NodeExecutionError, match="rates above 0"):
         tree.tick_exactly_once()
 
 
-def test_goal_updated_controller_ticks_its_child_at_first_and_for_another_goal(bench, plan):
+def test_goal_updated_controller_ticks_its_child_at_first_and_for_another_goal(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(f"<GoalUpdatedController>{plan('a', 'S')}</GoalUpdatedController>", goal=HERE)
     assert bench.letters(tree, 2) == "SR"
     tree.blackboard["goal"] = THERE
@@ -147,7 +177,9 @@ def test_goal_updated_controller_ticks_its_child_at_first_and_for_another_goal(b
     assert bench.letters(tree, 2) == "SR"
 
 
-def test_goal_updated_controller_reads_the_entry_of_its_port(bench, plan):
+def test_goal_updated_controller_reads_the_entry_of_its_port(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     child = plan("a", "S")
     tree = bench.tree(
         f'<GoalUpdatedController goal="{{mine}}">{child}</GoalUpdatedController>', goal=HERE, mine=HERE
@@ -159,7 +191,9 @@ def test_goal_updated_controller_reads_the_entry_of_its_port(bench, plan):
     assert bench.letters(tree, 1) == "S"
 
 
-def test_goal_updated_controller_ticks_a_running_child_in_every_tick(bench, plan):
+def test_goal_updated_controller_ticks_a_running_child_in_every_tick(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(f"<GoalUpdatedController>{plan('a', 'RRS')}</GoalUpdatedController>", goal=HERE)
     assert bench.letters(tree, 4) == "RRSR"
 
@@ -168,14 +202,14 @@ ENTRIES = 'input_goal="{goal}" output_goal="{to}" input_goals="{goals}" output_g
 UPDATER = f"<GoalUpdater {ENTRIES}>{{}}</GoalUpdater>"
 
 
-def test_goal_updater_copies_its_inputs_to_its_outputs(bench, plan):
+def test_goal_updater_copies_its_inputs_to_its_outputs(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE, goals=[HERE, THERE])
     assert bench.letters(tree, 2) == "SS"
     assert tree.blackboard["to"] == HERE
     assert tree.blackboard["all"] == [HERE, THERE]
 
 
-def test_goal_updater_prefers_the_goals_of_its_topics(bench, plan):
+def test_goal_updater_prefers_the_goals_of_its_topics(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE, goals=[HERE])
     bench.servers.topics["goal_update"] = THERE
     bench.servers.topics["goals_update"] = [THERE]
@@ -184,7 +218,9 @@ def test_goal_updater_prefers_the_goals_of_its_topics(bench, plan):
     assert tree.blackboard["all"] == [THERE]
 
 
-def test_goal_updater_prefers_a_goal_that_is_newer_than_the_topics_goal(bench, plan):
+def test_goal_updater_prefers_a_goal_that_is_newer_than_the_topics_goal(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE)
     bench.servers.topics["goal_update"] = THERE
     bench.letters(tree, 1)
@@ -193,22 +229,26 @@ def test_goal_updater_prefers_a_goal_that_is_newer_than_the_topics_goal(bench, p
     assert tree.blackboard["to"] == newest
 
 
-def test_goal_updater_ticks_its_child_in_every_tick(bench, plan):
+def test_goal_updater_ticks_its_child_in_every_tick(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(f"<GoalUpdater>{plan('a', 'RF')}</GoalUpdater>")
     assert bench.letters(tree, 2) == "RF"
 
 
-def test_single_trigger_fails_after_its_child_has_ended_once(bench, plan):
+def test_single_trigger_fails_after_its_child_has_ended_once(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(f"<SingleTrigger>{plan('a', 'RS')}</SingleTrigger>")
     assert bench.letters(tree, 4) == "RSFF"
     assert bench.journal.take() == ["a:start", "a:running"]
 
 
-def test_single_trigger_fails_after_a_failure_of_its_child(bench, plan):
+def test_single_trigger_fails_after_a_failure_of_its_child(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     assert bench.letters(bench.tree(f"<SingleTrigger>{plan('a', 'F|S')}</SingleTrigger>"), 2) == "FF"
 
 
-def test_single_trigger_is_ready_again_after_a_halt(bench, plan):
+def test_single_trigger_is_ready_again_after_a_halt(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(f"<SingleTrigger>{plan('a', 'S')}</SingleTrigger>")
     assert bench.letters(tree, 2) == "SF"
     tree.halt()
@@ -223,7 +263,9 @@ def detour(path, length: float) -> NavPath:
     return path((0, 0), (0.5, (length**2 - 1) ** 0.5 / 2), (1, 0))
 
 
-def test_path_longer_on_approach_ticks_its_child_for_a_much_longer_path(bench, plan, path):
+def test_path_longer_on_approach_ticks_its_child_for_a_much_longer_path(
+    bench: Bench, plan: Callable[[str, str], str], path: Callable[..., NavPath]
+) -> None:
     tree = bench.tree(NEAR_END.replace("{}", plan("a", "RS")), path=path((0, 0), (1, 0)))
     assert bench.letters(tree, 2) == "SS"
     tree.blackboard["path"] = detour(path, 3.0)
@@ -231,33 +273,43 @@ def test_path_longer_on_approach_ticks_its_child_for_a_much_longer_path(bench, p
     assert bench.journal.take() == ["a:start", "a:running"]
 
 
-def test_path_longer_on_approach_succeeds_for_less_than_twice_the_length(bench, plan, path):
+def test_path_longer_on_approach_succeeds_for_less_than_twice_the_length(
+    bench: Bench, plan: Callable[[str, str], str], path: Callable[..., NavPath]
+) -> None:
     tree = bench.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((0, 0), (1, 0)))
     bench.letters(tree, 1)
     tree.blackboard["path"] = detour(path, 1.9)
     assert bench.letters(tree, 1) == "S"
 
 
-def test_path_longer_on_approach_applies_only_to_the_last_three_metres(bench, plan, path):
+def test_path_longer_on_approach_applies_only_to_the_last_three_metres(
+    bench: Bench, plan: Callable[[str, str], str], path: Callable[..., NavPath]
+) -> None:
     tree = bench.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((-3, 0), (1, 0)))
     bench.letters(tree, 1)
     tree.blackboard["path"] = path((-3, 0), (-3, 4), (1, 4), (1, 0))
     assert bench.letters(tree, 1) == "S"
 
 
-def test_path_longer_on_approach_does_not_compare_paths_to_different_goals(bench, plan, path):
+def test_path_longer_on_approach_does_not_compare_paths_to_different_goals(
+    bench: Bench, plan: Callable[[str, str], str], path: Callable[..., NavPath]
+) -> None:
     tree = bench.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((0, 0), (1, 0)))
     bench.letters(tree, 1)
     tree.blackboard["path"] = path((0, 0), (4, 0))
     assert bench.letters(tree, 1) == "S"
 
 
-def test_path_longer_on_approach_succeeds_without_an_earlier_path(bench, plan):
+def test_path_longer_on_approach_succeeds_without_an_earlier_path(
+    bench: Bench, plan: Callable[[str, str], str]
+) -> None:
     tree = bench.tree(NEAR_END.replace("{}", plan("a", "F")))
     assert tree.tick_exactly_once() is Status.SUCCESS
 
 
-def test_path_longer_on_approach_halts_its_child_when_the_path_is_short_again(bench, plan, path):
+def test_path_longer_on_approach_halts_its_child_when_the_path_is_short_again(
+    bench: Bench, plan: Callable[[str, str], str], path: Callable[..., NavPath]
+) -> None:
     tree = bench.tree(NEAR_END.replace("{}", plan("a", "R")), path=path((0, 0), (1, 0)))
     bench.letters(tree, 1)
     tree.blackboard["path"] = detour(path, 3.0)
@@ -269,8 +321,8 @@ def test_path_longer_on_approach_halts_its_child_when_the_path_is_short_again(be
 
 @pytest.mark.parametrize(("tree", "ends"), [("{}", True), (UPDATER, False)], ids=["fixed", "updated"])
 def test_the_navigator_expects_no_progress_towards_a_goal_that_may_move(
-    bench, tmp_path, tree: str, ends: bool
-):
+    bench: Bench, tmp_path: Path, tree: str, ends: bool
+) -> None:
     plan = '<ComputePathToPose goal="{goal}" path="{path}"/><Sleep msec="1000000"/>'
     inside = tree.replace("{}", f"<Sequence>{plan}</Sequence>")
     file = tmp_path / "tree.xml"

@@ -1,13 +1,16 @@
 """Nav2's nodes for paths and goals: a test for each sentence of their documentation."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from btcore import Status
 from btcore_navigation.navigate_goal import WaypointState, WaypointStatus
+from btcore_navigation.path import NavPath
 from btcore_robot.robot import Pose2D
+from tests.robot_nodes.navigation.nodes.conftest import Bench
 
 BOX = (1.8, -0.2, 2.2, 0.2)  # m, on the line y = 0
 
@@ -17,7 +20,7 @@ def at(x: float, y: float = 0.0, yaw: float = 0.0) -> Pose2D:
 
 
 @pytest.fixture
-def seen(among):
+def seen(among: Callable[..., Bench]):
     """A bench whose global costmap contains a box on the floor."""
     bench = among(BOX)
     bench.wait(0.2)
@@ -28,7 +31,9 @@ def seen(among):
     return bench
 
 
-def test_truncate_path_ends_a_metre_before_the_goal_and_faces_it(bench, path):
+def test_truncate_path_ends_a_metre_before_the_goal_and_faces_it(
+    bench: Bench, path: Callable[..., NavPath]
+) -> None:
     tree = bench.tree(
         '<TruncatePath input_path="{path}" output_path="{cut}"/>', path=path((0, 0), (0, 3), yaw=2)
     )
@@ -40,7 +45,9 @@ def test_truncate_path_ends_a_metre_before_the_goal_and_faces_it(bench, path):
     assert cut[0] == at(0.0, 0.0, math.pi / 2)
 
 
-def test_truncate_path_measures_the_straight_distance_to_the_goal(bench, path):
+def test_truncate_path_measures_the_straight_distance_to_the_goal(
+    bench: Bench, path: Callable[..., NavPath]
+) -> None:
     there_and_back = path((0, 0), (3, 0), (3, 0.3), (2.2, 0.3))
     tree = bench.tree(
         '<TruncatePath distance="0.5" input_path="{path}" output_path="{cut}"/>', path=there_and_back
@@ -50,13 +57,13 @@ def test_truncate_path_measures_the_straight_distance_to_the_goal(bench, path):
     assert (cut.x, cut.y) == (pytest.approx(2.7, abs=0.051), pytest.approx(0.3))
 
 
-def test_truncate_path_keeps_two_poses_of_a_short_path(bench, path):
+def test_truncate_path_keeps_two_poses_of_a_short_path(bench: Bench, path: Callable[..., NavPath]) -> None:
     tree = bench.tree('<TruncatePath input_path="{path}" output_path="{cut}"/>', path=path((0, 0), (0.5, 0)))
     assert bench.letters(tree, 1) == "S"
     assert len(tree.blackboard["cut"]) == 2
 
 
-def test_truncate_path_accepts_an_empty_path(bench):
+def test_truncate_path_accepts_an_empty_path(bench: Bench) -> None:
     tree = bench.tree('<TruncatePath input_path="{path}" output_path="{cut}"/>')
     assert bench.letters(tree, 1) == "S"
     assert len(tree.blackboard["cut"]) == 0
@@ -70,7 +77,9 @@ def span(tree) -> tuple[float, float]:
     return round(float(points[0, 0]), 2), round(float(points[-1, 0]), 2)
 
 
-def test_truncate_path_local_keeps_eight_metres_ahead_and_four_back(bench, path):
+def test_truncate_path_local_keeps_eight_metres_ahead_and_four_back(
+    bench: Bench, path: Callable[..., NavPath]
+) -> None:
     tree = bench.tree(LOCAL % "", path=path((-10, 0), (20, 0)))
     assert bench.letters(tree, 1) == "S"
     assert span(tree) == (-4.0, 8.0)
@@ -83,32 +92,38 @@ def test_truncate_path_local_keeps_eight_metres_ahead_and_four_back(bench, path)
         ('distance_forward="-1" distance_backward="0.5"', (-0.5, 20.0)),
     ],
 )
-def test_truncate_path_local_keeps_the_given_distances(bench, path, ports, kept):
+def test_truncate_path_local_keeps_the_given_distances(
+    bench: Bench, path: Callable[..., NavPath], ports: str, kept
+) -> None:
     tree = bench.tree(LOCAL % ports, path=path((-10, 0), (20, 0)))
     bench.letters(tree, 1)
     assert span(tree) == kept
 
 
-def test_truncate_path_local_uses_a_given_pose(bench, path):
+def test_truncate_path_local_uses_a_given_pose(bench: Bench, path: Callable[..., NavPath]) -> None:
     tree = bench.tree(LOCAL % 'pose="3;0;0" distance_backward="0"', path=path((-10, 0), (20, 0)))
     bench.localiser.confident = False
     assert bench.letters(tree, 1) == "S"
     assert span(tree) == (3.0, 11.0)
 
 
-def test_truncate_path_local_fails_when_the_pose_is_unknown(bench, path):
+def test_truncate_path_local_fails_when_the_pose_is_unknown(
+    bench: Bench, path: Callable[..., NavPath]
+) -> None:
     tree = bench.tree(LOCAL % "", path=path((-10, 0), (20, 0)))
     bench.localiser.confident = False
     assert bench.letters(tree, 1) == "F"
 
 
-def test_truncate_path_local_accepts_an_empty_path(bench):
+def test_truncate_path_local_accepts_an_empty_path(bench: Bench) -> None:
     tree = bench.tree(LOCAL % "")
     assert bench.letters(tree, 1) == "S"
     assert len(tree.blackboard["cut"]) == 0
 
 
-def test_truncate_path_local_distinguishes_opposite_legs_by_heading(bench, path):
+def test_truncate_path_local_distinguishes_opposite_legs_by_heading(
+    bench: Bench, path: Callable[..., NavPath]
+) -> None:
     there_and_back = path((-3, 0), (3, 0), (3, 0.04), (-3, 0.04))
     ports = 'distance_forward="1" distance_backward="0" angular_distance_weight="%s"'
     bench.move(0.0, 0.0, math.pi)
@@ -120,7 +135,9 @@ def test_truncate_path_local_distinguishes_opposite_legs_by_heading(bench, path)
     assert span(turned)[1] == pytest.approx(-1.0, abs=0.051)
 
 
-def test_truncate_path_local_searches_only_the_given_distance(bench, path):
+def test_truncate_path_local_searches_only_the_given_distance(
+    bench: Bench, path: Callable[..., NavPath]
+) -> None:
     loop = path((0, 0), (3, 0), (3, 2), (0, 2), (0, 0.02))
     ports = 'distance_forward="0.5" distance_backward="0" max_robot_pose_search_dist="1"'
     tree = bench.tree(LOCAL % ports, path=loop)
@@ -130,13 +147,15 @@ def test_truncate_path_local_searches_only_the_given_distance(bench, path):
 
 
 @pytest.mark.parametrize(("y", "letter"), [(0.0, "F"), (0.45, "F"), (1.0, "S")])
-def test_validate_path_uses_the_obstacles_of_the_global_costmap(seen, path, y, letter):
+def test_validate_path_uses_the_obstacles_of_the_global_costmap(
+    seen, path: Callable[..., NavPath], y: float, letter: str
+) -> None:
     tree = seen.tree('<ValidatePath path="{path}" collision_poses="{bad}"/>', path=path((0, y), (4, y)))
     assert seen.letters(tree, 1) == letter
     assert bool(tree.blackboard["bad"]) is (letter == "F")
 
 
-def test_validate_path_reports_the_first_collision_or_all(seen, path):
+def test_validate_path_reports_the_first_collision_or_all(seen, path: Callable[..., NavPath]) -> None:
     text = '<ValidatePath path="{path}" collision_poses="{bad}" stop_at_first_collision="%s"/>'
     one = seen.tree(text % "true", path=path((0, 0), (4, 0)))
     every = seen.tree(text % "false", path=path((0, 0), (4, 0)))
@@ -147,43 +166,47 @@ def test_validate_path_reports_the_first_collision_or_all(seen, path):
     assert len(every.blackboard["bad"]) > 5
 
 
-def test_validate_path_checks_only_ahead_of_the_robot(seen, path):
+def test_validate_path_checks_only_ahead_of_the_robot(seen, path: Callable[..., NavPath]) -> None:
     tree = seen.tree('<ValidatePath path="{path}"/>', path=path((0, 0), (4, 0)))
     seen.robot.boxes.clear()
     seen.move(3.0)
     assert seen.letters(tree, 1) == "S"
 
 
-def test_validate_path_checks_only_the_given_distance(seen, path):
+def test_validate_path_checks_only_the_given_distance(seen, path: Callable[..., NavPath]) -> None:
     tree = seen.tree('<ValidatePath path="{path}" max_lookahead_distance="1"/>', path=path((0, 0), (4, 0)))
     assert seen.letters(tree, 1) == "S"
 
 
-def test_validate_path_treats_unknown_cells_as_free_by_default(bench, path):
+def test_validate_path_treats_unknown_cells_as_free_by_default(
+    bench: Bench, path: Callable[..., NavPath]
+) -> None:
     text = '<ValidatePath path="{path}" consider_unknown_as_obstacle="%s"/>'
     unknown = path((4.2, 4.2), (4.3, 4.2))
     assert bench.letters(bench.tree(text % "false", path=unknown), 1) == "S"
     assert bench.letters(bench.tree(text % "true", path=unknown), 1) == "F"
 
 
-def test_validate_path_compares_costs_with_the_maximum_cost(seen, path):
+def test_validate_path_compares_costs_with_the_maximum_cost(seen, path: Callable[..., NavPath]) -> None:
     text = '<ValidatePath path="{path}" max_cost="%s"/>'
     beside = path((0, 0.6), (4, 0.6))
     assert seen.letters(seen.tree(text % 254, path=beside), 1) == "S"
     assert seen.letters(seen.tree(text % 50, path=beside), 1) == "F"
 
 
-def test_validate_path_fails_without_a_path(bench):
+def test_validate_path_fails_without_a_path(bench: Bench) -> None:
     assert bench.letters(bench.tree('<ValidatePath path="{path}"/>'), 1) == "F"
 
 
 @pytest.mark.parametrize(("y", "letter"), [(0.0, "F"), (1.0, "S")])
-def test_is_path_valid_is_validate_path_as_a_condition(seen, path, y, letter):
+def test_is_path_valid_is_validate_path_as_a_condition(
+    seen, path: Callable[..., NavPath], y: float, letter: str
+) -> None:
     tree = seen.tree('<Condition ID="IsPathValid" path="{path}"/>', path=path((0, y), (4, y)))
     assert seen.letters(tree, 1) == letter
 
 
-def test_smooth_path_cuts_a_detour(bench, path):
+def test_smooth_path_cuts_a_detour(bench: Bench, path: Callable[..., NavPath]) -> None:
     tree = bench.tree(
         '<SmoothPath unsmoothed_path="{path}" smoothed_path="{out}" was_completed="{done}"/>',
         path=path((0, 0), (1, 1), (2, 0)),
@@ -203,7 +226,9 @@ def test_smooth_path_cuts_a_detour(bench, path):
         ("", [(0, 0), (6, 0)], 0),
     ],
 )
-def test_smooth_path_through_obstacles_and_with_an_unknown_smoother(bench, path, ports, points, code):
+def test_smooth_path_through_obstacles_and_with_an_unknown_smoother(
+    bench: Bench, path: Callable[..., NavPath], ports: str, points, code: int
+) -> None:
     text = '<SmoothPath unsmoothed_path="{path}" was_completed="{done}" error_code_id="{code}" '
     tree = bench.tree(f"{text}{ports}/>", path=path(*points))
     assert bench.run(tree, 1.0) is (Status.FAILURE if code else Status.SUCCESS)
@@ -211,7 +236,7 @@ def test_smooth_path_through_obstacles_and_with_an_unknown_smoother(bench, path,
     assert code or tree.blackboard["done"] is False
 
 
-def test_smooth_path_sets_the_error_code_without_a_path(bench):
+def test_smooth_path_sets_the_error_code_without_a_path(bench: Bench) -> None:
     tree = bench.tree('<SmoothPath unsmoothed_path="{path}" error_code_id="{code}"/>')
     assert bench.letters(tree, 1) == "F"
     assert tree.blackboard["code"] == 505
@@ -223,21 +248,21 @@ GOALS = [at(0.3), at(0.6), at(2.0)]
 @pytest.mark.parametrize(
     ("radius", "left"), [(0.2, GOALS), (0.5, GOALS[1:]), (0.7, GOALS[2:]), (9.0, GOALS[2:])]
 )
-def test_remove_passed_goals_keeps_the_last_goal(bench, radius, left):
+def test_remove_passed_goals_keeps_the_last_goal(bench: Bench, radius: float, left) -> None:
     text = f'<RemovePassedGoals radius="{radius}" input_goals="{{goals}}" output_goals="{{goals}}"/>'
     tree = bench.tree(text, goals=list(GOALS))
     assert bench.letters(tree, 1) == "S"
     assert tree.blackboard["goals"] == left
 
 
-def test_remove_passed_goals_stops_at_the_first_goal_that_is_not_passed(bench):
+def test_remove_passed_goals_stops_at_the_first_goal_that_is_not_passed(bench: Bench) -> None:
     goals = [at(0.3), at(2.0), at(0.2), at(3.0)]
     tree = bench.tree('<RemovePassedGoals input_goals="{goals}" output_goals="{goals}"/>', goals=goals)
     bench.letters(tree, 1)
     assert tree.blackboard["goals"] == goals[1:]
 
 
-def test_remove_passed_goals_fails_when_the_pose_is_unknown(bench):
+def test_remove_passed_goals_fails_when_the_pose_is_unknown(bench: Bench) -> None:
     tree = bench.tree('<RemovePassedGoals input_goals="{goals}" output_goals="{goals}"/>', goals=list(GOALS))
     bench.localiser.confident = False
     assert bench.letters(tree, 1) == "F"
@@ -246,7 +271,7 @@ def test_remove_passed_goals_fails_when_the_pose_is_unknown(bench):
 STATUSES = 'input_waypoint_statuses="{how}" output_waypoint_statuses="{how}"'
 
 
-def test_remove_passed_goals_marks_them_completed(bench):
+def test_remove_passed_goals_marks_them_completed(bench: Bench) -> None:
     tree = bench.tree(
         f'<RemovePassedGoals {STATUSES} input_goals="{{goals}}" output_goals="{{goals}}"/>',
         goals=list(GOALS),
@@ -257,7 +282,7 @@ def test_remove_passed_goals_marks_them_completed(bench):
     assert states == [WaypointState.COMPLETED, WaypointState.PENDING, WaypointState.PENDING]
 
 
-def test_remove_in_collision_goals_marks_them_skipped(seen):
+def test_remove_in_collision_goals_marks_them_skipped(seen) -> None:
     goals = [at(2.0), at(0.0, 2.0), at(1.5), at(4.3, 4.3)]
     tree = seen.tree(
         f'<RemoveInCollisionGoals {STATUSES} input_goals="{{goals}}" output_goals="{{left}}"/>',
@@ -280,12 +305,14 @@ def test_remove_in_collision_goals_marks_them_skipped(seen):
         ("4.3;4.3", 'consider_unknown_as_obstacle="true"', "S"),
     ],
 )
-def test_check_pose_occupancy_succeeds_at_an_occupied_pose(seen, place, ports, letter):
+def test_check_pose_occupancy_succeeds_at_an_occupied_pose(seen, place: str, ports: str, letter: str) -> None:
     assert seen.letters(seen.tree(f'<CheckPoseOccupancy pose="{place}" {ports}/>'), 1) == letter
 
 
 @pytest.mark.parametrize(("index", "x"), [(0, 0.0), (2, 0.1), (-1, 1.0), (-21, 0.0)])
-def test_get_pose_from_path_counts_from_either_end(bench, path, index, x):
+def test_get_pose_from_path_counts_from_either_end(
+    bench: Bench, path: Callable[..., NavPath], index: int, x: float
+) -> None:
     tree = bench.tree(
         f'<GetPoseFromPath path="{{path}}" index="{index}" pose="{{pose}}"/>', path=path((0, 0), (1, 0))
     )
@@ -294,7 +321,9 @@ def test_get_pose_from_path_counts_from_either_end(bench, path, index, x):
 
 
 @pytest.mark.parametrize("index", [21, -22])
-def test_get_pose_from_path_fails_if_the_path_has_no_such_pose(bench, path, index):
+def test_get_pose_from_path_fails_if_the_path_has_no_such_pose(
+    bench: Bench, path: Callable[..., NavPath], index: int
+) -> None:
     tree = bench.tree(
         f'<GetPoseFromPath path="{{path}}" index="{index}" pose="{{pose}}"/>', path=path((0, 0), (1, 0))
     )
@@ -302,7 +331,7 @@ def test_get_pose_from_path_fails_if_the_path_has_no_such_pose(bench, path, inde
     assert bench.letters(bench.tree('<GetPoseFromPath path="{path}" pose="{pose}"/>'), 1) == "F"
 
 
-def test_get_current_pose_fails_when_the_pose_is_unknown(bench):
+def test_get_current_pose_fails_when_the_pose_is_unknown(bench: Bench) -> None:
     tree = bench.tree('<GetCurrentPose current_pose="{pose}"/>')
     bench.move(1.0, 2.0, 0.5)
     assert bench.letters(tree, 1) == "S"
@@ -312,7 +341,7 @@ def test_get_current_pose_fails_when_the_pose_is_unknown(bench):
     assert bench.letters(tree, 1) == "F"
 
 
-def test_concatenate_paths_needs_a_path_that_is_not_empty(bench, path):
+def test_concatenate_paths_needs_a_path_that_is_not_empty(bench: Bench, path: Callable[..., NavPath]) -> None:
     text = '<ConcatenatePaths input_path1="{a}" input_path2="{b}" output_path="{both}"/>'
     tree = bench.tree(text, a=path((0, 0), (1, 0)), b=path((1, 0), (1, 1)))
     assert bench.letters(tree, 1) == "S"
@@ -327,7 +356,7 @@ def test_concatenate_paths_needs_a_path_that_is_not_empty(bench, path):
     assert bench.letters(bench.tree(text), 1) == "F"
 
 
-def test_append_goal_pose_to_goals(bench):
+def test_append_goal_pose_to_goals(bench: Bench) -> None:
     text = '<AppendGoalPoseToGoals goal_pose="{goal}" input_goals="{goals}" output_goals="{all}"/>'
     tree = bench.tree(text, goal=at(3.0), goals=list(GOALS))
     assert bench.letters(tree, 1) == "S"
@@ -335,7 +364,7 @@ def test_append_goal_pose_to_goals(bench):
 
 
 @pytest.mark.parametrize(("count", "left"), [(2, GOALS[:2]), (5, GOALS)])
-def test_get_next_few_goals(bench, count, left):
+def test_get_next_few_goals(bench: Bench, count: int, left) -> None:
     text = f'<GetNextFewGoals num_goals="{count}" input_goals="{{goals}}" output_goals="{{few}}"/>'
     tree = bench.tree(text, goals=list(GOALS))
     assert bench.letters(tree, 1) == "S"
