@@ -192,7 +192,7 @@ def test_package_is_installed_as_by_colcon_and_runs_a_tree(tmp_path: Path) -> No
 
     # The leaves of the tree need a robot; here they follow a plan.
     tree = site / "btcore/trees/bumpgo.xml"
-    options = ["--model", tree, "--plan", "IsObstacle=FSF", "--plan", "Forward=RS", "--json"]
+    options = ["--model", tree, "--outcomes", "IsObstacle=FSF", "--outcomes", "Forward=RS", "--json"]
     printed = subprocess.run(
         [sys.executable, prefix / "bin/btcore", "run", "bumpgo", *options],
         env=os.environ | {"PYTHONPATH": str(site)},

@@ -37,7 +37,6 @@ class RunOptions(TreeOptions):
             "example Move=RRS|F. S(port=value) writes an output port. Other leaves return SUCCESS. "
             "Repeatable.",
             metavar="NAME=OUTCOMES",
-            name="plan",
         ),
     ] = ()
     substitute: Annotated[

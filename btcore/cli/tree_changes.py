@@ -1,4 +1,4 @@
-"""What `btcore run` changes in a tree before its first tick: `--plan`, `--substitute` and `--set`."""
+"""What `btcore run` changes in a tree before its first tick: `--outcomes`, `--substitute` and `--set`."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,7 +27,7 @@ class TreeChanges:
     """The outcomes of leaves without code, the substitution rules, and the entries of the blackboard.
 
     Args:
-        outcomes: The values of `--plan`.
+        outcomes: The values of `--outcomes`.
         substitute: The values of `--substitute`.
         set: The values of `--set`.
 
@@ -58,11 +58,11 @@ class TreeChanges:
                 raise click.UsageError(f"--substitute {file}: {error}.") from error
 
     def check(self, plans: Plans) -> None:
-        """Check that each `--plan` applies to a leaf of the tree that has no code."""
+        """Check that each `--outcomes` applies to a leaf of the tree that has no code."""
         try:
             self._outcomes.check(_ports_of_mock_leaves(plans) if self._outcomes.leaves else {})
         except ValueError as error:
-            raise click.UsageError(f"--plan: {error}. Mock leaves are leaves from a --model.") from error
+            raise click.UsageError(f"--outcomes: {error}. Mock leaves are leaves from a --model.") from error
 
     def prepare(self, tree: Tree, plans: Plans) -> None:
         """Write the entries to the blackboard of *tree*, and warn if substitution rules match no node.
@@ -90,15 +90,15 @@ def _parse_outcomes(texts: Sequence[str]) -> Outcomes:
         match = _NAMED_OUTCOMES.fullmatch(text)
         if match is None:
             raise click.UsageError(
-                f"--plan '{text}' is invalid: write NAME=OUTCOMES, for example Move=RRS|F."
+                f"--outcomes '{text}' is invalid: write NAME=OUTCOMES, for example Move=RRS|F."
             )
         name, outcomes = match.groups()
         if name in leaves:
-            raise click.UsageError(f"--plan: '{name}' has outcomes more than once.")
+            raise click.UsageError(f"--outcomes: '{name}' has outcomes more than once.")
         try:
             parse_outcomes(outcomes)
         except ValueError as error:
-            raise click.UsageError(f"--plan '{text}': {error}.") from error
+            raise click.UsageError(f"--outcomes '{text}': {error}.") from error
         leaves[name] = outcomes
     return Outcomes(leaves=leaves)
 

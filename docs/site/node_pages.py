@@ -52,7 +52,7 @@ In the terminal, `btcore nodes` prints the same list, together with the nodes of
 ## How to read the pages
 
 A page shows a small tree and, for most nodes, a table of recorded ticks. The leaves of these trees have no
-code: they return planned results, as with [`btcore run --plan`](../commands/run.md). A cell of the table
+code: they return planned results, as with [`btcore run --outcomes`](../commands/run.md). A cell of the table
 shows what a node did in a tick of the tree:
 
 - {status("SUCCESS")}, {status("FAILURE")}, {status("RUNNING")} or {status("SKIPPED")}: the node was ticked

@@ -93,7 +93,7 @@ def installed(made: Path, build: str, folder: Path) -> list[str]:
         found.append(f"the version is {version.strip()}")
     # The leaves of the tree need a robot; here they follow a plan.
     tree = next(environment.rglob("btcore/trees/bumpgo.xml"))
-    plans = ["--plan", "IsObstacle=FSF", "--plan", "Forward=RS"]
+    plans = ["--outcomes", "IsObstacle=FSF", "--outcomes", "Forward=RS"]
     report = json.loads(output(programs / "btcore", "run", "bumpgo", "--model", tree, *plans, "--json"))
     if report["status"] != "SUCCESS":
         found.append(f"the tree returned {report['status']}")

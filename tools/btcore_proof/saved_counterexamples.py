@@ -78,7 +78,7 @@ def source_of_test(name: str, answer: Answer, source: TreeReference, folder: Pat
         "from btcore_proof import assert_holds_in_run",
         "",
         "FOLDER = Path(__file__).parent",
-        "# For each tick its time (s) and the outcomes of the leaves, as for `btcore run --plan`.",
+        "# For each tick its time (s) and the outcomes of the leaves, as for `btcore run --outcomes`.",
         "TICKS = [",
         *(line for tick in outcomes_of_ticks(run) for line in _tick_lines(tick)),
         "]",

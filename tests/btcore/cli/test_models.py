@@ -53,7 +53,7 @@ def test_show_draws_nodes_of_models(cli: Cli, tree_file: TreeFile, model: Path) 
 def test_run_uses_outcomes_by_name_and_by_id(
     cli: Cli, tree_file: TreeFile, model: Path, last_json: LastJson
 ) -> None:
-    plans = ["--plan", "short=RF", "--plan", "Haul=RRS", "--plan", "IsOk=S"]
+    plans = ["--outcomes", "short=RF", "--outcomes", "Haul=RRS", "--outcomes", "IsOk=S"]
     result = cli("run", tree_file(BODY), "--model", model, *plans, "--fast", "--json")
     assert result.exit_code == 0, result.output
     nodes = last_json(result)["nodes"]
@@ -66,27 +66,27 @@ def test_run_uses_outcomes_by_name_and_by_id(
 @pytest.mark.parametrize(
     ("plans", "expected_message"),
     [
-        (["Hual=S"], "--plan: the tree has no mock leaf 'Hual'; did you mean 'Haul'?"),
+        (["Hual=S"], "--outcomes: the tree has no mock leaf 'Hual'; did you mean 'Haul'?"),
         (["Sequence=S"], "it has IsOk, short, Haul, long and Rest."),
         (["Haul=Z"], "the letters are R (RUNNING)"),
         (["Haul="], "invalid outcomes ''"),
         (["Haul=S|"], "invalid outcomes 'S|'"),
         (["RRS"], "write NAME=OUTCOMES"),
         (["Haul=S", "Haul=F"], "'Haul' has outcomes more than once"),
-        (["Haul=S(gaol=1)"], "--plan: outputs: 'Haul' has no output port 'gaol'"),
+        (["Haul=S(gaol=1)"], "--outcomes: outputs: 'Haul' has no output port 'gaol'"),
     ],
 )
 def test_invalid_plan_is_refused(
     cli: Cli, tree_file: TreeFile, model: Path, plans: list[str], expected_message: str
 ) -> None:
-    options = [part for plan in plans for part in ("--plan", plan)]
+    options = [part for plan in plans for part in ("--outcomes", plan)]
     result = cli("run", tree_file(BODY), "--model", model, "--fast", *options)
     assert result.exit_code == 2
     assert expected_message in result.stderr
 
 
 def test_plan_without_a_model_is_refused(cli: Cli, tree_file: TreeFile) -> None:
-    result = cli("run", tree_file("<AlwaysSuccess/>"), "--plan", "AlwaysSuccess=F", "--fast")
+    result = cli("run", tree_file("<AlwaysSuccess/>"), "--outcomes", "AlwaysSuccess=F", "--fast")
     assert result.exit_code == 2
     message = "no mock leaf 'AlwaysSuccess'; it has none. Mock leaves are leaves from a --model."
     assert message in result.stderr

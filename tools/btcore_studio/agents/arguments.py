@@ -132,7 +132,7 @@ def _with_settings(model: type[TreeArguments]) -> type[TreeArguments]:
 class RunArguments(TreeArguments):
     """The arguments of `run`, besides `SETTINGS`."""
 
-    plans: dict[str, str] = Field(
+    outcomes: dict[str, str] = Field(
         {},
         max_length=_MAX_LIST,
         description="Outcomes of leaves from `models`, by name or ID: a letter for each tick, R (RUNNING), "

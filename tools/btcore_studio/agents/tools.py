@@ -141,7 +141,7 @@ class Toolbox:
         The `log` can be given to explain_failure and read_log.
         """
         words = [
-            *_each("plan", [f"{leaf}={letters}" for leaf, letters in call.plans.items()]),
+            *_each("outcomes", [f"{leaf}={letters}" for leaf, letters in call.outcomes.items()]),
             *_each("set", [f"{key}={_value(value)}" for key, value in call.entries.items()]),
             f"--duration={call.duration}",
             f"--until={call.until}",

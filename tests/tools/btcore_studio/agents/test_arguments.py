@@ -16,7 +16,7 @@ from btcore.field_options import create_options
 from btcore.runs.available_providers import AvailableProviders
 from btcore_studio.agents.arguments import SETTINGS, RunArguments
 
-OTHERS = {"tree", "xml", "tree_id", "models", "own_models", "plans", "entries", "duration", "until"}
+OTHERS = {"tree", "xml", "tree_id", "models", "own_models", "outcomes", "entries", "duration", "until"}
 
 
 def test_settings_of_agents_are_bounded_and_neither_files_nor_of_one_run() -> None:

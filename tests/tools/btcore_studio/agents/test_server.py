@@ -127,8 +127,8 @@ def test_an_agent_mends_proves_and_simulates_a_tree(tmp_path: Path) -> None:
 
 def test_an_agent_learns_why_a_tree_failed(tmp_path: Path) -> None:
     async def work(agent: Agent) -> None:
-        plans = {"OpenDoor": "RF"}
-        result = await agent("run", xml=FAILING, own_models=True, plans=plans)
+        outcomes = {"OpenDoor": "RF"}
+        result = await agent("run", xml=FAILING, own_models=True, outcomes=outcomes)
         assert result["ended"] == "the tree ended in FAILURE"
         explained = await agent("explain_failure", log=result["log"])
         assert (explained["failed"], explained["cause"]) == (True, "Hinein::3/Tür")
