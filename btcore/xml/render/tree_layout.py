@@ -3,7 +3,8 @@
 Without wrapping, a tree of 100 nodes is 9,000 units wide. In this layout, a node's children either stand in
 columns below the node (columns of a single node give the usual row), or they fill rows as words fill lines,
 and hang from a spine, a vertical line below the parent's left end. Along columns or rows, children keep their
-order, and nothing overlaps. Nodes are drawn as pills, with a badge (a disc with a symbol) at the left end.
+order, and nothing overlaps. Nodes are drawn as cards of any size, with a badge (a disc with a symbol) at the
+left end.
 
 The best arrangement of a node depends on its surroundings. So every node offers a few shapes, from narrow and
 tall to wide and low (bottom-up). Then the root's best shape for the window is taken, which determines the
@@ -25,14 +26,14 @@ HANG_Y: Final = 13.0
 INDENT: Final = 42.0
 """Distance from a parent's left end to children that hang from its spine."""
 COLUMN_INDENT: Final = 24.0
-"""Distance from the left of a column with several pills to the pills; the column's spine is in between."""
+"""Distance from the left of a column with several cards to the cards; the column's spine is in between."""
 SPINE: Final = 21.0
 """Distance from a parent's left end to its spine, which is below the centre of the badge."""
+JOINT: Final = 21.0
+"""Greatest distance from a card's top to the line that meets its left side, which is beside the badge."""
 FRAME_PAD: Final = 15.0
 _SNAP: Final = 16.0
 """Greatest distance that a parent moves to be exactly above a child, which avoids a line with a kink."""
-COMFORT: Final = 28.0
-"""Window width (in pill heights) up to which a tree is drawn without wrapping."""
 ROWS_FROM: Final = 10
 """Smallest number of children that flow into rows; fewer children are easier to find in a row or a column."""
 _OFFERS: Final = 40
@@ -47,16 +48,25 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A node to be placed: the *width* of its pill, its *children* (indices), and whether it has a frame."""
+    """A node to be placed: the size of its card, its *children* (indices), and whether it has a frame.
+
+    A frame encloses the card and everything below it.
+    """
 
     width: float
+    height: float
     children: tuple[int, ...]
     has_frame: bool = False
+
+    @property
+    def joint(self) -> float:
+        """The distance from the top to the line that meets the left side."""
+        return min(JOINT, self.height / 2)
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The place of a pill: (x, y) is the middle of its left end, *width* its length; y points down."""
+    """The place of a card: (x, y) is the middle of its left end, *width* its length; y points down."""
 
     x: float
     y: float
@@ -64,7 +74,7 @@ class Place:
 
     @property
     def centre(self) -> float:
-        """The x of the pill's middle."""
+        """The x of the card's middle."""
         return self.x + self.width / 2
 
 
@@ -91,7 +101,7 @@ class _Shape:
     """A way to draw a node and all nodes below it.
 
     *width* and *height* are the size of its area, and *anchor* is the distance from the area's left edge to
-    the pill. *groups* are the shapes of the children, in rows if *is_hung*, otherwise in columns.
+    the card. *groups* are the shapes of the children, in rows if *is_hung*, otherwise in columns.
     The first column begins *shift* to the right of the area's left edge.
     """
 
@@ -103,22 +113,21 @@ class _Shape:
     shift: float = 0.0
 
 
-def lay_out(boxes: Sequence[Box], height: float, aspect: float = 1.6, comfort: float = COMFORT) -> TreeLayout:
+def lay_out(boxes: Sequence[Box], aspect: float, comfort: float) -> TreeLayout:
     """Return the layout that looks best in a window. The same boxes always give the same layout.
 
     Args:
         boxes: The nodes; index 0 is the root, and parents precede their children.
-        height: The height of a pill.
         aspect: The window's width divided by its height.
-        comfort: The window width, in pill heights, at which the tree is still legible without wrapping.
+        comfort: The window width at which the tree is still legible without wrapping.
     """
     if not boxes:
         return TreeLayout((), (), (), (0.0, 0.0))
-    plain = _offers(boxes, height, wrap=False)[0]
-    if _cost(plain, aspect) > comfort * height:
-        offered = _offers(boxes, height, wrap=True)
+    plain = _offers(boxes, wrap=False)[0]
+    if _cost(plain, aspect) > comfort:
+        offered = _offers(boxes, wrap=True)
         plain = min(offered, key=lambda shape: (_cost(shape, aspect), shape.width))
-    return _Drawing(boxes, height).draw(plain)
+    return _Drawing(boxes).draw(plain)
 
 
 def _cost(shape: _Shape, aspect: float) -> float:
@@ -129,7 +138,7 @@ def _cost(shape: _Shape, aspect: float) -> float:
     return max(shape.width, shape.height * aspect)
 
 
-def _offers(boxes: Sequence[Box], height: float, wrap: bool) -> list[_Shape]:
+def _offers(boxes: Sequence[Box], wrap: bool) -> list[_Shape]:
     """Return the shapes that the root offers, narrowest first."""
     offered: list[list[_Shape]] = [[] for _ in boxes]
     # From the last box to the first: children follow their parents.
@@ -138,25 +147,23 @@ def _offers(boxes: Sequence[Box], height: float, wrap: bool) -> list[_Shape]:
         below = [offered[child] for child in box.children]
         widths = [boxes[child].width for child in box.children]
         if not below:
-            shapes = [_Shape(box.width, height, 0.0)]
+            shapes = [_Shape(box.width, box.height, 0.0)]
         elif not wrap:
-            shapes = [_in_columns(box, height, widths, [[offers[0]] for offers in below])]
+            shapes = [_in_columns(box, widths, [[offers[0]] for offers in below])]
         else:
-            shapes = _best(_wrapped(box, height, widths, below))
+            shapes = _best(_wrapped(box, widths, below))
         offered[index] = [_framed(shape) for shape in shapes] if box.has_frame else shapes
     return offered[0]
 
 
-def _wrapped(
-    box: Box, height: float, widths: Sequence[float], below: Sequence[Sequence[_Shape]]
-) -> Iterable[_Shape]:
+def _wrapped(box: Box, widths: Sequence[float], below: Sequence[Sequence[_Shape]]) -> Iterable[_Shape]:
     heights = {shape.height for offered in below for shape in offered}
     total = sum(offered[0].height + HANG_Y for offered in below)
     limits = _spread(sorted(heights), _TRIES) + _steps(max(heights), total)
     for limit in limits:
         lowest = [_lowest_within(offered, limit) for offered in below]
-        yield _in_columns(box, height, widths, _stacked(lowest, limit))
-    yield _in_columns(box, height, widths, [[offered[-1]] for offered in below])
+        yield _in_columns(box, widths, _stacked(lowest, limit))
+    yield _in_columns(box, widths, [[offered[-1]] for offered in below])
     if len(below) == 1:
         return
     narrowest = [offered[0] for offered in below]
@@ -166,7 +173,7 @@ def _wrapped(
     for max_width in _steps(least, most):
         for chosen in (_widest_within, _smallest_within):
             shapes = [chosen(offered, max_width) for offered in below]
-            yield _flowed(box, height, shapes, max_width if len(below) >= ROWS_FROM else 0.0)
+            yield _flowed(box, shapes, max_width if len(below) >= ROWS_FROM else 0.0)
 
 
 def _steps(low: float, high: float) -> list[float]:
@@ -246,9 +253,7 @@ def _framed(shape: _Shape) -> _Shape:
     )
 
 
-def _in_columns(
-    box: Box, height: float, widths: Sequence[float], columns: Sequence[Sequence[_Shape]]
-) -> _Shape:
+def _in_columns(box: Box, widths: Sequence[float], columns: Sequence[Sequence[_Shape]]) -> _Shape:
     """Return the shape with children in columns side by side, and the parent centred above them."""
     across, down, middles, first = -GAP_X, 0.0, [], 0
     for column in columns:
@@ -269,7 +274,7 @@ def _in_columns(
     width = max(across + shift, anchor + shift + box.width)
     gap = CHAIN_Y if len(box.children) == 1 else GAP_Y
     groups = tuple(tuple(column) for column in columns)
-    return _Shape(width, height + gap + down, anchor + shift, groups, False, shift)
+    return _Shape(width, box.height + gap + down, anchor + shift, groups, False, shift)
 
 
 def _column_width(column: Sequence[_Shape]) -> float:
@@ -277,21 +282,20 @@ def _column_width(column: Sequence[_Shape]) -> float:
     return widest if len(column) == 1 else widest + COLUMN_INDENT
 
 
-def _flowed(box: Box, height: float, children: Sequence[_Shape], max_width: float) -> _Shape:
+def _flowed(box: Box, children: Sequence[_Shape], max_width: float) -> _Shape:
     """Return the shape with children in rows, at most *max_width* wide, that hang from the spine."""
     rows = _fill(children, [shape.width for shape in children], GAP_X, max_width)
     gap = HANG_Y if len(rows) == len(children) else GAP_Y
     across = max(sum(shape.width for shape in row) + GAP_X * (len(row) - 1) for row in rows)
-    down = height + sum(gap + max(shape.height for shape in row) for row in rows)
+    down = box.height + sum(gap + max(shape.height for shape in row) for row in rows)
     return _Shape(max(box.width, INDENT + across), down, 0.0, tuple(tuple(row) for row in rows), True)
 
 
 class _Drawing:
     """The conversion of the root's shape to places and lines."""
 
-    def __init__(self, boxes: Sequence[Box], height: float) -> None:
+    def __init__(self, boxes: Sequence[Box]) -> None:
         self._boxes = boxes
-        self._height = height
         self._places: list[Place] = [Place(0.0, 0.0, 0.0)] * len(boxes)
         self._edges: list[Line] = [()] * len(boxes)
         self._frames: list[tuple[int, float, float, float, float]] = []
@@ -307,7 +311,7 @@ class _Drawing:
                 inset = 2.0
                 right, bottom = left + shape.width - inset, top + shape.height - inset
                 self._frames.append((index, left + inset, top + inset, right, bottom))
-            place = Place(left + shape.anchor, top + pad + self._height / 2, box.width)
+            place = Place(left + shape.anchor, top + pad + box.height / 2, box.width)
             self._places[index] = place
             lay = self._hang if shape.is_hung else self._columns
             waiting.extend(lay(box, shape, place, left + pad))
@@ -320,13 +324,13 @@ class _Drawing:
         return FRAME_PAD if self._boxes[index].has_frame else 0.0
 
     def _top(self, child: int, shape: _Shape, x: float, y: float) -> tuple[float, float]:
-        """Return the point where a line from above meets the pill of *child*, whose area begins at (x, y)."""
+        """Return the point where a line from above meets the card of *child*, whose area begins at (x, y)."""
         return x + shape.anchor + self._boxes[child].width / 2, y + self._pad(child)
 
     def _columns(
         self, box: Box, shape: _Shape, place: Place, left: float
     ) -> Iterable[tuple[int, _Shape, float, float]]:
-        under = place.y + self._height / 2
+        under = place.y + box.height / 2
         gap = CHAIN_Y if len(box.children) == 1 else GAP_Y
         x, bus = left + shape.shift, under + gap / 2
         children = iter(box.children)
@@ -338,18 +342,20 @@ class _Drawing:
                 at = x if single else x + COLUMN_INDENT
                 top = self._top(child, below, at, y)
                 spine = top[0] if single else x + COLUMN_INDENT / 3
+                start = place.centre
                 if len(box.children) == 1:
-                    # The line goes straight down to the point where it meets the child's pill or frame.
-                    reach = self._boxes[child].width / 2 - self._height / 2
-                    if abs(top[0] - place.centre) < reach:
-                        spine, top = place.centre, (place.centre, top[1])
-                line: list[tuple[float, float]] = [(place.centre, under)]
-                if abs(spine - place.centre) > 0.01:
-                    line += [(place.centre, bus), (spine, bus)]
+                    # The line goes straight down, if a place is above the child and below the parent.
+                    joint, end = self._boxes[child].joint, at + below.anchor + self._boxes[child].width
+                    straight = min(max(start, at + below.anchor + joint), end - joint)
+                    if box.joint <= straight - place.x <= box.width - box.joint:
+                        start, spine, top = straight, straight, (straight, top[1])
+                line: list[tuple[float, float]] = [(start, under)]
+                if abs(spine - start) > 0.01:
+                    line += [(start, bus), (spine, bus)]
                 if single:
                     line.append(top)
                 else:
-                    level = top[1] + self._height / 2
+                    level = top[1] + self._boxes[child].joint
                     line += [(spine, level), (at + below.anchor, level)]
                 self._edges[child] = tuple(line)
                 yield child, below, at, y
@@ -360,7 +366,7 @@ class _Drawing:
         self, box: Box, shape: _Shape, place: Place, left: float
     ) -> Iterable[tuple[int, _Shape, float, float]]:
         single = len(shape.groups) == len(box.children)
-        spine, under = place.x + SPINE, place.y + self._height / 2
+        spine, under = place.x + SPINE, place.y + box.height / 2
         children = iter(box.children)
         y = under
         for row in shape.groups:
@@ -371,7 +377,7 @@ class _Drawing:
                 below = self._leftmost(child, offered) if single else offered
                 top = self._top(child, below, x, y + gap)
                 if single:
-                    level = top[1] + self._height / 2
+                    level = top[1] + self._boxes[child].joint
                     self._edges[child] = ((spine, under), (spine, level), (x + below.anchor, level))
                 else:
                     bus = y + gap / 2
@@ -381,7 +387,7 @@ class _Drawing:
             y += gap + max(below.height for below in row)
 
     def _leftmost(self, index: int, shape: _Shape) -> _Shape:
-        """Return *shape* with its pill above the first child instead of the middle.
+        """Return *shape* with its card above the first child instead of the middle.
 
         Nodes on a spine begin at the left, and a line from there to the middle of a wide shape would be long.
         """
