@@ -12,7 +12,9 @@ from btcore.xml.render.tree_layout import Box, Line, lay_out
 _MARGIN: Final = 28.0
 _HEAD: Final = 52.0
 _FOOT: Final = 40.0
-_WIDEST: Final = 1300.0
+_WIDEST: Final = 1700.0
+_MAX_SEARCHED: Final = 60
+"""Number of nodes up to which the best layout is searched, because a preview draws at each keystroke."""
 _CORNER: Final = 8.0
 # The widths of the cards fit these fonts. resvg, which makes the PNG, omits a text if it finds none of them.
 _SANS: Final = (
@@ -76,7 +78,7 @@ def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, styled: bool 
         return index
 
     add(root, False)
-    layout = lay_out(boxes, aspect=1.2, comfort=_WIDEST)
+    layout = lay_out(boxes, aspect=1.2, comfort=_WIDEST, is_quick=len(boxes) > _MAX_SEARCHED)
     count = len(nodes) + sum(node.hidden for node in nodes)
     about = f"format {format} · {count} node{'' if count == 1 else 's'}"
     kinds = [kind for kind in FAMILY_COLOURS if any(node.type is kind for node in nodes)]

@@ -1,15 +1,17 @@
 """The layout of a tree's nodes."""
 
 import itertools
+import math
 import random
 import time
 from collections.abc import Sequence, Set
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore.xml.render.tree_layout import Box, TreeLayout, lay_out
+from btcore.xml.render.tree_layout import FRAME_PAD, GAP_X, Box, TreeLayout, lay_out
 
 HEIGHT = 42.0
 COMFORT = 28 * HEIGHT
@@ -68,6 +70,13 @@ def trees(draw: st.DrawFn) -> list[Box]:
     return tree_of(parents, widths, framed, heights)
 
 
+@st.composite
+def drawings(draw: st.DrawFn) -> tuple[list[Box], TreeLayout]:
+    """Return a tree and a layout of it: searched, quick, or in levels without wrapping."""
+    boxes, aspect = draw(trees()), draw(st.floats(0.4, 4.0))
+    return boxes, lay_out(boxes, aspect, draw(st.sampled_from([COMFORT, math.inf])), draw(st.booleans()))
+
+
 def pill(width: float, *children: int) -> Box:
     return Box(width, HEIGHT, children)
 
@@ -92,24 +101,27 @@ def below(boxes: list[Box], index: int) -> set[int]:
     return found
 
 
-@given(trees(), st.floats(0.4, 4.0))
-def test_no_two_pills_overlap(boxes, aspect) -> None:
-    drawn = areas(boxes, lay_out(boxes, aspect, COMFORT))
+@given(drawings())
+def test_no_two_pills_overlap(drawing) -> None:
+    boxes, layout = drawing
+    drawn = areas(boxes, layout)
     for at, one in enumerate(drawn):
         assert not any(overlap(one, other) for other in drawn[:at])
 
 
-@given(trees(), st.floats(0.4, 4.0))
-def test_the_root_is_on_top_and_children_are_under_their_parents(boxes, aspect) -> None:
-    placed = areas(boxes, lay_out(boxes, aspect, COMFORT))
+@given(drawings())
+def test_the_root_is_on_top_and_children_are_under_their_parents(drawing) -> None:
+    boxes, layout = drawing
+    placed = areas(boxes, layout)
     for box, place in zip(boxes, placed, strict=True):
         for child in box.children:
             assert placed[child][1] >= place[3]
 
 
-@given(trees(), st.floats(0.4, 4.0))
-def test_children_keep_their_order_to_the_right_or_downwards(boxes, aspect) -> None:
-    placed = areas(boxes, lay_out(boxes, aspect, COMFORT))
+@given(drawings())
+def test_children_keep_their_order_to_the_right_or_downwards(drawing) -> None:
+    boxes, layout = drawing
+    placed = areas(boxes, layout)
     for box in boxes:
         for one, following in itertools.pairwise(box.children):
             to_the_right = placed[following][0] >= placed[one][2]
@@ -117,9 +129,9 @@ def test_children_keep_their_order_to_the_right_or_downwards(boxes, aspect) -> N
             assert to_the_right or under
 
 
-@given(trees(), st.floats(0.4, 4.0))
-def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspect) -> None:
-    layout = lay_out(boxes, aspect, COMFORT)
+@given(drawings())
+def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(drawing) -> None:
+    boxes, layout = drawing
     drawn = areas(boxes, layout)
     for parent, box in enumerate(boxes):
         for child in box.children:
@@ -136,9 +148,9 @@ def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspe
                 assert crossed <= {parent, child}
 
 
-@given(trees(), st.floats(0.4, 4.0))
-def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect) -> None:
-    layout = lay_out(boxes, aspect, COMFORT)
+@given(drawings())
+def test_a_frame_holds_its_subtree_and_nothing_else(drawing) -> None:
+    boxes, layout = drawing
     drawn = areas(boxes, layout)
     assert {frame[0] for frame in layout.frames} == {at for at, box in enumerate(boxes) if box.has_frame}
     for index, x0, y0, x1, y1 in layout.frames:
@@ -151,14 +163,18 @@ def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect) -> None:
                 assert not overlap((x0, y0, x1, y1), pill)
 
 
-@given(trees(), st.floats(0.4, 4.0))
-def test_a_layout_stays_within_its_size_and_is_deterministic(boxes, aspect) -> None:
-    layout = lay_out(boxes, aspect, COMFORT)
+@given(drawings())
+def test_a_layout_stays_within_its_size(drawing) -> None:
+    boxes, layout = drawing
     width, height = layout.size
     for x0, y0, x1, y1 in areas(boxes, layout):
         assert -0.01 <= x0 < x1 <= width + 0.01
         assert -0.01 <= y0 < y1 <= height + 0.01
-    assert lay_out(boxes, aspect, COMFORT) == layout
+
+
+@given(trees(), st.booleans())
+def test_a_layout_is_deterministic(boxes, is_quick) -> None:
+    assert lay_out(boxes, 1.6, COMFORT, is_quick) == lay_out(boxes, 1.6, COMFORT, is_quick)
 
 
 def test_a_small_tree_has_a_row_for_each_level_and_centred_parents() -> None:
@@ -236,6 +252,30 @@ def test_a_tree_is_wrapped_when_it_is_wider_than_comfortable() -> None:
     assert len({place.y for place in as_on_paper.places[1:]}) == 1
     wrapped = lay_out(boxes, 1.6, comfort=20 * HEIGHT)
     assert wrapped.size[0] < as_on_paper.size[0] / 2
+
+
+def test_subtrees_without_frames_are_packed_by_their_contours() -> None:
+    boxes = [pill(100, 1, 2), pill(100), pill(100, 3, 4, 5), *[pill(100)] * 3]
+    assert lay_out(boxes, 1.6, COMFORT).size[0] == 3 * 100 + 2 * GAP_X
+    boxes[2] = replace(boxes[2], has_frame=True)
+    assert lay_out(boxes, 1.6, COMFORT).size[0] == 4 * 100 + 3 * GAP_X + 2 * FRAME_PAD
+
+
+def test_an_unwrapped_layout_has_a_row_for_each_level_of_cards_of_any_height() -> None:
+    boxes = [pill(100, 1, 3), pill(100, 2), pill(100), Box(100, 90, (4, 5)), pill(100), pill(100)]
+    placed = areas(boxes, lay_out(boxes, 1.6, math.inf))
+    assert placed[1][1] == placed[3][1] < placed[2][1] == placed[4][1] == placed[5][1]
+
+
+def test_a_quick_layout_is_not_much_wider_than_comfortable_and_takes_little_time() -> None:
+    boxes = random_tree(1000)
+    start = time.process_time()
+    layout = lay_out(boxes, 1.6, COMFORT, is_quick=True)
+    taken = time.process_time() - start
+    assert layout.size[0] < 1.5 * COMFORT
+    start = time.process_time()
+    lay_out(boxes, 1.6, COMFORT)
+    assert taken < (time.process_time() - start) / 5
 
 
 def test_no_nodes_give_an_empty_layout() -> None:
