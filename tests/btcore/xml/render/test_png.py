@@ -42,10 +42,10 @@ def test_picture_shows_cards_glyphs_edges_and_texts() -> None:
 
 def test_large_drawing_becomes_a_smaller_picture_while_its_texts_can_be_read() -> None:
     wide = "<Fallback>" + "<AlwaysFailure/>" * 9 + "</Fallback>"
-    picture = Image.open(BytesIO(png.svg_to_png(svg_of(f"<Sequence>{wide * 18}</Sequence>"))))
+    picture = Image.open(BytesIO(png.svg_to_png(svg_of(f"<Sequence>{wide * 6}</Sequence>"))))
     assert max(picture.size) == png.MAX_SIDE
     with pytest.raises(png.PictureError, match="draw a subtree, or an SVG"):
-        png.svg_to_png(svg_of(f"<Sequence>{wide * 120}</Sequence>"))
+        png.svg_to_png(svg_of(f"<Sequence>{wide * 40}</Sequence>"))
 
 
 def test_machine_without_fonts_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
