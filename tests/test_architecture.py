@@ -200,6 +200,7 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
         "btcore.suggestions",
         "btcore.xml.render.folding",
         "btcore.xml.render.symbols",
+        "btcore.xml.render.tree_layout",
     }
     assert {edge.split(" → ")[1] for edge in reached} <= shared
     for module in shared:

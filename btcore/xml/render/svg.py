@@ -1,20 +1,20 @@
 """Draw a tree as a self-contained SVG, without embedded fonts, scripts or external files."""
 
-from collections.abc import Iterator
-from typing import Final, NamedTuple
+import math
+from typing import Final
 
 from btcore.escaping import escape_text
 from btcore.status import NodeType
 from btcore.xml.render.node_card import FAMILY_COLOURS, Card, card_of, text_width
-from btcore.xml.render.tidy_layout import LayoutBox, Spacing, layout_tree
 from btcore.xml.render.tree_drawing import DiagramNode
+from btcore.xml.render.tree_layout import Box, Line, lay_out
 
 _MARGIN: Final = 28.0
 _HEAD: Final = 52.0
 _FOOT: Final = 40.0
 _WIDEST: Final = 1700.0
-_GAPS_DOWN: Final = Spacing(siblings=18, levels=44, frame=14)
-_GAPS_RIGHT: Final = Spacing(siblings=12, levels=58, frame=14)
+_MAX_SEARCHED: Final = 60
+"""Number of nodes up to which the best layout is searched, because a preview draws at each keystroke."""
 _CORNER: Final = 8.0
 # The widths of the cards fit these fonts. resvg, which makes the PNG, omits a text if it finds none of them.
 _SANS: Final = (
@@ -48,14 +48,6 @@ _STYLE: Final = f"""
 """
 
 
-class _PlacedNode(NamedTuple):
-    """A node with its card, and the box of the layout that holds the card."""
-
-    node: DiagramNode
-    card: Card
-    box: LayoutBox
-
-
 def drawing_style() -> str:
     """Return the style sheet of all drawings, for a page that shows drawings without their own."""
     return f"{_STYLE}{_colours()}"
@@ -65,50 +57,33 @@ def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, styled: bool 
     """Return a drawing of a tree as an SVG document.
 
     Cards are coloured by kind, and show the attributes of the node. The content of a SubTree has a frame.
-    Children are placed below their parents, or to the right of them if the drawing becomes too wide. The
-    group of each card has the number of the node as `data-uid`.
+    Children are placed below their parents, and wrapped if the drawing becomes too wide. The group of each
+    card has the number of the node as `data-uid`.
 
     Args:
         format: The format of the tree, 3 or 4.
         styled: Whether the document contains `drawing_style()`.
     """
-    placed, width, height = _layout(root, down=True)
-    down = width <= _WIDEST
-    if not down:
-        placed, width, height = _layout(root, down=False)
-    style = f"<style>{drawing_style()}</style>" if styled else ""
-    return _document(placed, title, format, width, height, down, style)
+    nodes: list[DiagramNode] = []
+    cards: list[Card] = []
+    boxes: list[Box] = []
 
+    def add(node: DiagramNode, is_called: bool) -> int:
+        index, card = len(nodes), card_of(node)
+        nodes.append(node)
+        cards.append(card)
+        boxes.append(Box(card.width, card.height, ()))
+        children = tuple([add(child, node.type is NodeType.SUBTREE) for child in node.children])
+        boxes[index] = Box(card.width, card.height, children, is_called)
+        return index
 
-def _layout(root: DiagramNode, down: bool) -> tuple[list[_PlacedNode], float, float]:
-    """Return the placed nodes in pre-order, and the width and height of the drawing in px."""
-    placed: list[_PlacedNode] = []
-
-    def box_of(node: DiagramNode) -> LayoutBox:
-        card = card_of(node)
-        sizes = (card.width, card.height) if down else (card.height, card.width)
-        box = LayoutBox(*sizes, framed=node.type is NodeType.SUBTREE)
-        placed.append(_PlacedNode(node, card, box))
-        box.children = [box_of(child) for child in node.children]
-        return box
-
-    breadth, depth = layout_tree(box_of(root), _GAPS_DOWN if down else _GAPS_RIGHT)
-    return (placed, breadth, depth) if down else (placed, depth, breadth)
-
-
-def _document(
-    placed: list[_PlacedNode],
-    title: str,
-    format: int,
-    drawing_width: float,
-    height: float,
-    down: bool,
-    style: str,
-) -> str:
-    count = len(placed) + sum(item.node.hidden for item in placed)
+    add(root, False)
+    layout = lay_out(boxes, aspect=1.2, comfort=_WIDEST, is_quick=len(boxes) > _MAX_SEARCHED)
+    count = len(nodes) + sum(node.hidden for node in nodes)
     about = f"format {format} · {count} node{'' if count == 1 else 's'}"
-    kinds = [kind for kind in FAMILY_COLOURS if any(item.node.type is kind for item in placed)]
+    kinds = [kind for kind in FAMILY_COLOURS if any(node.type is kind for node in nodes)]
     title_width = text_width(title, 19, bold=True)
+    drawing_width, height = layout.size
     width = max(drawing_width, title_width + 10, 92.0 * len(kinds)) + 2 * _MARGIN
     height += _HEAD + _FOOT + _MARGIN
     left = (width - drawing_width) / 2
@@ -117,34 +92,30 @@ def _document(
     place = f'x="{_MARGIN + title_width + 12:.1f}" y="36"' if beside else f'x="{_MARGIN:g}" y="51"'
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
-        f'viewBox="0 0 {width:.1f} {height:.1f}" role="img" data-direction="{"down" if down else "right"}">',
+        f'viewBox="0 0 {width:.1f} {height:.1f}" role="img">',
         f"<title>{escape_text(title)}</title>",
-        style,
+        f"<style>{drawing_style()}</style>" if styled else "",
         '<rect class="sheet" width="100%" height="100%" fill="#f7f8fb"/>',
         f'<text class="title" x="{_MARGIN:g}" y="36">{escape_text(title)}</text>',
         f'<text class="about" {place}>{about}</text>',
         f'<g transform="translate({left:.1f} {_HEAD + 14:g})">',
     ]
     # Later elements cover earlier elements: cards are drawn last.
-    lines += [_frame(*item.box.frame, down) for item in placed if item.box.frame is not None]
-    for item in placed:
-        lines += _edges(item.box, down)
-    for node, card, box in placed:
-        x, y = (box.middle - card.width / 2, box.top) if down else (box.top, box.middle - card.height / 2)
-        place = f'data-uid="{node.uid}" transform="translate({x:.1f} {y:.1f})"'
-        badge = _hidden_badge(node.hidden, card, down) if node.hidden else ""
+    lines += [_frame(*corners) for _, *corners in layout.frames]
+    lines += [_edge(line) for line in layout.edges if line]
+    for node, card, at in zip(nodes, cards, layout.places, strict=True):
+        place = f'data-uid="{node.uid}" transform="translate({at.x:.1f} {at.y - card.height / 2:.1f})"'
+        badge = _hidden_badge(node.hidden, card) if node.hidden else ""
         lines.append(f"<g {place}>{''.join(card.drawing)}{badge}</g>")
     return "\n".join([*lines, "</g>", _legend(kinds, height - 18), "</svg>"]) + "\n"
 
 
-def _hidden_badge(count: int, card: Card, down: bool) -> str:
-    """Return the badge of a card whose *count* descendants are omitted, at the edge towards them."""
+def _hidden_badge(count: int, card: Card) -> str:
+    """Return the badge of a card whose *count* descendants are omitted, at its lower edge."""
     width = text_width(f"+{count}", 11, bold=True) + 12
-    # Beside the card, the badge must not cover the ID.
-    x, y = (card.width / 2, card.height) if down else (card.width + width / 2 - 5, card.height / 2)
     pill = f'<rect class="pill" x="{-width / 2:.1f}" y="-8" width="{width:.1f}" height="16" rx="8"/>'
     words = f'<title>{count} hidden</title>{pill}<text class="count" y="4">+{count}</text>'
-    return f'<g class="fold" transform="translate({x:.1f} {y:.1f})">{words}</g>'
+    return f'<g class="fold" transform="translate({card.width / 2:.1f} {card.height:.1f})">{words}</g>'
 
 
 def _colours() -> str:
@@ -155,35 +126,22 @@ def _colours() -> str:
     )
 
 
-def _frame(b0: float, d0: float, b1: float, d1: float, down: bool) -> str:
-    x0, y0, x1, y1 = (b0, d0, b1, d1) if down else (d0, b0, d1, b1)
+def _frame(x0: float, y0: float, x1: float, y1: float) -> str:
     size = f'width="{x1 - x0:.1f}" height="{y1 - y0:.1f}"'
     return f'<rect class="frame" x="{x0:.1f}" y="{y0:.1f}" {size} rx="12"/>'
 
 
-def _edges(box: LayoutBox, down: bool) -> Iterator[str]:
-    """Yield the edges from *box* to its children."""
-    gaps = _GAPS_DOWN if down else _GAPS_RIGHT
-    for child in box.children:
-        turn = child.top - (gaps.frame if box.framed else 0) - gaps.levels / 2
-        yield _edge(box.middle, box.top + box.depth, child.middle, child.top, turn, down)
-
-
-def _edge(b0: float, d0: float, b1: float, d1: float, turn: float, down: bool) -> str:
-    """Return an edge that runs along the depth, changes its breadth at *turn*, and has round corners."""
-
-    def at(b: float, d: float) -> str:
-        return f"{b:.1f} {d:.1f}" if down else f"{d:.1f} {b:.1f}"
-
-    if abs(b1 - b0) < 0.5:
-        return f'<path class="edge" d="M{at(b0, d0)}L{at(b1, d1)}"/>'
-    round_ = min(_CORNER, abs(b1 - b0) / 2, max(0.0, turn - d0), d1 - turn)
-    step = round_ if b1 > b0 else -round_
-    path = (
-        f"M{at(b0, d0)}L{at(b0, turn - round_)}Q{at(b0, turn)} {at(b0 + step, turn)}"
-        f"L{at(b1 - step, turn)}Q{at(b1, turn)} {at(b1, turn + round_)}L{at(b1, d1)}"
-    )
-    return f'<path class="edge" d="{path}"/>'
+def _edge(line: Line) -> str:
+    """Return an edge with round corners."""
+    path = f"M{line[0][0]:.1f} {line[0][1]:.1f}"
+    for before, (x, y), after in zip(line, line[1:], line[2:], strict=False):
+        ends = []
+        for other in (before, after):
+            length = math.dist(other, (x, y))
+            share = min(_CORNER, length / 2) / length
+            ends.append(f"{x + (other[0] - x) * share:.1f} {y + (other[1] - y) * share:.1f}")
+        path += f"L{ends[0]}Q{x:.1f} {y:.1f} {ends[1]}"
+    return f'<path class="edge" d="{path}L{line[-1][0]:.1f} {line[-1][1]:.1f}"/>'
 
 
 def _legend(kinds: list[NodeType], y: float) -> str:

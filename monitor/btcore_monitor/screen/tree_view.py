@@ -8,6 +8,7 @@ import numpy as np
 import rerun as rr
 
 from btcore.xml.render.symbols import symbol_path
+from btcore.xml.render.tree_layout import Box, Place, TreeLayout, lay_out
 from btcore_monitor.events import IDLE, RUNNING, ObservedNode, ObservedTree
 from btcore_monitor.screen import style
 from btcore_monitor.screen.captions import Caption, create_captions, format_ports
@@ -25,7 +26,6 @@ from btcore_monitor.screen.subtree_drawing import (
     split_by_subtree,
 )
 from btcore_monitor.screen.tick_states import TickStates
-from btcore_monitor.screen.tree_layout import Box, Place, TreeLayout, lay_out
 
 ORIGIN: Final = "tree"
 FOLDED: Final = "folded"
@@ -254,14 +254,14 @@ def arrange(tree: ObservedTree, written: Mapping[int, Caption], view_size: tuple
     boxes = [
         Box(
             width=written[node.uid].width,
+            height=style.PILL_HEIGHT,
             children=tuple(index_of_uid[child] for child in node.children),
             has_frame=node.type == "subtree" and bool(node.children),
         )
         for node in tree.nodes
     ]
     across, down = view_size
-    comfort = across / _MIN_SCALE / style.PILL_HEIGHT
-    return lay_out(boxes, style.PILL_HEIGHT, across / (down - LEGEND_HEIGHT), comfort)
+    return lay_out(boxes, across / (down - LEGEND_HEIGHT), across / _MIN_SCALE)
 
 
 def _arrange_readable(

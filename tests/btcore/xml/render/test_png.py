@@ -45,7 +45,7 @@ def test_large_drawing_becomes_a_smaller_picture_while_its_texts_can_be_read() -
     picture = Image.open(BytesIO(png.svg_to_png(svg_of(f"<Sequence>{wide * 6}</Sequence>"))))
     assert max(picture.size) == png.MAX_SIDE
     with pytest.raises(png.PictureError, match="draw a subtree, or an SVG"):
-        png.svg_to_png(svg_of(f"<Sequence>{wide * 12}</Sequence>"))
+        png.svg_to_png(svg_of(f"<Sequence>{wide * 40}</Sequence>"))
 
 
 def test_machine_without_fonts_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

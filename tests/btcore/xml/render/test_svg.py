@@ -4,15 +4,12 @@ import re
 from itertools import combinations
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from lxml import etree
 
 from btcore import Registry
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.read import parse_text
 from btcore.xml.render.svg import diagram_to_svg
-from btcore.xml.render.tidy_layout import LayoutBox, Spacing, layout_tree
 from btcore.xml.render.tree_drawing import diagram_of_document
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -67,7 +64,7 @@ def test_frame_of_a_subtree_encloses_only_its_content(drawing: etree._Element) -
     assert sorted(inside) == ["AlwaysFailure", "Inverter"]
 
 
-def test_wide_tree_is_drawn_to_the_right() -> None:
+def test_wide_tree_is_wrapped() -> None:
     many = "".join(f'<AlwaysSuccess name="the step with the number {number}"/>' for number in range(30))
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>{many}</Sequence></BehaviorTree></root>'
     assert float(etree.fromstring(svg(text).encode()).get("width") or 0) < 1000
@@ -114,49 +111,3 @@ def test_cards_do_not_overlap(drawing: etree._Element) -> None:
     placed = cards(drawing)
     assert len(placed) == 8
     assert all(apart(one, other) for one, other in combinations(placed.values(), 2))
-
-
-# --- the layout
-
-SIZES = st.floats(1, 200)
-BOXES = st.recursive(
-    st.builds(LayoutBox, SIZES, SIZES),
-    lambda inner: st.one_of(
-        st.builds(
-            lambda b, d, c: LayoutBox(b, d, children=c), SIZES, SIZES, st.lists(inner, min_size=1, max_size=4)
-        ),
-        st.builds(lambda b, d, c: LayoutBox(b, d, True, [c]), SIZES, SIZES, inner),
-    ),
-    max_leaves=25,
-)
-
-
-def area(box: LayoutBox) -> Rectangle:
-    return box.middle - box.breadth / 2, box.top, box.middle + box.breadth / 2, box.top + box.depth
-
-
-def below(box: LayoutBox) -> list[LayoutBox]:
-    return [one for child in box.children for one in (child, *below(child))]
-
-
-@settings(max_examples=3 * settings().max_examples)
-@given(BOXES)
-def test_layout_separates_boxes_centres_parents_and_encloses_frames(root: LayoutBox) -> None:
-    breadth, depth = layout_tree(root, Spacing(siblings=5, levels=20, frame=6))
-    boxes = [root, *below(root)]
-    slack = 1e-6
-    for one, other in combinations(boxes, 2):
-        a, b = area(one), area(other)
-        assert apart((a[0] + slack, a[1] + slack, a[2] - slack, a[3] - slack), b)
-    for box in boxes:
-        assert within(area(box), (-slack, 0, breadth + slack, depth + slack))
-        if box.children:
-            ends = (box.children[0].middle + box.children[-1].middle) / 2
-            assert box.middle == pytest.approx(ends, abs=1e-6)
-        if box.frame is not None:
-            left, top, right, bottom = box.frame
-            room = (left + slack, top + slack, right - slack, bottom - slack)
-            inside = below(box)
-            assert all(within(area(one), room) for one in inside)
-            assert all(apart(area(one), room) for one in boxes if one not in inside)
-            assert all(within(one.frame, room) for one in inside if one.frame is not None)

@@ -225,9 +225,7 @@ function show(data, anchor) {
   } else if (state.size[0] * state.zoom > canvas.clientWidth) {
     const root = state.groups.values().next().value.getBoundingClientRect();
     const box = canvas.getBoundingClientRect();
-    // A drawing that grows to the right begins at the left edge.
-    if (svg.dataset.direction === "down") canvas.scrollLeft += root.left + root.width / 2 - box.left - box.width / 2;
-    else canvas.scrollTop += root.top + root.height / 2 - box.top - box.height / 2;
+    canvas.scrollLeft += root.left + root.width / 2 - box.left - box.width / 2;
   }
   performance.mark("drawn");
   markProblems();
@@ -296,9 +294,7 @@ function zoomTo(zoom, x = canvas.clientWidth / 2, y = canvas.clientHeight / 2) {
 function addFold(group) {
   const card = group.querySelector(".card");
   const [width, height] = [card.width.baseVal.value, card.height.baseVal.value];
-  const down = group.ownerSVGElement.dataset.direction === "down";
-  const place = down ? `${width / 2} ${height}` : `${width} ${height / 2}`;
-  const button = draw("g", { class: "fold passing", transform: `translate(${place})` });
+  const button = draw("g", { class: "fold passing", transform: `translate(${width / 2} ${height})` });
   const label = draw("text", { class: "count", y: 4 });
   label.textContent = "−";
   const hint = draw("title", {});

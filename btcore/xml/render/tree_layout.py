@@ -3,16 +3,20 @@
 Without wrapping, a tree of 100 nodes is 9,000 units wide. In this layout, a node's children either stand in
 columns below the node (columns of a single node give the usual row), or they fill rows as words fill lines,
 and hang from a spine, a vertical line below the parent's left end. Along columns or rows, children keep their
-order, and nothing overlaps. Nodes are drawn as pills, with a badge (a disc with a symbol) at the left end.
+order, and nothing overlaps. Nodes are drawn as cards of any size, with a badge (a disc with a symbol) at the
+left end. In a tree without wrapping, the cards of a level are at the same height, and contours are packed.
 
 The best arrangement of a node depends on its surroundings. So every node offers a few shapes, from narrow and
 tall to wide and low (bottom-up). Then the root's best shape for the window is taken, which determines the
 shapes of all nodes below (top-down).
 """
 
+import math
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
+from operator import add
 from typing import Final, TypeVar
 
 GAP_X: Final = 22.0
@@ -25,14 +29,14 @@ HANG_Y: Final = 13.0
 INDENT: Final = 42.0
 """Distance from a parent's left end to children that hang from its spine."""
 COLUMN_INDENT: Final = 24.0
-"""Distance from the left of a column with several pills to the pills; the column's spine is in between."""
+"""Distance from the left of a column with several cards to the cards; the column's spine is in between."""
 SPINE: Final = 21.0
 """Distance from a parent's left end to its spine, which is below the centre of the badge."""
+JOINT: Final = 21.0
+"""Greatest distance from a card's top to the line that meets its left side, which is beside the badge."""
 FRAME_PAD: Final = 15.0
 _SNAP: Final = 16.0
 """Greatest distance that a parent moves to be exactly above a child, which avoids a line with a kink."""
-COMFORT: Final = 28.0
-"""Window width (in pill heights) up to which a tree is drawn without wrapping."""
 ROWS_FROM: Final = 10
 """Smallest number of children that flow into rows; fewer children are easier to find in a row or a column."""
 _OFFERS: Final = 40
@@ -47,16 +51,35 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A node to be placed: the *width* of its pill, its *children* (indices), and whether it has a frame."""
+    """A node to be placed: the size of its card, its *children* (indices), and whether it has a frame.
+
+    A frame encloses the card and everything below it.
+    """
 
     width: float
+    height: float
     children: tuple[int, ...]
     has_frame: bool = False
+
+    @property
+    def joint(self) -> float:
+        """The distance from the top to the line that meets the left side."""
+        return min(JOINT, self.height / 2)
+
+    @property
+    def pad(self) -> float:
+        """The distance from the frame to the card."""
+        return FRAME_PAD if self.has_frame else 0.0
+
+    @property
+    def gap(self) -> float:
+        """The distance to the row below."""
+        return CHAIN_Y if len(self.children) == 1 else GAP_Y
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The place of a pill: (x, y) is the middle of its left end, *width* its length; y points down."""
+    """The place of a card: (x, y) is the middle of its left end, *width* its length; y points down."""
 
     x: float
     y: float
@@ -64,7 +87,7 @@ class Place:
 
     @property
     def centre(self) -> float:
-        """The x of the pill's middle."""
+        """The x of the card's middle."""
         return self.x + self.width / 2
 
 
@@ -91,8 +114,8 @@ class _Shape:
     """A way to draw a node and all nodes below it.
 
     *width* and *height* are the size of its area, and *anchor* is the distance from the area's left edge to
-    the pill. *groups* are the shapes of the children, in rows if *is_hung*, otherwise in columns.
-    The first column begins *shift* to the right of the area's left edge.
+    the card. *groups* are the shapes of the children, in rows if *is_hung*, otherwise in columns.
+    *starts* are the distances from the area's left edge to the columns, *drop* from the card to their tops.
     """
 
     width: float
@@ -100,25 +123,59 @@ class _Shape:
     anchor: float
     groups: tuple[tuple["_Shape", ...], ...] = ()
     is_hung: bool = False
-    shift: float = 0.0
+    starts: tuple[float, ...] = ()
+    drop: float = 0.0
 
 
-def lay_out(boxes: Sequence[Box], height: float, aspect: float = 1.6, comfort: float = COMFORT) -> TreeLayout:
+@dataclass(slots=True)
+class _Side:
+    """The left or right side of a contour.
+
+    *parts* are (y of the lower end, x) from the bottom up, and *x* is added to the x of all parts. The gap
+    above a card belongs to the part of the card, so there are no gaps between the parts.
+    """
+
+    parts: list[tuple[float, float]]
+    x: float = 0.0
+
+    def distance(self, left: "_Side") -> float:
+        """Return how far *left* must move to the right so that it touches this right side."""
+        ours, theirs, most = len(self.parts) - 1, len(left.parts) - 1, -math.inf
+        while ours >= 0 and theirs >= 0:
+            (y, x), (other_y, other_x) = self.parts[ours], left.parts[theirs]
+            most = max(most, x - other_x)
+            ours -= y <= other_y
+            theirs -= other_y <= y
+        return most + self.x - left.x
+
+    def above(self, lower: "_Side") -> "_Side":
+        """Return this side, followed by the parts of *lower* that are below it. It consumes both sides."""
+        if not self.parts or not lower.parts or lower.parts[0][0] <= self.parts[0][0]:
+            return self if self.parts else lower
+        # This takes the time of the shorter side, so all calls together are linear in the nodes.
+        while lower.parts[-1][0] <= self.parts[0][0]:
+            lower.parts.pop()
+        lower.parts += [(y, x + self.x - lower.x) for y, x in self.parts]
+        return lower
+
+
+def lay_out(boxes: Sequence[Box], aspect: float, comfort: float, is_quick: bool = False) -> TreeLayout:
     """Return the layout that looks best in a window. The same boxes always give the same layout.
 
     Args:
         boxes: The nodes; index 0 is the root, and parents precede their children.
-        height: The height of a pill.
         aspect: The window's width divided by its height.
-        comfort: The window width, in pill heights, at which the tree is still legible without wrapping.
+        comfort: The window width at which the tree is still legible without wrapping.
+        is_quick: Whether to wrap to *comfort* without the search for the best shape, which takes 20 times as
+            long.
     """
     if not boxes:
         return TreeLayout((), (), (), (0.0, 0.0))
-    plain = _offers(boxes, height, wrap=False)[0]
-    if _cost(plain, aspect) > comfort * height:
-        offered = _offers(boxes, height, wrap=True)
+    plain = _in_levels(boxes, comfort if is_quick else math.inf)
+    if not is_quick and _cost(plain, aspect) > comfort:
+        offered = _offers(boxes)
         plain = min(offered, key=lambda shape: (_cost(shape, aspect), shape.width))
-    return _Drawing(boxes, height).draw(plain)
+    return _Drawing(boxes).draw(plain)
 
 
 def _cost(shape: _Shape, aspect: float) -> float:
@@ -129,7 +186,56 @@ def _cost(shape: _Shape, aspect: float) -> float:
     return max(shape.width, shape.height * aspect)
 
 
-def _offers(boxes: Sequence[Box], height: float, wrap: bool) -> list[_Shape]:
+def _in_levels(boxes: Sequence[Box], limit: float) -> _Shape:
+    """Return the root's shape with children in rows, and the cards of a level at the same height.
+
+    Subtrees without frames are packed by their contours. Children hang from a spine if their row would be
+    wider than *limit*. The time is linear in the number of boxes.
+    """
+    levels, level, top = [], [0], 0.0
+    while level:
+        inner = [boxes[index] for index in level if boxes[index].children]
+        end = top + max([boxes[index].pad + boxes[index].height for index in level])
+        below = end + max([box.gap for box in inner], default=0.0)
+        levels.append((level, top, end, below))
+        level, top = [child for box in inner for child in box.children], below
+    shapes: list[_Shape] = [_Shape(0.0, 0.0, 0.0)] * len(boxes)
+    sides: list[tuple[_Side, _Side]] = [(_Side([]), _Side([]))] * len(boxes)
+    for level, top, end, below in reversed(levels):
+        for index in level:
+            box, left, right = boxes[index], _Side([]), _Side([])
+            children = [shapes[child] for child in box.children]
+            starts: list[float] = []
+            for child in box.children:
+                child_left, child_right = sides[child]
+                start = right.distance(child_left) + GAP_X if starts else 0.0
+                starts.append(start)
+                child_left.x += start
+                child_right.x += start
+                left, right = left.above(child_left), child_right.above(right)
+            shape = _Shape(box.width, box.height, 0.0)
+            if starts:
+                widths = [boxes[child].width for child in box.children]
+                drop = below - top - box.pad - box.height
+                shape = _in_columns(box, widths, [[child] for child in children], starts, drop)
+                left.x += shape.starts[0]
+                right.x += shape.starts[0]
+            start, stop = shape.anchor, shape.anchor + box.width
+            if is_wide := shape.width > limit and len(starts) > 1:
+                shape = _flowed(box, children, limit if len(children) >= ROWS_FROM else 0.0)
+            if box.has_frame:
+                shape = _framed(shape)
+            bottom = end
+            if is_wide or box.has_frame:
+                left, right = _Side([]), _Side([])
+                start, stop, bottom = 0.0, shape.width, top + shape.height
+            left.parts.append((bottom, start - left.x))
+            right.parts.append((bottom, stop - right.x))
+            shapes[index], sides[index] = shape, (left, right)
+    return shapes[0]
+
+
+def _offers(boxes: Sequence[Box]) -> list[_Shape]:
     """Return the shapes that the root offers, narrowest first."""
     offered: list[list[_Shape]] = [[] for _ in boxes]
     # From the last box to the first: children follow their parents.
@@ -138,25 +244,21 @@ def _offers(boxes: Sequence[Box], height: float, wrap: bool) -> list[_Shape]:
         below = [offered[child] for child in box.children]
         widths = [boxes[child].width for child in box.children]
         if not below:
-            shapes = [_Shape(box.width, height, 0.0)]
-        elif not wrap:
-            shapes = [_in_columns(box, height, widths, [[offers[0]] for offers in below])]
+            shapes = [_Shape(box.width, box.height, 0.0)]
         else:
-            shapes = _best(_wrapped(box, height, widths, below))
+            shapes = _best(_wrapped(box, widths, below))
         offered[index] = [_framed(shape) for shape in shapes] if box.has_frame else shapes
     return offered[0]
 
 
-def _wrapped(
-    box: Box, height: float, widths: Sequence[float], below: Sequence[Sequence[_Shape]]
-) -> Iterable[_Shape]:
+def _wrapped(box: Box, widths: Sequence[float], below: Sequence[Sequence[_Shape]]) -> Iterable[_Shape]:
     heights = {shape.height for offered in below for shape in offered}
     total = sum(offered[0].height + HANG_Y for offered in below)
     limits = _spread(sorted(heights), _TRIES) + _steps(max(heights), total)
     for limit in limits:
         lowest = [_lowest_within(offered, limit) for offered in below]
-        yield _in_columns(box, height, widths, _stacked(lowest, limit))
-    yield _in_columns(box, height, widths, [[offered[-1]] for offered in below])
+        yield _in_columns(box, widths, _stacked(lowest, limit))
+    yield _in_columns(box, widths, [[offered[-1]] for offered in below])
     if len(below) == 1:
         return
     narrowest = [offered[0] for offered in below]
@@ -166,7 +268,7 @@ def _wrapped(
     for max_width in _steps(least, most):
         for chosen in (_widest_within, _smallest_within):
             shapes = [chosen(offered, max_width) for offered in below]
-            yield _flowed(box, height, shapes, max_width if len(below) >= ROWS_FROM else 0.0)
+            yield _flowed(box, shapes, max_width if len(below) >= ROWS_FROM else 0.0)
 
 
 def _steps(low: float, high: float) -> list[float]:
@@ -247,17 +349,28 @@ def _framed(shape: _Shape) -> _Shape:
 
 
 def _in_columns(
-    box: Box, height: float, widths: Sequence[float], columns: Sequence[Sequence[_Shape]]
+    box: Box,
+    widths: Sequence[float],
+    columns: Sequence[Sequence[_Shape]],
+    starts: Sequence[float] = (),
+    drop: float = 0.0,
 ) -> _Shape:
-    """Return the shape with children in columns side by side, and the parent centred above them."""
-    across, down, middles, first = -GAP_X, 0.0, [], 0
-    for column in columns:
-        x = across + GAP_X
+    """Return the shape with children in columns side by side, and the parent centred above them.
+
+    Args:
+        starts: The x of the columns, by default as far from each other as their areas require.
+        drop: The distance from the card to the columns, by default the gap.
+    """
+    drop = drop or box.gap
+    starts = starts or list(
+        accumulate([_column_width(column) + GAP_X for column in columns[:-1]], initial=0.0)
+    )
+    down, middles, first = 0.0, [], 0
+    for x, column in zip(starts, columns, strict=True):
         if len(column) == 1:
             middles.append(x + column[0].anchor + widths[first] / 2)
         else:
             middles.append(x + COLUMN_INDENT / 3)
-        across = x + _column_width(column)
         down = max(down, sum(shape.height for shape in column) + HANG_Y * (len(column) - 1))
         first += len(column)
     middle = (middles[0] + middles[-1]) / 2
@@ -265,11 +378,11 @@ def _in_columns(
     if abs(near - middle) < _SNAP:
         middle = near
     anchor = middle - box.width / 2
-    shift = max(0.0, -anchor)
-    width = max(across + shift, anchor + shift + box.width)
-    gap = CHAIN_Y if len(box.children) == 1 else GAP_Y
-    groups = tuple(tuple(column) for column in columns)
-    return _Shape(width, height + gap + down, anchor + shift, groups, False, shift)
+    left = min(anchor, *starts)
+    right = max(anchor + box.width, *map(add, starts, map(_column_width, columns)))
+    groups = tuple(map(tuple, columns))
+    starts = tuple([x - left for x in starts])
+    return _Shape(right - left, box.height + drop + down, anchor - left, groups, False, starts, drop)
 
 
 def _column_width(column: Sequence[_Shape]) -> float:
@@ -277,21 +390,20 @@ def _column_width(column: Sequence[_Shape]) -> float:
     return widest if len(column) == 1 else widest + COLUMN_INDENT
 
 
-def _flowed(box: Box, height: float, children: Sequence[_Shape], max_width: float) -> _Shape:
+def _flowed(box: Box, children: Sequence[_Shape], max_width: float) -> _Shape:
     """Return the shape with children in rows, at most *max_width* wide, that hang from the spine."""
     rows = _fill(children, [shape.width for shape in children], GAP_X, max_width)
     gap = HANG_Y if len(rows) == len(children) else GAP_Y
     across = max(sum(shape.width for shape in row) + GAP_X * (len(row) - 1) for row in rows)
-    down = height + sum(gap + max(shape.height for shape in row) for row in rows)
+    down = box.height + sum(gap + max(shape.height for shape in row) for row in rows)
     return _Shape(max(box.width, INDENT + across), down, 0.0, tuple(tuple(row) for row in rows), True)
 
 
 class _Drawing:
     """The conversion of the root's shape to places and lines."""
 
-    def __init__(self, boxes: Sequence[Box], height: float) -> None:
+    def __init__(self, boxes: Sequence[Box]) -> None:
         self._boxes = boxes
-        self._height = height
         self._places: list[Place] = [Place(0.0, 0.0, 0.0)] * len(boxes)
         self._edges: list[Line] = [()] * len(boxes)
         self._frames: list[tuple[int, float, float, float, float]] = []
@@ -302,65 +414,61 @@ class _Drawing:
         while waiting:
             index, shape, left, top = waiting.pop()
             box = self._boxes[index]
-            pad = self._pad(index)
             if box.has_frame:
                 inset = 2.0
                 right, bottom = left + shape.width - inset, top + shape.height - inset
                 self._frames.append((index, left + inset, top + inset, right, bottom))
-            place = Place(left + shape.anchor, top + pad + self._height / 2, box.width)
+            place = Place(left + shape.anchor, top + box.pad + box.height / 2, box.width)
             self._places[index] = place
             lay = self._hang if shape.is_hung else self._columns
-            waiting.extend(lay(box, shape, place, left + pad))
+            waiting.extend(lay(box, shape, place, left + box.pad))
         self._frames.sort()
         return TreeLayout(
             tuple(self._places), tuple(self._edges), tuple(self._frames), (root.width, root.height)
         )
 
-    def _pad(self, index: int) -> float:
-        return FRAME_PAD if self._boxes[index].has_frame else 0.0
-
     def _top(self, child: int, shape: _Shape, x: float, y: float) -> tuple[float, float]:
-        """Return the point where a line from above meets the pill of *child*, whose area begins at (x, y)."""
-        return x + shape.anchor + self._boxes[child].width / 2, y + self._pad(child)
+        """Return the point where a line from above meets the card of *child*, whose area begins at (x, y)."""
+        return x + shape.anchor + self._boxes[child].width / 2, y + self._boxes[child].pad
 
     def _columns(
         self, box: Box, shape: _Shape, place: Place, left: float
     ) -> Iterable[tuple[int, _Shape, float, float]]:
-        under = place.y + self._height / 2
-        gap = CHAIN_Y if len(box.children) == 1 else GAP_Y
-        x, bus = left + shape.shift, under + gap / 2
+        under = place.y + box.height / 2
+        bus = under + shape.drop - box.gap / 2
         children = iter(box.children)
-        for column in shape.groups:
-            single = len(column) == 1
-            y = under + gap
+        for start_x, column in zip(shape.starts, shape.groups, strict=True):
+            x, single = left + start_x, len(column) == 1
+            y = under + shape.drop
             for below in column:
                 child = next(children)
                 at = x if single else x + COLUMN_INDENT
                 top = self._top(child, below, at, y)
                 spine = top[0] if single else x + COLUMN_INDENT / 3
+                start = place.centre
                 if len(box.children) == 1:
-                    # The line goes straight down to the point where it meets the child's pill or frame.
-                    reach = self._boxes[child].width / 2 - self._height / 2
-                    if abs(top[0] - place.centre) < reach:
-                        spine, top = place.centre, (place.centre, top[1])
-                line: list[tuple[float, float]] = [(place.centre, under)]
-                if abs(spine - place.centre) > 0.01:
-                    line += [(place.centre, bus), (spine, bus)]
+                    # The line goes straight down, if a place is above the child and below the parent.
+                    joint, end = self._boxes[child].joint, at + below.anchor + self._boxes[child].width
+                    straight = min(max(start, at + below.anchor + joint), end - joint)
+                    if box.joint <= straight - place.x <= box.width - box.joint:
+                        start, spine, top = straight, straight, (straight, top[1])
+                line: list[tuple[float, float]] = [(start, under)]
+                if abs(spine - start) > 0.01:
+                    line += [(start, bus), (spine, bus)]
                 if single:
                     line.append(top)
                 else:
-                    level = top[1] + self._height / 2
+                    level = top[1] + self._boxes[child].joint
                     line += [(spine, level), (at + below.anchor, level)]
                 self._edges[child] = tuple(line)
                 yield child, below, at, y
                 y += below.height + HANG_Y
-            x += _column_width(column) + GAP_X
 
     def _hang(
         self, box: Box, shape: _Shape, place: Place, left: float
     ) -> Iterable[tuple[int, _Shape, float, float]]:
         single = len(shape.groups) == len(box.children)
-        spine, under = place.x + SPINE, place.y + self._height / 2
+        spine, under = place.x + SPINE, place.y + box.height / 2
         children = iter(box.children)
         y = under
         for row in shape.groups:
@@ -371,7 +479,7 @@ class _Drawing:
                 below = self._leftmost(child, offered) if single else offered
                 top = self._top(child, below, x, y + gap)
                 if single:
-                    level = top[1] + self._height / 2
+                    level = top[1] + self._boxes[child].joint
                     self._edges[child] = ((spine, under), (spine, level), (x + below.anchor, level))
                 else:
                     bus = y + gap / 2
@@ -381,17 +489,17 @@ class _Drawing:
             y += gap + max(below.height for below in row)
 
     def _leftmost(self, index: int, shape: _Shape) -> _Shape:
-        """Return *shape* with its pill above the first child instead of the middle.
+        """Return *shape* with its card above the first child instead of the middle.
 
         Nodes on a spine begin at the left, and a line from there to the middle of a wide shape would be long.
         """
         if shape.is_hung or not shape.groups:
             return shape
-        box, first, start = self._boxes[index], shape.groups[0], self._pad(index) + shape.shift
+        box, first, start = self._boxes[index], shape.groups[0], self._boxes[index].pad + shape.starts[0]
         if len(box.children) == 1:
             first = (self._leftmost(box.children[0], first[0]),)
-            return replace(shape, groups=(first,), anchor=self._pad(index), shift=0.0)
+            return replace(shape, groups=(first,), anchor=box.pad, starts=(0.0,))
         middle = start + COLUMN_INDENT / 3
         if len(first) == 1:
             middle = start + first[0].anchor + self._boxes[box.children[0]].width / 2
-        return replace(shape, anchor=max(self._pad(index), min(middle - box.width / 2, shape.anchor)))
+        return replace(shape, anchor=max(box.pad, min(middle - box.width / 2, shape.anchor)))

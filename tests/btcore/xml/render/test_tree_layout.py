@@ -1,21 +1,30 @@
 """The layout of a tree's nodes."""
 
 import itertools
+import math
 import random
 import time
+from collections.abc import Sequence, Set
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore_monitor.screen.tree_layout import Box, TreeLayout, lay_out
+from btcore.xml.render.tree_layout import FRAME_PAD, GAP_X, Box, TreeLayout, lay_out
 
 HEIGHT = 42.0
+COMFORT = 28 * HEIGHT
 PROTOTYPE = {100: (2849, 1976), 1000: (12151, 7438)}
 """The sizes of the prototype's layouts, which a layout must not exceed."""
 
 
-def tree_of(parents: list[int], widths: list[float], framed: set[int] = frozenset()) -> list[Box]:
+def tree_of(
+    parents: list[int],
+    widths: list[float],
+    framed: Set[int] = frozenset(),
+    heights: Sequence[float] = (HEIGHT,),
+) -> list[Box]:
     """Return boxes in depth-first order; *parents* has the parent of each node except the root."""
     children: list[list[int]] = [[] for _ in range(len(parents) + 1)]
     for node, parent in enumerate(parents, start=1):
@@ -26,7 +35,10 @@ def tree_of(parents: list[int], widths: list[float], framed: set[int] = frozense
         order.append(node)
         waiting.extend(reversed(children[node]))
     place = {node: at for at, node in enumerate(order)}
-    return [Box(widths[one], tuple(place[c] for c in children[one]), one in framed) for one in order]
+    return [
+        Box(widths[one], heights[one % len(heights)], tuple(place[c] for c in children[one]), one in framed)
+        for one in order
+    ]
 
 
 def random_tree(count: int, seed: int = 7) -> list[Box]:
@@ -54,12 +66,26 @@ def trees(draw: st.DrawFn) -> list[Box]:
     some = draw(st.lists(st.floats(50, 400), min_size=1, max_size=9))
     widths = list(itertools.islice(itertools.cycle(some), count))
     framed = draw(st.sets(st.integers(0, count - 1), max_size=4))
-    return tree_of(parents, widths, framed)
+    heights = draw(st.lists(st.floats(10, 120), min_size=1, max_size=5))
+    return tree_of(parents, widths, framed, heights)
 
 
-def pills(layout: TreeLayout) -> list[tuple[float, float, float, float]]:
-    half = HEIGHT / 2
-    return [(one.x, one.y - half, one.x + one.width, one.y + half) for one in layout.places]
+@st.composite
+def drawings(draw: st.DrawFn) -> tuple[list[Box], TreeLayout]:
+    """Return a tree and a layout of it: searched, quick, or in levels without wrapping."""
+    boxes, aspect = draw(trees()), draw(st.floats(0.4, 4.0))
+    return boxes, lay_out(boxes, aspect, draw(st.sampled_from([COMFORT, math.inf])), draw(st.booleans()))
+
+
+def pill(width: float, *children: int) -> Box:
+    return Box(width, HEIGHT, children)
+
+
+def areas(boxes: list[Box], layout: TreeLayout) -> list[tuple[float, float, float, float]]:
+    return [
+        (one.x, one.y - box.height / 2, one.x + one.width, one.y + box.height / 2)
+        for box, one in zip(boxes, layout.places, strict=True)
+    ]
 
 
 def overlap(a: tuple[float, ...], b: tuple[float, ...], slack: float = 0.01) -> bool:
@@ -75,40 +101,43 @@ def below(boxes: list[Box], index: int) -> set[int]:
     return found
 
 
-@given(trees(), st.floats(0.4, 4.0))
-def test_no_two_pills_overlap(boxes, aspect) -> None:
-    drawn = pills(lay_out(boxes, HEIGHT, aspect))
+@given(drawings())
+def test_no_two_pills_overlap(drawing) -> None:
+    boxes, layout = drawing
+    drawn = areas(boxes, layout)
     for at, one in enumerate(drawn):
         assert not any(overlap(one, other) for other in drawn[:at])
 
 
-@given(trees(), st.floats(0.4, 4.0))
-def test_the_root_is_on_top_and_children_are_under_their_parents(boxes, aspect) -> None:
-    places = lay_out(boxes, HEIGHT, aspect).places
-    for box, place in zip(boxes, places, strict=True):
+@given(drawings())
+def test_the_root_is_on_top_and_children_are_under_their_parents(drawing) -> None:
+    boxes, layout = drawing
+    placed = areas(boxes, layout)
+    for box, place in zip(boxes, placed, strict=True):
         for child in box.children:
-            assert places[child].y >= place.y + HEIGHT
+            assert placed[child][1] >= place[3]
 
 
-@given(trees(), st.floats(0.4, 4.0))
-def test_children_keep_their_order_to_the_right_or_downwards(boxes, aspect) -> None:
-    places = lay_out(boxes, HEIGHT, aspect).places
+@given(drawings())
+def test_children_keep_their_order_to_the_right_or_downwards(drawing) -> None:
+    boxes, layout = drawing
+    placed = areas(boxes, layout)
     for box in boxes:
         for one, following in itertools.pairwise(box.children):
-            to_the_right = places[following].x >= places[one].x + places[one].width
-            under = places[following].y >= places[one].y + HEIGHT
+            to_the_right = placed[following][0] >= placed[one][2]
+            under = placed[following][1] >= placed[one][3]
             assert to_the_right or under
 
 
-@given(trees(), st.floats(0.4, 4.0))
-def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspect) -> None:
-    layout = lay_out(boxes, HEIGHT, aspect)
-    drawn = pills(layout)
+@given(drawings())
+def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(drawing) -> None:
+    boxes, layout = drawing
+    drawn = areas(boxes, layout)
     for parent, box in enumerate(boxes):
         for child in box.children:
             line = layout.edges[child]
             assert drawn[parent][0] <= line[0][0] <= drawn[parent][2]
-            assert line[0][1] == drawn[parent][3]
+            assert line[0][1] == pytest.approx(drawn[parent][3])
             end = line[-1]
             at_the_top = abs(end[1] - drawn[child][1]) < 0.01 and drawn[child][0] <= end[0] <= drawn[child][2]
             at_the_left = abs(end[0] - drawn[child][0]) < 0.01 and drawn[child][1] < end[1] < drawn[child][3]
@@ -119,10 +148,10 @@ def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(boxes, aspe
                 assert crossed <= {parent, child}
 
 
-@given(trees(), st.floats(0.4, 4.0))
-def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect) -> None:
-    layout = lay_out(boxes, HEIGHT, aspect)
-    drawn = pills(layout)
+@given(drawings())
+def test_a_frame_holds_its_subtree_and_nothing_else(drawing) -> None:
+    boxes, layout = drawing
+    drawn = areas(boxes, layout)
     assert {frame[0] for frame in layout.frames} == {at for at, box in enumerate(boxes) if box.has_frame}
     for index, x0, y0, x1, y1 in layout.frames:
         inside = below(boxes, index)
@@ -134,44 +163,48 @@ def test_a_frame_holds_its_subtree_and_nothing_else(boxes, aspect) -> None:
                 assert not overlap((x0, y0, x1, y1), pill)
 
 
-@given(trees(), st.floats(0.4, 4.0))
-def test_a_layout_stays_within_its_size_and_is_deterministic(boxes, aspect) -> None:
-    layout = lay_out(boxes, HEIGHT, aspect)
+@given(drawings())
+def test_a_layout_stays_within_its_size(drawing) -> None:
+    boxes, layout = drawing
     width, height = layout.size
-    for x0, y0, x1, y1 in pills(layout):
+    for x0, y0, x1, y1 in areas(boxes, layout):
         assert -0.01 <= x0 < x1 <= width + 0.01
         assert -0.01 <= y0 < y1 <= height + 0.01
-    assert lay_out(boxes, HEIGHT, aspect) == layout
+
+
+@given(trees(), st.booleans())
+def test_a_layout_is_deterministic(boxes, is_quick) -> None:
+    assert lay_out(boxes, 1.6, COMFORT, is_quick) == lay_out(boxes, 1.6, COMFORT, is_quick)
 
 
 def test_a_small_tree_has_a_row_for_each_level_and_centred_parents() -> None:
-    boxes = [Box(120, (1, 4)), Box(100, (2, 3)), Box(90, ()), Box(90, ()), Box(110, ())]
-    places = lay_out(boxes, HEIGHT).places
+    boxes = [pill(120, 1, 4), pill(100, 2, 3), pill(90), pill(90), pill(110)]
+    places = lay_out(boxes, 1.6, COMFORT).places
     assert places[2].y == places[3].y > places[1].y == places[4].y > places[0].y
     assert places[0].centre == (places[1].centre + places[4].centre) / 2
     assert places[1].centre == (places[2].centre + places[3].centre) / 2
 
 
 def test_a_parent_is_directly_above_a_child_that_is_nearly_in_the_middle() -> None:
-    boxes = [Box(150, (1, 2, 3)), Box(100, ()), Box(90, ()), Box(112, ())]
-    layout = lay_out(boxes, HEIGHT)
+    boxes = [pill(150, 1, 2, 3), pill(100), pill(90), pill(112)]
+    layout = lay_out(boxes, 1.6, COMFORT)
     assert layout.places[0].centre == layout.places[2].centre
     assert len(layout.edges[2]) == 2
 
 
 def test_big_trees_are_no_larger_than_the_prototypes_layouts() -> None:
     for count, (width, height) in PROTOTYPE.items():
-        layouts = [lay_out(random_tree(count, seed), HEIGHT, width / height) for seed in range(5)]
+        layouts = [lay_out(random_tree(count, seed), width / height, COMFORT) for seed in range(5)]
         needed = sorted(max(one.size[0] / width, one.size[1] / height) for one in layouts)
         assert needed[2] <= 1.0
 
 
 @pytest.mark.parametrize("count", [2, 3, 30, 150, 400])
-def test_a_chain_and_a_broom_of_any_length_are_laid_out(count: int) -> None:
+def test_a_chain_and_a_broom_of_any_length_are_laid_out(count) -> None:
     chain = tree_of(list(range(count - 1)), [100.0] * count)
-    assert len(lay_out(chain, HEIGHT).places) == count
+    assert len(lay_out(chain, 1.6, COMFORT).places) == count
     broom = tree_of([0] * (count - 1), [100.0] * count)
-    width, height = lay_out(broom, HEIGHT, 1.6).size
+    width, height = lay_out(broom, 1.6, COMFORT).size
     assert count < 30 or 0.4 < width / height < 6.0
 
 
@@ -181,7 +214,7 @@ def test_the_time_of_a_layout_grows_about_linearly_with_the_nodes() -> None:
         best = float("inf")
         for _ in range(3):
             start = time.process_time()
-            lay_out(boxes, HEIGHT)
+            lay_out(boxes, 1.6, COMFORT)
             best = min(best, time.process_time() - start)
         return best
 
@@ -190,7 +223,7 @@ def test_the_time_of_a_layout_grows_about_linearly_with_the_nodes() -> None:
 
 def test_an_only_child_is_below_its_parent_in_a_big_tree() -> None:
     boxes = random_tree(300)
-    places = lay_out(boxes, HEIGHT).places
+    places = lay_out(boxes, 1.6, COMFORT).places
     lonely = [(at, box.children[0]) for at, box in enumerate(boxes) if len(box.children) == 1]
     assert len(lonely) > 10
     for parent, child in lonely:
@@ -201,25 +234,49 @@ def test_an_only_child_is_below_its_parent_in_a_big_tree() -> None:
 
 def test_children_in_a_column_and_an_only_child_below_share_their_left_edge() -> None:
     boxes = [
-        Box(120, (1, 2, 3, 4)),
-        *[Box(120, ())] * 3,
-        Box(120, (5,)),
-        Box(120, (6, 7)),
-        *[Box(90, ())] * 2,
+        pill(120, 1, 2, 3, 4),
+        *[pill(120)] * 3,
+        pill(120, 5),
+        pill(120, 6, 7),
+        *[pill(90)] * 2,
     ]
-    places = lay_out(boxes, HEIGHT, aspect=0.6, comfort=1.0).places
+    places = lay_out(boxes, 0.6, comfort=HEIGHT).places
     assert len({place.y for place in places[1:5]}) == 4
     assert places[6].y == places[7].y > places[5].y
     assert {place.x for place in places[1:6]} == {places[1].x}
 
 
 def test_a_tree_is_wrapped_when_it_is_wider_than_comfortable() -> None:
-    boxes = [Box(120, tuple(range(1, 13))), *[Box(200, ())] * 12]
-    as_on_paper = lay_out(boxes, HEIGHT, comfort=100.0)
+    boxes = [pill(120, *range(1, 13)), *[pill(200)] * 12]
+    as_on_paper = lay_out(boxes, 1.6, comfort=100 * HEIGHT)
     assert len({place.y for place in as_on_paper.places[1:]}) == 1
-    wrapped = lay_out(boxes, HEIGHT, comfort=20.0)
+    wrapped = lay_out(boxes, 1.6, comfort=20 * HEIGHT)
     assert wrapped.size[0] < as_on_paper.size[0] / 2
 
 
+def test_subtrees_without_frames_are_packed_by_their_contours() -> None:
+    boxes = [pill(100, 1, 2), pill(100), pill(100, 3, 4, 5), *[pill(100)] * 3]
+    assert lay_out(boxes, 1.6, COMFORT).size[0] == 3 * 100 + 2 * GAP_X
+    boxes[2] = replace(boxes[2], has_frame=True)
+    assert lay_out(boxes, 1.6, COMFORT).size[0] == 4 * 100 + 3 * GAP_X + 2 * FRAME_PAD
+
+
+def test_an_unwrapped_layout_has_a_row_for_each_level_of_cards_of_any_height() -> None:
+    boxes = [pill(100, 1, 3), pill(100, 2), pill(100), Box(100, 90, (4, 5)), pill(100), pill(100)]
+    placed = areas(boxes, lay_out(boxes, 1.6, math.inf))
+    assert placed[1][1] == placed[3][1] < placed[2][1] == placed[4][1] == placed[5][1]
+
+
+def test_a_quick_layout_is_not_much_wider_than_comfortable_and_takes_little_time() -> None:
+    boxes = random_tree(1000)
+    start = time.process_time()
+    layout = lay_out(boxes, 1.6, COMFORT, is_quick=True)
+    taken = time.process_time() - start
+    assert layout.size[0] < 1.5 * COMFORT
+    start = time.process_time()
+    lay_out(boxes, 1.6, COMFORT)
+    assert taken < (time.process_time() - start) / 5
+
+
 def test_no_nodes_give_an_empty_layout() -> None:
-    assert lay_out([], HEIGHT) == TreeLayout((), (), (), (0.0, 0.0))
+    assert lay_out([], 1.6, COMFORT) == TreeLayout((), (), (), (0.0, 0.0))
