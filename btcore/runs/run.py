@@ -122,7 +122,6 @@ class Run:
         error: The exception that a leaf raised, or None.
         elapsed_s: The duration of the ticking by the run's clock (s).
         wall_s: The duration of the ticking in real time (s).
-        closing_errors: What the providers raised when they were closed, such as `OutputError`.
 
     Raises:
         TreeError: The tree has an error, or lacks a resource.
@@ -192,7 +191,6 @@ class Run:
         self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0
         self.wall_s = 0.0
-        self.closing_errors: list[BtcoreError] = []
 
     # --- opening
 
@@ -217,7 +215,6 @@ class Run:
         try:
             self._enter()
         except Exception as error:
-            self._collect_closing_errors()
             for one in self.closing_errors:
                 error.add_note(str(one))
             raise
@@ -273,6 +270,11 @@ class Run:
     def clock(self) -> Clock:
         """The clock of the run."""
         return self._opened.clock
+
+    @property
+    def closing_errors(self) -> list[BtcoreError]:
+        """What the providers raised when they were closed, such as `OutputError`."""
+        return self._opened.errors
 
     def _create_tree(self, source: Plans | TreelessProgram) -> Tree:
         arguments = self._load_arguments
@@ -507,7 +509,6 @@ class Run:
                 raise
             # The first signal of the run has ended the waits of the providers.
             self.report.end_reason = "interrupted"
-        self._collect_closing_errors()
         if self.closing_errors:
             self.handle_closing_errors(error or halt_error)
         if halt_error is not None:
@@ -525,9 +526,6 @@ class Run:
                 raise self.closing_errors[0]
             text = "; ".join(map(str, self.closing_errors))
             raise OutputError(text) if self._is_only_incomplete() else ProviderError(text)
-
-    def _collect_closing_errors(self) -> None:
-        self.closing_errors = self._opened.errors
 
     def _is_only_incomplete(self) -> bool:
         """Return whether all `closing_errors` are about outputs."""
