@@ -12,7 +12,7 @@ MOVED_MODULES: Final = {
     "btcore.sweep": "btcore_sweep",
     "btcore.xml.convert": "btcore_studio.convert",
     "btcore.xml.lint": "btcore.lint",
-    "btcore.xml.models.stubs": "btcore.xml.models.mock_leaves",
+    "btcore.xml.models.stubs": "btcore.registry.mock_nodes",
     "btcore.xml.render.tree_xml": "btcore.loading.tree_xml",
     "btcore.xml.schema": "btcore_studio.schema",
     "btcore_robot.navigation": "btcore_navigation",

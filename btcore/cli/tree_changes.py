@@ -11,12 +11,12 @@ from btcore.blackboard.ports import Port, remapped_key
 from btcore.cli import terminal
 from btcore.errors import BlackboardError, ConversionError
 from btcore.json_text import too_deep_at
+from btcore.registry.mock_nodes import MockAction, Outcomes, parse_outcomes
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean, join_names
 from btcore.tree.tree import Tree
 from btcore.values import ValueType
 from btcore.values.numbers import read_json
-from btcore.xml.models.mock_leaves import MockAction, Outcomes, parse_outcomes
 from btcore.xml.plan.plan import Plans, reachable_trees
 
 _NAMED_OUTCOMES: Final = re.compile(r"(.+?)=([^=]*|[RSFKX|]*\(.*)", re.DOTALL)

@@ -42,9 +42,7 @@ from btcore.status import (
 # Flags of TreeNode._tick_flags: what else execute_tick() does for a node. One attribute holds them all: an
 # attribute for each flag makes the benchmark's tree `bump-and-go` 2 % slower (pure).
 MUST_COMPLETE: Final = 1  # raise if the result is RUNNING
-# Reset the child of a decorator that has completed, as `DecoratorNode::executeTick` of BehaviorTree.CPP. The
-# built-in decorators reset it before they return, as theirs do; so it is for the classes of users.
-RESETS_CHILD: Final = 2
+RESETS_CHILD: Final = 2  # reset the child of a decorator when the child has completed
 OVERRIDES_EXECUTE_TICK: Final = 4  # let the class's own execute_tick() tick the node; the greatest flag
 
 NO_CHILDREN: Final[list["TreeNode"]] = []

@@ -14,8 +14,8 @@ from btcore.errors import Fix, Hint
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.nodes.parallel import threshold
+from btcore.registry.mock_nodes import is_mock
 from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
-from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.outline import count_text, element_children, wrapping_fixes
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.read import Document

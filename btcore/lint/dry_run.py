@@ -16,7 +16,7 @@ from btcore.errors import BlackboardError, Diagnostic
 from btcore.lint.possible_results import is_built_in
 from btcore.loading.instantiate import NodeCreator, SubtreeDraft
 from btcore.registry.manifest import Manifest
-from btcore.xml.models.mock_leaves import is_mock
+from btcore.registry.mock_nodes import is_mock
 from btcore.xml.plan.key_uses import WRITING, AccessKind, find_name_uses, port_uses, uses_whole_blackboard
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan

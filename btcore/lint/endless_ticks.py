@@ -8,8 +8,8 @@ from btcore.diagnostic_codes import ENDLESS_TICK
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.nodes.repeat import RepeatedNode
+from btcore.registry.mock_nodes import is_mock
 from btcore.status import FAILURE, SUCCESS, NodeType
-from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 

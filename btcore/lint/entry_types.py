@@ -22,10 +22,10 @@ from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.lint.scripts import is_constant
 from btcore.lint.unwritten_keys import is_declaration
 from btcore.registry.manifest import Manifest
+from btcore.registry.mock_nodes import is_mock
 from btcore.script.expressions import Assignment, Literal, Name
 from btcore.status import SUCCESS
 from btcore.values import INT64, STRING
-from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.key_uses import WRITING, AccessKind, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 from btcore.xml.read.dialect import POSTCONDITION_ATTRIBUTES

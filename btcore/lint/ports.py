@@ -32,10 +32,10 @@ from btcore.lint.possible_results import is_built_in
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.names import is_port_name, port_name_error
 from btcore.registry.manifest import Manifest
+from btcore.registry.mock_nodes import is_mock
 from btcore.suggestions import join_names, nearest_name
 from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorType
 from btcore.values.numbers import whole_float
-from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.hints import value_hint
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES

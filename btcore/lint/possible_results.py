@@ -4,8 +4,8 @@ from typing import Final
 
 from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import declared_fields
+from btcore.registry.mock_nodes import is_mock
 from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
-from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.outline import element_children
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan

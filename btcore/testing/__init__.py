@@ -8,6 +8,7 @@ names do not.
 
 from typing import TYPE_CHECKING
 
+from btcore.registry.mock_nodes import MockAction, MockCondition, MockLeafError, Outcomes
 from btcore.testing.assertions import (
     assert_ended,
     assert_halted,
@@ -27,7 +28,6 @@ from btcore.testing.substitution_rules import (
     load_substitution_rules,
 )
 from btcore.testing.trace import StatusChange, Trace, TraceStep
-from btcore.xml.models.mock_leaves import MockAction, MockCondition, MockLeafError, Outcomes
 
 if TYPE_CHECKING:
     from btcore.testing.strategies import blackboards, outcomes, trees, xml_documents

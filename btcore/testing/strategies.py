@@ -25,6 +25,7 @@ from btcore.blackboard.format3 import Format3Blackboard
 from btcore.clock import SimClock
 from btcore.loading.load import loads
 from btcore.registry.manifest import Manifest
+from btcore.registry.mock_nodes import Outcomes
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.testing.mock_leaves import with_mock_leaves
@@ -37,7 +38,6 @@ from btcore.testing.tree_generator import (
     element_to_xml,
 )
 from btcore.tree.tree import Tree
-from btcore.xml.models.mock_leaves import Outcomes
 
 PortTexts: TypeAlias = Mapping[str, Mapping[str, SearchStrategy[str]]]
 """Strategies for the values of ports, by the tag of the node and the name of the port."""

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from btcore import In, Registry, SimClock, Status, TreeError
-from btcore.xml.models.mock_leaves import LETTERS
+from btcore.registry.mock_nodes import LETTERS
 from tests.conformance.recorded_cases import read_cases, recorded_value
 
 np = pytest.importorskip("numpy")

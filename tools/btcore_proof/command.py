@@ -25,9 +25,9 @@ from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.logs.formats import open_log
+from btcore.registry.mock_nodes import MockAction
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
-from btcore.xml.models.mock_leaves import MockAction
 from btcore.xml.plan.plan import Plans
 from btcore_proof.answer_text import lines_of_answer
 from btcore_proof.counterexample import RunTick

@@ -17,10 +17,10 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import declared_fields
 from btcore.errors import BtcoreError, ConversionError
 from btcore.registry.manifest import Manifest, is_tree_state
+from btcore.registry.mock_nodes import MockCondition
 from btcore.status import ANY_RESULT, FAILURE, SKIPPED, SUCCESS, NodeType, Status
 from btcore.suggestions import did_you_mean, join_names
 from btcore.values import BOOL, EnumType
-from btcore.xml.models.mock_leaves import MockCondition
 
 RESULTS: Final = {"SUCCESS": SUCCESS, "FAILURE": FAILURE, "SKIPPED": SKIPPED}
 _NAMES: Final = ("uses", "optional", "writes", "on_halt")

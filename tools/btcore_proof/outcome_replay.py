@@ -6,10 +6,10 @@ from typing import Final
 from btcore.clock import NS_PER_S, SimClock
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError
+from btcore.registry.mock_nodes import LETTERS, Outcome, parse_outcomes
 from btcore.status import RUNNING
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
-from btcore.xml.models.mock_leaves import LETTERS, Outcome, parse_outcomes
 from btcore_proof.counterexample import Counterexample, TreeMaker, text_of
 from btcore_proof.interrupts import UnknownOutcomeError
 from btcore_proof.model_leaves import Choices, Writer, counted_entries, model_leaf_model

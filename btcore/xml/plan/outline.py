@@ -248,7 +248,7 @@ class _TreeOutliner:
                 )
                 roles, needed = "", least
                 if manifest is not None:
-                    from btcore.xml.models.mock_leaves import is_mock  # only errors need it
+                    from btcore.registry.mock_nodes import is_mock  # only errors need it
 
                     roles = manifest.spec.child_roles if least > 1 else ""
                     # More children may be needed at the first tick than to load the tree.

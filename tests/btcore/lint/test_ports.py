@@ -7,8 +7,8 @@ import pytest
 
 import btcore
 from btcore import NodeExecutionError, NodeType, Port, Registry
+from btcore.registry.mock_nodes import make_mock_class
 from btcore.values import INT
-from btcore.xml.models.mock_leaves import make_mock_class
 from tests.btcore.lint.conftest import Checker
 from tests.btcore.lint.documents import dedented, load_main
 

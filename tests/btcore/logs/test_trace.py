@@ -12,7 +12,8 @@ import btcore
 from btcore import NodeExecutionError, Registry, SimClock, Status, Transition, Tree
 from btcore.logs import TraceLog
 from btcore.testing.strategies import xml_documents
-from tests.conformance.recorded_cases import CallLog, conformance_registry
+from tests.call_log import CallLog
+from tests.conformance.recorded_cases import conformance_registry
 
 NODES = conformance_registry()
 

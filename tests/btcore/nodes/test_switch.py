@@ -6,7 +6,8 @@ import pytest
 
 from btcore import NodeExecutionError, Status, TreeError
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog, conformance_registry
+from tests.call_log import CallLog
+from tests.conformance.recorded_cases import conformance_registry
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 

@@ -10,8 +10,8 @@ import pytest
 
 import btcore
 from btcore import In, NodeExecutionError, Put, Registry, SimClock, Status, Tree, action, condition
+from btcore.registry.mock_nodes import GivenOutputs, Outcome, parse_outcomes
 from btcore.testing import Harness, MockAction, MockCondition, MockLeafError, Outcomes, with_mock_leaves
-from btcore.xml.models.mock_leaves import GivenOutputs, Outcome, parse_outcomes
 
 Patrol = Callable[..., Harness]
 

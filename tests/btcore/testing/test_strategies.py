@@ -25,9 +25,10 @@ from btcore import (
     Tree,
     condition,
 )
+from btcore.registry.mock_nodes import parse_outcomes
 from btcore.testing import Outcomes, blackboards, outcomes, trees, xml_documents
-from btcore.xml.models.mock_leaves import parse_outcomes
-from tests.conformance.recorded_cases import CallLog, conformance_registry
+from tests.call_log import CallLog
+from tests.conformance.recorded_cases import conformance_registry
 
 SMALLEST = settings(
     derandomize=True, database=None, max_examples=5000, suppress_health_check=list(HealthCheck)

@@ -6,7 +6,8 @@ import pytest
 
 import btcore
 from btcore import Blackboard, Registry, SimClock, Tree
-from tests.conformance.recorded_cases import CallLog, conformance_registry
+from tests.call_log import CallLog
+from tests.conformance.recorded_cases import conformance_registry
 
 
 class TreeFactory:

@@ -8,9 +8,9 @@ from btcore.documentation_site import node_url
 from btcore.escaping import escape_controls
 from btcore.lint.ports import is_required
 from btcore.registry.manifest import Manifest
+from btcore.registry.mock_nodes import is_mock
 from btcore.status import NodeType
 from btcore.values import DOUBLE, ValueType
-from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.plan.hints import literals_of
 
 ARROWS: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "↔"}

@@ -9,11 +9,11 @@ from typing import Any
 from btcore.blackboard.ports import Direction, Port, PortRole
 from btcore.engine.node_spec import NodeSpec
 from btcore.registry.manifest import Manifest
+from btcore.registry.mock_nodes import is_mock, make_mock_class
 from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import EnumType, ValueType
-from btcore.xml.models.mock_leaves import is_mock, make_mock_class
 from btcore_studio.language.descriptions import is_mandatory
 
 

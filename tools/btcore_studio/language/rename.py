@@ -7,9 +7,9 @@ from lsprotocol.types import LSPErrorCodes, PrepareRenamePlaceholder, WorkspaceE
 from pygls.exceptions import JsonRpcException
 
 from btcore.names import RESERVED_IDS, forbidden_in, port_name_error
+from btcore.registry.mock_nodes import is_mock
 from btcore.script import lexer
 from btcore.xml.edit.edits import Edit
-from btcore.xml.models.mock_leaves import is_mock
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement
