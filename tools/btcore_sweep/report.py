@@ -63,20 +63,20 @@ class ReportData(NamedTuple):
 
     Attributes:
         definition: The sweep.
-        figures: The statistics of the sweep.
+        statistics: The statistics of the sweep.
         script: The script of `--success-if`, or None.
         walls: The duration of each episode (s of real time).
     """
 
     definition: SweepDefinition
-    figures: SweepStatistics
+    statistics: SweepStatistics
     script: str | None
     walls: Sequence[float]
 
 
 def render_report(data: ReportData) -> str:
     """Return the report as HTML."""
-    sweep, statistics = data.definition, data.figures
+    sweep, statistics = data.definition, data.statistics
     title = f"{sweep.tree}: {percent(statistics.rate.share)} of {statistics.rate.count}"
     parts = [
         f"<h1>{escape(sweep.tree)}</h1>",
@@ -106,7 +106,7 @@ def _lead(data: ReportData) -> str:
     if data.script is not None:
         words += ["--success-if", data.script]
     lines = [f'<p class="command"><code>{escape(shlex.join(words))}</code></p>']
-    missing = len(sweep) - data.figures.rate.count
+    missing = len(sweep) - data.statistics.rate.count
     if missing:
         lines.append(
             f'<p class="warning">{missing} of {len(sweep)} episodes are not finished: run the same command '
@@ -120,7 +120,7 @@ def _quoted(value: str) -> str:
 
 
 def _tiles(data: ReportData) -> str:
-    statistics = data.figures
+    statistics = data.statistics
     rate = statistics.rate
     statuses = ", ".join(f"{count} {name}" for name, count in statistics.statuses.items())
     times = [time for time, _ in statistics.times]
@@ -223,7 +223,7 @@ def _spreads(statistics: SweepStatistics) -> str:
 
 
 def _failed(data: ReportData) -> str:
-    failed, sweep = data.figures.failed, data.definition
+    failed, sweep = data.statistics.failed, data.definition
     if not failed:
         return "<h2>Failed episodes</h2><p>None.</p>"
     rows = []

@@ -9,22 +9,22 @@ from rich.text import Text
 from btcore.cli import files, terminal
 from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.script.program import Program
-from btcore_sweep import table
 from btcore_sweep.charts import percent
+from btcore_sweep.definition import Episode
 from btcore_sweep.episode_runner import ExecutionSummary
 from btcore_sweep.journal import Journal
 from btcore_sweep.report import ReportData, render_report
 from btcore_sweep.sweep_statistics import LEVEL, SuccessRate, compute_statistics
-from btcore_sweep.table import Row
+from btcore_sweep.table import Row, list_columns, make_row, write_table
 
 REPORT: Final = "report.html"
 
-_MOST: Final = 8
+_MAX_SHOWN: Final = 8
 """The largest number of nodes, and of failed episodes, in the summary."""
 
 
 def write_results(
-    journal: Journal, script: Program | None, suffix: str, played: ExecutionSummary
+    journal: Journal, script: Program | None, suffix: str, execution: ExecutionSummary
 ) -> tuple[dict[str, Any], ExitCode]:
     """Write the table and the report to the sweep's folder, and print a summary on stderr.
 
@@ -32,7 +32,7 @@ def write_results(
         journal: The journal of the sweep.
         script: The condition for a success, or None.
         suffix: The file format of the table: csv or parquet.
-        played: The summary that `run_sweep` returned.
+        execution: The summary that `run_sweep` returned.
 
     Returns:
         The object of `--json`, and the exit code.
@@ -42,29 +42,30 @@ def write_results(
     """
     sweep = journal.definition
     rows = [
-        table.make_row(sweep.episode(number), record, script)
-        for number, record in sorted(journal.done.items())
+        make_row(sweep.episode(number), record, script) for number, record in sorted(journal.done.items())
     ]
     results, report = journal.folder / f"results.{suffix}", journal.folder / REPORT
-    table.write(results, rows, table.columns(rows, sweep))
+    write_table(results, rows, list_columns(rows, sweep))
     walls = [record["wall_s"] for record in journal.done.values() if record.get("wall_s")]
     script_text = None if script is None else script.text
     data = ReportData(sweep, compute_statistics(rows, sweep), script_text, tuple(walls))
     files.write(report, render_report(data).encode())
-    _print_summary(data, played, results, report)
-    return _object(data, played, results, report), _code(rows, played)
+    _print_summary(data, execution, results, report)
+    return _to_json_data(data, execution, results, report), _exit_code(rows, execution)
 
 
-def _code(rows: list[Row], played: ExecutionSummary) -> ExitCode:
-    if played.signal:
-        return code_of_signal(played.signal)
+def _exit_code(rows: list[Row], execution: ExecutionSummary) -> ExitCode:
+    if execution.signal:
+        return code_of_signal(execution.signal)
     if any(row["status"] == "RAISED" for row in rows):
         return ExitCode.LEAF_ERROR
     return ExitCode.SUCCESS if all(row["success"] for row in rows) else ExitCode.FAILURE
 
 
-def _object(data: ReportData, played: ExecutionSummary, results: Path, report: Path) -> dict[str, Any]:
-    statistics, sweep = data.figures, data.definition
+def _to_json_data(
+    data: ReportData, execution: ExecutionSummary, results: Path, report: Path
+) -> dict[str, Any]:
+    statistics, sweep = data.statistics, data.definition
     return {
         "episodes": len(sweep),
         "done": statistics.rate.count,
@@ -86,25 +87,25 @@ def _object(data: ReportData, played: ExecutionSummary, results: Path, report: P
             {"node": node.node, "ended": node.ended, "episodes": node.failed, "failures": node.times}
             for node in statistics.failing
         ],
-        "failed": [
-            {
-                "episode": episode.number,
-                "seed": episode.seed,
-                "params": dict(episode.values),
-                **{column: row[column] for column in ("status", "failed_at", "error")},
-                "replay": episode.replay,
-            }
-            for row in statistics.failed
-            for episode in (sweep.episode(row["episode"]),)
-        ],
+        "failed": [_failed_episode(sweep.episode(row["episode"]), row) for row in statistics.failed],
         "workers": {
-            "count": played.workers,
-            "deaths": played.deaths,
-            "wall_s": round(played.wall, 3),
-            "busy": round(played.busy, 4),
+            "count": execution.workers,
+            "deaths": execution.deaths,
+            "wall_s": round(execution.wall, 3),
+            "busy": round(execution.busy, 4),
         },
         "table": str(results),
         "report": str(report),
+    }
+
+
+def _failed_episode(episode: Episode, row: Row) -> dict[str, Any]:
+    return {
+        "episode": episode.number,
+        "seed": episode.seed,
+        "params": dict(episode.values),
+        **{column: row[column] for column in ("status", "failed_at", "error")},
+        "replay": episode.replay,
     }
 
 
@@ -117,60 +118,60 @@ def _rate(rate: SuccessRate) -> dict[str, Any]:
     }
 
 
-def _print_summary(data: ReportData, played: ExecutionSummary, results: Path, report: Path) -> None:
+def _print_summary(data: ReportData, execution: ExecutionSummary, results: Path, report: Path) -> None:
     """Print the summary of a sweep on stderr."""
     console = terminal.stderr_console()
-    sweep, statistics = data.definition, data.figures
+    sweep, statistics = data.definition, data.statistics
     rate = statistics.rate
     if rate.count:
         style = "bold green" if rate.good == rate.count else "bold yellow"
         head = Text.assemble((percent(rate.share), style), f" of {rate.count} episodes of ")
         head.append(Path(sweep.tree).stem, style="bold")
         head.append(f" succeeded ({percent(rate.low)} … {percent(rate.high)} at {LEVEL})")
-        console.print(head.append(_took(played)), soft_wrap=True)
+        console.print(head.append(_duration_text(execution)), soft_wrap=True)
     for key, rates in statistics.by.items():
-        table = _table(key, "success", "interval", "episodes")
+        table = _new_table(key, "success", "interval", "episodes")
         for value, value_rate in rates.items():
-            table.add_row(value or "(omitted)", *_cells(value_rate))
+            table.add_row(value or "(omitted)", *_rate_cells(value_rate))
         console.print()
         console.print(table)
     ended = [node for node in statistics.failing if node.ended]
     if ended:
-        table = _table("node", "ended episodes", "failed in", "failures")
-        for node in ended[:_MOST]:
+        table = _new_table("node", "ended episodes", "failed in", "failures")
+        for node in ended[:_MAX_SHOWN]:
             table.add_row(node.node, f"{node.ended}", f"{node.failed}", f"{node.times}")
         console.print()
         console.print(table)
     if statistics.failed:
         console.print(f"\n{len(statistics.failed)} without success; commands to replay them:", style="bold")
-        for row in statistics.failed[:_MOST]:
+        for row in statistics.failed[:_MAX_SHOWN]:
             line = Text.assemble(
                 ("  ", ""), sweep.episode(row["episode"]).replay, (f"  {row['status']}", "red")
             )
             console.print(line, soft_wrap=True)
-        if len(statistics.failed) > _MOST:
-            console.print(f"  … and {len(statistics.failed) - _MOST} more, in the report", style="dim")
-    if played.deaths:
-        died = terminal.counted(played.deaths, "worker")
+        if len(statistics.failed) > _MAX_SHOWN:
+            console.print(f"  … and {len(statistics.failed) - _MAX_SHOWN} more, in the report", style="dim")
+    if execution.deaths:
+        died = terminal.counted(execution.deaths, "worker")
         terminal.print_warning(f"{died} died; their episodes were run again, except those with status KILLED")
     console.print()
-    if played.signal:
+    if execution.signal:
         terminal.print_labelled(
             "interrupted",
             f"after {rate.count} of {len(sweep)} episodes: run the same command again to continue",
         )
     terminal.print_labelled("report", str(report))
-    terminal.print_labelled("table ", str(results))
+    terminal.print_labelled("table", str(results))
 
 
-def _took(played: ExecutionSummary) -> str:
-    if not played.episodes:
+def _duration_text(execution: ExecutionSummary) -> str:
+    if not execution.episodes:
         return ""
-    workers = terminal.counted(played.workers, "worker")
-    return f"; {played.episodes} run in {played.wall:.1f} s on {workers}"
+    workers = terminal.counted(execution.workers, "worker")
+    return f"; {execution.episodes} run in {execution.wall:.1f} s on {workers}"
 
 
-def _table(first: str, *others: str) -> Table:
+def _new_table(first: str, *others: str) -> Table:
     table = terminal.new_table()
     table.add_column(first, overflow="fold")
     for name in others:
@@ -178,6 +179,6 @@ def _table(first: str, *others: str) -> Table:
     return table
 
 
-def _cells(rate: SuccessRate) -> tuple[str, str, str]:
+def _rate_cells(rate: SuccessRate) -> tuple[str, str, str]:
     interval = f"{percent(rate.low)} … {percent(rate.high)}"
     return percent(rate.share), interval, f"{rate.good} of {rate.count}"

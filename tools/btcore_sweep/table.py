@@ -104,7 +104,7 @@ def is_success(row: Row, script: Program | None) -> bool:
         raise click.UsageError(f"--success-if: {error}\navailable: {', '.join(variables)}") from error
 
 
-def columns(rows: Sequence[Row], definition: SweepDefinition) -> list[str]:
+def list_columns(rows: Sequence[Row], definition: SweepDefinition) -> list[str]:
     """Return the columns of a table in order.
 
     The columns of the extensions' reports come after the other columns, in the order in which they first
@@ -133,7 +133,7 @@ def _typed(text: str) -> int | float | str:
     return text
 
 
-def write(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
+def write_table(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
     """Write a table to a file.
 
     Args:

@@ -118,10 +118,10 @@ def validate(
 def _find_files(source: str) -> list[Path]:
     if not Path(source).is_dir():
         return [find_source(source)]
-    files = sorted(Path(source).rglob("*.xml"))
-    if not files:
+    paths = sorted(Path(source).rglob("*.xml"))
+    if not paths:
         raise click.UsageError(f"the folder '{source}' contains no XML file.")
-    return files
+    return paths
 
 
 def _fix_file(path: Path, check: Callable[[Path, str], list[Diagnostic]]) -> _FixedFile:
@@ -151,7 +151,7 @@ def _print_difference(fixed: Iterable[_FixedFile]) -> None:
 
 
 def _print(
-    errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], files: int, fixed: int, valid: bool
+    errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], file_count: int, fixed: int, valid: bool
 ) -> None:
     console = terminal.stdout_console()
     diagnostics = [*errors, *warnings]
@@ -159,7 +159,7 @@ def _print(
         terminal.print_diagnostics(diagnostics, console)
         console.print()
     mark = Text("✔ ", style="bold green") if valid else Text("✘ ", style="bold red")
-    counts = {"file": files, "error": len(errors), "warning": len(warnings)}
+    counts = {"file": file_count, "error": len(errors), "warning": len(warnings)}
     parts = [terminal.counted(count, noun, zero="no") for noun, count in counts.items()]
     if fixed:
         parts.append(f"{terminal.counted(fixed, 'problem')} fixed")

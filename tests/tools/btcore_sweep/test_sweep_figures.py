@@ -82,11 +82,11 @@ def rows(count: int = 8) -> list[table.Row]:
 
 def test_csv_and_parquet_are_read_back_as_written(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    names = table.columns(rows(), SWEEP)
+    names = table.list_columns(rows(), SWEEP)
     assert names[:4] == ["episode", "seed", "param.bb.x", "success"]
     assert names[-1] == "failures"
     for suffix in ("csv", "parquet"):
-        table.write(tmp_path / f"results.{suffix}", rows(), names)
+        table.write_table(tmp_path / f"results.{suffix}", rows(), names)
     read = parquet.read_table(tmp_path / "results.parquet").to_pylist()
     assert read == [{name: one[name] for name in names} for one in rows()]
     lines = list(csv.DictReader(io.StringIO((tmp_path / "results.csv").read_text(encoding="utf-8"))))
@@ -98,7 +98,7 @@ def test_csv_and_parquet_are_read_back_as_written(tmp_path: Path) -> None:
 
 def test_mixed_column_is_stored_as_texts_in_parquet(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    table.write(tmp_path / "a.parquet", [{"x": 1, "y": 1}, {"x": "house", "y": 0.5}, {}], ["x", "y"])
+    table.write_table(tmp_path / "a.parquet", [{"x": 1, "y": 1}, {"x": "house", "y": 0.5}, {}], ["x", "y"])
     assert parquet.read_table(tmp_path / "a.parquet").to_pydict() == {
         "x": ["1", "house", None],
         "y": [1.0, 0.5, None],
