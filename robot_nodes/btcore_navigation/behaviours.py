@@ -97,12 +97,12 @@ class AssistedTeleopGoal:
 
 @dataclass(frozen=True, slots=True)
 class BehaviourFeedback:
-    """The progress: *travelled* is a distance (m), and for Spin an angle (rad).
+    """The *progress* of a behaviour: the distance (m) or, for Spin, the angle (rad) so far.
 
     For Wait it is the time left (s), for AssistedTeleop the time that has passed (s).
     """
 
-    travelled: float
+    progress: float
 
 
 MotionGoal = TypeVar("MotionGoal", SpinGoal, BackUpGoal, DriveOnHeadingGoal, AssistedTeleopGoal)

@@ -1,6 +1,6 @@
 """The time limits (s) of readings, transforms and clocks: how old they may be, and how long to wait for them.
 
-All limits of this project are here. A reading is too old when its age is greater than its limit. The
+All limits of readings are here. A reading is too old when its age is greater than its limit. The
 parameters `scan_timeout` and `odometry_timeout` of the controller replace `SCAN` and `ODOMETRY` in the
 navigation, and the key `timeout` of a topic in the description of a ROS 2 robot replaces `TOPIC`.
 """

@@ -107,7 +107,7 @@ def _results(case: Case, seeds: Sequence[int], workers: int, execute: Execution)
             yield result
 
 
-def safe(result: Result) -> list[str]:
+def safety_misses(result: Result) -> list[str]:
     """Require that the robot touched nothing."""
     robot = result["robot"]
     return [f"{robot[kind]} {kind}" for kind in ("collisions", "grazes") if robot[kind]]

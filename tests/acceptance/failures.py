@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 
-from cached_runs import Case, Execution, Result, failure_messages, results, run, safe
-from patrolling import relocalised
+from cached_runs import Case, Execution, Result, failure_messages, results, run, safety_misses
+from patrolling import relocalisation_misses
 
 PATROL = ("patrolling", "--camera", "off", "--until", "success")
 SKIPPING = ("patrolling_skipping", "--camera", "off", "--until", "success")
@@ -62,7 +62,9 @@ def stopped(sensor: str) -> Callable[[Result], list[str]]:
 
     def misses(result: Result) -> list[str]:
         driven = result["driven_m"]
-        return safe(result) + ([f"drove {driven} m during the outage"] if driven > STOPPED[sensor] else [])
+        return safety_misses(result) + (
+            [f"drove {driven} m during the outage"] if driven > STOPPED[sensor] else []
+        )
 
     return misses
 
@@ -73,11 +75,11 @@ def gave_up(goal: str, cause: str, within: float) -> Callable[[Result], list[str
     def misses(result: Result) -> list[str]:
         failed = [one for one in result["robot"]["failed_goals"] if one["goal"] == goal]
         if not failed:
-            return [*safe(result), f"the goal {goal} did not fail"]
+            return [*safety_misses(result), f"the goal {goal} did not fail"]
         found = [] if failed[0]["time_s"] <= within else [f"{goal} failed as late as {failed[0]['time_s']} s"]
         if not re.search(cause, failed[0]["cause"]):
             found.append(f"the cause is: {failed[0]['cause']}")
-        return safe(result) + found
+        return safety_misses(result) + found
 
     return misses
 
@@ -103,7 +105,9 @@ def visited(*names: str) -> Callable[[Result], list[str]]:
 def found_again(result: Result) -> list[str]:
     """Require that the robot was moved at 30 s, and found its pose again."""
     moved = [one["t"] for one in result["robot"].get("carried", [])]
-    return relocalised(result) + ([f"moved at {moved} s, and not at 30 s"] if moved != [30.0] else [])
+    return relocalisation_misses(result) + (
+        [f"moved at {moved} s, and not at 30 s"] if moved != [30.0] else []
+    )
 
 
 def time_to_find(result: Result) -> str:
@@ -115,7 +119,7 @@ def time_to_find(result: Result) -> str:
 def localised(result: Result) -> list[str]:
     """Require that the robot found its pose, and never had a wrong one while it drove."""
     error = result["robot"]["localization_error_m"]["max"]
-    found = [*safe(result), *visited("wp1")(result)]
+    found = [*safety_misses(result), *visited("wp1")(result)]
     return found if error is not None and error <= 0.4 else [*found, f"localised within {error} m"]
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from cached_runs import Case, Result, failure_messages, results, safe
+from cached_runs import Case, Result, failure_messages, results, safety_misses
 
 HOUSES = ("house", "aws_house")
 ROUND = ("wp1", "wp2", "wp3")
@@ -32,7 +32,7 @@ def patrolled(least: int, recharges: int) -> Callable[[Result], list[str]]:
     """Require *least* waypoints in their order, *recharges*, and the accuracy of the localisation."""
 
     def misses(result: Result) -> list[str]:
-        robot, found = result["robot"], safe(result)
+        robot, found = result["robot"], safety_misses(result)
         visited = robot["waypoints_visited"]
         if len(visited) < least:
             found.append(f"only {len(visited)} waypoints")
@@ -43,7 +43,7 @@ def patrolled(least: int, recharges: int) -> Callable[[Result], list[str]]:
             found.append(f"the battery went down to {robot['battery_min']}")
         if robot["goals_failed"]:
             found.append(f"{robot['goals_failed']} goals failed")
-        return found + well_localised(robot)
+        return found + localisation_misses(robot)
 
     return misses
 
@@ -57,7 +57,7 @@ def out_of_order(visited: Sequence[str], recharges: int) -> list[str]:
     return [f"{left_out} waypoints left out, with {recharges} recharges"] if left_out > recharges + 1 else []
 
 
-def well_localised(robot: Result) -> list[str]:
+def localisation_misses(robot: Result) -> list[str]:
     """Require the accuracy of the localisation."""
     error, turned = robot["localization_error_m"], robot["localization_yaw_error_rad"]["max"]
     found = []
@@ -78,7 +78,7 @@ def among_people(result: Result) -> list[str]:
 
 def passed_a_box(result: Result) -> list[str]:
     """Require that a box dropped, and that the robot reached its waypoint without touching anything."""
-    robot, found = result["robot"], safe(result)
+    robot, found = result["robot"], safety_misses(result)
     if not result.get("events"):
         found.append("no box dropped")
     if not robot["waypoints_visited"] or robot["goals_failed"]:
@@ -86,9 +86,9 @@ def passed_a_box(result: Result) -> list[str]:
     return found
 
 
-def relocalised(result: Result) -> list[str]:
+def relocalisation_misses(result: Result) -> list[str]:
     """Require that the robot, carried away, stopped and found its pose again within 120 s."""
-    robot, found = result["robot"], safe(result)
+    robot, found = result["robot"], safety_misses(result)
     carried = robot.get("carried", [])
     if not carried:
         return [*found, "the robot was not carried away"]
@@ -108,10 +108,12 @@ def all_groups(seeds: int) -> list[Group]:
         world = ("--world", house)
         off = (*world, "--camera", "off")
         patrol = Case(f"patrol {house}", (*PATROL, "600", *off, "--battery", "50"), patrolled(6, 1))
-        camera = Case(f"camera {house}", (*PATROL, "120", *world), safe)
+        camera = Case(f"camera {house}", (*PATROL, "120", *world), safety_misses)
         people = Case(f"people {house}", (*PATROL, "900", *off, "--people", "3"), among_people)
         box = Case(f"box {house}", (*PATROL, "150", *off, "--event", "box:10-120"), passed_a_box)
-        kidnap = Case(f"kidnap {house}", (*PATROL, "180", *off, "--event", "kidnap:30-60"), relocalised)
+        kidnap = Case(
+            f"kidnap {house}", (*PATROL, "180", *off, "--event", "kidnap:30-60"), relocalisation_misses
+        )
         groups += [
             Group(patrol, range(1, seeds + 1)),
             Group(camera, few[:3]),

@@ -25,7 +25,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from subprocess import PIPE, Popen
 
-from cached_runs import Case, Result, failure_messages, results, safe
+from cached_runs import Case, Result, failure_messages, results, safety_misses
 from checkout import environment
 
 from btcore_ros2.testing import isolate_ros
@@ -165,7 +165,7 @@ def requirements(tree: str, duration: int) -> Callable[[Result], list[str]]:
     """Return the function that returns the requirements of *tree* that a result does not meet."""
 
     def misses(result: Result) -> list[str]:
-        robot, found = result["robot"], safe(result)
+        robot, found = result["robot"], safety_misses(result)
         if robot["distance_m"] < LEAST_SPEED * duration:
             found.append(f"only {robot['distance_m']} m")
         if result["time_s"] != duration:
@@ -261,7 +261,7 @@ def real_time_run(seconds: int, least_ticks: float) -> list[str]:
         print(f"{name:28} " + " ".join(f"{value * 1e3:8.2f}" for value in values))
     print(f"{'ratio':28} " + " ".join(f"{a / b:8.2f}" for a, b in zip(ticks, calls, strict=True)))
     found = {**driven, **measured}
-    missed = [f"real time: {kind}" for kind in safe(found)]
+    missed = [f"real time: {kind}" for kind in safety_misses(found)]
     if driven["ticks"] < least_ticks * RATE * seconds:
         missed.append(f"real time: only {driven['ticks']} ticks")
     return missed

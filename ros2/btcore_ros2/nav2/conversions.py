@@ -378,7 +378,7 @@ class _Spin(ActionConverter):
         return SpinGoal(message.target_yaw, allowance, message.disable_collision_checks)
 
     def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
-        message.angular_distance_traveled = feedback.travelled
+        message.angular_distance_traveled = feedback.progress
 
     def read_feedback(self, message: Any) -> BehaviourFeedback:
         return BehaviourFeedback(message.angular_distance_traveled)
@@ -408,7 +408,7 @@ class _Straight(ActionConverter):
         return goal
 
     def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
-        message.distance_traveled = feedback.travelled
+        message.distance_traveled = feedback.progress
 
     def read_feedback(self, message: Any) -> BehaviourFeedback:
         return BehaviourFeedback(message.distance_traveled)
@@ -424,7 +424,7 @@ class _Wait(ActionConverter):
         return WaitGoal(duration_to_seconds(message.time))
 
     def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
-        message.time_left = seconds_to_duration(feedback.travelled)
+        message.time_left = seconds_to_duration(feedback.progress)
 
     def read_feedback(self, message: Any) -> BehaviourFeedback:
         return BehaviourFeedback(duration_to_seconds(message.time_left))
@@ -440,7 +440,7 @@ class _AssistedTeleop(ActionConverter):
         return AssistedTeleopGoal(duration_to_seconds(message.time_allowance))
 
     def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
-        message.current_teleop_duration = seconds_to_duration(feedback.travelled)
+        message.current_teleop_duration = seconds_to_duration(feedback.progress)
 
     def read_feedback(self, message: Any) -> BehaviourFeedback:
         return BehaviourFeedback(duration_to_seconds(message.current_teleop_duration))

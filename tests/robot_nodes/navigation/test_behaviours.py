@@ -120,7 +120,7 @@ def test_assisted_teleop_drives_by_the_commands_and_stops_before_a_wall(
     course.assisted_teleop.finish()
     course.run(1.0)
     assert handle.status == GoalStatus.SUCCEEDED
-    assert handle.feedback.travelled == pytest.approx(23.5, abs=0.3)
+    assert handle.feedback.progress == pytest.approx(23.5, abs=0.3)
     # A command of an earlier goal has no effect.
     still = course.robot.pose
     handle = course.assisted_teleop.send_goal(AssistedTeleopGoal(1.0))
@@ -191,7 +191,7 @@ def test_wait_takes_its_duration_and_sends_no_commands(floor: Callable[..., Navi
     course = floor()
     handle = course.wait.send_goal(WaitGoal(2.0))
     course.run(1.05)
-    assert handle.feedback.travelled == pytest.approx(1.0, abs=0.15)
+    assert handle.feedback.progress == pytest.approx(1.0, abs=0.15)
     assert 0.9 < ended(course, handle) < 1.2
     assert course.robot.commands == []
 
