@@ -113,14 +113,15 @@ def choose(
     """
     candidates = available.of_nothing(settings.keys() - {RunSettings})
     starters = [provider for provider in candidates if _has_settings(provider, settings)]
-    chooser = _Chooser(available, settings, provided)
     requests = [
         *(_Request(kind, False, ()) for kind in needed),
         *(_Request(kind, True, ()) for kind in optional),
     ]
-    while chooser.assign(requests, starters):
-        pass
-    return chooser.result()
+    losers: dict[Provider, tuple[Any, Provider | None]] = {}
+    while True:
+        attempt = _Attempt(available, settings, provided, losers)
+        if attempt.assign(requests, starters):
+            return attempt.result()
 
 
 def _has_settings(provider: Provider, settings: GivenSettings) -> bool:
@@ -145,26 +146,33 @@ class _Rank(NamedTuple):
     is_no_default: bool
 
 
-class _Chooser:
-    """Assigns a provider to each needed type; `assign` is called until no provider loses.
+class _Attempt:
+    """An attempt to assign a provider to each needed type. It ends when a further provider loses.
 
     Args:
+        available: The available providers.
+        settings: The settings of the run.
         provided: The objects of the program.
+        losers: The providers that have lost in earlier attempts; those of this attempt are added.
     """
 
     def __init__(
-        self, available: AvailableProviders, settings: GivenSettings, provided: Sequence[object]
+        self,
+        available: AvailableProviders,
+        settings: GivenSettings,
+        provided: Sequence[object],
+        losers: dict[Provider, tuple[Any, Provider | None]],
     ) -> None:
         self._available = available
         self._settings = settings
         self._provided = provided
-        self._losers: dict[Provider, tuple[Any, Provider | None]] = {}
-
-    def assign(self, requests: Sequence[_Request], starters: Sequence[Provider]) -> bool:
-        """Assign a provider to each needed type; return whether to repeat it, because one has lost."""
+        self._losers = losers
         self._by_type: dict[str, object] = {}
         self._used: dict[Provider, None] = {}
         self._problems: dict[str, str] = {}
+
+    def assign(self, requests: Sequence[_Request], starters: Sequence[Provider]) -> bool:
+        """Assign a provider to each needed type; return False as soon as a further provider loses."""
         pending = list(requests)
         for provider in starters:
             self._use(provider, (), pending)
@@ -182,7 +190,7 @@ class _Chooser:
             if provided is not None:
                 self._by_type[name] = provided
                 if self._lose(self._available.of_type(name), request, None):
-                    return True
+                    return False
                 continue
             candidates = self._candidates(request.type, request.chain)
             if not candidates:
@@ -193,10 +201,10 @@ class _Chooser:
             chosen = self._best(request, candidates)
             self._by_type[name] = chosen
             if self._lose([provider for provider in candidates if provider is not chosen], request, chosen):
-                return True
+                return False
             if chosen not in self._used:
                 self._use(chosen, request.chain, pending)
-        return False
+        return True
 
     def _of_program(self, kind: Any) -> object:
         fitting = [thing for thing in self._provided if fits(thing, kind)]
