@@ -445,7 +445,7 @@ class TreePlanner:
         if format == 3:
             node.name = id  # format 3 ignores the name of a call
         else:
-            self._select_call_attributes(node)
+            self._select_call_attributes(node, call)
         self._report_call(call, model)
         if id in definitions.by_id:
             return True
@@ -457,7 +457,7 @@ class TreePlanner:
             self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
         return False
 
-    def _select_call_attributes(self, node: NodePlan) -> None:
+    def _select_call_attributes(self, node: NodePlan, call: SubtreeCall) -> None:
         conditions: dict[str, str] = {}
         attributes: dict[str, str] = {}
         for key, text in node.element.attributes.items():
@@ -466,7 +466,7 @@ class TreePlanner:
                 self._check_name(node, text)
             elif key in SCRIPT_ATTRIBUTES:
                 conditions[key] = text
-            elif key != "ID" and key != "_autoremap" and not is_port_name(key):
+            elif key not in call.port_texts and key != "ID" and key != "_autoremap":
                 attributes[key] = text
         node.conditions, node.attributes = conditions, attributes
 
