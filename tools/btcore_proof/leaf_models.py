@@ -86,7 +86,8 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
     if uses is None:
         uses = resources_of(manifest) if manifest.type is NodeType.ACTION else frozenset()
     at_once = not lasts or _may_complete_on_start(cls)
-    model = LeafModel(_ordered(results), lasts, at_once, lasts and not results, uses)
+    endless = lasts and (cls.spec.is_endless or not results)
+    model = LeafModel(_ordered(results), lasts, at_once, endless, uses)
     metadata = {key: text for key, text in manifest.metadata.items() if key in _KEYS}
     if metadata:
         model = _narrowed(model, metadata, f"the metadata of <{manifest.id}>")

@@ -41,15 +41,15 @@ class WaitForScan(StatefulAction):
 
     timeout: Annotated[In[float], "The maximum age (s) of a scan."] = SCAN
     # With a recent scan the node succeeds on its first tick, so it may be the first child of a reactive node.
-    spec = NodeSpec(may_return=frozenset({SUCCESS}), state_fields=(), may_complete_on_start=True)
+    # It is endless, because no scan may arrive.
+    spec = NodeSpec(
+        may_return=frozenset({SUCCESS}), state_fields=(), may_complete_on_start=True, is_endless=True
+    )
 
     @staticmethod
     def metadata() -> dict[str, str]:
-        """Return that the node may be RUNNING forever, because no scan may arrive, for proofs.
-
-        A halt does not affect the base: each command replaces the last one.
-        """
-        return {"endless": "true", "hands_over": "true"}
+        """Return that a halt does not affect the base, for proofs: each command replaces the last one."""
+        return {"hands_over": "true"}
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
