@@ -32,8 +32,8 @@ def test_ctrl_c_while_a_module_is_imported_prints_no_traceback(module: str) -> N
         assert any(line.split("|")[-1].strip() == module for line in process.stderr)
         process.send_signal(signal.SIGINT)
         # libmpdec prints a warning when the import of decimal was interrupted and is repeated.
-        noise = ("import time:", "./Modules/_decimal/")
-        printed = [line for line in process.stderr if not line.startswith(noise)]
+        noise = ("import time:", "Modules/_decimal/libmpdec/")
+        printed = [line for line in process.stderr if not any(text in line for text in noise)]
     assert process.returncode == 130
     assert "".join(printed).strip() == "interrupted"
 
