@@ -23,7 +23,7 @@ from btcore.lint.validate import validate_document
 from btcore.script.program import compile_script
 from btcore.values import DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, VECTOR_DOUBLE, VECTOR_INT
 from btcore.xml.read.read import parse_text
-from tests.call_log import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 RECORDED = Path(__file__).parents[1] / "conformance"
 sys.path.append(str(RECORDED))

@@ -39,7 +39,6 @@ from btcore.tree.tree import Tree
 from btcore.values import ANY_VALUE, INT
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import scan
-from tests.call_log import CallLog
 
 MAX_DIFFERENCES = 10  # that are printed
 KINDS = {"xml", "script", "convert"}
@@ -153,6 +152,26 @@ def conformance_registry() -> Registry:
     nodes.add(RecordedAct, ID="Act")
     nodes.add(RecordedAsk, ID="Ask")
     return nodes
+
+
+class CallLog:
+    """A log of the calls of leaves, in order. An entry is `NAME:CALL`, for example `n3:start`.
+
+    Attributes:
+        calls: The entries so far.
+    """
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+
+    def record(self, name: str, call: str) -> None:
+        """Record a call of the leaf *name*: `start`, `running`, `halted` or `tick`."""
+        self.calls.append(f"{name}:{call}")
+
+    def take(self) -> list[str]:
+        """Return the calls since the last call of this method."""
+        taken, self.calls = self.calls, []
+        return taken
 
 
 class RecordedAct(Act):

@@ -13,8 +13,7 @@ from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.mock_nodes import LETTERS, Start
 from btcore.testing import Outcomes, outcomes, xml_documents
 from btcore.testing.tree_generator import SCRIPT_KEYS, cached_integers, cached_sampled_from
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 np = pytest.importorskip("numpy")
 import btcore_batch as batch  # noqa: E402

@@ -15,8 +15,7 @@ from btcore.engine.control import MIN_CHILDREN_FOR_BATCH_RESET
 from btcore.testing import MockAction, MockLeafError, xml_documents
 from btcore.testing.strategies import outcome_texts
 from btcore.testing.tree_generator import SCRIPT_KEYS
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 NODES = conformance_registry()
 MANY_CALLS = 500

@@ -31,8 +31,7 @@ from btcore.nodes.manual_selector import Prompt
 from btcore.testing import xml_documents
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.saved_state import SavedState, restore_state, save_state, state_fields_of
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 NODES = conformance_registry()
 # Attributes of a node that belong to the engine; saved_state saves statuses and blackboards itself.

@@ -11,8 +11,7 @@ from btcore import Registry, SimClock, Tree, TreeNode
 from btcore.tree.saved_state import restore_state, save_state, state_fields_of
 from btcore_navigation import nodes as nav2_nodes
 from btcore_robot.robot import Pose2D, Waypoints
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import PlanAction
+from tests.conformance.recorded_cases import CallLog, PlanAction
 
 XML = """<root BTCPP_format="4"><BehaviorTree ID="Main">
   <ParallelAll max_failures="-1">

@@ -8,7 +8,7 @@ import pytest
 
 from btcore import In, NodeExecutionError, Put, SimClock, Status, Tree, action, running, sleep
 from tests.btcore.conftest import MakeTree
-from tests.call_log import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 
 def statuses(tree: Tree, ticks: int) -> str:

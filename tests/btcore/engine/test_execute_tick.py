@@ -20,7 +20,7 @@ from btcore import (
     TreeNode,
 )
 from tests.btcore.conftest import MakeTree
-from tests.call_log import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 
 class Endless(SyncAction):

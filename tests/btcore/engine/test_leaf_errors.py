@@ -18,7 +18,7 @@ from btcore import (
     action,
 )
 from tests.btcore.conftest import MakeTree
-from tests.call_log import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 
 class Explode(SyncAction):

@@ -19,7 +19,7 @@ from btcore import (
 from btcore.nodes.result_decorators import Inverter
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from tests.btcore.conftest import MakeTree
-from tests.call_log import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 
 class Shuffle(ControlNode):

@@ -11,8 +11,7 @@ import btcore
 from btcore.errors import Diagnostic, TreeError
 from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import conformance_registry, read_cases
+from tests.conformance.recorded_cases import CallLog, conformance_registry, read_cases
 
 DATA = Path(__file__).parents[2] / "conformance" / "data"
 NODES = conformance_registry()

@@ -12,8 +12,7 @@ import btcore
 from btcore import NodeExecutionError, Registry, SimClock, Status, Transition, Tree
 from btcore.logs import TraceLog
 from btcore.testing.strategies import xml_documents
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 NODES = conformance_registry()
 

@@ -8,7 +8,7 @@ import pytest
 
 from btcore import In, LoopNode, NodeExecutionError, Out, Registry, Status, Tree, TreeError, action, loads
 from tests.btcore.conftest import MakeTree
-from tests.call_log import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 

@@ -5,7 +5,7 @@ import pytest
 from btcore import NodeSpec, Status
 from btcore.nodes.sequences_and_fallbacks import OrderedNode, ReactiveNode, ReactiveSequence, Sequence
 from tests.btcore.conftest import MakeTree
-from tests.call_log import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 

@@ -6,8 +6,7 @@ import pytest
 
 from btcore import NodeExecutionError, Status, TreeError
 from tests.btcore.conftest import MakeTree
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 

@@ -4,7 +4,7 @@ import pytest
 
 from btcore import NodeExecutionError, SimClock, Status, Tree, TreeError, action, sleep
 from tests.btcore.conftest import MakeTree
-from tests.call_log import CallLog
+from tests.conformance.recorded_cases import CallLog
 
 MS = 1_000_000
 

@@ -27,8 +27,7 @@ from btcore import (
 )
 from btcore.registry.mock_nodes import parse_outcomes
 from btcore.testing import Outcomes, blackboards, outcomes, trees, xml_documents
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 SMALLEST = settings(
     derandomize=True, database=None, max_examples=5000, suppress_health_check=list(HealthCheck)

@@ -21,8 +21,7 @@ from btcore import (
 from btcore.clock import NS_PER_S
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from tests.btcore.conftest import MakeTree
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import PlanAction, conformance_registry
+from tests.conformance.recorded_cases import CallLog, PlanAction, conformance_registry
 
 THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
 

@@ -6,8 +6,7 @@ import pytest
 
 import btcore
 from btcore import Blackboard, Registry, SimClock, Tree
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 
 class TreeFactory:

@@ -23,8 +23,7 @@ from btcore_proof.interrupts import OpaqueStateError
 from btcore_proof.state_graph import StateTable
 from btcore_proof.timer_order import NO_TIMERS, Advance
 from btcore_proof.tree_state import NOW, StateKeeper, TreeState
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 NODES = conformance_registry()
 SAME_TIME = Advance((), NO_TIMERS)

@@ -12,8 +12,7 @@ import btcore
 from btcore import In, Put, Registry, action
 from btcore.loading.tree_xml import tree_to_xml
 from btcore_studio.schema import write_schema
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 ROOT = Path(__file__).parents[3]
 RECORDED = ROOT / "tests" / "conformance" / "data"

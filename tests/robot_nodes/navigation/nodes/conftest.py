@@ -16,8 +16,7 @@ from btcore_navigation.smoother import SmootherServer
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import TransformTree
-from tests.call_log import CallLog
-from tests.conformance.recorded_cases import PlanAction
+from tests.conformance.recorded_cases import CallLog, PlanAction
 from tests.robot_nodes.navigation.conftest import NavigationRig
 
 HALF = 5.0  # m from the middle of the hall to its walls
