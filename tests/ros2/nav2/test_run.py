@@ -34,6 +34,10 @@ def run(folder: Path, text: str, *options: str) -> subprocess.CompletedProcess[s
 
 def test_the_tree_uses_the_servers_of_nav2(bench: Any, tmp_path: Path) -> None:
     done = run(tmp_path, NAVIGATE, "--nav2")
+    if "did not answer the goal in time" in done.stderr:
+        # A server whose client was discovered a moment ago may lose its response, with a warning of rclpy.
+        bench.received.clear()
+        done = run(tmp_path, NAVIGATE, "--nav2")
     assert done.returncode == 0, done.stderr
     assert bench.session.wait_for(lambda: "wait" in bench.names(), LIMIT)
     assert bench.names() == ["compute_path_to_pose", "follow_path", "wait"]
