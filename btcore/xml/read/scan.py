@@ -111,8 +111,10 @@ class ScannedElement:
 
     def parsed(self) -> Element:
         """Return the element as the parser returns it, but without children and line."""
-        attributes = {attribute.name: attribute.value or "" for attribute in reversed(self.attributes)}
-        return Element(self.tag, dict(reversed(attributes.items())), 0)
+        attributes: dict[str, str] = {}
+        for attribute in self.attributes:
+            attributes.setdefault(attribute.name, attribute.value or "")
+        return Element(self.tag, attributes, 0)
 
     def ancestors(self) -> "Iterator[ScannedElement]":
         """Return the elements around this element, from the inside to the outside."""

@@ -319,9 +319,8 @@ class _SymbolReader:
 
     def _outer_use(self, element: ScannedElement, attribute: ScannedAttribute, key: str) -> KeyUse:
         """Return the use of *key* of the calling tree, which the text of *attribute* names."""
-        text = attribute.value or ""
-        if braced_key(text, self._format) is None or (element.tag == "SubTree" and self._format == 3):
-            return self._use(element, attribute, key, 0, len(text), KeyForm.BARE)
+        if element.tag == "SubTree" and self._format == 3:  # its texts are keys without braces
+            return self._use(element, attribute, key, 0, len(key), KeyForm.BARE)
         return self._remapped(element, attribute, key)
 
     # --- other nodes
