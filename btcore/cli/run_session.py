@@ -225,9 +225,13 @@ def create_session(
 
         file_watcher = FileWatcher(path, options.confined)
     if installed is None or options.plugins:
-        all_libraries = bool(options.substitute)  # a rule may name a node of any library
-        imported = command_providers(ctx).plugins
-        libraries = load_libraries(options.plugins, options.models, options.confined, all_libraries, imported)
+        libraries = load_libraries(
+            options.plugins,
+            options.models,
+            options.confined,
+            own_packages=bool(options.substitute),  # a rule may name a node of any library
+            imported=command_providers(ctx).plugins,
+        )
     else:
         libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)
         libraries.add_models(options.models, options.confined)
