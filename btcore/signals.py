@@ -33,7 +33,7 @@ class EndingSignals:
         self._handlers.__enter__()
         return self
 
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+    def __exit__(self, error_type: object, error: BaseException | None, trace: object) -> None:
         self._handlers.__exit__(None, None, None)
         if isinstance(error, KeyboardInterrupt) and self._raised not in (0, signal.SIGINT):
             raise SystemExit(code_of_signal(self._raised)) from None

@@ -75,42 +75,50 @@ class DataError(ValueError):
         return f"'{path.removeprefix('.')}' {self.problem}" if path else self.problem
 
 
-def convert(value: Any, kind: type[Value]) -> Value:
-    """Return *value*, which consists of dictionaries, lists, texts and numbers, as *kind*.
+def convert(value: Any, data_type: type[Value]) -> Value:
+    """Return *value*, which consists of dictionaries, lists, texts and numbers, as *data_type*.
 
     Numbers have to be finite, and None is always invalid.
 
     Args:
         value: The value from a file.
-        kind: The type of the format.
+        data_type: The type of the format.
     """
-    _check(value, kind, ())
-    return msgspec.convert(value, kind, dec_hook=_path)
+    _check(value, data_type, ())
+    return msgspec.convert(value, data_type, dec_hook=_path)
 
 
-def json_schema(kind: type) -> dict[str, Any]:
-    """Return the JSON schema of the format *kind*, with which editors complete keys and mark mistakes."""
-    schema = msgspec.json.schema(kind, schema_hook=lambda _: {"type": "string"})
+def json_schema(data_type: type) -> dict[str, Any]:
+    """Return the JSON schema of a file format, with which editors complete keys and mark mistakes.
+
+    Args:
+        data_type: The type of the format.
+    """
+    schema = msgspec.json.schema(data_type, schema_hook=lambda _: {"type": "string"})
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
-def _path(kind: type, value: Any) -> Any:
-    if kind is Path and isinstance(value, str):
+def _path(data_type: type, value: Any) -> Any:
+    if data_type is Path and isinstance(value, str):
         return Path(value)
     raise TypeError
 
 
 def _check(value: Any, annotation: Any, keys: Keys) -> None:
-    kind, _ = _bare(annotation)
-    if get_origin(kind) in (Union, UnionType) and isinstance(value, dict):
-        kind = _tagged(value, get_args(kind), keys)
-    if isinstance(value, dict) and isinstance(kind, type) and (is_dataclass(kind) or _is_struct(kind)):
-        _check_fields(value, kind, keys)
-    elif isinstance(value, dict) and get_origin(kind) is dict:
+    data_type, _ = _bare(annotation)
+    if get_origin(data_type) in (Union, UnionType) and isinstance(value, dict):
+        data_type = _tagged(value, get_args(data_type), keys)
+    if (
+        isinstance(value, dict)
+        and isinstance(data_type, type)
+        and (is_dataclass(data_type) or _is_struct(data_type))
+    ):
+        _check_fields(value, data_type, keys)
+    elif isinstance(value, dict) and get_origin(data_type) is dict:
         for key, item in value.items():
-            _check(item, get_args(kind)[1], (*keys, key))
+            _check(item, get_args(data_type)[1], (*keys, key))
     elif isinstance(value, list):
-        for index, (item, item_type) in enumerate(zip(value, _item_types(kind), strict=False)):
+        for index, (item, item_type) in enumerate(zip(value, _item_types(data_type), strict=False)):
             _check(item, item_type, (*keys, index))
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         raise _misfit(value, annotation, keys)
@@ -124,9 +132,9 @@ def _check(value: Any, annotation: Any, keys: Keys) -> None:
         raise _misfit(value, annotation, keys) from None
 
 
-def _check_fields(value: Mapping[str, Any], kind: type, keys: Keys) -> None:
-    config = kind.__struct_config__ if _is_struct(kind) else None  # type: ignore[attr-defined]
-    known = {name: annotation for name, annotation, _ in _fields(kind)}
+def _check_fields(value: Mapping[str, Any], data_type: type, keys: Keys) -> None:
+    config = data_type.__struct_config__ if _is_struct(data_type) else None  # type: ignore[attr-defined]
+    known = {name: annotation for name, annotation, _ in _fields(data_type)}
     if config is not None and config.tag_field is not None:
         known = {config.tag_field: str, **known}
     is_strict = config is None or config.forbid_unknown_fields
@@ -135,7 +143,7 @@ def _check_fields(value: Mapping[str, Any], kind: type, keys: Keys) -> None:
             hint = did_you_mean(str(key), known if is_strict else known.keys() - value.keys())
             if is_strict or hint:
                 raise DataError((*keys, key), f"is unknown: known are {', '.join(known)}{hint}")
-    for name, annotation, is_required in _fields(kind):
+    for name, annotation, is_required in _fields(data_type):
         if name in value:
             _check(value[name], annotation, (*keys, name))
         elif is_required:
@@ -143,20 +151,20 @@ def _check_fields(value: Mapping[str, Any], kind: type, keys: Keys) -> None:
 
 
 @cache
-def _fields(kind: Any) -> list[tuple[str, Any, bool]]:
+def _fields(data_type: Any) -> list[tuple[str, Any, bool]]:
     """Return the key, the annotation, and whether it is required, of each field."""
-    if _is_struct(kind):
-        return [(info.encode_name, info.type, info.required) for info in msgspec.structs.fields(kind)]
-    hints = get_type_hints(kind, include_extras=True)
+    if _is_struct(data_type):
+        return [(info.encode_name, info.type, info.required) for info in msgspec.structs.fields(data_type)]
+    hints = get_type_hints(data_type, include_extras=True)
     return [
         (field.name, hints[field.name], field.default is MISSING and field.default_factory is MISSING)
-        for field in fields(kind)
+        for field in fields(data_type)
     ]
 
 
-def _tagged(value: Mapping[str, Any], kinds: tuple[Any, ...], keys: Keys) -> Any:
+def _tagged(value: Mapping[str, Any], classes: tuple[Any, ...], keys: Keys) -> Any:
     """Return the struct of a union that the tag in *value* names."""
-    configs = {kind.__struct_config__.tag: kind for kind in kinds if _is_struct(kind)}
+    configs = {cls.__struct_config__.tag: cls for cls in classes if _is_struct(cls)}
     if not configs:
         return None
     tag_field = next(iter(configs.values())).__struct_config__.tag_field
@@ -168,8 +176,8 @@ def _tagged(value: Mapping[str, Any], kinds: tuple[Any, ...], keys: Keys) -> Any
     return configs[tag]
 
 
-def _is_struct(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+def _is_struct(data_type: Any) -> bool:
+    return isinstance(data_type, type) and issubclass(data_type, msgspec.Struct)
 
 
 def _bare(annotation: Any) -> tuple[Any, dict[str, Any]]:
@@ -188,17 +196,17 @@ def _bare(annotation: Any) -> tuple[Any, dict[str, Any]]:
     return annotation, limits
 
 
-def _item_types(kind: Any) -> Any:
-    if isinstance(kind, type) and hasattr(kind, "_fields"):  # a NamedTuple
-        return get_type_hints(kind, include_extras=True).values()
-    types = get_args(kind) if get_origin(kind) in (tuple, list) else ()
+def _item_types(data_type: Any) -> Any:
+    if isinstance(data_type, type) and hasattr(data_type, "_fields"):  # a NamedTuple
+        return get_type_hints(data_type, include_extras=True).values()
+    types = get_args(data_type) if get_origin(data_type) in (tuple, list) else ()
     return repeat(types[0]) if types[1:] in ((...,), ()) and types else types
 
 
 def _misfit(value: object, annotation: Any, keys: Keys) -> DataError:
-    kind, _ = _bare(annotation)
-    is_choice = get_origin(kind) is Literal and isinstance(value, str)
-    hint = did_you_mean(str(value), get_args(kind)) if is_choice else ""
+    data_type, _ = _bare(annotation)
+    is_choice = get_origin(data_type) is Literal and isinstance(value, str)
+    hint = did_you_mean(str(value), get_args(data_type)) if is_choice else ""
     # Only the first parts of the text, because a short YAML file with aliases may describe a huge value.
     encoder = json.JSONEncoder(ensure_ascii=False, default=str)
     shown = "".join(islice(encoder.iterencode(value), _MAX_SHOWN))
@@ -208,17 +216,17 @@ def _misfit(value: object, annotation: Any, keys: Keys) -> DataError:
 
 def expected(annotation: Any) -> str:
     """Return what a value of the type *annotation* is, such as `a number of at least 0`."""
-    kind, limits = _bare(annotation)
-    if get_origin(kind) is Literal:
-        return join_names([json.dumps(name) for name in get_args(kind)], "or", 20)
-    if get_origin(kind) in (Union, UnionType) and not any(map(_is_struct, get_args(kind))):
-        return join_names(map(expected, get_args(kind)), "or")
+    data_type, limits = _bare(annotation)
+    if get_origin(data_type) is Literal:
+        return join_names([json.dumps(name) for name in get_args(data_type)], "or", 20)
+    if get_origin(data_type) in (Union, UnionType) and not any(map(_is_struct, get_args(data_type))):
+        return join_names(map(expected, get_args(data_type)), "or")
     if "examples" in limits:
         return f"a text like {json.dumps(limits['examples'][0])}"
-    if kind in _WORDS:
-        return _WORDS[kind] + _range(limits)
-    types = _item_types(kind)
-    if get_origin(kind) in (tuple, list) or hasattr(kind, "_fields"):
+    if data_type in _WORDS:
+        return _WORDS[data_type] + _range(limits)
+    types = _item_types(data_type)
+    if get_origin(data_type) in (tuple, list) or hasattr(data_type, "_fields"):
         count = "" if isinstance(types, repeat) else f"{len(types)} "
         least, most = limits.get("min_length"), limits.get("max_length")
         if least is not None or most is not None:

@@ -236,26 +236,26 @@ class Blackboard:
         if entry is None:
             self._set_new(key, value, declared)
             return
-        kind = entry.declared
-        if not kind.strong:
+        entry_type = entry.declared
+        if not entry_type.strong:
             entry.declared = declared or type_of(value)
             entry.inferred = declared is None
             entry.value_type = None
-        elif entry.value_type is not None or not kind.accepts(value):
+        elif entry.value_type is not None or not entry_type.accepts(value):
             value = self._convert_to_entry(key, entry, value)
         entry.put(value, self.now())
 
     @overload
     def get(self, key: str) -> object: ...
     @overload
-    def get(self, key: str, kind: type[T]) -> T: ...
+    def get(self, key: str, result_type: type[T]) -> T: ...
     @overload
-    def get(self, key: str, kind: type[T], default: D) -> T | D: ...
+    def get(self, key: str, result_type: type[T], default: D) -> T | D: ...
     @overload
     def get(self, key: str, default: object, /) -> object: ...
     @overload
     def get(self, key: str, *, default: object) -> object: ...
-    def get(self, key: str, kind: object = None, default: object = _NOT_GIVEN) -> object:
+    def get(self, key: str, result_type: object = None, default: object = _NOT_GIVEN) -> object:
         """Return the value of an entry: as in a dict, or as a value of a type.
 
         `get("speed")` and `get("speed", 0.5)` return None or the default if the entry is missing or was
@@ -263,23 +263,23 @@ class Blackboard:
 
         Args:
             key: The key.
-            kind: The class of the result, or a type such as `list[float]`. The value is converted as by an
-                input port of the type. Any other second argument is the default.
+            result_type: The class of the result, or a type such as `list[float]`. The value is converted as
+                by an input port of the type. Any other second argument is the default.
             default: The result for an entry that is missing or was never written.
 
         Raises:
             MissingEntryError: The entry is missing or was never written, and only a type is given.
             BlackboardError: The value cannot be converted to the type.
         """
-        is_typed = isinstance(kind, (type, ValueType)) or get_origin(kind) is not None
+        is_typed = isinstance(result_type, (type, ValueType)) or get_origin(result_type) is not None
         entry = self.find(key)
         if entry is None or entry.value is None:
             if default is not _NOT_GIVEN:
                 return default
             if is_typed:
                 raise self._missing_entry_error(key, entry)
-            return kind
-        return _convert_to_kind(key, entry.value, kind) if is_typed else entry.value
+            return result_type
+        return _convert_to_type(key, entry.value, result_type) if is_typed else entry.value
 
     def unset(self, key: str) -> None:
         """Remove the entry *key*, with its type, from this scope itself, if there is such an entry."""
@@ -389,10 +389,10 @@ class Blackboard:
 
     def _set_new(self, key: str, value: object, declared: ValueType | None) -> None:
         """Write a key that is not stored in this scope itself."""
-        kind = declared or type_of(value)
-        if kind is STRING and declared is None:
-            kind = ANY
-        entry = self._find_or_create(key, kind, declared is None and kind.strong, value)
+        entry_type = declared or type_of(value)
+        if entry_type is STRING and declared is None:
+            entry_type = ANY
+        entry = self._find_or_create(key, entry_type, declared is None and entry_type.strong, value)
         entry.value_type = (
             None if declared is None or not declared.strong or declared is entry.declared else declared
         )
@@ -433,21 +433,22 @@ class Blackboard:
         A number that a script has written first keeps its type, as in BehaviorTree.CPP: an entry of doubles
         may hold an integer, which no fraction can replace, and an entry of integers a double.
         """
-        kind = entry.declared
-        if value is False and isinstance(kind, IntegerType) and kind.low < 0:
+        declared = entry.declared
+        if value is False and isinstance(declared, IntegerType) and declared.low < 0:
             # BehaviorTree.CPP considers true to be a safe value for signed integers, but not false.
             raise BlackboardError(
-                f"the entry '{key}' has the type {kind.name}, which cannot change to bool: write 0, not False"
+                f"the entry '{key}' has the type {declared.name}, which cannot change to bool: "
+                "write 0, not False"
             )
         held = entry.value_type
         try:
-            if isinstance(value, str) and kind.converts and not kind.accepts(value):
-                fitted = kind.from_text(value)
+            if isinstance(value, str) and declared.converts and not declared.accepts(value):
+                fitted = declared.from_text(value)
             else:
-                fitted = kind.adapt(value)
+                fitted = declared.adapt(value)
         except ConversionError as error:
             raise BlackboardError(
-                f"the entry '{key}' has the type {kind.name}, which cannot change: {error}"
+                f"the entry '{key}' has the type {declared.name}, which cannot change: {error}"
             ) from error
         if held is None or number_of(entry.value) is None:
             return fitted
@@ -491,11 +492,11 @@ def copy_scopes(scopes: Sequence[Blackboard]) -> list[Blackboard]:
     return copies
 
 
-def _convert_to_kind(key: str, value: object, kind: Any) -> object:
-    if type(value) is kind:
+def _convert_to_type(key: str, value: object, result_type: Any) -> object:
+    if type(value) is result_type:
         return value
     # A Python int has no size: only ports restrict it to 32 bits.
-    wanted = INT64 if kind is int else TypeRegistry().of(kind)
+    wanted = INT64 if result_type is int else TypeRegistry().of(result_type)
     try:
         if isinstance(value, str) and not isinstance(wanted, UserType):
             return wanted.from_text(value)

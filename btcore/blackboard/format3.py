@@ -37,17 +37,17 @@ class Format3Blackboard(Blackboard):
         if entry is None:
             self._set_new(key, value, declared)
             return
-        kind = entry.declared
-        if kind.strong and not kind.accepts(value):
+        entry_type = entry.declared
+        if entry_type.strong and not entry_type.accepts(value):
             if not isinstance(value, str) or entry.inferred:
                 is_unknown = declared is None or not declared.strong or isinstance(value, str)
                 raise self._type_error(
-                    key, kind, type_of(value) if is_unknown or declared is None else declared
+                    key, entry_type, type_of(value) if is_unknown or declared is None else declared
                 )
             try:
-                value = kind.from_text(value, 3)
+                value = entry_type.from_text(value, 3)
             except ConversionError as error:
-                raise BlackboardError(f"the entry '{key}' is of type {kind.name}: {error}") from error
+                raise BlackboardError(f"the entry '{key}' is of type {entry_type.name}: {error}") from error
         entry.put(value, self.now())
 
     def create(self, key: str, declared: ValueType = ANY, only_read: bool = False) -> Entry:

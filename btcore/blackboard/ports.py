@@ -110,9 +110,9 @@ class Port:
         BehaviorTree.CPP checks the texts of enums when a node reads them, which would be too late for typos.
         For node statuses its recorded answers are followed: such a tree loads.
         """
-        kind = self.type
-        is_user_enum = isinstance(kind, EnumType) and kind is not NODE_STATUS
-        return kind.strong and (kind.converts or (self.reads and is_user_enum))
+        port_type = self.type
+        is_user_enum = isinstance(port_type, EnumType) and port_type is not NODE_STATUS
+        return port_type.strong and (port_type.converts or (self.reads and is_user_enum))
 
 
 def braced_key(text: str, format: int = 4) -> str | None:
@@ -241,16 +241,16 @@ class Input(Binding):
         if entry is None or entry.value is None:
             raise self._unreadable(entry)
         value = entry.value
-        kind = self.port.type
-        if not kind.strong:
+        port_type = self.port.type
+        if not port_type.strong:
             return value
         try:
-            if isinstance(value, str) and kind is not STRING:
-                return kind.from_text(value, self.format)
-            return kind.cast(value)
+            if isinstance(value, str) and port_type is not STRING:
+                return port_type.from_text(value, self.format)
+            return port_type.cast(value)
         except ConversionError as error:
             raise ConversionError(
-                f"port [{self.name}] reads {{{key}}} as {kind.name}, but it holds {value!r}: {error}"
+                f"port [{self.name}] reads {{{key}}} as {port_type.name}, but it holds {value!r}: {error}"
             ) from None
 
     def _unreadable(self, entry: Entry | None) -> BlackboardError:
@@ -292,14 +292,14 @@ class Output:
                 f"port [{self.name}] is an output, but '{self.text}' is not a blackboard entry: "
                 "write the key in braces, {like_this}"
             )
-        kind = self.type
-        if kind.strong and not isinstance(value, str):
+        port_type = self.type
+        if port_type.strong and not isinstance(value, str):
             try:
-                value = kind.cast(value)
+                value = port_type.cast(value)
             except ConversionError as error:
-                raise ConversionError(f"port [{self.name}] takes {kind.name}: {error}") from None
+                raise ConversionError(f"port [{self.name}] takes {port_type.name}: {error}") from None
         # A port of any type may write a value of another type later, like a port of type BT::Any.
-        self.blackboard.set(key, value, None if kind.strong else kind)
+        self.blackboard.set(key, value, None if port_type.strong else port_type)
 
     def __call__(self, value: object) -> None:
         """Call `write`: a function leaf gets the port as a callable."""

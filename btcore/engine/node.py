@@ -481,9 +481,9 @@ def _as_status(node: TreeNode, result: object) -> Status:
         return RUNNING
     if result is SKIPPED:
         return SKIPPED
-    kind = type(result)
+    cls = type(result)
     # The type of numpy's comparisons is named bool_ in numpy 1 and bool in numpy 2.
-    if kind.__module__ == "numpy" and kind.__name__ in ("bool", "bool_"):
+    if cls.__module__ == "numpy" and cls.__name__ in ("bool", "bool_"):
         return SUCCESS if result else FAILURE
     if result is IDLE and node.config.format == 3 and node.children:
         return IDLE

@@ -86,12 +86,12 @@ def _check_base_class(
     dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, reporter: LintReporter
 ) -> None:
     """Warn if *port* reads an entry whose type is a base class of the type of the port."""
-    kind = entry.declared
-    if not kind.is_related(port.type) or issubclass(kind.python_type, port.type.python_type):
+    entry_type = entry.declared
+    if not entry_type.is_related(port.type) or issubclass(entry_type.python_type, port.type.python_type):
         return
     message = (
         f"the port '{use.attribute}' of {node_label(use.node)} reads {port.type.name}, but the entry "
-        f"'{use.key}' has the type {kind.name}: reading any other {kind.name} raises"
+        f"'{use.key}' has the type {entry_type.name}: reading any other {entry_type.name} raises"
     )
     origin = dry_run.declared_by(entry)
     hint = f"declared by {origin}" if origin else ""

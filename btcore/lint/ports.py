@@ -142,9 +142,9 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
             hint = Hint(f'write {port.name}="{shown}"', (Fix("set_value", (key,)),))
             reporter.report(UNCONNECTED_OUTPUT, message, document, node, port.name, hint)
         else:
-            for item, part, kind in partly_read(text, _literal_type(node, port), format):
-                message = f"the {label} has the type {kind}: only '{part}' of '{item}' is read"
-                hint = _number_hint(text, item, part, kind)
+            for item, part, type_name in partly_read(text, _literal_type(node, port), format):
+                message = f"the {label} has the type {type_name}: only '{part}' of '{item}' is read"
+                hint = _number_hint(text, item, part, type_name)
                 reporter.report(PARTIAL_NUMBER, message, document, node, port.name, hint)
     for key, text in node.subtree_call.constants.items() if node.subtree_call is not None else ():
         intended = intended_key(text)
@@ -205,32 +205,32 @@ def _literal_type(node: NodePlan, port: Port) -> ValueType:
     return VectorType(elements[0]) if elements else port.type
 
 
-def partly_read(text: str, kind: ValueType, format: int) -> Iterator[tuple[str, str, str]]:
+def partly_read(text: str, value_type: ValueType, format: int) -> Iterator[tuple[str, str, str]]:
     """Yield the numbers in *text* that are read only in part, such as `1,5`, which is read as `1`.
 
     Yields:
         (number, part that is read, type name).
     """
-    if isinstance(kind, VectorType):
+    if isinstance(value_type, VectorType):
         if not (text.startswith("json:") and format == 4):
             for item in text.split(";"):
-                yield from partly_read(item, kind.item, format)
+                yield from partly_read(item, value_type.item, format)
         return
-    if not isinstance(kind, (IntegerType, RealType)) or len(text) > _MAX_NUMBER_LENGTH:
+    if not isinstance(value_type, (IntegerType, RealType)) or len(text) > _MAX_NUMBER_LENGTH:
         return
     try:
-        kind.from_text(text, format)
+        value_type.from_text(text, format)
     except ConversionError:
         return  # an error, when the tree is loaded or when a node reads the port
     shown = text.strip()
     # Format 3 skips spaces and a plus sign, and accepts hexadecimal reals.
     bare = shown.removeprefix("+") if format == 3 else shown
-    part = _read_part(bare, isinstance(kind, IntegerType))
+    part = _read_part(bare, isinstance(value_type, IntegerType))
     if part is None or part == bare or re.fullmatch(r"\.0*", bare[len(part) :]):
         return
-    if format == 3 and isinstance(kind, RealType) and "x" in bare.lower():
+    if format == 3 and isinstance(value_type, RealType) and "x" in bare.lower():
         return
-    yield shown, part, kind.name
+    yield shown, part, value_type.name
 
 
 def _read_part(text: str, integer: bool) -> str | None:
@@ -241,10 +241,10 @@ def _read_part(text: str, integer: bool) -> str | None:
     return next((text[:end] for end in ends if whole_float(text[:end]) is not None), None)
 
 
-def _number_hint(text: str, item: str, part: str, kind: str) -> Hint:
+def _number_hint(text: str, item: str, part: str, type_name: str) -> Hint:
     """Return the hint for *item*, a number in *text* of which only *part* is read."""
     with_point = item.replace(",", ".", 1)
-    if kind in ("double", "float") and whole_float(with_point) is not None:
+    if type_name in ("double", "float") and whole_float(with_point) is not None:
         return Hint(f"write {with_point}", (Fix("set_value", (text.replace(item, with_point, 1),)),))
     fix = Fix("set_value", (text.replace(item, part, 1),))
     return Hint(f"write {part} if that is the intended value", (fix,))

@@ -127,11 +127,11 @@ def _imported(value: Any, types: TypeRegistry) -> object:
     if not isinstance(value, dict):
         return value
     name = value.get(TYPE)
-    kind = None if name is None else types.named(str(name))
-    if kind is None:
+    value_type = None if name is None else types.named(str(name))
+    if value_type is None:
         problem = f"the object has no '{TYPE}'" if name is None else f"unknown type '{name}'"
         raise ConversionError(f"{problem}; register types with add_type(…)")
-    return kind.from_text("json:" + json.dumps(value))
+    return value_type.from_text("json:" + json.dumps(value))
 
 
 def _typed(value: object, declared: ValueType) -> object:

@@ -39,7 +39,7 @@ class PausedGarbageCollection:
             gc.collect(1)
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self, error_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._freezes:
             gc.freeze()

@@ -79,14 +79,14 @@ class SetBlackboard(SyncAction):
         if isinstance(value, str):
             self.put_text(key, value)
             return
-        kind = source.type_of_value()
+        value_type = source.type_of_value()
         target = self._blackboard.find(key)
-        if target is not None and target.declared.strong and not target.declared.same(kind):
+        if target is not None and target.declared.strong and not target.declared.same(value_type):
             # A Python int may stand for any integer type, and an object for its base class.
             is_exact = source.value_type is not None or (source.declared.strong and not source.inferred)
             if not target.declared.accepts(value) or (is_exact and number_of(value) is not None):
-                raise copy_error(key, target.declared, kind)
-        self.store(key, target, value, kind)
+                raise copy_error(key, target.declared, value_type)
+        self.store(key, target, value, value_type)
 
     def put_text(self, key: str, text: str) -> None:
         """Write *text*, which is converted if the entry has a type."""
@@ -97,28 +97,29 @@ class SetBlackboard(SyncAction):
             # An entry without a type remains so: BehaviorTree.CPP accepts a number later, too.
             entry.put(text, self._blackboard.now())
         else:
-            kind = entry.declared
-            if not kind.converts:
+            declared = entry.declared
+            if not declared.converts:
                 raise BlackboardError(
-                    f"the entry '{key}' has the type {kind.name}, to which SetBlackboard cannot convert "
+                    f"the entry '{key}' has the type {declared.name}, to which SetBlackboard cannot convert "
                     f"the text '{text}': assign the number of the member in a Script"
                 )
-            self.store(key, entry, kind.from_text(text, self.config.format), kind)
+            self.store(key, entry, declared.from_text(text, self.config.format), declared)
 
-    def store(self, key: str, entry: Entry | None, value: object, kind: ValueType) -> None:
-        """Store *value* of the type *kind* in *entry*, which `find` returns for *key*."""
+    def store(self, key: str, entry: Entry | None, value: object, value_type: ValueType) -> None:
+        """Store *value* of the type *value_type* in *entry*, which `find` returns for *key*."""
         board = self._blackboard
         if key.startswith("@"):
             board, key = board.root, key.lstrip("@")
         if entry is not None and board.local_entries().get(key) is entry:
             if not entry.declared.strong:
                 entry.declared = ANY_VALUE
-            entry.value_type = None if kind is entry.declared or kind.same(entry.declared) else kind
+            is_declared = value_type is entry.declared or value_type.same(entry.declared)
+            entry.value_type = None if is_declared else value_type
             entry.put(value, board.now())
         else:
             # In an outer scope BehaviorTree.CPP may write another entry than it reads: "@m", not the root's
             # "m".
-            board.set(key, value, kind)
+            board.set(key, value, value_type)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -249,14 +249,14 @@ class Resources(list[object]):
             self._chosen |= given._chosen
         self._cache: dict[Parameter, object] = {}
 
-    def choose(self, kind: Any, thing: object) -> None:
+    def choose(self, resource_type: Any, resource: object) -> None:
         """Choose the object that leaves get for a type.
 
         Args:
-            kind: The type.
-            thing: The object.
+            resource_type: The type.
+            resource: The object.
         """
-        self._chosen[kind] = thing
+        self._chosen[resource_type] = resource
 
     def _find(self, parameter: Parameter, id: str) -> object:
         """Return the resource for a parameter, else the default of the parameter, or UNSET.

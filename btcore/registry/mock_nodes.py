@@ -362,7 +362,7 @@ def is_mock(cls: type[TreeNode]) -> bool:
 
 def make_mock_class(
     id: str,
-    kind: NodeType,
+    node_type: NodeType,
     ports: Sequence[Port],
     description: str,
     origin: str,
@@ -377,7 +377,7 @@ def make_mock_class(
     listed, fields = list(ports), dict(metadata or {})
     return type(
         id,
-        (_OF_TYPE[kind],),
+        (_OF_TYPE[node_type],),
         {
             "provided_ports": staticmethod(lambda: listed),
             "metadata": staticmethod(lambda: fields),

@@ -54,26 +54,26 @@ def check_ports(ID: str, ports: Sequence[Port], format: int = 4) -> None:
 
 def default_value_error(port: Port) -> str:
     """Return why the default of *port* is not a value of its type, or ""."""
-    kind, text, value = port.type, port.default, port.value
+    port_type, text, value = port.type, port.default, port.value
     # None means "no value". The default of an output is not checked: it is never read as a value.
-    if text is None or value is None or not port.reads or not kind.strong or not _is_known(kind):
+    if text is None or value is None or not port.reads or not port_type.strong or not _is_known(port_type):
         return ""
     try:
         if value is not UNSET:
-            kind.cast(value)
-            return "it is not a text" if kind is STRING else ""
+            port_type.cast(value)
+            return "it is not a text" if port_type is STRING else ""
         if all(remapped_key(text, port.name, format) is None for format in (3, 4)):
-            kind.from_text(text)
+            port_type.from_text(text)
     except ConversionError as error:
         return str(error)
     return ""
 
 
-def _is_known(kind: ValueType) -> bool:
-    """Return whether texts can be converted to *kind* already: a user's type may get a converter later."""
-    if isinstance(kind, VectorType):
-        return _is_known(kind.item)
-    return kind.converts and not isinstance(kind, UserType)
+def _is_known(value_type: ValueType) -> bool:
+    """Return whether texts can be converted to a type already: a user's type may get a converter later."""
+    if isinstance(value_type, VectorType):
+        return _is_known(value_type.item)
+    return value_type.converts and not isinstance(value_type, UserType)
 
 
 def check_class(ID: str, cls: type[TreeNode]) -> None:
@@ -93,9 +93,9 @@ def check_methods(ID: str, cls: type[TreeNode]) -> None:
         return
     for base, method in _OVERRIDDEN:
         if issubclass(cls, base) and getattr(cls, method) is getattr(base, method):
-            kind = base.__name__
+            base_name = base.__name__
             raise RegistrationError(
-                f"<{ID}>: {cls.__qualname__} is a {kind}, but does not implement {method}(self)"
+                f"<{ID}>: {cls.__qualname__} is a {base_name}, but does not implement {method}(self)"
             )
 
 

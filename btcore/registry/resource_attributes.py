@@ -28,10 +28,10 @@ class ResourceAttribute:
         """Raise MissingResourceError. A value of the node itself takes precedence."""
         if node is None:
             return self
-        name, kind = self.parameter.name, self.parameter.type_name
+        name, type_name = self.parameter.name, self.parameter.type_name
         raise MissingResourceError(
-            f"<{node.config.id}> needs {with_article(kind)} for its attribute '{name}': pass it in "
-            f"resources=[…], or assign it; if it is a port, mark it: {name}: In[{kind}]"
+            f"<{node.config.id}> needs {with_article(type_name)} for its attribute '{name}': pass it in "
+            f"resources=[…], or assign it; if it is a port, mark it: {name}: In[{type_name}]"
         )
 
 
@@ -47,16 +47,16 @@ def class_resources(cls: type, names: Mapping[str, Any]) -> list[Parameter]:
     parents = [parent for parent in cls.__mro__ if parent.__module__.partition(".")[0] != _ENGINE]
     declared = {name for parent in parents for name in inspect.get_annotations(parent)}
     candidates = {
-        name: kind
-        for name, kind in class_annotations(cls, names).items()
-        if name in declared and isinstance(kind, type) and kind.__module__ != "builtins"
+        name: resource_type
+        for name, resource_type in class_annotations(cls, names).items()
+        if name in declared and isinstance(resource_type, type) and resource_type.__module__ != "builtins"
         if not name.startswith("_") and not _has_value(cls, name)
     }
     if candidates:
         for code in _method_codes(parents):
             for name in _assigned_names(code):
                 candidates.pop(name, None)
-    return [Parameter(name, True, None, kind, UNSET) for name, kind in candidates.items()]
+    return [Parameter(name, True, None, resource_type, UNSET) for name, resource_type in candidates.items()]
 
 
 def _has_value(cls: type, name: str) -> bool:

@@ -165,7 +165,7 @@ class OperatorChain(Chain):
     def extend(self, token: Token, operand: Expression) -> None:
         """Append an operator and its right operand."""
         super().extend(token, operand)
-        self.operators.append(OPERATORS[token.kind])
+        self.operators.append(OPERATORS[token.type])
 
     def evaluate(self, board: Blackboard) -> object:
         """Return the result of the last operator."""
@@ -208,13 +208,13 @@ class Comparison(Chain):
             right = self.operands[index].evaluate(board)
             token = self.tokens[index]
             try:
-                holds = compare(token.kind, left, right, self.enums)
+                holds = compare(token.type, left, right, self.enums)
             except ConversionError as error:
                 raise self.operation_error(index, left, right, error) from None
             except UndecidedOperandError as undecided:
                 if left is None or right is None:
                     raise self.operation_error(index, left, right, ConversionError()) from None
-                holds = undecided.decide(token.kind, left, right)
+                holds = undecided.decide(token.type, left, right)
             if not holds:
                 return 0.0
             left = right
@@ -264,7 +264,7 @@ class Assignment(Expression):
         self, text: str, token: Token, target: Expression, value: Expression, enums: Mapping[str, int]
     ) -> None:
         super().__init__(text, token)
-        self.operator: str = token.kind
+        self.operator: str = token.type
         self.target: Expression = target
         self.value: Expression = value
         self.enums: Mapping[str, int] = enums
@@ -285,8 +285,8 @@ class Assignment(Expression):
         try:
             if self.operator == ":=" or self.operator == "=":
                 if entry.value is None and not isinstance(value, str):
-                    kind = self._type_of(value, board)
-                    entry.value_type = None if kind.same(entry.declared) else kind
+                    value_type = self._type_of(value, board)
+                    entry.value_type = None if value_type.same(entry.declared) else value_type
                 stored = self._assigned(entry, value)
             else:
                 stored = compound_assigned_value(self.operator, entry.value, value, entry.declared)
@@ -319,26 +319,26 @@ class Assignment(Expression):
 
     def _assigned(self, entry: Entry, value: object) -> object:
         old = entry.value
-        kind: ValueType = entry.declared
+        declared: ValueType = entry.declared
         if isinstance(value, str) and not isinstance(old, str):
-            if kind.strong and kind.converts:
-                return kind.from_text(value)
-            if kind is ANY_VALUE:
+            if declared.strong and declared.converts:
+                return declared.from_text(value)
+            if declared is ANY_VALUE:
                 # BehaviorTree.CPP looks for a converter from text to BT::Any, and there is none.
                 raise ConversionError(f"a text cannot replace {description(old)} that SetBlackboard wrote")
-            if old is None and not kind.strong:
+            if old is None and not declared.strong:
                 return value
             if number_of(old) is not None:
                 entry.value_type = DOUBLE  # whatever the type of the number was
                 return readable_number(value, self.enums)
             if old is None:
                 raise ConversionError(
-                    f"the entry has the type {kind.name}, to which a script converts no text"
+                    f"the entry has the type {declared.name}, to which a script converts no text"
                 )
             raise ConversionError(f"a text cannot replace {description(old)}")
         if old is None:
             return value
-        return assigned_value(value, old, kind)
+        return assigned_value(value, old, declared)
 
     def _type_of(self, value: object, board: Blackboard) -> ValueType:
         """Return the type of *value*, which is not a text and becomes the first value of an entry."""

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-# Kinds of token. An operator's kind is its own text.
+# Types of tokens. The type of an operator is its own text.
 INTEGER: Final = "integer"
 REAL: Final = "real"
 STRING: Final = "string"
@@ -24,14 +24,14 @@ class Token:
     """A token of a script.
 
     Attributes:
-        kind: The kind of the token; for an operator, its text.
+        type: The type of the token; for an operator, its text.
         text: The text; the text of a string is without the quotes.
         start: The index of the first character in the script.
         width: The number of characters in the script.
     """
 
-    def __init__(self, kind: str, text: str, start: int, width: int) -> None:
-        self.kind = kind
+    def __init__(self, type: str, text: str, start: int, width: int) -> None:
+        self.type = type
         self.text = text
         self.start = start
         self.width = width
@@ -81,17 +81,17 @@ def _number(text: str, start: int) -> Token:
         end = _skip(text, at, _NAME_REST + ".")
         is_valid = at > first and end == at
         return Token(INTEGER if is_valid else MALFORMED, text[start:end], start, end - start)
-    kind = INTEGER
+    token_type = INTEGER
     at = _skip(text, start, _DIGITS)
     # "1..2" joins two integers.
     if text[at : at + 1] == "." and text[at + 1 : at + 2] != ".":
         if text[at + 1 : at + 2] not in _DIGITS or at + 1 >= len(text):
             end = _skip(text, at + 1, _NAME_REST + ".")
             return Token(MALFORMED, text[start:end], start, end - start)
-        kind = REAL
+        token_type = REAL
         at = _skip(text, at + 1, _DIGITS)
     if at < len(text) and text[at] in "eE":
-        kind = REAL
+        token_type = REAL
         at += 1
         if at < len(text) and text[at] in "+-":
             at += 1
@@ -102,7 +102,7 @@ def _number(text: str, start: int) -> Token:
     if at < len(text) and text[at] in _NAME_START:
         end = _skip(text, at, _NAME_REST)
         return Token(MALFORMED, text[start:end], start, end - start)
-    return Token(kind, text[start:at], start, at - start)
+    return Token(token_type, text[start:at], start, at - start)
 
 
 def _skip(text: str, at: int, among: str) -> int:

@@ -137,8 +137,8 @@ def readable_number(text: str, enums: Mapping[str, int]) -> float:
     return leading_float(text)
 
 
-def assigned_value(value: object, old: object, kind: ValueType) -> object:
-    """Return *value* converted to the type of *old*, the present value of an entry of the type *kind*."""
+def assigned_value(value: object, old: object, declared: ValueType) -> object:
+    """Return *value* converted to the type of *old*, the present value of an entry of the type *declared*."""
     if isinstance(value, str) and isinstance(old, str):
         return value
     number = number_of(value)
@@ -146,7 +146,7 @@ def assigned_value(value: object, old: object, kind: ValueType) -> object:
     if number is not None and stored is not None:
         if isinstance(stored, float):
             return as_double(number)
-        if kind is UINT64 or stored > MAX_INT64:
+        if declared is UINT64 or stored > MAX_INT64:
             return as_int(number, 0, MAX_UINT64, "uint64_t")
         whole = as_int(number, MIN_INT64, MAX_INT64, "int64_t")
         if isinstance(old, bool) and 0 <= whole <= 1:
@@ -159,13 +159,13 @@ def assigned_value(value: object, old: object, kind: ValueType) -> object:
     raise ConversionError(f"{description(value)} cannot replace {description(old)}")
 
 
-def compound_assigned_value(operator: str, old: object, value: object, kind: ValueType) -> object:
+def compound_assigned_value(operator: str, old: object, value: object, declared: ValueType) -> object:
     """Return the result of `+=`, `-=`, `*=` or `/=` for an entry with the value *old*."""
     number = number_of(value)
     stored = number_of(old)
     if number is not None and stored is not None:
         result = _arithmetic(OPERATORS[operator[0]], as_double(stored), as_double(number))
-        return assigned_value(result, old, kind)
+        return assigned_value(result, old, declared)
     if isinstance(old, str) and isinstance(value, str) and operator == "+=":
         return joined(old, value)
     raise _unsupported(operator, old, value)

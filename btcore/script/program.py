@@ -46,10 +46,10 @@ class Parser:
     def parse(self) -> list[Expression]:
         """Parse all statements, each followed by any number of `;`. Raise ScriptError."""
         statements: list[Expression] = []
-        while self._peek().kind != END:
+        while self._peek().type != END:
             statements.append(self._parse_expression(_LOWEST))
             # As in BehaviorTree.CPP, a statement may also follow without a semicolon.
-            while self._peek().kind == ";":
+            while self._peek().type == ";":
                 self.position += 1
         if not statements:
             raise ScriptError("the script is empty; write an expression, such as a := 1", self.text)
@@ -60,7 +60,7 @@ class Parser:
 
     def _advance(self) -> Token:
         token = self.tokens[self.position]
-        if token.kind != END:
+        if token.type != END:
             self.position += 1
         return token
 
@@ -71,19 +71,19 @@ class Parser:
             raise self._error(self._peek(), f"the expression is nested more than {_MAX_DEPTH} deep")
         first = self._peek()
         signs: list[str] = []
-        while self._peek().kind in ("-", "~", "!"):
-            signs.append(self._advance().kind)
+        while self._peek().type in ("-", "~", "!"):
+            signs.append(self._advance().type)
         left = self._parse_value()
         if signs:
             left = UnaryOperation(self.text, first, signs, left)
         while True:
             token = self._peek()
-            precedence = _PRECEDENCE.get(token.kind, -1)
+            precedence = _PRECEDENCE.get(token.type, -1)
             if precedence < min_precedence:
                 break
             if precedence == _COMPARISON:
                 left = comparison = Comparison(self.text, self._peek(), left, self.enums)
-                while _PRECEDENCE.get(self._peek().kind, -1) == _COMPARISON:
+                while _PRECEDENCE.get(self._peek().type, -1) == _COMPARISON:
                     token = self._advance()
                     comparison.extend(token, self._parse_expression(_COMPARISON + 1))
                 continue
@@ -104,7 +104,7 @@ class Parser:
     def _parse_conditional(self, question: Token, condition: Expression) -> Expression:
         then = self._parse_expression(_LOWEST)
         colon = self._advance()
-        if colon.kind != ":":
+        if colon.type != ":":
             raise self._unexpected(colon, f"expected ':' to follow the '?' in column {question.start + 1}")
         return ConditionalExpression(
             self.text, question, condition, then, self._parse_expression(_CONDITIONAL)
@@ -112,32 +112,32 @@ class Parser:
 
     def _parse_value(self) -> Expression:
         token = self._advance()
-        kind = token.kind
-        if kind == NAME:
+        token_type = token.type
+        if token_type == NAME:
             return Name(self.text, token, self.enums)
-        if kind == STRING:
+        if token_type == STRING:
             return Literal(self.text, token, token.text)
-        if kind == BOOLEAN:
+        if token_type == BOOLEAN:
             return Literal(self.text, token, 1.0 if token.text == "true" else 0.0)
-        if kind == INTEGER:
+        if token_type == INTEGER:
             return Literal(self.text, token, _integer(token.text))
-        if kind == REAL:
+        if token_type == REAL:
             try:
                 return Literal(self.text, token, leading_float(token.text))
             except ConversionError as error:
                 raise self._error(token, str(error)) from None
-        if kind == "(":
+        if token_type == "(":
             inner = self._parse_expression(_LOWEST)
             close = self._advance()
-            if close.kind != ")":
+            if close.type != ")":
                 raise self._unexpected(close, f"expected ')' to close the '(' in column {token.start + 1}")
             return inner
         raise self._unexpected(token, "expected a value")
 
     def _unexpected(self, token: Token, expected: str) -> ScriptError:
-        if token.kind == END:
+        if token.type == END:
             return self._error(token, f"{expected}, but the script ends")
-        if token.kind != MALFORMED:
+        if token.type != MALFORMED:
             return self._error(token, f"{expected}, but found '{token.text}'")
         if token.text.startswith("'"):
             return self._error(token, "the string has no closing quote")

@@ -39,27 +39,27 @@ _ANSI: Final = {
 }  # fmt: skip
 
 
-def node_sign(symbol: str, kind: NodeType) -> Fragment:
+def node_sign(symbol: str, node_type: NodeType) -> Fragment:
     """Return the character for a node in drawings, in the style of the node's type.
 
     Args:
         symbol: The symbol that the node's class declares, or "". Only its first character is used.
-        kind: The node type, whose symbol is used by default.
+        node_type: The node type, whose symbol is used by default.
     """
-    sign, style = _NODE_SIGNS.get(kind, ("▪", ""))
+    sign, style = _NODE_SIGNS.get(node_type, ("▪", ""))
     return symbol[:1] or sign, style
 
 
-def node_label(name: str, id: str, symbol: str, kind: NodeType, ascii: bool = False) -> list[Fragment]:
+def node_label(name: str, id: str, symbol: str, node_type: NodeType, ascii: bool = False) -> list[Fragment]:
     """Return the symbol and the name of a node, and its ID if it differs.
 
     Args:
         symbol: The symbol that the node's class declares, or "".
         ascii: Whether to leave out the symbol.
     """
-    sign, style = node_sign(symbol, kind)
+    sign, style = node_sign(symbol, node_type)
     label = [] if ascii else [(f"{sign} ", style)]
-    label.append((name, style if kind is NodeType.ACTION or "bold" in style else f"bold {style}"))
+    label.append((name, style if node_type is NodeType.ACTION or "bold" in style else f"bold {style}"))
     if name != id:
         label.append((f"  {id}", style))
     return label

@@ -138,9 +138,9 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
 
 def check_state_declaration(node: TreeNode) -> None:
     """Raise NodeError if *node* has attributes of a user's class, but no such class declares its state."""
-    kinds = [cls for cls in type(node).__mro__ if issubclass(cls, TreeNode)]
-    engine = [cls for cls in kinds if vars(cls)["__module__"].startswith("btcore.")]
-    users = [cls for cls in kinds if cls not in engine]
+    classes = [cls for cls in type(node).__mro__ if issubclass(cls, TreeNode)]
+    engine = [cls for cls in classes if vars(cls)["__module__"].startswith("btcore.")]
+    users = [cls for cls in classes if cls not in engine]
     if not users or any("state_fields" in declared_fields(cls) for cls in users):
         return
     known = {name for cls in engine for name in get_annotations(cls)}
@@ -148,7 +148,7 @@ def check_state_declaration(node: TreeNode) -> None:
     if unknown:
         raise NodeError(
             f"the state of '{node.config.path}' <{node.config.id}> cannot be saved: "
-            f"{kinds[0].__qualname__} does not declare which of its attributes change between ticks "
+            f"{classes[0].__qualname__} does not declare which of its attributes change between ticks "
             f'({join_names(unknown)}): write for example spec = NodeSpec(state_fields=("{unknown[0]}",)), '
             "or state_fields=() if none does"
         )

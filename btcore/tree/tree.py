@@ -484,9 +484,9 @@ class Tree:
             hint = did_you_mean(same_name[0], same_name)
         raise BtcoreError(f"the tree has no node '{path}'{hint}")
 
-    def find(self, kind: type[N]) -> list[N]:
-        """Return the nodes of class *kind*, in pre-order."""
-        return [node for node in self.nodes if isinstance(node, kind)]
+    def find(self, node_class: type[N]) -> list[N]:
+        """Return the nodes of class *node_class*, in pre-order."""
+        return [node for node in self.nodes if isinstance(node, node_class)]
 
     def draw(self, file: TextIO | None = None) -> None:
         """Print a drawing of the tree with the status of each node. `print(tree)` does so without colours.

@@ -82,7 +82,7 @@ class TypeRegistry:
     def __init__(self) -> None:
         self.enums: dict[str, int] = {}
         self._by_class: dict[object, ValueType] = dict(_OF_CLASS)
-        self._by_name: dict[str, ValueType] = {kind.name: kind for kind in BUILTIN_TYPES}
+        self._by_name: dict[str, ValueType] = {value_type.name: value_type for value_type in BUILTIN_TYPES}
         self._of_libraries: set[str] = set()  # the names of types of installed libraries
         self.installing = False
         self.overridden: list[tuple[ValueType, ValueType]] = []
@@ -150,7 +150,7 @@ class TypeRegistry:
         name = name or python_type.__qualname__
         other = self._by_name.get(name)
         if other is not None and other is not known and not (self.installing or name in self._of_libraries):
-            owner = next((cls for cls, kind in self._by_class.items() if kind is other), None)
+            owner = next((cls for cls, value_type in self._by_class.items() if value_type is other), None)
             of = f", for {owner.__module__}.{owner.__qualname__}" if isinstance(owner, type) else ""
             raise RegistrationError(
                 f"a type called {name} is registered already{of}; give {python_type.__module__}."
@@ -196,22 +196,22 @@ class TypeRegistry:
         """Return the type with the C++ name *cpp_name*, or None."""
         return self._by_name.get(cpp_name)
 
-    def is_of_library(self, kind: ValueType) -> bool:
-        """Return whether an installed library registered *kind*, whose name a user may use, too."""
-        return kind.name in self._of_libraries
+    def is_of_library(self, value_type: ValueType) -> bool:
+        """Return whether an installed library registered *value_type*, whose name a user may use, too."""
+        return value_type.name in self._of_libraries
 
-    def _keep(self, annotation: object, kind: ValueType) -> ValueType:
-        self._by_class[annotation] = kind
-        known = self._by_name.setdefault(kind.name, kind)
-        if known is kind:
+    def _keep(self, annotation: object, value_type: ValueType) -> ValueType:
+        self._by_class[annotation] = value_type
+        known = self._by_name.setdefault(value_type.name, value_type)
+        if known is value_type:
             if self.installing:
-                self._of_libraries.add(kind.name)
-        elif not self.installing and kind.name in self._of_libraries:
-            self._of_libraries.remove(kind.name)
-            self._by_name[kind.name] = kind
-            if not isinstance(kind, VectorType):
-                self.overridden.append((known, kind))
-        return kind
+                self._of_libraries.add(value_type.name)
+        elif not self.installing and value_type.name in self._of_libraries:
+            self._of_libraries.remove(value_type.name)
+            self._by_name[value_type.name] = value_type
+            if not isinstance(value_type, VectorType):
+                self.overridden.append((known, value_type))
+        return value_type
 
 
 def type_of(value: object) -> ValueType:
@@ -235,9 +235,9 @@ def type_of(value: object) -> ValueType:
         assert isinstance(value, list)
         if not value:
             return ANY
-        for kind in (VECTOR_INT, VECTOR_DOUBLE, VECTOR_BOOL, VECTOR_STRING):
-            if kind.accepts(value):
-                return kind
+        for value_type in (VECTOR_INT, VECTOR_DOUBLE, VECTOR_BOOL, VECTOR_STRING):
+            if value_type.accepts(value):
+                return value_type
         return UserType(list, "list")
     if isinstance(value, str):
         return STRING

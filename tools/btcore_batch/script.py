@@ -317,7 +317,7 @@ class BatchComparison(BatchChain):
         return BatchValue(result if isinstance(result, np.ndarray) else float(result), NUMBER, 0)
 
     def _compare(self, run: ScriptRun, agents: int, index: int, left: BatchValue, right: BatchValue) -> Any:
-        sign = self.tokens[index].kind
+        sign = self.tokens[index].type
         first, second = left.data, right.data
         if is_number(left) and is_number(right):
             if isinstance(first, np.ndarray) or isinstance(second, np.ndarray):

@@ -190,7 +190,7 @@ def _renamed_script(script: str, enums: Mapping[str, int], names: Mapping[str, s
     for use in sorted(find_name_uses(script, enums), key=lambda use: -use.column):
         new = names[use.name]
         tokens = lexer.tokenize(new)
-        if new in enums or tokens[0].kind != lexer.NAME or tokens[0].width != len(new):
+        if new in enums or tokens[0].type != lexer.NAME or tokens[0].width != len(new):
             raise EditError(f"a script uses the key '{use.name}', and '{new}' is not a name in scripts")
         start = use.column - 1
         script = script[:start] + new + script[start + len(use.name) :]

@@ -218,7 +218,7 @@ def _type(nodes: Registry, name: str) -> ValueType:
 def _add(
     nodes: Registry,
     id: str,
-    kind: NodeType,
+    node_type: NodeType,
     ports: list[Port],
     description: str,
     document: Document,
@@ -228,7 +228,7 @@ def _add(
     origin = Path(document.file).stem.replace(".", "_") if document.file else "model"
     allowed = [port for port in ports if not port_name_error(port.name) or port_name_error(port.name, 3)]
     if len(allowed) == len(ports):
-        nodes.add(make_mock_class(id, kind, ports, description, origin, metadata), ID=id)
+        nodes.add(make_mock_class(id, node_type, ports, description, origin, metadata), ID=id)
     else:
-        nodes.add(make_mock_class(id, kind, ports, description, origin, metadata), ID=id, format=3)
-        nodes.add(make_mock_class(id, kind, allowed, description, origin, metadata), ID=id, format=4)
+        nodes.add(make_mock_class(id, node_type, ports, description, origin, metadata), ID=id, format=3)
+        nodes.add(make_mock_class(id, node_type, allowed, description, origin, metadata), ID=id, format=4)

@@ -87,16 +87,16 @@ def _installed_nodes() -> tuple[Registry, list[UnavailableEntryPoint]]:
     return nodes, nodes.add_installed()
 
 
-def literals_of(kind: ValueType) -> list[str]:
+def literals_of(value_type: ValueType) -> list[str]:
     """Return the texts of all values of an enum or a Boolean; no texts for other types."""
-    if isinstance(kind, EnumType):
-        return [kind.to_text(member) for member in kind.members]
-    return ["true", "false"] if kind is BOOL else []
+    if isinstance(value_type, EnumType):
+        return [value_type.to_text(member) for member in value_type.members]
+    return ["true", "false"] if value_type is BOOL else []
 
 
-def value_hint(kind: ValueType) -> Hint:
-    """Return the hint, without a text, for a literal that is not of the type *kind*."""
-    literals = literals_of(kind)
+def value_hint(value_type: ValueType) -> Hint:
+    """Return the hint, without a text, for a literal that is not of the type *value_type*."""
+    literals = literals_of(value_type)
     return Hint("", (Fix("set_value", tuple(literals)),) if literals else ())
 
 
@@ -104,9 +104,9 @@ def port_hint(manifest: Manifest, name: str) -> Hint:
     """Return a hint for a port *name* that the node of *manifest* doesn't have."""
     similar = next((item for item in manifest.parameters if item.name == name and item.looks_like_port), None)
     if similar is not None:
-        kind = similar.type_name
-        in_port = suggestion(f"{name}: In[{kind}]")
-        return Hint(f"its parameter '{name}: {kind}' is a resource; {in_port}")
+        type_name = similar.type_name
+        in_port = suggestion(f"{name}: In[{type_name}]")
+        return Hint(f"its parameter '{name}: {type_name}' is a resource; {in_port}")
     if not manifest.ports:
         return Hint("it has no ports")
     near = nearest_name(name, manifest.ports)

@@ -405,21 +405,21 @@ class TreePlanner:
         port, text = binding.port, binding.text
         if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
             return True  # a key, possibly in the notation of the other format
-        kind = port.type
+        port_type = port.type
         if not port.checks_text:
             return True
         error = binding.error
         if binding.key is not None or text == port.default:
             # The binding has not converted the text.
             try:
-                kind.from_text(text)
+                port_type.from_text(text)
             except ConversionError as conversion_error:
                 error = str(conversion_error)
         if not error:
             return True
         from btcore.xml.plan.hints import value_hint  # only errors need it
 
-        hint = value_hint(kind)
+        hint = value_hint(port_type)
         if binding.key is not None:
             key = "{=}" if "=" in text else text.strip()
             fix = Fix("set_value", (key,), is_safe=True)
@@ -427,7 +427,7 @@ class TreePlanner:
         elif is_port_name(text):
             fix = Fix("set_value", (f"{{{text}}}",))
             hint = Hint(f"to use the blackboard entry, write {{{text}}}", (*hint.fixes, fix))
-        message = f"the port '{port.name}' of <{node.id}> has the type {kind.name}: {error}"
+        message = f"the port '{port.name}' of <{node.id}> has the type {port_type.name}: {error}"
         self._report(INCONVERTIBLE_TEXT, message, node.element, port.name, hint)
         return False
 

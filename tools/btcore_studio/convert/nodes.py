@@ -189,8 +189,8 @@ def _comparison(given: Mapping[str, str], kind: ValueType) -> str | None:
 
 def _is_name(key: str) -> bool:
     # The second token marks the end of the script.
-    kinds = [token.kind for token in tokenize(key)]
-    return len(kinds) == 2 and kinds[0] == NAME and not key.startswith("@")
+    types = [token.type for token in tokenize(key)]
+    return len(types) == 2 and types[0] == NAME and not key.startswith("@")
 
 
 def _literal(text: str, kind: ValueType) -> str | None:

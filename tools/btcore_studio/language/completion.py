@@ -577,10 +577,10 @@ class _Completion:
         for token, token_start, token_end in script_tokens(self.text, attribute):
             if not token_start < self.offset <= token_end:
                 continue
-            is_inside_text = token.kind == lexer.STRING and self.offset < token_end
-            if token.kind in (lexer.NAME, lexer.BOOLEAN):
+            is_inside_text = token.type == lexer.STRING and self.offset < token_end
+            if token.type in (lexer.NAME, lexer.BOOLEAN):
                 start, end = token_start, token_end
-            elif is_inside_text or token.kind in (lexer.INTEGER, lexer.REAL, lexer.MALFORMED):
+            elif is_inside_text or token.type in (lexer.INTEGER, lexer.REAL, lexer.MALFORMED):
                 return None
         return _Replacement(start, end, self._script_items())
 

@@ -87,5 +87,5 @@ def script_tokens(text: str, attribute: ScannedAttribute) -> Iterator[ScriptToke
     """Yield the tokens of the script in an attribute of the document *text*."""
     offsets = value_offsets(text, attribute)
     for token in tokenize(attribute.value or ""):
-        if token.kind != END:
+        if token.type != END:
             yield ScriptToken(token, offsets[token.start], offsets[token.start + token.width])

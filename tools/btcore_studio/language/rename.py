@@ -212,7 +212,7 @@ def _check_new_key(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> None:
         raise RenameError("a key with '@' is the key of the main tree: rename it without '@'")
     if use.form is KeyForm.SCRIPT:
         tokens = lexer.tokenize(new_name)
-        is_name = tokens[0].kind == lexer.NAME and tokens[0].width == len(new_name)
+        is_name = tokens[0].type == lexer.NAME and tokens[0].width == len(new_name)
         if not is_name or new_name in enums:
             raise RenameError(
                 f"'{new_name}' is not a name in scripts, and {_place_of(symbols, use)} uses the key: "

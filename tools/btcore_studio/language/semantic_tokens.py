@@ -88,10 +88,10 @@ def _script(
     text: str, attribute: ScannedAttribute, enums: Mapping[str, int], written: set[int]
 ) -> Iterator[_Token]:
     for token, start, end in script_tokens(text, attribute):
-        if token.kind == lexer.MALFORMED:
+        if token.type == lexer.MALFORMED:
             continue
-        kind = _TYPE_OF_TOKEN.get(token.kind, "operator")
-        if token.kind == lexer.NAME and token.text in enums:
+        kind = _TYPE_OF_TOKEN.get(token.type, "operator")
+        if token.type == lexer.NAME and token.text in enums:
             kind = "enumMember"
         yield _Token(start, end, kind, start in written)
 

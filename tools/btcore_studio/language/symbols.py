@@ -397,7 +397,7 @@ class _SymbolReader:
         return [
             (token.text, token.start, False, False)
             for token in lexer.tokenize(script)
-            if token.kind == lexer.NAME and token.text not in self._enums
+            if token.type == lexer.NAME and token.text not in self._enums
         ]
 
     # --- places of keys
