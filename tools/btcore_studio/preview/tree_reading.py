@@ -13,10 +13,10 @@ from btcore.registry.registry import Registry
 from btcore.xml.models.model_file import add_undeclared_nodes
 from btcore.xml.plan.plan import Plans, define_and_plan, plan
 from btcore.xml.read.read import Document, parse_file, parse_text, read
-from btcore.xml.render.folding import fold
-from btcore.xml.render.node_card import FAMILY_COLOURS
-from btcore.xml.render.svg import diagram_to_svg
-from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
+from btcore_drawing.diagram import DiagramNode, diagram_of_document
+from btcore_drawing.folding import fold
+from btcore_drawing.node_card import FAMILY_COLOURS
+from btcore_drawing.svg import diagram_to_svg
 from btcore_studio.preview.node_keys import diagram_keys, diagram_nodes
 
 MAX_CARDS: Final = 5_000
