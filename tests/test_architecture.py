@@ -51,7 +51,6 @@ TIERS = (
         "input_files",
         "json_text",
         "output_files",
-        "process_group",
         "signals",
     },
     {"values", "blackboard", "script", "xml.read"},
@@ -196,7 +195,6 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
         "btcore.extras",
         "btcore.flatbuffer",
         "btcore.output_files",
-        "btcore.process_group",
         "btcore.signals",
         "btcore.suggestions",
     }
