@@ -1,18 +1,53 @@
-"""Operations on the elements of a document, as edits that change the fewest characters.
+"""Edits of a text, and operations on the elements of a document as edits that change the fewest characters.
 
 Comments, the order of attributes, white space and line ends outside of the change remain.
 """
 
 import re
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Iterable, Sequence
+from typing import Final, NamedTuple
 
-from btcore.xml.edit.edits import Edit, EditError, apply_edits, escape_value
+from btcore.errors import BtcoreError
 from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, scan
 
 INDENT: Final = "  "
 """The indentation of a child in a document that does not show another indentation."""
 _COMMENTS_IN_LINE: Final = re.compile(r"(?:[ \t]*<!--(?:(?!-->)[^\r\n])*-->)+")
+# XML parsers other than tinyxml2 read line breaks and tabs in values as spaces.
+_ESCAPES: Final = {"&": "&amp;", "<": "&lt;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
+
+
+class EditError(BtcoreError):
+    """An operation cannot be applied to a document; the message is the reason."""
+
+
+class Edit(NamedTuple):
+    """The characters from *start* to *end* of a text are replaced by *text*."""
+
+    start: int
+    end: int
+    text: str
+
+
+def apply_edits(text: str, edits: Iterable[Edit]) -> str:
+    """Return *text* after all *edits*, whose offsets count in *text*.
+
+    Insertions at the same place keep their order. An edit that begins inside another edit is ignored.
+    """
+    pieces: list[str] = []
+    done = 0
+    # The sort is stable: insertions at the same place keep their order.
+    for start, end, replacement in sorted(edits, key=lambda edit: edit[:2]):
+        if start >= done:
+            pieces += (text[done:start], replacement)
+            done = end
+    return "".join([*pieces, text[done:]])
+
+
+def escape_value(text: str, quote: str = '"') -> str:
+    """Return *text* as it is written in an attribute's value between *quote* characters."""
+    escapes = {**_ESCAPES, quote: "&quot;" if quote == '"' else "&apos;"}
+    return "".join(escapes.get(character, character) for character in text)
 
 
 class DocumentEditor:

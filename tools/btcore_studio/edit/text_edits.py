@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
-from btcore.xml.edit.edits import Edit, EditError
+from btcore.xml.edit.editor import Edit, EditError
 
 
 def invert_edits(text: str, edits: Iterable[Edit]) -> list[Edit]:

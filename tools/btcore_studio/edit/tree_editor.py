@@ -7,8 +7,7 @@ from typing import Final
 from btcore.errors import XmlSyntaxError
 from btcore.names import is_port_name
 from btcore.registry.registry import Registry
-from btcore.xml.edit.editor import DocumentEditor
-from btcore.xml.edit.edits import Edit, EditError, apply_edits
+from btcore.xml.edit.editor import DocumentEditor, Edit, EditError, apply_edits
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS
 from btcore.xml.read.read import Document, parse_text

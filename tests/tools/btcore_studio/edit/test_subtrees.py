@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from btcore.registry.registry import Registry
-from btcore.xml.edit.edits import EditError, apply_edits
+from btcore.xml.edit.editor import EditError, apply_edits
 from btcore.xml.plan.plan import Plans, plan_document
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.read import parse_text

@@ -16,7 +16,7 @@ import pytest
 
 from btcore.errors import TreeError
 from btcore.registry.registry import Registry
-from btcore.xml.edit.edits import Edit, EditError, apply_edits
+from btcore.xml.edit.editor import Edit, EditError, apply_edits
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import ScannedElement, scan

@@ -10,7 +10,7 @@ pytest.importorskip("pygls")
 
 from lsprotocol import types
 
-from btcore.xml.edit.edits import apply_edits
+from btcore.xml.edit.editor import apply_edits
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import scan
