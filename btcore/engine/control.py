@@ -120,10 +120,10 @@ class ControlNode(TreeNode):
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return the results that follow from the order of the children, if they are ticked in order."""
-        spec = cls.spec
-        if spec.continue_on is None or spec.handler_port is not None:
+        continue_on = cls.spec.continue_on
+        if continue_on is None:
             return results_of_any(cls, children)
-        return results_in_order(children, spec.continue_on)
+        return results_in_order(children, continue_on)
 
     def halt_child(self, index: int) -> None:
         """Halt the child at *index* if it is RUNNING, and reset it."""

@@ -87,11 +87,7 @@ class TreeNode:
         child_count_at_load=(0, 0),
         child_roles="",
         continue_on=None,
-        is_async=False,
-        has_memory=False,
-        runs_one_child=False,
         branch_results=(),
-        handler_port=None,
         formats=(),
         id="",
     )

@@ -51,15 +51,8 @@ class NodeSpec:
         child_roles: The purpose of the children, for error messages about their number.
         continue_on: The result of a child after which the next child is ticked; SKIPPED has the same effect.
             None = the children are not ticked in order.
-        is_async: Whether the node returns RUNNING and wakes the tree after a child that
-            completed in its first tick, except the last, so that a parent can halt the node there.
-        has_memory: Whether the next start begins with the child that ended the node, instead of the first.
-        runs_one_child: Whether a RUNNING child halts all other children, and the next tick starts again at
-            the first child.
         branch_results: The results of the first child that select the second child, the third child, and so
             on.
-        handler_port: If not None, the last child is a handler, ticked after another child failed. The port of
-            this name can enable further ticks of the handler.
         formats: The XML formats in which the class is a built-in node; () = a base class. Not inherited.
         id: The ID of the built-in node; "" = the name of the class. Not inherited.
 
@@ -85,11 +78,7 @@ class NodeSpec:
     child_count_at_load: tuple[int, int | None] = INHERITED
     child_roles: str = INHERITED
     continue_on: Status | None = INHERITED
-    is_async: bool = INHERITED
-    has_memory: bool = INHERITED
-    runs_one_child: bool = INHERITED
     branch_results: tuple[Status, ...] = INHERITED
-    handler_port: str | None = INHERITED
     formats: tuple[int, ...] = INHERITED
     id: str = INHERITED
 

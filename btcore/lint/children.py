@@ -14,6 +14,8 @@ from btcore.errors import Fix, Hint
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.nodes.parallel import threshold
+from btcore.nodes.sequences_and_fallbacks import ReactiveNode
+from btcore.nodes.try_catch import TryCatch
 from btcore.registry.mock_nodes import is_mock
 from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
 from btcore.xml.plan.outline import count_text, element_children, wrapping_fixes
@@ -89,18 +91,15 @@ def check_reachable_children(
     continue_on = cls.spec.continue_on
     if continue_on is not None:
         # The last child of a TryCatch is its handler, which is ticked after a failure of the others.
-        tried = children if cls.spec.handler_port is None else children[:-1]
+        has_handler = issubclass(cls, TryCatch)
+        tried = children[:-1] if has_handler else children
         _check_order(document, node, tried, continue_on, reporter)
-        never_fails = FAILURE not in results_in_order(tried, continue_on).results
-        if (
-            cls.spec.handler_port is not None
-            and never_fails
-            and not any(
-                binding.name == cls.spec.handler_port and binding.is_explicit for binding in node.bindings
-            )
-        ):
+        catches_halt = any(
+            binding.name == "catch_on_halt" and binding.is_explicit for binding in node.bindings
+        )
+        if has_handler and not catches_halt and FAILURE not in results_in_order(tried, continue_on).results:
             _warn_unreached(document, node.children[-1], "the children before it never fail", reporter)
-        if cls.spec.runs_one_child:
+        if issubclass(cls, ReactiveNode):
             _check_asynchronous_children(document, node, children, continue_on, reporter)
     for chosen, branch in zip(cls.spec.branch_results, node.children[1:], strict=False):
         if chosen not in children[0].results:

@@ -29,7 +29,8 @@ class SequenceStar(OrderedNode):
     with this child. After a halt it begins with the first child.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="→", continue_on=SUCCESS, has_memory=True, formats=(3,))
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="→", continue_on=SUCCESS, formats=(3,))
+    has_memory: ClassVar[bool] = True
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -118,7 +119,8 @@ class Repeat3(Repeat):
     With 0 cycles it succeeds without ticking the child.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(is_async=False, formats=(3,), id="Repeat")
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,), id="Repeat")
+    is_async: ClassVar[bool] = False
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -129,7 +131,8 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
     tick. With 0 attempts it fails without ticking the child.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(is_async=False, formats=(3,), id="RetryUntilSuccessful")
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,), id="RetryUntilSuccessful")
+    is_async: ClassVar[bool] = False
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

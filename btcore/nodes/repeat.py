@@ -27,14 +27,13 @@ class RepeatedNode(DecoratorNode):
     the count.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(
-        symbol="↺", state_fields=("_count",), never_pauses=True, is_async=True
-    )
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↺", state_fields=("_count",), never_pauses=True)
     repeat_on: ClassVar[Status] = SUCCESS
     limit: ClassVar[str] = "num_cycles"
+    is_async: ClassVar[bool] = True
 
     _count: int = 0
-    _is_async: bool = True  # a copy of the field of the spec, as in OrderedNode
+    _is_async: bool = True  # a copy, as in OrderedNode
 
     @classmethod
     def possible_results(
@@ -49,7 +48,7 @@ class RepeatedNode(DecoratorNode):
         if limit == 1:
             return child
         results = child.results - {again} if limit < 0 else child.results
-        pauses = cls.spec.is_async and again in child.in_first_tick
+        pauses = cls.is_async and again in child.in_first_tick
         first = child.in_first_tick & results
         if pauses and SKIPPED not in child.results:
             first -= {again}
@@ -57,8 +56,8 @@ class RepeatedNode(DecoratorNode):
         return PossibleResults(first, results if may_run else NO_RESULT, may_run or limit < 0)
 
     def prepare(self) -> None:
-        """Copy the field of the spec."""
-        self._is_async = self.spec.is_async
+        """Copy what ticks need."""
+        self._is_async = self.is_async
 
     def tick(self) -> Status:
         """Tick the child until it is RUNNING, the limit is reached, or the result is known."""

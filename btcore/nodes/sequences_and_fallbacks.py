@@ -17,15 +17,23 @@ class OrderedNode(ControlNode):
 
     After a child that returns *continue_on* or SKIPPED the next child is ticked. A child that returns the
     opposite result ends the node with this result. If all children were skipped, the node is SKIPPED.
+
+    Attributes:
+        is_async: Whether the node returns RUNNING and wakes the tree after a child that completed in its
+            first tick, except the last, so that a parent can halt the node there.
+        has_memory: Whether the next start begins with the child that ended the node, instead of the first.
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(
         state_fields=("_current_child_index", "_skipped_count"), never_pauses=True, continue_on=SUCCESS
     )
 
+    is_async: ClassVar[bool] = False
+    has_memory: ClassVar[bool] = False
+
     _current_child_index: int = 0  # of the child with which the next tick continues
     _skipped_count: int = 0  # the number of children that were skipped since the start
-    # Copies of fields of the spec, set by prepare(): ticks read these copies, which is faster.
+    # Copies of what the class declares, set by prepare(): ticks read these copies, which is faster.
     _continue_on: Status = SUCCESS
     _is_async: bool = False
     _has_memory: bool = False
@@ -35,10 +43,10 @@ class OrderedNode(ControlNode):
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return the results that follow from the order of the children, for each possible first child."""
-        is_async, continue_on = cls.spec.is_async, cast(Status, cls.spec.continue_on)
+        is_async, continue_on = cls.is_async, cast(Status, cls.spec.continue_on)
         whole = results_in_order(children, continue_on, is_async)
         first = whole.in_first_tick
-        if cls.spec.has_memory:
+        if cls.has_memory:
             # The node may start at any child. A start at the last child needs the fewest results to pass.
             stop = FAILURE if continue_on is SUCCESS else SUCCESS
             if any(stop in child.in_first_tick for child in children):
@@ -47,11 +55,10 @@ class OrderedNode(ControlNode):
         return PossibleResults(first, whole.after_running, whole.may_run)
 
     def prepare(self) -> None:
-        """Copy the fields of the spec that ticks need."""
-        spec = self.spec
-        self._continue_on = cast(Status, spec.continue_on)
-        self._is_async = spec.is_async
-        self._has_memory = spec.has_memory
+        """Copy what ticks need."""
+        self._continue_on = cast(Status, self.spec.continue_on)
+        self._is_async = self.is_async
+        self._has_memory = self.has_memory
 
     def tick(self) -> Status:
         """Tick the children, starting with the current child."""
@@ -110,11 +117,11 @@ class OrderedNode(ControlNode):
 class ReactiveNode(ControlNode):
     """Ticks its children in order, starting with the first in every tick; at most one child is RUNNING."""
 
-    spec: ClassVar[NodeSpec] = NodeSpec(continue_on=SUCCESS, runs_one_child=True)
-    _continue_on: Status = SUCCESS  # a copy of the field of the spec, as in OrderedNode
+    spec: ClassVar[NodeSpec] = NodeSpec(continue_on=SUCCESS)
+    _continue_on: Status = SUCCESS  # a copy, as in OrderedNode
 
     def prepare(self) -> None:
-        """Copy the field of the spec."""
+        """Copy what ticks need."""
         self._continue_on = cast(Status, self.spec.continue_on)
 
     def tick(self) -> Status:
@@ -168,7 +175,8 @@ class AsyncSequence(Sequence):
     the tree; the next tick continues with the next child. Everything else is as in Sequence.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(is_async=True, formats=(4,))
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
+    is_async: ClassVar[bool] = True
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -180,7 +188,9 @@ class SequenceWithMemory(Sequence):
     the last, that succeeded in its first tick.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(is_async=True, has_memory=True, formats=(4,))
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
+    is_async: ClassVar[bool] = True
+    has_memory: ClassVar[bool] = True
 
     def halt(self) -> None:
         """Halt the children. The next start begins with the current child."""
@@ -220,7 +230,8 @@ class AsyncFallback(Fallback):
     tree; the next tick continues with the next child. Everything else is as in Fallback.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(is_async=True, formats=(4,))
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
+    is_async: ClassVar[bool] = True
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

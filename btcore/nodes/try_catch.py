@@ -1,15 +1,16 @@
 """TryCatch: a sequence whose last child handles a failure of the other children."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port
-from btcore.engine.control import ControlNode
+from btcore.engine.control import ControlNode, results_of_any
 from btcore.engine.node import execute_tick, input_or
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
-from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import BOOL
 
 
@@ -32,7 +33,6 @@ class TryCatch(ControlNode):
         child_count_at_load=(2, None),
         child_roles="the last child is the handler",
         continue_on=SUCCESS,
-        handler_port="catch_on_halt",
         formats=(4,),
     )
 
@@ -46,6 +46,13 @@ class TryCatch(ControlNode):
         return [
             Port("catch_on_halt", type=BOOL, default="false", description="also tick the handler on a halt")
         ]
+
+    @classmethod
+    def possible_results(
+        cls, children: list[PossibleResults], literals: Mapping[str, object]
+    ) -> PossibleResults:
+        """Return the results of a node with any children: the handler determines none of them."""
+        return results_of_any(cls, children)
 
     def _begin(self) -> None:
         self._next = 0

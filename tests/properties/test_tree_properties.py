@@ -4,10 +4,11 @@ from hypothesis import assume, event, given
 from hypothesis import strategies as st
 
 import btcore
-from btcore import ControlNode, NodeType, SimClock, Status, Tree
+from btcore import NodeType, SimClock, Status, Tree
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.format3 import Format3Blackboard
 from btcore.loading.tree_xml import tree_to_xml
+from btcore.nodes.sequences_and_fallbacks import ReactiveNode
 from btcore.testing import Harness, Outcomes, TraceStep, outcomes, trees
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS
 
@@ -69,7 +70,7 @@ def test_every_node_is_idle_after_completion_without_memory_and_skips(
 
 @given(with_reactive, outcomes(skipped=True), st.integers(1, 12))
 def test_reactive_node_never_has_two_running_children(tree: Tree, plan: Outcomes, ticks: int) -> None:
-    reactive = [node for node in tree if isinstance(node, ControlNode) and node.spec.runs_one_child]
+    reactive = [node for node in tree if isinstance(node, ReactiveNode)]
     assume(reactive)
     plan.attach(tree)
     for _ in range(ticks):

@@ -5,9 +5,9 @@ from itertools import combinations
 from typing import Final
 
 from btcore.blackboard.ports import Input, PortRole
-from btcore.engine.control import ControlNode
 from btcore.engine.node import TreeNode
 from btcore.errors import BlackboardError
+from btcore.nodes.sequences_and_fallbacks import ReactiveNode
 from btcore.status import IDLE, RUNNING
 from btcore.tree.tree import Tree
 from btcore_proof.entry_names import name_in_main_tree
@@ -148,7 +148,7 @@ def _halt_check(tree: Tree) -> Callable[[Tick], str | None]:
 
 
 def _reactive_check(tree: Tree) -> Callable[[Tick], str | None]:
-    reactive = [node for node in tree.nodes if isinstance(node, ControlNode) and node.spec.runs_one_child]
+    reactive = [node for node in tree.nodes if isinstance(node, ReactiveNode)]
 
     def check(tick: Tick) -> str | None:
         for node in reactive:

@@ -46,7 +46,7 @@ def test_results_of_a_sequence_with_memory_are_those_of_a_start_at_any_child(cls
     sets = [frozenset({SUCCESS}), frozenset({FAILURE}), frozenset({SKIPPED, SUCCESS}), frozenset({SKIPPED})]
     kinds = [PossibleResults(*both) for both in product(sets, sets)]
     for children in map(list, product(kinds, repeat=3)):
-        starts = [results_in_order(children[first:], SUCCESS, cls.spec.is_async) for first in range(3)]
+        starts = [results_in_order(children[first:], SUCCESS, cls.is_async) for first in range(3)]
         found = cls.possible_results(children, {})
         assert found.in_first_tick == frozenset().union(*(start.in_first_tick for start in starts))
         assert found[1:] == starts[0][1:]
