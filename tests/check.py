@@ -40,6 +40,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # The folders of the packages, and the folders of their tests.
 PACKAGES = {
     "btcore": "tests/btcore",
+    "monitor/btcore_drawing": "tests/monitor/drawing",
     "monitor/btcore_monitor": "tests/monitor",
     "monitor/btcore_scene": "tests/monitor",
     "robot_nodes/btcore_navigation": "tests/robot_nodes/navigation",

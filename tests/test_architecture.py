@@ -16,6 +16,7 @@ PARENTS = {
     "btcore": ".",
     "btcore_bags": "tools",
     "btcore_batch": "tools",
+    "btcore_drawing": "monitor",
     "btcore_monitor": "monitor",
     "btcore_navigation": "robot_nodes",
     "btcore_proof": "tools",
@@ -50,7 +51,6 @@ TIERS = (
         "input_files",
         "json_text",
         "output_files",
-        "process_group",
         "signals",
     },
     {"values", "blackboard", "script", "xml.read"},
@@ -195,15 +195,13 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
         "btcore.extras",
         "btcore.flatbuffer",
         "btcore.output_files",
-        "btcore.process_group",
         "btcore.signals",
         "btcore.suggestions",
-        "btcore.xml.render.folding",
-        "btcore.xml.render.symbols",
-        "btcore.xml.render.tree_layout",
     }
     assert {edge.split(" → ")[1] for edge in reached} <= shared
-    for module in shared:
+    drawing = {edge.split(" → ")[1] for edge in violations("btcore_monitor", "btcore_drawing")}
+    assert drawing == {f"btcore_drawing.{name}" for name in ("folding", "layout", "symbols")}
+    for module in shared | drawing:
         assert third_party_imports(module) == set()
         assert all(tier(name) == 0 for name in imports(module) if inside(name, "btcore"))
     assert [one for dependency in ROBOT_PACKAGES for one in violations("btcore_monitor", dependency)] == []
@@ -296,10 +294,11 @@ def test_robot_servers_do_not_import_the_engine() -> None:
 
 
 @pytest.mark.parametrize(
-    "package", ["btcore_monitor", "btcore_navigation", "btcore_robot", "btcore_ros2", "btcore_sim"]
+    "package",
+    ["btcore_drawing", "btcore_monitor", "btcore_navigation", "btcore_robot", "btcore_ros2", "btcore_sim"],
 )
 def test_other_packages_do_not_import_the_command_line(package: str) -> None:
-    assert violations(package, "btcore.cli") == []
+    assert violations(package, "btcore.cli", but=("btcore_drawing.command",)) == []
 
 
 def test_robots_do_not_import_their_navigation() -> None:

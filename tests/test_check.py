@@ -70,7 +70,7 @@ def test_every_tree_and_world_has_tests(check: ModuleType) -> None:
     [
         ("btcore/nodes/timing.py", "tests/btcore/nodes/test_timing.py"),
         ("btcore/engine/coroutine.py", "tests/btcore/engine/test_coroutines.py"),
-        ("btcore/lint/data_flow.py", "tests/btcore/lint/test_data_flow.py"),
+        ("monitor/btcore_drawing/data_flow.py", "tests/monitor/drawing/test_data_flow.py"),
         ("btcore/script/lexer.py", "tests/btcore/script/test_script.py"),
         ("btcore/nodes/try_catch.py", "tests/conformance/test_recorded_trees.py"),
         ("tools/btcore_studio/convert/nodes.py", "tests/tools/btcore_studio/convert/test_convert.py"),

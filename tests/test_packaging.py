@@ -19,7 +19,7 @@ ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PARENTS = PROJECT["tool"]["setuptools"]["packages"]["find"]["where"]
 PACKAGES = {
-    "btcore", "btcore_bags", "btcore_batch", "btcore_monitor", "btcore_navigation",
+    "btcore", "btcore_bags", "btcore_batch", "btcore_drawing", "btcore_monitor", "btcore_navigation",
     "btcore_proof", "btcore_recorder", "btcore_robot", "btcore_ros2", "btcore_scene", "btcore_sim",
     "btcore_studio", "btcore_sweep",
 }  # fmt: skip

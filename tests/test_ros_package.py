@@ -23,6 +23,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 SOURCES = {
     "": (
         "btcore",
+        "monitor/btcore_drawing",
         "monitor/btcore_monitor",
         "monitor/btcore_scene",
         "robot_nodes/btcore_navigation",

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from click.shell_completion import CompletionItem
 
-OWN_COMMANDS = ("run", "validate", "show", "nodes")
+OWN_COMMANDS = ("run", "validate", "nodes")
 
 _LOADED_COMMAND = "btcore.cli.main.loaded_command"
 

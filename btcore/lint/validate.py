@@ -1,11 +1,13 @@
 """Find all errors and warnings in a document: by planning it, and in a dry run of its trees."""
 
+import re
 from collections.abc import Collection, Mapping
 from typing import Final
 
 from btcore.diagnostic_codes import (
     FIRST_TICK_REFUSED,
     INCONVERTIBLE_TEXT,
+    LOOSE_TEXT,
     RECURSIVE_TREES,
     TOO_LARGE,
     UNDETERMINED_MAIN_TREE,
@@ -16,7 +18,6 @@ from btcore.lint.children import check_child_count, check_reachable_children
 from btcore.lint.dry_run import DryRun
 from btcore.lint.endless_ticks import EndlessTickCheck
 from btcore.lint.entry_types import check_value_types
-from btcore.lint.loose_text import check_loose_text
 from btcore.lint.ports import (
     check_ignored_attributes,
     check_literals_of_class,
@@ -33,7 +34,9 @@ from btcore.registry.registry import Registry
 from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan_document, root_trees
 from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
+from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.read import Document
+from btcore.xml.read.scan import ScannedElement
 
 # After these errors each tree can still be dry-run: no main tree is selected, or only a tick raises.
 _HARMLESS: Final = frozenset({UNDETERMINED_MAIN_TREE, FIRST_TICK_REFUSED})
@@ -41,6 +44,8 @@ _HARMLESS: Final = frozenset({UNDETERMINED_MAIN_TREE, FIRST_TICK_REFUSED})
 _HARMLESS_IN_FORMAT_3: Final = _HARMLESS | {INCONVERTIBLE_TEXT}
 # With these errors, following SubTree calls might not terminate in reasonable time.
 _UNBOUNDED: Final = frozenset({RECURSIVE_TREES, TOO_LARGE})
+# Between elements, but not a text.
+_OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)
 
 MAX_REPEATED_NODES: Final = MAX_NODES
 """The maximum number of nodes that are dry-run again, because several uncalled trees call the same trees."""
@@ -93,7 +98,7 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
     results = _check_nodes(plans, models, reporter)
     EndlessTickCheck(plans, results, reporter).check(roots)
     for document in definitions.sources.documents:
-        check_loose_text(document, collector)
+        _check_loose_text(document, collector)
     if main is not None and names_main and not is_selected:
         check_unused_trees(plans, main, reporter)
     harmless = _HARMLESS_IN_FORMAT_3 if plans.dialect.format == 3 else _HARMLESS
@@ -133,3 +138,25 @@ def _check_nodes(
             check_reachable_children(node, document, results, reporter)
             check_remappings(node, document, tree_keys, models, reporter)
     return results
+
+
+def _check_loose_text(document: Document, collector: DiagnosticCollector) -> None:
+    """Warn about each text between the elements of *document*, in its trees and between them."""
+    lines = LineIndex(document.text)
+    for start, end, parent in document.source_map.scan.iter_text():
+        # Comments and the like become spaces of the same length, so that offsets stay valid.
+        between = _OPAQUE.sub(lambda match: " " * len(match[0]), document.text[start:end])
+        text = " ".join(between.split())
+        if text and _is_of_trees(parent):
+            shown = text if len(text) <= 40 else f"{text[:39]}…"
+            message = f"the text {shown!r} between the elements of a tree is ignored"
+            hint = "pass values to a node in its attributes; write comments as <!-- … -->"
+            place = lines.span(start + len(between) - len(between.lstrip()), len(text))
+            collector.add(place.diagnostic(LOOSE_TEXT, message, document.file, hint))
+
+
+def _is_of_trees(parent: ScannedElement | None) -> bool:
+    """Return whether a text in *parent* is in a tree or between trees. In a model it is a description."""
+    around = [] if parent is None else [parent, *parent.ancestors()]
+    tags = [element.tag for element in reversed(around)]
+    return tags == ["root"] or tags[1:2] == ["BehaviorTree"]

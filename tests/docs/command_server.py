@@ -15,7 +15,7 @@ MODULES = (
     "btcore.cli.main",
     "btcore_proof.command",
     "btcore.cli.commands.run",
-    "btcore.cli.commands.show",
+    "btcore_drawing.command",
     "btcore.cli.commands.validate",
     "btcore_monitor.providers",
     "btcore_robot.book.commands",

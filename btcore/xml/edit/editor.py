@@ -1,26 +1,53 @@
-"""Operations on the elements of a document, as edits that change the fewest characters.
+"""Edits of a text, and operations on the elements of a document as edits that change the fewest characters.
 
 Comments, the order of attributes, white space and line ends outside of the change remain.
 """
 
 import re
-from collections.abc import Collection, Sequence
-from typing import Final
+from collections.abc import Iterable, Sequence
+from typing import Final, NamedTuple
 
-from btcore.errors import XmlSyntaxError
-from btcore.names import is_port_name
-from btcore.registry.registry import Registry
-from btcore.xml.edit.edits import Edit, EditError, apply_edits, escape_value
-from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS
-from btcore.xml.read.read import Document, parse_text
+from btcore.errors import BtcoreError
 from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, scan
 
 INDENT: Final = "  "
 """The indentation of a child in a document that does not show another indentation."""
-# `_skipIf` of a disabled node; the original condition is in the parentheses.
-_DISABLED: Final = re.compile(r"true(?: \|\| \((.*)\))?", re.DOTALL)
 _COMMENTS_IN_LINE: Final = re.compile(r"(?:[ \t]*<!--(?:(?!-->)[^\r\n])*-->)+")
+# XML parsers other than tinyxml2 read line breaks and tabs in values as spaces.
+_ESCAPES: Final = {"&": "&amp;", "<": "&lt;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
+
+
+class EditError(BtcoreError):
+    """An operation cannot be applied to a document; the message is the reason."""
+
+
+class Edit(NamedTuple):
+    """The characters from *start* to *end* of a text are replaced by *text*."""
+
+    start: int
+    end: int
+    text: str
+
+
+def apply_edits(text: str, edits: Iterable[Edit]) -> str:
+    """Return *text* after all *edits*, whose offsets count in *text*.
+
+    Insertions at the same place keep their order. An edit that begins inside another edit is ignored.
+    """
+    pieces: list[str] = []
+    done = 0
+    # The sort is stable: insertions at the same place keep their order.
+    for start, end, replacement in sorted(edits, key=lambda edit: edit[:2]):
+        if start >= done:
+            pieces += (text[done:start], replacement)
+            done = end
+    return "".join([*pieces, text[done:]])
+
+
+def escape_value(text: str, quote: str = '"') -> str:
+    """Return *text* as it is written in an attribute's value between *quote* characters."""
+    escapes = {**_ESCAPES, quote: "&quot;" if quote == '"' else "&apos;"}
+    return "".join(escapes.get(character, character) for character in text)
 
 
 class DocumentEditor:
@@ -74,7 +101,7 @@ class DocumentEditor:
             EditError: There is no such attribute.
         """
         attribute = self._attribute(element, name)
-        return Edit(self._before_space(attribute.start), attribute.end, "")
+        return Edit(self.before_space(attribute.start), attribute.end, "")
 
     def _attribute(self, element: ScannedElement, name: str) -> ScannedAttribute:
         attribute = element.attribute(name)
@@ -91,48 +118,6 @@ class DocumentEditor:
             at = self.text.index(element.tag, element.end_tag_start)
             edits.append(Edit(at, at + len(element.tag), name))
         return edits
-
-    def change_type(self, element: ScannedElement, id: str, ports: Collection[str]) -> list[Edit]:
-        """Make an element a node of another type.
-
-        Args:
-            element: The element of the node.
-            id: The ID of the new type.
-            ports: The ports of the new type; attributes of other ports are removed.
-        """
-        names = dict.fromkeys(item.name for item in element.attributes)
-        removed = [name for name in names if is_port_name(name) and name not in ports]
-        if element.tag in DIALECTS[3].subtree_tags:  # also the tag of format 4
-            removed = [name for name in names if name == "ID" or name in removed]
-        edits = [self.remove_attribute(element, name) for name in removed]
-        if element.tag in EXPLICIT_TAGS:
-            return [self.set_attribute(element, "ID", id), *edits]
-        return [*self.rename_element(element, id), *edits]
-
-    def disable(self, element: ScannedElement) -> Edit:
-        """Let an element of format 4 be skipped, by its pre-condition `_skipIf`.
-
-        Raises:
-            EditError: The element is disabled already.
-        """
-        condition = element.get("_skipIf")
-        if condition is not None and _DISABLED.fullmatch(condition) is not None:
-            raise EditError(f"<{element.tag}> is disabled already")
-        disabled = "true" if not condition else f"true || ({condition})"
-        return self.set_attribute(element, "_skipIf", disabled)
-
-    def enable(self, element: ScannedElement) -> Edit:
-        """Undo `disable`.
-
-        Raises:
-            EditError: The element is not disabled.
-        """
-        match = _DISABLED.fullmatch(element.get("_skipIf") or "")
-        if match is None:
-            raise EditError(f"<{element.tag}> is not disabled")
-        if match[1] is None:
-            return self.remove_attribute(element, "_skipIf")
-        return self.set_attribute(element, "_skipIf", match[1])
 
     def insert(self, parent: ScannedElement, index: int, xml: str) -> Edit:
         """Insert elements among the children of an element.
@@ -170,12 +155,12 @@ class DocumentEditor:
             indent = own + self.step()
             inner = self.line_break + indent + self._indented(fragment, indent) + self.line_break + own
         if parent.is_empty:
-            slash = self._before_space(parent.start_tag_end - 2)
+            slash = self.before_space(parent.start_tag_end - 2)
             return Edit(slash, parent.start_tag_end, f">{inner}</{parent.tag}>")
         start = parent.start_tag_end
         end = parent.end_tag_start if parent.end_tag_start >= 0 else start
         if text[start:end].strip():  # a comment or a text, which remains
-            end = self._before_space(end)
+            end = self.before_space(end)
             return Edit(end, end, inner.rstrip())
         return Edit(start, end, inner)
 
@@ -197,34 +182,6 @@ class DocumentEditor:
             return Edit(start - len(own), line_end, "")
         return Edit(start, end, "")
 
-    def move(self, element: ScannedElement, parent: ScannedElement, index: int) -> list[Edit]:
-        """Move an element to another place.
-
-        Args:
-            element: The element.
-            parent: The new parent.
-            index: The number of children of *parent* before the element, before it is moved.
-
-        Raises:
-            EditError: The new place is in the element.
-        """
-        if parent is element or element in parent.ancestors():
-            raise EditError(f"<{element.tag}> cannot be moved into itself")
-        if parent.children[index : index + 1] == [element] or parent.children[index - 1 : index] == [element]:
-            return []
-        removed = self.remove(element)
-        inserted = self.insert(parent, index, self.text[element.start : element.end])
-        if removed.start < inserted.start < removed.end:
-            removed = Edit(element.start, element.end, "")
-        return [removed, inserted]
-
-    def duplicate(self, element: ScannedElement) -> Edit:
-        """Insert a copy of an element after it."""
-        if element.parent is None:
-            raise EditError("the outermost element cannot be duplicated")
-        index = element.parent.children.index(element) + 1
-        return self.insert(element.parent, index, self.text[element.start : element.end])
-
     def remove_children(self, element: ScannedElement) -> Edit:
         """Remove the content of an element, which becomes an empty tag."""
         end = element.end if element.end_tag_start >= 0 else element.children[-1].end
@@ -241,25 +198,6 @@ class DocumentEditor:
         after = Edit(end, end, f"{self.line_break}{own}</{tag}>")
         return [before, *self.reindent(start, end, own, inner), after]
 
-    def unwrap(self, element: ScannedElement) -> list[Edit]:
-        """Put the children of an element in its place.
-
-        Raises:
-            EditError: The element has no children.
-        """
-        if not element.children:
-            raise EditError(f"<{element.tag}> has no children")
-        text = self.text
-        start = element.start_tag_end
-        while text[start].isspace():
-            start += 1
-        end = self._before_space(element.end_tag_start)
-        edits = [Edit(element.start, start, ""), Edit(end, element.end, "")]
-        own, inner = self.indent(element), self.indent_at(start)
-        if own is not None and inner is not None:
-            edits[1:1] = self.reindent(start, end, inner, own)
-        return edits
-
     def append_lines(self, element: ScannedElement, lines: Sequence[str]) -> Edit:
         """Add *lines*, which have their indentation, before the end tag of an element."""
         at = element.end_tag_start if element.end_tag_start >= 0 else element.end
@@ -269,7 +207,7 @@ class DocumentEditor:
 
     # --- layout
 
-    def _before_space(self, offset: int) -> int:
+    def before_space(self, offset: int) -> int:
         """Return the start of the white space before *offset*."""
         while offset and self.text[offset - 1].isspace():
             offset -= 1
@@ -326,27 +264,3 @@ def _is_whole(fragment: Scan) -> bool:
 def _is_closed(element: ScannedElement) -> bool:
     is_ended = element.is_empty or element.end_tag_start >= 0
     return element.is_complete and is_ended and all(item.is_closed for item in element.attributes)
-
-
-def apply_checked(document: Document, edits: Sequence[Edit], nodes: Registry) -> str:
-    """Return the text of a document after *edits*, if it is valid.
-
-    Args:
-        document: The document.
-        edits: The edits of its text.
-        nodes: The registered nodes.
-
-    Raises:
-        EditError: The result has an error that the document has not; the message is that of the error.
-    """
-    text = apply_edits(document.text, edits)
-    known = {error.code for error in plan_document(document, nodes, every_tree=True).diagnostics.errors}
-    try:
-        changed = parse_text(text, document.file)
-        errors = plan_document(changed, nodes, every_tree=True).diagnostics.errors
-    except XmlSyntaxError as error:
-        errors = error.diagnostics
-    new = next((error for error in errors if error.code not in known), None)
-    if new is not None:
-        raise EditError(f"{new.message} (line {new.line})")
-    return text

@@ -8,8 +8,7 @@ from btcore.diagnostic_codes import DiagnosticCode
 from btcore.errors import Diagnostic, FixOperation
 from btcore.names import is_port_name
 from btcore.suggestions import nearest_name
-from btcore.xml.edit.editor import DocumentEditor
-from btcore.xml.edit.edits import Edit, apply_edits, escape_value
+from btcore.xml.edit.editor import DocumentEditor, Edit, apply_edits, escape_value
 from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.scan import Place, ScannedElement, scan

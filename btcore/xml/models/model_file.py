@@ -4,11 +4,9 @@ With mock nodes, trees whose leaves are written in C++ can be checked, drawn, co
 planned results.
 """
 
-import contextlib
 import os
 import re
 from collections.abc import Iterable, Mapping
-from itertools import islice
 from pathlib import Path
 from typing import Final
 
@@ -88,41 +86,13 @@ def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[s
                 id = str(element.get("ID") or "")
                 if id and nodes.get(id, 3) is None and nodes.get(id, 4) is None:
                     ports = unknown.setdefault(id, (document, str(element.tag), {}))[2]
-                    _add_seen_ports(element, ports, format)
+                    collect_ports(element, ports, format)
     for id, (document, tag, seen) in unknown.items():
-        _add(nodes, id, EXPLICIT_TAGS[tag], list(seen.values()), "", document)
+        add_mock(nodes, id, EXPLICIT_TAGS[tag], list(seen.values()), "", document)
     return list(unknown)
 
 
-def add_undeclared_nodes(nodes: Registry, documents: Iterable[Document]) -> None:
-    """Register a mock node for every unknown node of *documents*, so that their trees can be drawn.
-
-    The models and the explicit tags of the documents come first. For any other unknown tag, the number of
-    child elements determines the node type.
-    """
-    documents = list(documents)
-    for document in documents:
-        with contextlib.suppress(TreeError):
-            add_document_models(nodes, document)
-    add_explicit_nodes(nodes, documents)
-    seen: dict[str, tuple[Document, int, dict[str, Port]]] = {}
-    for document in documents:
-        format = parse_format(document.root.get("BTCPP_format")) or 4
-        for tree in document.root.iterchildren("BehaviorTree"):
-            for element in islice(tree.iter(), 1, None):
-                id = element.tag
-                if id in EXPLICIT_TAGS or nodes.get(id, 3) is not None or nodes.get(id, 4) is not None:
-                    continue
-                _, children, ports = seen.get(id, (document, 0, {}))
-                _add_seen_ports(element, ports, format)
-                seen[id] = (document, max(children, len(element.children)), ports)
-    kinds = (NodeType.ACTION, NodeType.DECORATOR, NodeType.CONTROL)
-    for id, (document, children, ports) in seen.items():
-        with contextlib.suppress(RegistrationError):
-            _add(nodes, id, kinds[min(children, 2)], list(ports.values()), "", document)
-
-
-def _add_seen_ports(element: Element, ports: dict[str, Port], format: int) -> None:
+def collect_ports(element: Element, ports: dict[str, Port], format: int) -> None:
     """Add the attributes of *element* to *ports* as inputs, or as inouts if they hold a `{key}`."""
     for name, text in element.attributes.items():
         is_port = is_port_name(name) if format == 4 else not port_name_error(name, 3)
@@ -171,7 +141,7 @@ def add_document_models(nodes: Registry, document: Document, override: bool = Fa
         described = next(model.iterchildren("description"), None)
         about = " ".join(document.text_in(described).split()) if described is not None else ""
         try:
-            _add(nodes, str(id), EXPLICIT_TAGS[str(model.tag)], ports, about, document, _metadata(model))
+            add_mock(nodes, str(id), EXPLICIT_TAGS[str(model.tag)], ports, about, document, _metadata(model))
             added.append(str(id))
         except RegistrationError as error:
             collector.add(document.diagnostic(INVALID_NAME, str(error), model, "ID"))
@@ -215,7 +185,7 @@ def _type(nodes: Registry, name: str) -> ValueType:
     return known
 
 
-def _add(
+def add_mock(
     nodes: Registry,
     id: str,
     node_type: NodeType,

@@ -12,7 +12,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from btcore.xml.render.folding import fold as hidden_below
+from btcore_drawing.folding import fold as hidden_below
 from btcore_monitor.events import RUNNING, ObservedTree
 from btcore_monitor.screen import style
 from btcore_monitor.screen.legend import create_legend

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from btcore.xml.render.symbols import symbol_path
-from btcore.xml.render.tree_layout import Box, Place, TreeLayout, lay_out
+from btcore_drawing.layout import Box, Place, TreeLayout, lay_out
+from btcore_drawing.symbols import symbol_path
 from btcore_monitor.events import IDLE, RUNNING, ObservedNode, ObservedTree
 from btcore_monitor.screen import style
 from btcore_monitor.screen.captions import Caption, create_captions, format_ports

@@ -118,13 +118,14 @@ def greet(who: In[str], random: Random) -> bool:
     ],
     ids=" ".join,
 )
-def test_command_without_a_robot_imports_btcore_alone(command: list[str]) -> None:
+def test_command_without_a_robot_imports_btcore_and_its_own_package_alone(command: list[str]) -> None:
     Path("greeting.py").write_text(PLUGIN)
     Path("greeting.xml").write_text(
         '<root BTCPP_format="4" main_tree_to_execute="A"><BehaviorTree ID="A">'
         '<SubTree ID="B"/></BehaviorTree><BehaviorTree ID="B"><Greet who="Ada"/></BehaviorTree></root>'
     )
-    assert imported_by(*command) - {"btcore_plugin_greeting"} == set()
+    own = {"btcore_drawing"} if "show" in command else set()
+    assert imported_by(*command) - {"btcore_plugin_greeting"} == own
 
 
 BEFORE_THE_FIRST_TICK = """

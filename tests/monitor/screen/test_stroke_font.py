@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore.xml.render.symbols import symbol_path
+from btcore_drawing.symbols import symbol_path
 from btcore_monitor.screen.font import elide, glyph, legible, path_strokes, spell, strokes_of, width_of
 
 BOX = glyph("漢")

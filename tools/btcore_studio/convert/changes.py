@@ -3,8 +3,7 @@
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.errors import Diagnostic
 from btcore.registry.registry import Registry
-from btcore.xml.edit.editor import DocumentEditor
-from btcore.xml.edit.edits import Edit, escape_value
+from btcore.xml.edit.editor import DocumentEditor, Edit, escape_value
 from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.read import Document
 from btcore.xml.read.scan import ScannedElement

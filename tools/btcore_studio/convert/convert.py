@@ -15,7 +15,7 @@ from btcore.diagnostic_codes import (
 from btcore.errors import Diagnostic, TreeError
 from btcore.registry.registry import Registry
 from btcore.xml.define import parse_format
-from btcore.xml.edit.edits import Edit, apply_edits
+from btcore.xml.edit.editor import Edit, apply_edits
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.diagnostics import sort_diagnostics
 from btcore.xml.read.dialect import DIALECTS

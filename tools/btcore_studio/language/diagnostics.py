@@ -8,7 +8,7 @@ from lsprotocol import types
 from btcore.errors import Diagnostic, TreeError, shown_diagnostics
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
-from btcore.xml.edit.edits import Edit
+from btcore.xml.edit.editor import Edit
 from btcore.xml.edit.fixes import FixMaker, TextFix
 from btcore.xml.read.read import Document
 

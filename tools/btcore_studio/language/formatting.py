@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 from lsprotocol import types
 
-from btcore.xml.edit.edits import Edit, difference
+from btcore.xml.edit.editor import Edit
 from btcore.xml.read.scan import Scan, ScannedElement
+from btcore_studio.edit.text_edits import difference
 from btcore_studio.language.project import Project, SourceDocument
 
 

@@ -14,7 +14,7 @@ from pygls import uris
 from btcore.errors import TreeError
 from btcore.input_files import read_file, real_path
 from btcore.registry.registry import Registry
-from btcore.xml.edit.edits import Edit
+from btcore.xml.edit.editor import Edit
 from btcore.xml.read.read import Document, parse_file, parse_text
 from btcore.xml.read.scan import Scan, scan
 from btcore_studio.language.diagnostics import Report

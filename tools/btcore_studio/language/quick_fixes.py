@@ -4,9 +4,10 @@ from lsprotocol import types
 
 from btcore.errors import BtcoreError
 from btcore.xml.define import parse_format
-from btcore.xml.edit.edits import Edit, difference
+from btcore.xml.edit.editor import Edit
 from btcore.xml.edit.fixes import TextFix
 from btcore_studio.convert.convert import convert
+from btcore_studio.edit.text_edits import difference
 from btcore_studio.language.project import Project, SourceDocument
 
 

@@ -9,7 +9,7 @@ from pygls.exceptions import JsonRpcException
 from btcore.names import RESERVED_IDS, forbidden_in, port_name_error
 from btcore.registry.mock_nodes import is_mock
 from btcore.script import lexer
-from btcore.xml.edit.edits import Edit
+from btcore.xml.edit.editor import Edit
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement

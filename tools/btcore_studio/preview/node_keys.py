@@ -6,7 +6,7 @@ from hashlib import blake2b
 from typing import NamedTuple
 
 from btcore.status import NodeType
-from btcore.xml.render.tree_drawing import DiagramNode
+from btcore_drawing.diagram import DiagramNode
 
 
 class KeyedNode(NamedTuple):

@@ -19,7 +19,7 @@ from typing import Any, Final, cast
 
 from btcore.errors import BtcoreError
 from btcore.json_text import load_json
-from btcore.xml.render.svg import drawing_style
+from btcore_drawing.svg import drawing_style
 from btcore_studio.preview.session import PreviewSession
 
 _HOST: Final = "127.0.0.1"

@@ -1,22 +1,33 @@
 """Read a tree for the preview: its diagnostics, and a drawing even if its nodes are unknown."""
 
-from collections.abc import Callable, Collection
+import contextlib
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
 from btcore import diagnostic_codes
-from btcore.errors import Diagnostic, TreeError, shown_diagnostics
+from btcore.blackboard.ports import Port
+from btcore.errors import Diagnostic, RegistrationError, TreeError, shown_diagnostics
 from btcore.input_files import read_file
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
-from btcore.xml.models.model_file import add_undeclared_nodes
+from btcore.status import NodeType
+from btcore.xml.define import parse_format
+from btcore.xml.models.model_file import (
+    add_document_models,
+    add_explicit_nodes,
+    add_mock,
+    collect_ports,
+)
 from btcore.xml.plan.plan import Plans, define_and_plan, plan
+from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.read import Document, parse_file, parse_text, read
-from btcore.xml.render.folding import fold
-from btcore.xml.render.node_card import FAMILY_COLOURS
-from btcore.xml.render.svg import diagram_to_svg
-from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
+from btcore_drawing.diagram import DiagramNode, diagram_of_document
+from btcore_drawing.folding import fold
+from btcore_drawing.node_card import FAMILY_COLOURS
+from btcore_drawing.svg import diagram_to_svg
 from btcore_studio.preview.node_keys import diagram_keys, diagram_nodes
 
 MAX_CARDS: Final = 5_000
@@ -75,7 +86,7 @@ class TreeFile:
             return TreeReading(list(error.diagnostics), None, self._content() if text is None else text)
         drawn = nodes.copy()
         sources = read(document, drawn.documents)
-        add_undeclared_nodes(drawn, sources.documents)
+        _add_undeclared_nodes(drawn, sources.documents)
         plans = define_and_plan(sources, drawn, self.tree, self.format)
         is_known = _DRAWABLE.issuperset(error.code for error in plans.diagnostics.errors)
         is_drawable = is_known and bool(plans.definitions.by_id)
@@ -183,3 +194,31 @@ def _pruned(node: DiagramNode, hidden: dict[int, int]) -> DiagramNode:
     """Return the drawing without the children of nodes in *hidden*."""
     children = [] if node.uid in hidden else [_pruned(child, hidden) for child in node.children]
     return replace(node, children=children, hidden=hidden.get(node.uid, 0))
+
+
+def _add_undeclared_nodes(nodes: Registry, documents: Iterable[Document]) -> None:
+    """Register a mock node for every unknown node of *documents*, so that their trees can be drawn.
+
+    The models and the explicit tags of the documents come first. For any other unknown tag, the number of
+    child elements determines the node type.
+    """
+    documents = list(documents)
+    for document in documents:
+        with contextlib.suppress(TreeError):
+            add_document_models(nodes, document)
+    add_explicit_nodes(nodes, documents)
+    seen: dict[str, tuple[Document, int, dict[str, Port]]] = {}
+    for document in documents:
+        format = parse_format(document.root.get("BTCPP_format")) or 4
+        for tree in document.root.iterchildren("BehaviorTree"):
+            for element in islice(tree.iter(), 1, None):
+                id = element.tag
+                if id in EXPLICIT_TAGS or nodes.get(id, 3) is not None or nodes.get(id, 4) is not None:
+                    continue
+                _, children, ports = seen.get(id, (document, 0, {}))
+                collect_ports(element, ports, format)
+                seen[id] = (document, max(children, len(element.children)), ports)
+    kinds = (NodeType.ACTION, NodeType.DECORATOR, NodeType.CONTROL)
+    for id, (document, children, ports) in seen.items():
+        with contextlib.suppress(RegistrationError):
+            add_mock(nodes, id, kinds[min(children, 2)], list(ports.values()), "", document)

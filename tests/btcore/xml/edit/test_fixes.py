@@ -9,7 +9,7 @@ from btcore.errors import Diagnostic, TreeError
 from btcore.input_files import real_path
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
-from btcore.xml.edit.edits import apply_edits
+from btcore.xml.edit.editor import apply_edits
 from btcore.xml.edit.fixes import FixMaker
 from btcore.xml.read.read import parse_file
 

@@ -11,11 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from btcore import Diagnostic, Registry, TreeError
-from btcore.xml.edit.edits import apply_edits, invert_edits
+from btcore.xml.edit.editor import apply_edits
 from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import scan
 from btcore.xml.read.tinyxml2_compat import START_TAG
 from btcore_studio.convert.convert import Conversion, convert
+from btcore_studio.edit.text_edits import invert_edits
 from tests.conformance.recorded_cases import conformance_registry, run_case
 
 RECORDED = Path(__file__).parents[3] / "conformance" / "data" / "v3_full.jsonl.gz"

@@ -10,14 +10,15 @@ pytest.importorskip("pygls")
 
 from lsprotocol import types
 
-from btcore.xml.edit.edits import apply_edits, invert_edits
+from btcore.xml.edit.editor import apply_edits
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import scan
+from btcore_studio.edit.text_edits import invert_edits
 from btcore_studio.language.formatting import format_document, format_range, formatting_edits
 from btcore_studio.language.lenses import code_lenses
 from btcore_studio.language.project import Project, SourceDocument
-from tests.btcore.xml.edit.test_editor import decorated
+from tests.tools.btcore_studio.edit.test_tree_editor import decorated
 
 TREES = Path(__file__).parents[4] / "trees"
 OPTIONS = types.FormattingOptions(tab_size=4, insert_spaces=True)

@@ -4,9 +4,9 @@ from pathlib import Path
 import pytest
 from lsprotocol import types
 
-from btcore.lint.data_flow import trace_dataflow
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.read import parse_file
+from btcore_drawing.data_flow import trace_dataflow
 from btcore_studio.language.entries import entry_facts
 from btcore_studio.language.hover import hover
 from btcore_studio.language.key_links import TreeKey, links_of

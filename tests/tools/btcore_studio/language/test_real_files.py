@@ -10,7 +10,7 @@ import pytest
 from lsprotocol import types
 
 from btcore.registry.registry import Registry
-from btcore.xml.edit.edits import Edit, apply_edits
+from btcore.xml.edit.editor import Edit, apply_edits
 from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import ScannedElement
 from btcore_studio.language.completion import complete

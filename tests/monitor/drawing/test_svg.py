@@ -9,8 +9,8 @@ from lxml import etree
 from btcore import Registry
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.read import parse_text
-from btcore.xml.render.svg import diagram_to_svg
-from btcore.xml.render.tree_drawing import diagram_of_document
+from btcore_drawing.diagram import diagram_of_document
+from btcore_drawing.svg import diagram_to_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">

@@ -1,13 +1,12 @@
 """Move a branch into a tree of its own, or a called tree into the place of its call. Nothing else changes."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from btcore.blackboard.ports import SCRIPT_ROLES, remapped_key
 from btcore.names import port_name_error
 from btcore.script import lexer
-from btcore.xml.edit.editor import DocumentEditor
-from btcore.xml.edit.edits import Edit, EditError, edited_part, escape_value
+from btcore.xml.edit.editor import DocumentEditor, Edit, EditError, apply_edits, escape_value
 from btcore.xml.plan.key_uses import TreeKeys, find_name_uses, port_uses
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
@@ -56,7 +55,7 @@ def extract_subtree(plans: Plans, element: Element, id: str) -> list[Edit]:
         separator, body = "", editor.text[branch.start : branch.end]
     else:
         moved = editor.reindent(branch.start, branch.end, editor.indent(branch) or "", own + step)
-        xml = edited_part(editor.text, branch.start, branch.end, moved)
+        xml = _edited_part(editor.text, branch.start, branch.end, moved)
         separator = line_break + own
         body = f"{separator}{step}{xml}{separator}"
     new_tree = f'{separator}<BehaviorTree ID="{escape_value(id)}">{body}</BehaviorTree>'
@@ -124,7 +123,13 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
         changed = {(edit.start, edit.end) for edit in edits}
         lines = editor.reindent(top.start, top.end, editor.indent(top) or "", own)
         edits += [edit for edit in lines if (edit.start, edit.end) not in changed]
-    return Edit(place.start, place.end, edited_part(editor.text, top.start, top.end, edits))
+    return Edit(place.start, place.end, _edited_part(editor.text, top.start, top.end, edits))
+
+
+def _edited_part(text: str, start: int, end: int, edits: Iterable[Edit]) -> str:
+    """Return the part of *text* from *start* to *end* after *edits* inside of it."""
+    shifted = (Edit(edit.start - start, edit.end - start, edit.text) for edit in edits)
+    return apply_edits(text[start:end], shifted)
 
 
 def _find(plans: Plans, element: Element) -> tuple[TreePlan, NodePlan]:

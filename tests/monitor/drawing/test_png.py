@@ -9,9 +9,8 @@ import pytest
 from btcore import Registry
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.read import parse_text
-from btcore.xml.render import png
-from btcore.xml.render.svg import diagram_to_svg
-from btcore.xml.render.tree_drawing import diagram_of_document
+from btcore_drawing.diagram import diagram_of_document
+from btcore_drawing.svg import MAX_SIDE, PictureError, diagram_to_svg, svg_to_png
 
 resvg_py = pytest.importorskip("resvg_py", reason="the extra mcp is not installed")
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
@@ -27,7 +26,7 @@ def svg_of(body: str) -> str:
 
 def test_picture_shows_cards_glyphs_edges_and_texts() -> None:
     svg = svg_of('<Sequence><Sleep msec="100"/><SetBlackboard value="1" output_key="{k}"/></Sequence>')
-    picture = Image.open(BytesIO(png.svg_to_png(svg))).convert("RGB")
+    picture = Image.open(BytesIO(svg_to_png(svg))).convert("RGB")
     sides = [int(side) for side in re.findall(r'(?:width|height)="(\d+)"', svg)[:2]]
     assert picture.size == pytest.approx([1.5 * side for side in sides], abs=1)
     found = {colour: count for count, colour in picture.getcolors(1_000_000)}
@@ -42,13 +41,13 @@ def test_picture_shows_cards_glyphs_edges_and_texts() -> None:
 
 def test_large_drawing_becomes_a_smaller_picture_while_its_texts_can_be_read() -> None:
     wide = "<Fallback>" + "<AlwaysFailure/>" * 9 + "</Fallback>"
-    picture = Image.open(BytesIO(png.svg_to_png(svg_of(f"<Sequence>{wide * 6}</Sequence>"))))
-    assert max(picture.size) == png.MAX_SIDE
-    with pytest.raises(png.PictureError, match="draw a subtree, or an SVG"):
-        png.svg_to_png(svg_of(f"<Sequence>{wide * 40}</Sequence>"))
+    picture = Image.open(BytesIO(svg_to_png(svg_of(f"<Sequence>{wide * 6}</Sequence>"))))
+    assert max(picture.size) == MAX_SIDE
+    with pytest.raises(PictureError, match="draw a subtree, or an SVG"):
+        svg_to_png(svg_of(f"<Sequence>{wide * 40}</Sequence>"))
 
 
 def test_machine_without_fonts_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(resvg_py, "svg_to_bytes", partial(resvg_py.svg_to_bytes, skip_system_fonts=True))
-    with pytest.raises(png.PictureError, match="needs a font such as DejaVu Sans"):
-        png.svg_to_png(svg_of("<AlwaysSuccess/>"))
+    with pytest.raises(PictureError, match="needs a font such as DejaVu Sans"):
+        svg_to_png(svg_of("<AlwaysSuccess/>"))

@@ -3,9 +3,9 @@
 from dataclasses import asdict
 
 from btcore import In, Put, Registry, action
-from btcore.lint.data_flow import DataflowRow, trace_dataflow
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.read import parse_text
+from btcore_drawing.data_flow import DataflowRow, trace_dataflow
 
 TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main">

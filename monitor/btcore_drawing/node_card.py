@@ -4,8 +4,8 @@ from typing import Final, NamedTuple
 
 from btcore.escaping import escape_text
 from btcore.status import NodeType
-from btcore.xml.render.symbols import symbol_path
-from btcore.xml.render.tree_drawing import DiagramNode
+from btcore_drawing.diagram import DiagramNode
+from btcore_drawing.symbols import symbol_path
 
 FAMILY_COLOURS: Final = {
     NodeType.CONTROL: ("control", "#2f66c8"),

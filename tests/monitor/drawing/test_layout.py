@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from btcore.xml.render.tree_layout import FRAME_PAD, GAP_X, Box, TreeLayout, lay_out
+from btcore_drawing.layout import FRAME_PAD, GAP_X, Box, TreeLayout, lay_out
 
 HEIGHT = 42.0
 COMFORT = 28 * HEIGHT

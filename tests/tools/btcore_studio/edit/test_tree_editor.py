@@ -16,11 +16,12 @@ import pytest
 
 from btcore.errors import TreeError
 from btcore.registry.registry import Registry
-from btcore.xml.edit.editor import DocumentEditor, apply_checked
-from btcore.xml.edit.edits import Edit, EditError, apply_edits, invert_edits, rebase_edits
+from btcore.xml.edit.editor import Edit, EditError, apply_edits
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import ScannedElement, scan
+from btcore_studio.edit.text_edits import invert_edits, rebase_edits
+from btcore_studio.edit.tree_editor import TreeEditor, apply_checked
 
 ROOT = Path(__file__).parents[4]
 FOLDERS = ("trees", "tests/robot_nodes", "tests/monitor/captures", "ros2")
@@ -90,7 +91,7 @@ class Operation:
     """A random operation on a document: its edits, and the same change of the parsed elements."""
 
     def __init__(self, text: str, model: Plain, chance: random.Random) -> None:
-        self.editor = DocumentEditor(scan(text))
+        self.editor = TreeEditor(scan(text))
         self.model = model
         self.chance = chance
         inside = [item for item in self.editor.scan.elements if "BehaviorTree" in map(str, tags_above(item))]
@@ -259,19 +260,19 @@ def check_rebased(text: str, edits: list[Edit], chance: random.Random, place: st
 def test_disabling_twice_and_enabling(nodes: Registry) -> None:
     text = MAIN.format('<AlwaysSuccess _skipIf="a &gt; 1"/>')
     disabled = text.replace("a &gt; 1", "true || (a > 1)")
-    editor = DocumentEditor(scan(text))
+    editor = TreeEditor(scan(text))
     assert apply_edits(text, [editor.disable(editor.scan.elements[-1])]) == disabled
-    editor = DocumentEditor(scan(disabled))
+    editor = TreeEditor(scan(disabled))
     with pytest.raises(EditError, match="disabled already"):
         editor.disable(editor.scan.elements[-1])
     assert apply_edits(disabled, [editor.enable(editor.scan.elements[-1])]) == text.replace("&gt;", ">")
     with pytest.raises(EditError, match="not disabled"):
-        DocumentEditor(scan(text)).enable(scan(text).elements[-1])
+        TreeEditor(scan(text)).enable(scan(text).elements[-1])
 
 
 def test_ports_of_the_new_type_are_kept() -> None:
     text = MAIN.format('<Delay delay_msec="1" name="a" x="1"/>')
-    editor = DocumentEditor(scan(text))
+    editor = TreeEditor(scan(text))
     edits = editor.change_type(
         editor.scan.elements[-1], "Delay", Registry.standard().manifests["Delay"].ports
     )

@@ -1,44 +1,8 @@
-"""Edits of a text: replaced ranges, their inverses, and their places after other edits."""
+"""The inverses of edits, their places after other edits, and the edit between two texts."""
 
 from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple
 
-from btcore.errors import BtcoreError
-
-# XML parsers other than tinyxml2 read line breaks and tabs in values as spaces.
-_ESCAPES: Final = {"&": "&amp;", "<": "&lt;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
-
-
-class EditError(BtcoreError):
-    """An operation cannot be applied to a document; the message is the reason."""
-
-
-class Edit(NamedTuple):
-    """The characters from *start* to *end* of a text are replaced by *text*."""
-
-    start: int
-    end: int
-    text: str
-
-
-def apply_edits(text: str, edits: Iterable[Edit]) -> str:
-    """Return *text* after all *edits*, whose offsets count in *text*.
-
-    Insertions at the same place keep their order. An edit that begins inside another edit is ignored.
-    """
-    pieces: list[str] = []
-    done = 0
-    for start, end, replacement in _ordered(edits):
-        if start >= done:
-            pieces += (text[done:start], replacement)
-            done = end
-    return "".join([*pieces, text[done:]])
-
-
-def edited_part(text: str, start: int, end: int, edits: Iterable[Edit]) -> str:
-    """Return the part of *text* from *start* to *end* after *edits* inside of it."""
-    shifted = (Edit(edit.start - start, edit.end - start, edit.text) for edit in edits)
-    return apply_edits(text[start:end], shifted)
+from btcore.xml.edit.editor import Edit, EditError
 
 
 def invert_edits(text: str, edits: Iterable[Edit]) -> list[Edit]:
@@ -83,12 +47,6 @@ def difference(before: str, after: str) -> Edit:
     rest = most - start
     end = next((index for index in range(rest) if before[-1 - index] != after[-1 - index]), rest)
     return Edit(start, len(before) - end, after[start : len(after) - end])
-
-
-def escape_value(text: str, quote: str = '"') -> str:
-    """Return *text* as it is written in an attribute's value between *quote* characters."""
-    escapes = {**_ESCAPES, quote: "&quot;" if quote == '"' else "&apos;"}
-    return "".join(escapes.get(character, character) for character in text)
 
 
 def _ordered(edits: Iterable[Edit]) -> list[Edit]:

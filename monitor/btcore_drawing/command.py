@@ -10,11 +10,10 @@ from rich.text import Text
 from btcore.cli import files, terminal
 from btcore.cli.tree_source import TreeOptions, TreeSource, complete_tree, find_source
 from btcore.field_options import pass_options
-from btcore.lint.data_flow import DataflowAccess, DataflowRow, trace_dataflow
 from btcore.tree.drawing import Fragment, draw_branches, is_ascii_only, node_label
-from btcore.xml.render.png import MAX_SIDE, svg_to_png
-from btcore.xml.render.svg import diagram_to_svg
-from btcore.xml.render.tree_drawing import DiagramNode, diagram_of_document
+from btcore_drawing.data_flow import DataflowAccess, DataflowRow, trace_dataflow
+from btcore_drawing.diagram import DiagramNode, diagram_of_document
+from btcore_drawing.svg import MAX_SIDE, diagram_to_svg, svg_to_png
 
 
 @click.command(short_help="Draw a tree, or list its data flow.")

@@ -1,1 +1,0 @@
-"""Draw trees as SVG, and write running trees as XML."""

@@ -1,0 +1,1 @@
+"""Edits of trees, for tools in which people or agents change trees."""

@@ -1,0 +1,134 @@
+"""Operations on the nodes of a tree, and a check of the result."""
+
+import re
+from collections.abc import Collection, Sequence
+from typing import Final
+
+from btcore.errors import XmlSyntaxError
+from btcore.names import is_port_name
+from btcore.registry.registry import Registry
+from btcore.xml.edit.editor import DocumentEditor, Edit, EditError, apply_edits
+from btcore.xml.plan.plan import plan_document
+from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS
+from btcore.xml.read.read import Document, parse_text
+from btcore.xml.read.scan import ScannedElement
+
+# `_skipIf` of a disabled node; the original condition is in the parentheses.
+_DISABLED: Final = re.compile(r"true(?: \|\| \((.*)\))?", re.DOTALL)
+
+
+class TreeEditor(DocumentEditor):
+    """Makes edits of a document from operations on the nodes of its trees."""
+
+    def change_type(self, element: ScannedElement, id: str, ports: Collection[str]) -> list[Edit]:
+        """Make an element a node of another type.
+
+        Args:
+            element: The element of the node.
+            id: The ID of the new type.
+            ports: The ports of the new type; attributes of other ports are removed.
+        """
+        names = dict.fromkeys(item.name for item in element.attributes)
+        removed = [name for name in names if is_port_name(name) and name not in ports]
+        if element.tag in DIALECTS[3].subtree_tags:  # also the tag of format 4
+            removed = [name for name in names if name == "ID" or name in removed]
+        edits = [self.remove_attribute(element, name) for name in removed]
+        if element.tag in EXPLICIT_TAGS:
+            return [self.set_attribute(element, "ID", id), *edits]
+        return [*self.rename_element(element, id), *edits]
+
+    def disable(self, element: ScannedElement) -> Edit:
+        """Let an element of format 4 be skipped, by its pre-condition `_skipIf`.
+
+        Raises:
+            EditError: The element is disabled already.
+        """
+        condition = element.get("_skipIf")
+        if condition is not None and _DISABLED.fullmatch(condition) is not None:
+            raise EditError(f"<{element.tag}> is disabled already")
+        disabled = "true" if not condition else f"true || ({condition})"
+        return self.set_attribute(element, "_skipIf", disabled)
+
+    def enable(self, element: ScannedElement) -> Edit:
+        """Undo `disable`.
+
+        Raises:
+            EditError: The element is not disabled.
+        """
+        match = _DISABLED.fullmatch(element.get("_skipIf") or "")
+        if match is None:
+            raise EditError(f"<{element.tag}> is not disabled")
+        if match[1] is None:
+            return self.remove_attribute(element, "_skipIf")
+        return self.set_attribute(element, "_skipIf", match[1])
+
+    def move(self, element: ScannedElement, parent: ScannedElement, index: int) -> list[Edit]:
+        """Move an element to another place.
+
+        Args:
+            element: The element.
+            parent: The new parent.
+            index: The number of children of *parent* before the element, before it is moved.
+
+        Raises:
+            EditError: The new place is in the element.
+        """
+        if parent is element or element in parent.ancestors():
+            raise EditError(f"<{element.tag}> cannot be moved into itself")
+        if parent.children[index : index + 1] == [element] or parent.children[index - 1 : index] == [element]:
+            return []
+        removed = self.remove(element)
+        inserted = self.insert(parent, index, self.text[element.start : element.end])
+        if removed.start < inserted.start < removed.end:
+            removed = Edit(element.start, element.end, "")
+        return [removed, inserted]
+
+    def duplicate(self, element: ScannedElement) -> Edit:
+        """Insert a copy of an element after it."""
+        if element.parent is None:
+            raise EditError("the outermost element cannot be duplicated")
+        index = element.parent.children.index(element) + 1
+        return self.insert(element.parent, index, self.text[element.start : element.end])
+
+    def unwrap(self, element: ScannedElement) -> list[Edit]:
+        """Put the children of an element in its place.
+
+        Raises:
+            EditError: The element has no children.
+        """
+        if not element.children:
+            raise EditError(f"<{element.tag}> has no children")
+        text = self.text
+        start = element.start_tag_end
+        while text[start].isspace():
+            start += 1
+        end = self.before_space(element.end_tag_start)
+        edits = [Edit(element.start, start, ""), Edit(end, element.end, "")]
+        own, inner = self.indent(element), self.indent_at(start)
+        if own is not None and inner is not None:
+            edits[1:1] = self.reindent(start, end, inner, own)
+        return edits
+
+
+def apply_checked(document: Document, edits: Sequence[Edit], nodes: Registry) -> str:
+    """Return the text of a document after *edits*, if it is valid.
+
+    Args:
+        document: The document.
+        edits: The edits of its text.
+        nodes: The registered nodes.
+
+    Raises:
+        EditError: The result has an error that the document has not; the message is that of the error.
+    """
+    text = apply_edits(document.text, edits)
+    known = {error.code for error in plan_document(document, nodes, every_tree=True).diagnostics.errors}
+    try:
+        changed = parse_text(text, document.file)
+        errors = plan_document(changed, nodes, every_tree=True).diagnostics.errors
+    except XmlSyntaxError as error:
+        errors = error.diagnostics
+    new = next((error for error in errors if error.code not in known), None)
+    if new is not None:
+        raise EditError(f"{new.message} (line {new.line})")
+    return text
