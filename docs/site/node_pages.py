@@ -19,10 +19,10 @@ from btcore.status import (
     NodeType,
     Status,
 )
+from btcore.tree.saved_state import state_fields_of
 from btcore.values import DOUBLE
 from btcore.xml.read.dialect import NODE_REPLACEMENTS
 from btcore_batch.node_classes import BATCH_CLASSES
-from btcore_proof.saved_state import state_fields_of
 
 UP: Final = "../.."
 LEAVES: Final = (NodeType.CONDITION, NodeType.ACTION)

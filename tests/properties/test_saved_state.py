@@ -30,7 +30,7 @@ from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.nodes.manual_selector import Prompt
 from btcore.testing import xml_documents
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
-from btcore_proof.saved_state import SavedState, restore_state, save_state, state_fields_of
+from btcore.tree.saved_state import SavedState, restore_state, save_state, state_fields_of
 from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 NODES = conformance_registry()

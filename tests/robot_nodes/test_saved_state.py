@@ -8,8 +8,8 @@ import pytest
 
 import btcore
 from btcore import Registry, SimClock, Tree, TreeNode
+from btcore.tree.saved_state import restore_state, save_state, state_fields_of
 from btcore_navigation import nodes as nav2_nodes
-from btcore_proof.saved_state import restore_state, save_state, state_fields_of
 from btcore_robot.robot import Pose2D, Waypoints
 from tests.conformance.recorded_cases import CallLog, PlanAction
 

@@ -13,8 +13,8 @@ from btcore.engine.conditions import WatchedConditions
 from btcore.engine.node import TreeNode
 from btcore.engine.tick_extras import TickExtras
 from btcore.status import SKIPPED, Status
+from btcore.tree.saved_state import state_fields_of
 from btcore.tree.tree import Tree
-from btcore_proof.saved_state import state_fields_of
 from btcore_proof.tree_state import StateKeeper
 from btcore_proof.user_code import has_user_code
 

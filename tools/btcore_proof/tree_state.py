@@ -1,6 +1,6 @@
 """The state of a tree as one hashable value: all that decides what it may do from now on.
 
-It is the state of `btcore_proof.saved_state`, in a form that is equal for equal futures: numbers that only
+It is the state of `btcore.tree.saved_state`, in a form that is equal for equal futures: numbers that only
 grow, such as counts of writes, are numbered anew, and times are replaced by what is known of their order.
 """
 
@@ -19,10 +19,10 @@ from btcore.errors import NodeError
 from btcore.nodes.entry_updates import EntryUpdatedDecorator, WasEntryUpdated
 from btcore.nodes.repeat import RepeatedNode
 from btcore.status import Status
+from btcore.tree.saved_state import blackboards_of, check_state_declaration, state_fields_of
 from btcore.tree.tree import Tree
 from btcore_proof.interrupts import OpaqueStateError
 from btcore_proof.model_leaves import UnknownValue
-from btcore_proof.saved_state import blackboards_of, check_state_declaration, state_fields_of
 from btcore_proof.tick_times import NOW, PENDING, READING, TickClock
 from btcore_proof.timer_order import (
     NO_TIMERS,

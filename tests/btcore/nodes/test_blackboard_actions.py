@@ -3,8 +3,8 @@
 import pytest
 
 from btcore import NodeExecutionError, Status, Tree
+from btcore.tree.saved_state import restore_state, save_state
 from btcore.values import INT64
-from btcore_proof.saved_state import restore_state, save_state
 from tests.btcore.conftest import MakeTree
 
 S, F = Status.SUCCESS, Status.FAILURE

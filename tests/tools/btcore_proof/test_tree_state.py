@@ -17,9 +17,9 @@ from btcore.engine.node import TreeNode, count_ticks
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.testing.strategies import xml_documents
+from btcore.tree.saved_state import state_fields_of
 from btcore.tree.tree import Tree
 from btcore_proof.interrupts import OpaqueStateError
-from btcore_proof.saved_state import state_fields_of
 from btcore_proof.state_graph import StateTable
 from btcore_proof.timer_order import NO_TIMERS, Advance
 from btcore_proof.tree_state import NOW, StateKeeper, TreeState
