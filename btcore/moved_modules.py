@@ -5,8 +5,11 @@ from typing import Final
 MOVED_MODULES: Final = {
     "btcore.agents": "btcore_studio.agents",
     "btcore.batch": "btcore_batch",
+    "btcore.flatbuffer": "btcore_monitor.wire.flatbuffer",
     "btcore.language": "btcore_studio.language",
     "btcore.logs.divergence": "btcore_recorder.divergence",
+    "btcore.logs.fbl": "btcore_monitor.logs.fbl",
+    "btcore.logs.sqlite": "btcore_monitor.logs.sqlite",
     "btcore.preview": "btcore_studio.preview",
     "btcore.proof": "btcore_proof",
     "btcore.sweep": "btcore_sweep",

@@ -5,12 +5,10 @@
 
 from btcore.logs.btlog import BtLog, read_btlog
 from btcore.logs.console import ConsoleLog
-from btcore.logs.fbl import read_fbl
 from btcore.logs.files import LogError
 from btcore.logs.formats import open_log, read_log
 from btcore.logs.log import Log
 from btcore.logs.recording import Gap, LoggedTransition, RecordedNode, Recording
-from btcore.logs.sqlite import Session, SqliteLog, read_sqlite, sessions
 from btcore.logs.statistics import NodeStatistics, TreeObserver
 from btcore.logs.trace import TraceLog
 
@@ -24,14 +22,9 @@ __all__ = [
     "NodeStatistics",
     "RecordedNode",
     "Recording",
-    "Session",
-    "SqliteLog",
     "TraceLog",
     "TreeObserver",
     "open_log",
     "read_btlog",
-    "read_fbl",
     "read_log",
-    "read_sqlite",
-    "sessions",
 ]
