@@ -1,6 +1,7 @@
-"""Handlers of the signals that end a process: Ctrl-C, SIGTERM and SIGHUP (the terminal was closed)."""
+"""The signals that end a process: Ctrl-C, SIGTERM and SIGHUP (the terminal was closed)."""
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -8,6 +9,16 @@ from types import FrameType
 from typing import Self
 
 from btcore.exit_codes import code_of_signal
+
+NEW_PROCESS_GROUP = 0
+"""The argument `creationflags` of `subprocess.Popen` with which Ctrl-C on Windows leaves a child process alone.
+
+Elsewhere the argument `start_new_session` has this effect, which Windows ignores.
+"""
+if sys.platform == "win32":
+    import subprocess
+
+    NEW_PROCESS_GROUP = subprocess.CREATE_NEW_PROCESS_GROUP
 
 
 class EndingSignals:

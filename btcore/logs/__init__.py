@@ -13,18 +13,6 @@ from btcore.logs.statistics import NodeStatistics, TreeObserver
 from btcore.logs.trace import TraceLog
 
 __all__ = [
-    "BtLog",
-    "ConsoleLog",
-    "Gap",
-    "Log",
-    "LogError",
-    "LoggedTransition",
-    "NodeStatistics",
-    "RecordedNode",
-    "Recording",
-    "TraceLog",
-    "TreeObserver",
-    "open_log",
-    "read_btlog",
-    "read_log",
-]
+    "BtLog", "ConsoleLog", "Gap", "Log", "LogError", "LoggedTransition", "NodeStatistics", "RecordedNode",
+    "Recording", "TraceLog", "TreeObserver", "open_log", "read_btlog", "read_log",
+]  # fmt: skip

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from btcore.options import arguments
-from btcore.process_group import NEW_PROCESS_GROUP
-from btcore.signals import delayed_signals
+from btcore.signals import NEW_PROCESS_GROUP, delayed_signals
 from btcore_monitor.console import print_message
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.key_options import KeyOptions

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from btcore.extras import install_command
 from btcore.logs.files import LogError, read_bytes
-from btcore.process_group import NEW_PROCESS_GROUP
+from btcore.signals import NEW_PROCESS_GROUP
 from btcore_bags import reading_process
 from btcore_bags.reading_process import ANSWER, RECORD, BagError, BagSource, Message, ReadingTask
 

@@ -22,7 +22,7 @@ from typing import Final
 from rerun.experimental import ViewerClient
 
 from btcore.extras import install_command
-from btcore.process_group import NEW_PROCESS_GROUP
+from btcore.signals import NEW_PROCESS_GROUP
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.time_limits import VIEWER_START_TIMEOUT_S
 

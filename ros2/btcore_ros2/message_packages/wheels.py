@@ -26,7 +26,7 @@ from typing import Final
 
 from btcore.extras import install_command
 from btcore.output_files import write_file
-from btcore.process_group import NEW_PROCESS_GROUP
+from btcore.signals import NEW_PROCESS_GROUP
 from btcore_ros2.errors import RosError
 from btcore_ros2.message_packages.definitions import KINDS, MessagePackage
 

@@ -19,7 +19,7 @@ from anyio.abc import ByteReceiveStream, Process
 from btcore import bundled_trees
 from btcore.entry_points import LIMIT_VARIABLE
 from btcore.input_files import SIZE_VARIABLE
-from btcore.process_group import NEW_PROCESS_GROUP
+from btcore.signals import NEW_PROCESS_GROUP
 from btcore_studio.agents import limited_command
 from btcore_studio.agents.served_folder import RefusedError, ServedFolder
 
