@@ -11,7 +11,7 @@ from typing import Self
 from btcore.exit_codes import code_of_signal
 
 NEW_PROCESS_GROUP = 0
-"""The argument `creationflags` of `subprocess.Popen` with which Ctrl-C on Windows leaves a child process alone.
+"""The argument `creationflags` of `subprocess.Popen` that protects a child process from Ctrl-C on Windows.
 
 Elsewhere the argument `start_new_session` has this effect, which Windows ignores.
 """

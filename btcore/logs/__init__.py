@@ -1,4 +1,4 @@
-"""Logs of a running tree: log files of BehaviorTree.CPP's tools, traces, console output and statistics.
+"""Logs of a running tree: log files of BehaviorTree.CPP's tools, console output and statistics.
 
 `with BtLog(tree, "run.btlog"): …` writes a log, `read_log("run.btlog")` reads it.
 """
@@ -10,9 +10,8 @@ from btcore.logs.formats import open_log, read_log
 from btcore.logs.log import Log
 from btcore.logs.recording import Gap, LoggedTransition, RecordedNode, Recording
 from btcore.logs.statistics import NodeStatistics, TreeObserver
-from btcore.logs.trace import TraceLog
 
 __all__ = [
     "BtLog", "ConsoleLog", "Gap", "Log", "LogError", "LoggedTransition", "NodeStatistics", "RecordedNode",
-    "Recording", "TraceLog", "TreeObserver", "open_log", "read_btlog", "read_log",
+    "Recording", "TreeObserver", "open_log", "read_btlog", "read_log",
 ]  # fmt: skip

@@ -11,7 +11,6 @@ from btcore.logs.console import ConsoleLog
 from btcore.logs.files import LogError
 from btcore.logs.log import Log
 from btcore.logs.recording import Recording
-from btcore.logs.trace import TraceLog
 from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.tree.tree import Tree
 
@@ -32,7 +31,7 @@ class LogFormat(NamedTuple):
     read_session: Callable[[Path, int], Recording] | None = None
 
 
-FORMATS: Final = {".btlog": LogFormat(BtLog, read_btlog), ".json": LogFormat(TraceLog, None)}
+FORMATS: Final = {".btlog": LogFormat(BtLog, read_btlog)}
 """The formats of the core, by extension."""
 
 
@@ -43,8 +42,7 @@ def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
         tree: The tree to log.
         path: The file, whose extension determines the format: `.btlog` (FileLogger2), `.db3` or
             `.btdb` (SqliteLogger; existing sessions are deleted), `.mcap` (a bag of ROS 2), `.json` (trace
-            events for Perfetto).
-            `-` prints to stdout.
+            events for Perfetto). `-` prints to stdout.
 
     Returns:
         The log. Close it to complete the file.

@@ -16,8 +16,8 @@ import pytest
 
 import btcore
 from btcore import NodeExecutionError, Registry, Status, Tree
-from btcore.logs import BtLog, ConsoleLog, Log, LogError, TraceLog, open_log, read_log
-from btcore_monitor.logs import SqliteLog
+from btcore.logs import BtLog, ConsoleLog, Log, LogError, open_log, read_log
+from btcore_monitor.logs import SqliteLog, TraceLog
 
 PROGRAM = """
 import sys
@@ -206,14 +206,14 @@ def test_file_extension_selects_the_log_class(
     [
         (
             "a.btlgo",
-            "a.btlgo: logs that can be written end in .btlog, .json, .btdb, .db3 or .mcap; did you mean "
+            "a.btlgo: logs that can be written end in .btlog, .btdb, .db3, .json or .mcap; did you mean "
             "a.btlog?",
         ),
         (
             "a",
-            "a: logs that can be written end in .btlog, .json, .btdb, .db3 or .mcap; did you mean a.btlog?",
+            "a: logs that can be written end in .btlog, .btdb, .db3, .json or .mcap; did you mean a.btlog?",
         ),
-        ("", ".: logs that can be written end in .btlog, .json, .btdb, .db3 or .mcap; for example run.btlog"),
+        ("", ".: logs that can be written end in .btlog, .btdb, .db3, .json or .mcap; for example run.btlog"),
         ("a.fbl", "a.fbl: btcore reads but does not write .fbl; use a.btlog"),
     ],
 )
