@@ -10,6 +10,7 @@ MOVED_MODULES: Final = {
     "btcore.logs.divergence": "btcore_recorder.divergence",
     "btcore.logs.fbl": "btcore_monitor.logs.fbl",
     "btcore.logs.sqlite": "btcore_monitor.logs.sqlite",
+    "btcore.logs.statistics": "btcore_recorder.tree_observer",
     "btcore.logs.trace": "btcore_monitor.logs.trace",
     "btcore.preview": "btcore_studio.preview",
     "btcore.proof": "btcore_proof",

@@ -1,4 +1,4 @@
-"""Logs of a running tree: log files of BehaviorTree.CPP's tools, console output and statistics.
+"""Logs of a running tree: log files of BehaviorTree.CPP's tools, and console output.
 
 `with BtLog(tree, "run.btlog"): …` writes a log, `read_log("run.btlog")` reads it.
 """
@@ -9,9 +9,8 @@ from btcore.logs.files import LogError
 from btcore.logs.formats import open_log, read_log
 from btcore.logs.log import Log
 from btcore.logs.recording import Gap, LoggedTransition, RecordedNode, Recording
-from btcore.logs.statistics import NodeStatistics, TreeObserver
 
 __all__ = [
-    "BtLog", "ConsoleLog", "Gap", "Log", "LogError", "LoggedTransition", "NodeStatistics", "RecordedNode",
-    "Recording", "TreeObserver", "open_log", "read_btlog", "read_log",
+    "BtLog", "ConsoleLog", "Gap", "Log", "LogError", "LoggedTransition", "RecordedNode",
+    "Recording", "open_log", "read_btlog", "read_log",
 ]  # fmt: skip
