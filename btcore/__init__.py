@@ -99,22 +99,9 @@ _HOMES = {
     "btcore.engine.threaded": ("ThreadedAction",),
     "btcore.engine.transition_records": ("Transitions",),
     "btcore.errors": (
-        "BlackboardError",
-        "BtcoreError",
-        "ConversionError",
-        "Diagnostic",
-        "LiteralProblem",
-        "NodeError",
-        "NodeExecutionError",
-        "OutputError",
-        "PortError",
-        "ProviderError",
-        "RegistrationError",
-        "ScriptError",
-        "SettingsError",
-        "TreeError",
-        "UnknownNodeError",
-        "XmlSyntaxError",
+        "BlackboardError", "BtcoreError", "ConversionError", "Diagnostic", "LiteralProblem", "NodeError",
+        "NodeExecutionError", "OutputError", "PortError", "ProviderError", "RegistrationError",
+        "ScriptError", "SettingsError", "TreeError", "UnknownNodeError", "XmlSyntaxError",
     ),
     "btcore.loading.builder": ("Builder", "blackboard_key"),
     "btcore.loading.load": ("load", "loads", "make", "required_resources"),
@@ -127,17 +114,10 @@ _HOMES = {
     "btcore.runs.settings": ("RunSettings", "Settings"),
     "btcore.script.program": ("compile_script",),
     "btcore.status": (
-        "FAILURE",
-        "IDLE",
-        "RUNNING",
-        "SKIPPED",
-        "SUCCESS",
-        "NodeType",
-        "Status",
-        "Transition",
+        "FAILURE", "IDLE", "RUNNING", "SKIPPED", "SUCCESS", "NodeType", "Status", "Transition",
     ),
     "btcore.tree.tree": ("Subtree", "Tree"),
-}
+}  # fmt: skip
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [*_MODULE_OF, "builds", "values"]

@@ -9,28 +9,11 @@ from btcore.escaping import escape_controls
 from btcore.suggestions import suggestion
 
 FixOperation = Literal[
-    "add_children",
-    "call_tree",
-    "close_tag",
-    "connect",
-    "create_entry",
-    "create_tree",
-    "declare_node",
-    "end_tag",
-    "escape",
-    "insert_text",
-    "name_tree",
-    "remove",
-    "remove_children",
-    "rename",
-    "rename_attribute",
-    "rename_element",
-    "replace_text",
-    "set_attributes",
-    "set_format",
-    "set_value",
+    "add_children", "call_tree", "close_tag", "connect", "create_entry", "create_tree", "declare_node",
+    "end_tag", "escape", "insert_text", "name_tree", "remove", "remove_children", "rename",
+    "rename_attribute", "rename_element", "replace_text", "set_attributes", "set_format", "set_value",
     "wrap_children",
-]
+]  # fmt: skip
 """The operations of `Fix`; btcore/xml/edit/fixes.py describes each of them."""
 
 

@@ -3,31 +3,18 @@
 from typing import Final
 
 # Any package may import this module, also the parts of other packages that do not need the engine.
-EXTRA_OF: Final = {
-    "PIL": "monitor",
-    "anyio": "mcp",
-    "cv2": "robot",
-    "dask": "sweep",
-    "distributed": "sweep",
-    "flatbuffers": "monitor",
-    "lsprotocol": "lsp",
-    "matplotlib": "bench",
-    "mcp": "mcp",
-    "msgpack": "monitor",
-    "numpy": "robot",  # and others
-    "py_trees": "bench",
-    "pyarrow": "sweep",
-    "pybullet": "sim",
-    "pygls": "lsp",
-    "rclpy": "ros2",
-    "rerun": "monitor",
-    "resvg_py": "mcp",
-    "rosbags": "bags",
-    "scipy": "robot",
-    "skimage": "robot",
-    "yaml": "robot",
-    "zmq": "monitor",
+_MODULES: Final = {
+    "bags": ("rosbags",),
+    "bench": ("matplotlib", "py_trees"),
+    "lsp": ("lsprotocol", "pygls"),
+    "mcp": ("anyio", "mcp", "resvg_py"),
+    "monitor": ("PIL", "flatbuffers", "msgpack", "rerun", "zmq"),
+    "robot": ("cv2", "numpy", "scipy", "skimage", "yaml"),  # numpy is in others, too
+    "ros2": ("rclpy",),
+    "sim": ("pybullet",),
+    "sweep": ("dask", "distributed", "pyarrow"),
 }
+EXTRA_OF: Final = {module: extra for extra, modules in _MODULES.items() for module in modules}
 """The extra that installs a module."""
 
 

@@ -1,4 +1,4 @@
-"""Handlers of the signals that end a process: Ctrl-C, SIGTERM and SIGHUP (the terminal was closed)."""
+"""The signals that end a process: Ctrl-C, SIGTERM and SIGHUP (the terminal was closed)."""
 
 import signal
 import sys

@@ -47,7 +47,6 @@ TIERS = (
         "suggestions",
         "typed_data",
         "builds",
-        "flatbuffer",
         "input_files",
         "json_text",
         "output_files",
@@ -184,6 +183,7 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
         "btcore_monitor.commands.hook",
         "btcore_monitor.commands.monitor",
         "btcore_monitor.log_writer",
+        "btcore_monitor.logs",
         "btcore_monitor.commands.record",
         "btcore_monitor.commands.replay",
     )
@@ -193,7 +193,6 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
         "btcore.escaping",
         "btcore.exit_codes",
         "btcore.extras",
-        "btcore.flatbuffer",
         "btcore.output_files",
         "btcore.signals",
         "btcore.suggestions",
@@ -205,6 +204,10 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
         assert third_party_imports(module) == set()
         assert all(tier(name) == 0 for name in imports(module) if inside(name, "btcore"))
     assert [one for dependency in ROBOT_PACKAGES for one in violations("btcore_monitor", dependency)] == []
+
+
+def test_log_formats_of_the_monitor_need_no_extra() -> None:
+    assert third_party_imports("btcore_monitor.logs") <= {"lxml", "mypy_extensions"}
 
 
 def test_scene_messages_need_only_the_standard_library() -> None:

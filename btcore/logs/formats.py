@@ -3,46 +3,36 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 from btcore import entry_points
 from btcore.logs.btlog import BtLog, read_btlog
 from btcore.logs.console import ConsoleLog
-from btcore.logs.fbl import read_fbl
 from btcore.logs.files import LogError
 from btcore.logs.log import Log
 from btcore.logs.recording import Recording
-from btcore.logs.sqlite import EXTENSIONS, SqliteLog, read_sqlite
-from btcore.logs.trace import TraceLog
 from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.tree.tree import Tree
-
-T = TypeVar("T")
-
-WRITERS: Final[dict[str, Callable[[Tree, Path], Log]]] = {
-    ".btlog": BtLog,
-    ".db3": SqliteLog,
-    ".btdb": SqliteLog,
-    ".json": TraceLog,
-}
-"""The logs that btcore writes, by extension."""
-
-READERS: Final[dict[str, Callable[[Path], Recording]]] = {
-    ".btlog": read_btlog,
-    ".db3": read_sqlite,
-    ".btdb": read_sqlite,
-    ".fbl": read_fbl,
-}
-"""The functions that read logs, by extension."""
 
 CONSOLE: Final = "-"
 
 
 class LogFormat(NamedTuple):
-    """A format of another package: an entry point of the group `btcore.logs`, named after the extension."""
+    """A format of log files: an entry point of the group `btcore.logs`, named after the extension.
 
-    write: Callable[[Tree, Path], Log]
-    read: Callable[[Path], Recording]
+    Attributes:
+        write: Starts a log of a tree, or None if btcore only reads the format.
+        read: Reads a log, or None if btcore only writes the format.
+        read_session: Reads the session with a number (`FILE.db3#2`), if a file may have several sessions.
+    """
+
+    write: Callable[[Tree, Path], Log] | None
+    read: Callable[[Path], Recording] | None
+    read_session: Callable[[Path, int], Recording] | None = None
+
+
+FORMATS: Final = {".btlog": LogFormat(BtLog, read_btlog)}
+"""The formats of the core, by extension."""
 
 
 def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
@@ -52,8 +42,7 @@ def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
         tree: The tree to log.
         path: The file, whose extension determines the format: `.btlog` (FileLogger2), `.db3` or
             `.btdb` (SqliteLogger; existing sessions are deleted), `.mcap` (a bag of ROS 2), `.json` (trace
-            events for Perfetto).
-            `-` prints to stdout.
+            events for Perfetto). `-` prints to stdout.
 
     Returns:
         The log. Close it to complete the file.
@@ -73,10 +62,13 @@ def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
     if path == CONSOLE:
         return ConsoleLog(tree)
     file = Path(path)
-    if file.suffix == ".fbl":
-        hint = file.with_suffix(".btlog")
-        raise LogError(f"{file}: btcore reads but does not write .fbl, a log of format 3; use {hint.name}")
-    return _by_extension(file, WRITERS, "write", "written")(tree, file)
+    format = _find(file, file.suffix)
+    if format is None:
+        raise _unknown(file, "write", "written")
+    if format.write is None:
+        hint = file.with_suffix(".btlog").name
+        raise LogError(f"{file}: btcore reads but does not write {file.suffix}; use {hint}")
+    return format.write(tree, file)
 
 
 def read_log(path: str | os.PathLike[str]) -> Recording:
@@ -106,20 +98,29 @@ def read_log(path: str | os.PathLike[str]) -> Recording:
     """
     file = Path(path)
     name, mark, number = file.name.rpartition("#")
-    if mark and number.isdecimal() and Path(name).suffix in EXTENSIONS and not file.exists():
-        return read_sqlite(file.with_name(name), int(number))
-    return _by_extension(file, READERS, "read", "read")(file)
+    if mark and number.isdecimal() and not file.exists():
+        format = _find(file, Path(name).suffix)
+        if format is not None and format.read_session is not None:
+            return format.read_session(file.with_name(name), int(number))
+    format = _find(file, file.suffix)
+    if format is None or format.read is None:
+        raise _unknown(file, "read", "read")
+    return format.read(file)
 
 
-def _by_extension(path: Path, choices: dict[str, T], field: str, what: str) -> T:
-    if path.suffix not in choices:
-        formats, unavailable = entry_points.load(entry_points.LOGS_GROUP)
-        choices = choices | {f".{each.name}": getattr(each.value, field) for each in formats}
-        for each in unavailable:
-            if path.suffix == f".{each.name}":
-                raise LogError(f"{path}: the format {path.suffix} cannot be loaded: {each.remedy}")
-    if path.suffix in choices:
-        return choices[path.suffix]
-    guess = nearest_name(path.suffix, choices) or next(iter(choices))
+def _find(path: Path, extension: str) -> LogFormat | None:
+    if extension in FORMATS:
+        return FORMATS[extension]
+    found, unavailable = entry_points.load(entry_points.LOGS_GROUP, extension.removeprefix("."))
+    for each in unavailable:
+        raise LogError(f"{path}: the format {extension} cannot be loaded: {each.remedy}")
+    return found[0].value if found else None
+
+
+def _unknown(path: Path, field: str, what: str) -> LogError:
+    installed, _ = entry_points.load(entry_points.LOGS_GROUP)
+    formats = FORMATS | {f".{each.name}": each.value for each in installed}
+    choices = [extension for extension, format in formats.items() if getattr(format, field) is not None]
+    guess = nearest_name(path.suffix, choices) or choices[0]
     hint = suggestion(path.with_suffix(guess)) if path.name else f"for example run{guess}"
-    raise LogError(f"{path}: logs that can be {what} end in {join_names(choices, 'or')}; {hint}")
+    return LogError(f"{path}: logs that can be {what} end in {join_names(choices, 'or')}; {hint}")

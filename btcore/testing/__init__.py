@@ -33,32 +33,12 @@ if TYPE_CHECKING:
     from btcore.testing.strategies import blackboards, outcomes, trees, xml_documents
 
 __all__ = [
-    "Coverage",
-    "Harness",
-    "MockAction",
-    "MockCondition",
-    "MockLeafError",
-    "Outcomes",
-    "StatusChange",
-    "SubstitutionError",
-    "TestNode",
-    "TestNodeConfig",
-    "Trace",
-    "TraceStep",
-    "assert_ended",
-    "assert_halted",
-    "assert_never_ran",
-    "assert_never_running_together",
-    "assert_order",
-    "assert_ran",
-    "assert_results",
-    "blackboards",
-    "load_substitution_rules",
-    "outcomes",
-    "trees",
-    "with_mock_leaves",
+    "Coverage", "Harness", "MockAction", "MockCondition", "MockLeafError", "Outcomes", "StatusChange",
+    "SubstitutionError", "TestNode", "TestNodeConfig", "Trace", "TraceStep", "assert_ended",
+    "assert_halted", "assert_never_ran", "assert_never_running_together", "assert_order", "assert_ran",
+    "assert_results", "blackboards", "load_substitution_rules", "outcomes", "trees", "with_mock_leaves",
     "xml_documents",
-]
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> object:

@@ -13,8 +13,6 @@ from typing import Final
 from btcore.clock import NS_PER_US
 from btcore.logs.btlog import EXTENSION as BTLOG
 from btcore.logs.btlog import BtLogWriter
-from btcore.logs.sqlite import EXTENSIONS as SQLITE
-from btcore.logs.sqlite import GAP_PREFIX, SqliteWriter
 from btcore.output_files import numbered_file
 from btcore.status import Status
 from btcore_bags.log import EXTENSION as BAG
@@ -27,6 +25,8 @@ from btcore_monitor.events import (
     TransitionEvent,
     TreeEvent,
 )
+from btcore_monitor.logs.sqlite import EXTENSIONS as SQLITE
+from btcore_monitor.logs.sqlite import GAP_PREFIX, SqliteWriter
 from btcore_monitor.wire.fulltree import write_fulltree
 
 LOGS: Final = (BTLOG, *SQLITE, BAG)

@@ -9,13 +9,12 @@ import pytest
 from btcore.errors import XmlSyntaxError
 from btcore.input_files import parse_size, read_error, read_file, real_path
 from btcore.logs.btlog import read_btlog
-from btcore.logs.fbl import read_fbl
 from btcore.logs.files import LogError
-from btcore.logs.sqlite import read_sqlite
 from btcore.registry.registry import Registry
 from btcore.testing.substitution_rules import load_substitution_rules
 from btcore.xml.models.model_file import add_models
 from btcore.xml.read.read import parse_file
+from btcore_monitor.logs import read_fbl, read_sqlite
 
 IRREGULAR = {
     "pipe": "it is a named pipe, not a regular file",

@@ -228,8 +228,8 @@ def test_the_index_lists_the_names_of_the_engine() -> None:
 
 # The modules of which every class and function has an example, apart from exception classes …
 WITH_EXAMPLES = ("btcore.", "btcore_batch", "btcore_proof", "btcore_recorder",
-                 "btcore_monitor.breakpoints", "btcore_monitor.events", "btcore_monitor.serve",
-                 "btcore_monitor.watch")  # fmt: skip
+                 "btcore_monitor.breakpoints", "btcore_monitor.events", "btcore_monitor.logs",
+                 "btcore_monitor.serve", "btcore_monitor.watch")  # fmt: skip
 # … and these, which another example shows.
 SHOWN_BY = {
     "btcore.Direction": "btcore.Port",
@@ -249,18 +249,16 @@ SHOWN_BY = {
     "btcore.loading.json_export.import_tree": "btcore.loading.json_export.export_tree",
     "btcore.logs.Log": "btcore.logs.BtLog",
     "btcore.logs.LoggedTransition": "btcore.logs.read_log",
-    "btcore.logs.NodeStatistics": "btcore.logs.TreeObserver",
     "btcore.logs.RecordedNode": "btcore.logs.read_log",
     "btcore.logs.Recording": "btcore.logs.read_log",
-    "btcore.logs.Session": "btcore.logs.SqliteLog",
     "btcore.logs.read_btlog": "btcore.logs.read_log",
-    "btcore.logs.sessions": "btcore.logs.SqliteLog",
     "btcore_proof.Answer": "btcore_proof.prove",
     "btcore_proof.Counterexample": "btcore_proof.prove",
     "btcore_proof.LeafTick": "btcore_proof.prove",
     "btcore_proof.Report": "btcore_proof.prove",
     "btcore_proof.RunTick": "btcore_proof.prove",
     "btcore_recorder.Divergence": "btcore_recorder.find_divergence",
+    "btcore_recorder.NodeStatistics": "btcore_recorder.TreeObserver",
     "btcore_recorder.RecordedStatistics": "btcore_recorder.recorded_statistics",
     "btcore_recorder.Step": "btcore_recorder.find_divergence",
     "btcore_recorder.steps": "btcore_recorder.find_divergence",
@@ -279,6 +277,8 @@ SHOWN_BY = {
     "btcore_monitor.breakpoints.RequestedHook": "btcore_monitor.breakpoints.BreakpointClient",
     "btcore_monitor.events.ObservedNode": "btcore_monitor.events.ObservedTree",
     "btcore_monitor.events.TreeEvent": "btcore_monitor.watch.feed.Feed",
+    "btcore_monitor.logs.Session": "btcore_monitor.logs.SqliteLog",
+    "btcore_monitor.logs.sessions": "btcore_monitor.logs.SqliteLog",
     "btcore_monitor.serve.Publisher": "btcore_monitor.serve.serve",
 }
 # … or these, for other reasons.
@@ -289,7 +289,7 @@ WITHOUT = {
     "btcore_batch.BatchNode": "a tree creates its nodes",
     "btcore.builds.compiled_modules": "raises an exception without the compiled build",
     "btcore.logs.Gap": "part of a damaged file",
-    "btcore.logs.read_fbl": "no code of the project writes files of format 3's logger",
+    "btcore_monitor.logs.read_fbl": "no code of the project writes files of format 3's logger",
     "btcore.program_runner.CommandRun": PROGRAM,
     "btcore.field_options.FiniteRange": PROGRAM,
     "btcore.program_runner.TreelessProgram": PROGRAM,

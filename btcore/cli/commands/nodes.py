@@ -83,7 +83,6 @@ def _format_port(port: Port) -> Text:
 
 
 def _to_json_data(manifest: Manifest) -> dict[str, object]:
-    """Return *manifest* as JSON data."""
     return {
         "type": manifest.type.name,
         "ports": {

@@ -170,7 +170,6 @@ def _print(
 
 
 def _to_json_data(diagnostics: Iterable[Diagnostic]) -> list[dict[str, object]]:
-    """Return *diagnostics* as JSON data."""
     makers: dict[str, FixMaker] = {}
     data: list[dict[str, object]] = []
     for diagnostic in diagnostics:

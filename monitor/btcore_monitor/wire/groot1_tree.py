@@ -11,9 +11,9 @@ observed node gets its position in the tree as uid, as in Groot 1.
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from btcore.flatbuffer import FlatbufferError, Table
 from btcore_monitor.events import NODE_TYPES, ObservedNode, ObservedTree, infer_node_type
 from btcore_monitor.wire.errors import ProtocolError, describe_bytes
+from btcore_monitor.wire.flatbuffer import FlatbufferError, Table
 
 if TYPE_CHECKING:
     from flatbuffers import Builder

@@ -113,7 +113,7 @@ def greet(who: In[str], random: Random) -> bool:
         ["validate", "tree.xml"],
         ["show", "tree.xml"],
         ["run", "tree.xml", "--fast"],
-        ["run", "tree.xml", "--fast", "--set", "x=3", "--log", "b.db3", "--json"],
+        ["run", "tree.xml", "--fast", "--set", "x=3", "--log", "b.btlog", "--json"],
         ["run", "greeting.xml", "--plugin", "greeting.py"],
     ],
     ids=" ".join,
@@ -126,6 +126,11 @@ def test_command_without_a_robot_imports_btcore_and_its_own_package_alone(comman
     )
     own = {"btcore_drawing"} if "show" in command else set()
     assert imported_by(*command) - {"btcore_plugin_greeting"} == own
+
+
+@pytest.mark.usefixtures("folder")
+def test_log_format_imports_its_package_alone() -> None:
+    assert imported_by("run", "tree.xml", "--fast", "--log", "b.db3") == {"btcore_monitor"}
 
 
 BEFORE_THE_FIRST_TICK = """

@@ -15,13 +15,13 @@ from btcore.engine.signature import _MAY_BE_HIDDEN
 from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs.btlog import BtLog, read_btlog
 from btcore.logs.console import ConsoleLog
-from btcore.logs.statistics import TreeObserver
-from btcore.logs.trace import TraceLog
 from btcore.nodes.entry_updates import SkipUnlessUpdated
 from btcore.nodes.loop import LoopInt
 from btcore.nodes.timing import Delay, Sleep, Timeout
 from btcore.testing.coverage import Coverage
 from btcore.testing.trace import Trace, format_trace
+from btcore_monitor.logs import TraceLog
+from btcore_recorder import TreeObserver
 
 DOCUMENT = """<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main"><Together>
   <Wait msec="20"/>  <Later delay_msec="15"><Check/></Later>  <Limit msec="30"><Work/></Limit>

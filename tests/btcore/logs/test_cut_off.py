@@ -8,9 +8,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from btcore import Status, Tree
-from btcore.logs import BtLog, LogError, LoggedTransition, SqliteLog, read_btlog, read_log, read_sqlite
+from btcore.logs import BtLog, LogError, LoggedTransition, read_btlog, read_log
 from btcore.logs.btlog import BtLogWriter
-from btcore.logs.sqlite import SqliteWriter
+from btcore_monitor.logs import SqliteLog, read_sqlite
+from btcore_monitor.logs.sqlite import SqliteWriter
 
 NODES = 6
 RECORD = 9

@@ -16,7 +16,8 @@ import pytest
 
 import btcore
 from btcore import NodeExecutionError, Registry, Status, Tree
-from btcore.logs import BtLog, ConsoleLog, Log, LogError, SqliteLog, TraceLog, open_log, read_log
+from btcore.logs import BtLog, ConsoleLog, Log, LogError, open_log, read_log
+from btcore_monitor.logs import SqliteLog, TraceLog
 
 PROGRAM = """
 import sys
@@ -59,13 +60,12 @@ FORMAT = LogFormat(
 
 def run_and_kill(path: Path, last_words: str) -> str:
     """Run PROGRAM with its log in *path* until it prints *last_words*, kill it, and return its output."""
-    source = str(Path(btcore.__file__).parent.parent)
     process = subprocess.Popen(
         [sys.executable, "-c", PROGRAM, str(path)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": source, "PYTHONDONTWRITEBYTECODE": "1"},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONDONTWRITEBYTECODE": "1"},
     )
     with process:
         assert process.stdin is not None
@@ -206,15 +206,15 @@ def test_file_extension_selects_the_log_class(
     [
         (
             "a.btlgo",
-            "a.btlgo: logs that can be written end in .btlog, .db3, .btdb, .json or .mcap; did you mean "
+            "a.btlgo: logs that can be written end in .btlog, .btdb, .db3, .json or .mcap; did you mean "
             "a.btlog?",
         ),
         (
             "a",
-            "a: logs that can be written end in .btlog, .db3, .btdb, .json or .mcap; did you mean a.btlog?",
+            "a: logs that can be written end in .btlog, .btdb, .db3, .json or .mcap; did you mean a.btlog?",
         ),
-        ("", ".: logs that can be written end in .btlog, .db3, .btdb, .json or .mcap; for example run.btlog"),
-        ("a.fbl", "a.fbl: btcore reads but does not write .fbl, a log of format 3; use a.btlog"),
+        ("", ".: logs that can be written end in .btlog, .btdb, .db3, .json or .mcap; for example run.btlog"),
+        ("a.fbl", "a.fbl: btcore reads but does not write .fbl; use a.btlog"),
     ],
 )
 def test_unknown_file_extension_is_refused(small: Callable[..., Tree], name: str, message: str) -> None:
@@ -296,7 +296,7 @@ def test_missing_log_is_reported(tmp_path: Path, name: str) -> None:
 
 def test_reading_a_trace_as_a_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        LogError, match=r"logs that can be read end in \.btlog, \.db3, \.btdb, \.fbl or \.mcap"
+        LogError, match=r"logs that can be read end in \.btlog, \.btdb, \.db3, \.fbl or \.mcap"
     ):
         read_log(tmp_path / "run.json")
 

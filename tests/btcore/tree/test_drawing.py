@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from btcore import SimClock, Status, Tree, loads
+from btcore.testing import Trace
 from btcore.tree.drawing import shows_colours
 
 XML = """<root BTCPP_format="4" main_tree_to_execute="Main">
@@ -96,9 +97,7 @@ def test_last_results_of_many_children_are_shown(observed: bool) -> None:
     tree = loads(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{element}</BehaviorTree></root>')
     if observed:
         tree.count_ticks()
-        from btcore.logs import TreeObserver
-
-        TreeObserver(tree)
+        Trace(tree)
     tree.tick_once()
     assert str(tree).count("AlwaysSuccess  (✔ SUCCESS)") == 40
 

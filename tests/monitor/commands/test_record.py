@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import btcore
 from btcore.cli.main import main
 from btcore.loading.tree_xml import tree_to_xml
-from btcore.logs import BtLog, read_btlog, read_log, read_sqlite
+from btcore.logs import BtLog, read_btlog, read_log
 from btcore.logs.recording import parse_nodes
 from btcore_monitor.events import (
     ConnectionEvent,
@@ -26,6 +26,7 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.log_writer import LogWriter
+from btcore_monitor.logs import read_sqlite
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.groot2_client import Groot2Client

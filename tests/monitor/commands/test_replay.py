@@ -11,9 +11,10 @@ from click.testing import CliRunner, Result
 from rerun.chunk import RrdReader
 
 from btcore.cli.main import main
-from btcore.logs import read_fbl, read_log
+from btcore.logs import read_log
 from btcore_monitor.commands.replay import events, observed_tree
 from btcore_monitor.events import MissingDataEvent, TransitionEvent, TreeEvent
+from btcore_monitor.logs import read_fbl
 from btcore_monitor.wire.fulltree import read_fulltree
 
 CAPTURES = Path(__file__).parents[2] / "btcore" / "logs" / "captures"

@@ -1,5 +1,5 @@
-"""The fixtures of the tests of logs: recorded files, and a small tree."""
+"""The fixtures of the tests of logs: recorded files and their tree, and a small tree."""
 
-from tests.btcore.logs.conftest import captures, small
+from tests.btcore.logs.conftest import captures, sample, small
 
-__all__ = ["captures", "small"]
+__all__ = ["captures", "sample", "small"]

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from btcore import Status
-from btcore.logs import read_btlog, read_fbl, read_sqlite
+from btcore.logs import read_btlog
+from btcore_monitor.logs import read_fbl, read_sqlite
 from btcore_recorder import Divergence, Step, find_divergence, steps
 
 IDLE, RUNNING, SUCCESS, FAILURE, _ = Status

@@ -4,8 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from btcore import NodeType, SimClock, Status, Tree
-from btcore.logs import BtLog, LoggedTransition, RecordedNode, Recording, TreeObserver, read_btlog, read_fbl
-from btcore_recorder import RecordedStatistics, recorded_statistics
+from btcore.logs import BtLog, LoggedTransition, RecordedNode, Recording, read_btlog
+from btcore_monitor.logs import read_fbl
+from btcore_recorder import RecordedStatistics, TreeObserver, recorded_statistics
 
 SECOND = 10**9
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = Status

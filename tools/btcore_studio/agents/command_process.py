@@ -34,7 +34,7 @@ PROCESSES: Final = 2
 MAX_WAITING: Final = 20
 """The number of commands that may wait."""
 SIMULATION: Final = (
-    *("mcap", "nav2", "prove", "robot_nodes", "stats", "sweep"),
+    *("btdb", "db3", "fbl", "json", "mcap", "nav2", "prove", "robot_nodes", "stats", "sweep"),
     *("simulator", "world_map", "world_places", "map_file", "waypoints"),
     *("navigation", "navigator", "navigation_servers", "exploration", "exploring_navigator"),
     *("head_tracker", "object_locator"),

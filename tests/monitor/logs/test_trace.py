@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import btcore
 from btcore import NodeExecutionError, Registry, SimClock, Status, Transition, Tree
-from btcore.logs import TraceLog
 from btcore.testing.strategies import xml_documents
+from btcore_monitor.logs import TraceLog
 from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 NODES = conformance_registry()

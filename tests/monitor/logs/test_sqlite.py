@@ -10,7 +10,8 @@ import pytest
 
 from btcore import SimClock, Status, Transition, Tree
 from btcore.loading.tree_xml import tree_to_xml
-from btcore.logs import LogError, Session, SqliteLog, read_btlog, read_log, read_sqlite, sessions
+from btcore.logs import LogError, read_btlog, read_log
+from btcore_monitor.logs import Session, SqliteLog, read_sqlite, sessions
 
 
 def rows(path: Path, query: str) -> list[Any]:

@@ -18,6 +18,7 @@ from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
 from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs.files import LogError, ensure_writable, expect_extension, read_bytes
+from btcore.logs.formats import LogFormat
 from btcore.logs.log import Log
 from btcore.logs.recording import STATUSES, Gap, RecordedNode, Recording, TransitionCollector, parse_nodes
 from btcore.status import IDLE, RUNNING, Status, Transition
@@ -192,7 +193,7 @@ class SqliteLog(Log):
 
     Examples:
         >>> import btcore
-        >>> from btcore.logs import SqliteLog, sessions
+        >>> from btcore_monitor.logs import SqliteLog, sessions
         >>> b = btcore.Builder()
         >>> tree = b.build(b.AlwaysSuccess())
         >>> with SqliteLog(tree, "runs.db3"):
@@ -301,7 +302,7 @@ def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Rec
 
     Examples:
         >>> import btcore
-        >>> from btcore.logs import SqliteLog, read_sqlite
+        >>> from btcore_monitor.logs import SqliteLog, read_sqlite
         >>> b = btcore.Builder()
         >>> tree = b.build(b.AlwaysSuccess(name="door"))
         >>> with SqliteLog(tree, "runs.db3"):
@@ -424,3 +425,6 @@ def _complete_pages(path: Path, head: bytes) -> bytes:
     # 1 is the legacy journal mode: a database in memory cannot have a write-ahead log.
     database[_AT_VERSIONS : _AT_VERSIONS + 2] = b"\1\1"
     return bytes(database)
+
+
+FORMAT: Final = LogFormat(SqliteLog, read_sqlite, read_sqlite)

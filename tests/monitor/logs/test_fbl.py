@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from btcore import NodeType, Status
-from btcore.logs import LogError, read_fbl
+from btcore.logs import LogError
+from btcore_monitor.logs import read_fbl
 
 # The transitions of the recorded session: (seconds, µs, uid, previous, status).
 LISTED = [

@@ -6,8 +6,6 @@ and for a small buffer that refers to the same bytes so often that reading it wo
 A table starts with the distance to its vtable. The vtable lists the offset of each field from the table's
 start; 0 = the field is absent. A field that is a string, a vector or a table holds the distance to its
 content. All numbers are little endian (https://flatbuffers.dev/internals).
-
-The client side of btcore_monitor imports this module, so it imports the standard library only.
 """
 
 import struct

@@ -11,10 +11,11 @@ import struct
 from pathlib import Path
 from typing import Final
 
-from btcore.flatbuffer import FlatbufferError, Table
 from btcore.logs.files import LogError, read_bytes
+from btcore.logs.formats import LogFormat
 from btcore.logs.recording import STATUSES, LoggedTransition, RecordedNode, Recording, truncation_message
 from btcore.status import NodeType
+from btcore_monitor.wire.flatbuffer import FlatbufferError, Table
 
 EXTENSION: Final = ".fbl"
 
@@ -84,3 +85,6 @@ def _nodes(tree: Table) -> dict[int, RecordedNode]:
         ports = {port.text(_PORT_NAME): port.text(_PORT_TEXT) for port in table.tables(_NODE_PORTS)}
         nodes[uid] = RecordedNode(uid, name, id, kind, path, children, ports)
     return nodes
+
+
+FORMAT: Final = LogFormat(None, read_fbl)

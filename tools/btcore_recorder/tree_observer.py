@@ -47,7 +47,7 @@ class TreeObserver(AttachedObserver):
 
     Examples:
         >>> import btcore
-        >>> from btcore.logs import TreeObserver
+        >>> from btcore_recorder import TreeObserver
         >>> b = btcore.Builder()
         >>> tree = b.build(b.AlwaysSuccess(name="door"))
         >>> with TreeObserver(tree) as observer:

@@ -5,8 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from btcore import BtcoreError, Registry, SimClock, Status, SyncAction, Tree
-from btcore.logs import TreeObserver
-from btcore.logs.statistics import NodeStatistics
+from btcore_recorder import NodeStatistics, TreeObserver
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = Status
 

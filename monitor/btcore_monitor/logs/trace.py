@@ -11,6 +11,7 @@ from typing import Final
 
 from btcore.clock import NS_PER_US
 from btcore.logs.files import create, write_whole
+from btcore.logs.formats import LogFormat
 from btcore.logs.log import Log
 from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status, Transition
 from btcore.tree.tree import Tree
@@ -38,7 +39,7 @@ class TraceLog(Log):
 
     Examples:
         >>> import btcore
-        >>> from btcore.logs import TraceLog
+        >>> from btcore_monitor.logs import TraceLog
         >>> b = btcore.Builder()
         >>> tree = b.build(b.AlwaysSuccess())
         >>> with TraceLog(tree, "trace.json"):
@@ -179,3 +180,6 @@ class SliceLanes:
 
     def __contains__(self, uid: int) -> bool:
         return uid in self._lane
+
+
+FORMAT: Final = LogFormat(TraceLog, None)
