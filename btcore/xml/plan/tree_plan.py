@@ -5,6 +5,7 @@ The caches of `PlanContext` only save time: without them the plans are the same.
 
 from collections.abc import Iterator, Mapping, Sequence
 from operator import attrgetter
+from typing import TYPE_CHECKING
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Binding, Input, Port, PortRole, braced_key
 from btcore.diagnostic_codes import (
@@ -33,6 +34,9 @@ from btcore.xml.read.dialect import (
     Dialect,
 )
 from btcore.xml.read.element import Element, ElementPart
+
+if TYPE_CHECKING:
+    from btcore.xml.plan.hints import UnknownNodeHints
 
 _DEPTH_OF = attrgetter("depth")
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
@@ -245,10 +249,19 @@ class PlanContext:
         # Names of attributes that _select_attributes() kept. Its decision depends only on the name, so it is
         # not called again for these names.
         self.kept_attributes: set[str] = set()
+        self._unknown_node_hints: UnknownNodeHints | None = None
 
     def manifest(self, id: str) -> Manifest | None:
         """Return the manifest of a node, or None if it is unknown in the format of the document."""
         return self.registry.get(id, self.dialect.format)
+
+    def unknown_node_hint(self, id: str) -> Hint:
+        """Return a hint for a node that is not registered."""
+        if self._unknown_node_hints is None:
+            from btcore.xml.plan.hints import UnknownNodeHints  # only errors need it
+
+            self._unknown_node_hints = UnknownNodeHints(self.definitions, self.registry, self.collector)
+        return self._unknown_node_hints.hint(id)
 
 
 class TreePlanner:
