@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from os import PathLike
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
+from typing import Any, Self, TypeVar, Unpack
 
 from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
@@ -29,14 +29,11 @@ from btcore.runs.choice import Choice, GivenSettings
 from btcore.runs.opening import OpenedProviders
 from btcore.runs.providers import EndReason, Provider, Report
 from btcore.runs.settings import RunSettings, Settings
-from btcore.runs.tick_loop import LoopEnd, TickLoop, Until, joint_status
+from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
-
-if TYPE_CHECKING:
-    from btcore.runs.reload import TreeWatcher
 
 T = TypeVar("T")
 
@@ -113,12 +110,9 @@ class Run:
             `RunSettings.fast`.
 
     Attributes:
-        trees: The trees that are ticked; none before the entry.
         settings: The settings by their classes.
         run_settings: The `RunSettings`.
         report: The results that providers have added; complete after the end.
-        status: The status after the last tick. For several trees, RUNNING or FAILURE if one of them has it,
-            otherwise the status of the first.
         error: The exception that a leaf raised, or None.
         elapsed_s: The duration of the ticking by the run's clock (s).
         wall_s: The duration of the ticking in real time (s).
@@ -182,12 +176,9 @@ class Run:
         )
         self._prepare = prepare
         self._stack = ExitStack()
-        self._loop: TickLoop | None = None
+        self._loop = TickLoop(self.run_settings)
         self._signals = EndingSignals()
-        self._is_paused = False
         self._has_exited = False
-        self.trees: list[Tree] = []
-        self.status = Status.IDLE
         self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0
         self.wall_s = 0.0
@@ -227,7 +218,7 @@ class Run:
             opened = self._opened
             opened.choose(self._leaf_types, self._wanted, self._optional)
             opened.open_for_leaves([*self._leaf_types, *self._wanted, *self._optional], stack)
-            self.trees = [self._create_tree(source) for source in self._sources]
+            self._loop.trees = [self._create_tree(source) for source in self._sources]
             if self._prepare is not None:
                 self._prepare(self)
             opened.open_for_tree(stack)
@@ -244,6 +235,11 @@ class Run:
             reason: Why no provider uses them.
         """
         warnings.warn(f"{kind.__name__} have no effect: {reason}", stacklevel=3)
+
+    @property
+    def trees(self) -> list[Tree]:
+        """The trees that are ticked; none before the entry."""
+        return self._loop.trees
 
     @property
     def tree(self) -> Tree:
@@ -301,7 +297,7 @@ class Run:
         until: Until = "done",
         *,
         on_tick: Callable[[Status], None] | None = None,
-        watcher: "TreeWatcher | None" = None,
+        tick: Callable[[TickLoop], LoopEnd] = TickLoop.run,
     ) -> Status:
         """Tick at the rate of the run until the end, halt the trees, and return the status of the last tick.
 
@@ -311,61 +307,25 @@ class Run:
         Args:
             until: The result that ends a tree; the run ends when all trees have ended.
             on_tick: Called with the `status` after every tick.
-            watcher: Replaces the first tree whenever its file is saved. The run does not end when the trees
-                have ended.
+            tick: Runs the loop to its end, and returns the reason. `btcore run --watch` also replaces the
+                tree meanwhile.
 
         Raises:
             NodeExecutionError: A leaf raised an exception; it is also the attribute `error`.
         """
         self._check_open()
-        was_saved = None if watcher is None else watcher.was_saved
-        loop = self._loop = TickLoop(self.trees, self.run_settings, until, on_tick, was_saved)
-        loop.is_paused = self._is_paused
+        loop = self._loop
+        loop.start(until, on_tick)
         began = time.perf_counter()
         try:
             with self._leaf_error_kept():
                 with self._ended_by_signals(loop.stop):
-                    self.report.end_reason = self._tick(loop, watcher)
+                    self.report.end_reason = tick(loop)
                 self._halt()
         finally:
-            self.status = loop.status if self.error is None else Status.IDLE
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
             self.wall_s = time.perf_counter() - began
         return self.status
-
-    def _tick(self, loop: TickLoop, watcher: "TreeWatcher | None") -> LoopEnd:
-        """Tick the trees, and those that replace the first, until the run ends; return the reason.
-
-        With a watcher, the run waits for the next save after the end of the trees, also by an exception of a
-        leaf. The exception is raised at the end of the run, unless another tree has replaced that tree.
-        """
-        if watcher is None:
-            ended = loop.run()
-            assert ended != "saved", "nothing is watched"
-            return ended
-        from btcore.runs.reload import reload_tree  # most runs do not need it
-
-        has_ended = False
-        while True:
-            try:
-                reason = loop.wait_for_save() if has_ended else loop.run()
-            except NodeExecutionError as error:
-                self.error = error
-                watcher.on_error(error)
-                reason = "done"
-            if reason == "saved":
-                tree = reload_tree(watcher, self.tree, self.resources)
-                if tree is not None:
-                    self.replace_tree(tree)
-                    has_ended = False
-            elif reason == "done":
-                has_ended = True
-                self.status = loop.status
-                watcher.on_end()
-            elif self.error is not None:
-                raise self.error
-            else:
-                return reason
 
     @contextmanager
     def _leaf_error_kept(self) -> Iterator[None]:
@@ -413,16 +373,11 @@ class Run:
         Meanwhile a simulated world stands still; real time continues, and counts for the duration. A pause
         also holds for calls of `until_done` that begin later.
         """
-        self._set_paused(True)
+        self._loop.is_paused = True
 
     def resume(self) -> None:
         """End a pause."""
-        self._set_paused(False)
-
-    def _set_paused(self, is_paused: bool) -> None:
-        self._is_paused = is_paused
-        if self._loop is not None:
-            self._loop.is_paused = is_paused
+        self._loop.is_paused = False
 
     def serve(self, serve: Callable[[], None], stop: Callable[[], None]) -> None:
         """Call *serve*, for a program that ticks trees itself, until it returns or a signal ends it.
@@ -437,6 +392,14 @@ class Run:
         with self._ended_by_signals(stop):
             serve()
         self.report.end_reason = "interrupted" if self._signals.number else "done"
+
+    @property
+    def status(self) -> Status:
+        """The status after the last tick; IDLE if a leaf raised an exception.
+
+        For several trees, RUNNING or FAILURE if one of them has it, otherwise the status of the first.
+        """
+        return self._loop.status if self.error is None else Status.IDLE
 
     @property
     def end_reason(self) -> EndReason | None:
@@ -470,22 +433,18 @@ class Run:
         """
         self._check_open()
         with self._leaf_error_kept():
-            for tree in [tree for tree in self.trees if tree.status is Status.RUNNING] or self.trees:
-                tree.tick_once()
-            self.status = joint_status(self.trees)
+            self._loop.step()
         return self.status
 
     @property
     def skipped_ticks(self) -> int:
         """The number of ticks that were skipped because an earlier tick was still in progress."""
-        return 0 if self._loop is None else self._loop.skipped_ticks
+        return self._loop.skipped_ticks
 
     def replace_tree(self, tree: Tree) -> None:
         """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
-        self.trees[0] = tree
         self.error = None
-        if self._loop is not None:
-            self._loop.replace_tree(tree)
+        self._loop.replace_tree(tree)
         self._opened.replace_tree(tree)
 
     # --- closing
