@@ -8,9 +8,8 @@ import click
 from btcore.cli import terminal
 from btcore.cli.provider_options import command_providers, given_options, settings_of
 from btcore.loading.load import LoadArguments
-from btcore.runs.choice import GivenSettings
 from btcore.runs.run import Run, TreelessProgram
-from btcore.runs.settings import Settings
+from btcore.runs.settings import GivenSettings, Settings
 from btcore.suggestions import join_names
 from btcore.xml.plan.plan import Plans
 
@@ -54,15 +53,15 @@ class CommandRun(Run):
         self._ctx = ctx
         self._used = frozenset(used)
 
-    def warn_unused(self, kind: type[Settings], reason: str) -> None:
-        """Print a warning for the options of *kind* that were given, unless the command uses them itself."""
-        if kind in self._used:
+    def warn_unused(self, unused: type[Settings], reason: str) -> None:
+        """Print a warning for the given options of *unused*, unless the command uses them itself."""
+        if unused in self._used:
             return
-        names = [option.opts[0] for option in given_options(self._ctx) if option.struct is kind]
+        names = [option.opts[0] for option in given_options(self._ctx) if option.struct is unused]
         have = "has" if len(names) == 1 else "have"
         terminal.print_warning(f"{join_names(names)} {have} no effect: {reason}")
 
     def handle_closing_errors(self, error: BaseException | None) -> None:
         """Print the errors, which also determine the exit code."""
-        for one in self.closing_errors:
-            terminal.print_error(str(one))
+        for closing_error in self.closing_errors:
+            terminal.print_error(str(closing_error))

@@ -15,9 +15,9 @@ from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, ProviderError
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
+from btcore.runs.choice import Choice, choose, unused_settings
 from btcore.runs.providers import Need, Provider, Report, fits, full_name, is_settings
-from btcore.runs.settings import RunSettings, Settings
+from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.tree.tree import Tree
 
 
@@ -127,7 +127,7 @@ class OpenedProviders:
             Resources: lambda: self.resources,
         }
         self._opened: dict[Provider, OpenedProvider] = {}
-        self.choice = Choice([], {}, {}, {})
+        self.choice = Choice()
         self.resources = Resources()
         self.resources.remedy = "the run does not provide it"
 
@@ -144,9 +144,9 @@ class OpenedProviders:
             problem = self.choice.problems.get(full_name(kind))
             if problem is not None:
                 raise ProviderError("; ".join([problem, *self._unavailable_notes()]))
-            chosen = self.choice.by_type[full_name(kind)]
-            if isinstance(chosen, Provider) and self.choice.follows_tree(chosen):
-                raise ProviderError(_unavailable_to_leaves(chosen))
+            provider = self.choice.providers.get(full_name(kind))
+            if provider is not None and self.choice.follows_tree(provider):
+                raise ProviderError(_unavailable_to_leaves(provider))
 
     def open_for_leaves(self, kinds: Sequence[Any], stack: contextlib.ExitStack) -> None:
         """Open the providers that need no tree, which *stack* closes, and fill the resources.
@@ -187,11 +187,10 @@ class OpenedProviders:
         )
 
     def _find(self, name: str) -> object:
-        chosen = self.choice.by_type.get(name)
-        if not isinstance(chosen, Provider):
-            return chosen
-        opened = self._opened.get(chosen)
-        return None if opened is None else opened.object_for(name)
+        if name in self.choice.objects:
+            return self.choice.objects[name]
+        provider = self.choice.providers.get(name)
+        return self._opened[provider].object_for(name) if provider in self._opened else None
 
     @property
     def clock(self) -> Clock:
@@ -244,10 +243,10 @@ class OpenedProviders:
         unknown = []
         for kind in needed:
             name = full_name(kind)
-            provider, problem = self.choice.by_type.get(name), self.choice.problems.get(name)
-            if isinstance(provider, Provider) and self.choice.follows_tree(provider):
+            provider, problem = self.choice.providers.get(name), self.choice.problems.get(name)
+            if provider is not None and self.choice.follows_tree(provider):
                 yield _unavailable_to_leaves(provider)
-            elif isinstance(provider, Provider) and self._find(name) is None:
+            elif provider is not None and self._find(name) is None:
                 yield f"the provider {provider} has provided None"
             elif problem is not None and self._available.of_type(name):
                 yield problem
@@ -278,8 +277,8 @@ class OpenedProviders:
         name = full_name(need.type)
         found = self._find(name)
         if found is None and not need.is_optional:
-            giver = self.choice.by_type[name]
-            raise ProviderError(f"{provider} needs its '{need.parameter}', but {giver} has provided None")
+            other = self.choice.providers[name]
+            raise ProviderError(f"{provider} needs its '{need.parameter}', but {other} has provided None")
         return found
 
 

@@ -30,6 +30,7 @@ from typing import Any, Final, Literal, NamedTuple, Union, get_args, get_origin,
 
 from btcore.clock import Clock
 from btcore.errors import ProviderError
+from btcore.options import required_option_names
 from btcore.registry.manifest import Resources
 from btcore.runs.settings import Settings
 from btcore.runs.tick_loop import LoopEnd
@@ -92,6 +93,11 @@ class Need(NamedTuple):
     parameter: str
     type: Any
     is_optional: bool
+
+    @property
+    def type_name(self) -> str:
+        """The full name of the type."""
+        return full_name(self.type)
 
 
 class Provider:
@@ -179,10 +185,21 @@ class Provider:
             needs.append(Need(parameter.name, *_without_none(self._hints[parameter.name])))
         return tuple(needs)
 
-    @property
+    @cached_property
+    def object_needs(self) -> list[Need]:
+        """The parameters for objects of other providers or of the program."""
+        return [need for need in self.needs if need.type not in TYPES_OF_RUN and not is_settings(need.type)]
+
+    @cached_property
     def settings(self) -> dict[type[Settings], bool]:
         """The classes of its settings, and whether each is optional."""
         return {need.type: need.is_optional for need in self.needs if is_settings(need.type)}
+
+    @cached_property
+    def required_settings(self) -> list[type[Settings]]:
+        """The classes of its settings that have to be given: they have a field without a default."""
+        needed = [settings for settings, is_optional in self.settings.items() if not is_optional]
+        return [settings for settings in needed if required_option_names(settings)]
 
     @property
     def needs_tree(self) -> bool:

@@ -2,9 +2,9 @@
 
 import time
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from itertools import chain
 from os import PathLike
 from types import TracebackType
 from typing import Any, Self, TypeVar, Unpack
@@ -16,19 +16,23 @@ from btcore.errors import (
     NodeExecutionError,
     OutputError,
     ProviderError,
-    SettingsError,
     TreeError,
 )
 from btcore.exit_codes import ExitCode, code_of_signal
-from btcore.loading.instantiate import instantiate, make_leaf_tree
-from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_argument_names, plan_file
-from btcore.options import check_settings
+from btcore.loading.instantiate import make_leaf_tree
+from btcore.loading.load import (
+    LoadArguments,
+    PausedGarbageCollection,
+    check_argument_names,
+    create_tree,
+    plan_file,
+)
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, GivenSettings
+from btcore.runs.choice import Choice
 from btcore.runs.opening import OpenedProviders
 from btcore.runs.providers import EndReason, Provider, Report
-from btcore.runs.settings import RunSettings, Settings
+from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
@@ -152,36 +156,29 @@ class Run:
             sources = source
         if not sources:
             raise ValueError("there is no run of an empty list: pass a tree or a program")
-        self._sources = [_planned(one, arguments) for one in sources]
+        self._sources = [_planned(planned, arguments) for planned in sources]
         self._load_arguments = arguments
-        self._leaf_types: list[Any] = []
-        for plans in self._sources:
-            types = plans.required_resources() if isinstance(plans, Plans) else []
-            self._leaf_types += (kind for kind in types if kind not in self._leaf_types)
+        plans = [planned for planned in self._sources if isinstance(planned, Plans)]
+        self._leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
         self._wanted: list[Any] = []
         self._optional: list[Any] = []
-        # Those of a command are checked already.
-        if not isinstance(settings, GivenSettings):
-            for kind, count in Counter(map(type, settings)).items():
-                if count > 1:
-                    raise SettingsError(f"{kind.__name__} are given {count} times")
-            settings = GivenSettings(map(check_settings, settings))
-        self.settings = settings
-        self.run_settings = self.settings.find(RunSettings) or RunSettings()
-        available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
-        self.report = Report()
-        clock = arguments.get("clock")
-        self._opened = OpenedProviders(
-            available, settings, list(provided), clock, lambda: self.tree, self.report
-        )
         self._prepare = prepare
-        self._stack = ExitStack()
-        self._loop = TickLoop(self.run_settings)
-        self._signals = EndingSignals()
-        self._has_exited = False
+        # Those of a command are checked already.
+        self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
+        self.run_settings = self.settings.find(RunSettings) or RunSettings()
+        self.report = Report()
         self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0
         self.wall_s = 0.0
+        available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
+        clock = arguments.get("clock")
+        self._opened = OpenedProviders(
+            available, self.settings, list(provided), clock, lambda: self.tree, self.report
+        )
+        self._loop = TickLoop(self.run_settings)
+        self._signals = EndingSignals()
+        self._stack = ExitStack()
+        self._has_exited = False
 
     # --- opening
 
@@ -206,14 +203,13 @@ class Run:
         try:
             self._enter()
         except Exception as error:
-            for one in self.closing_errors:
-                error.add_note(str(one))
+            for closing_error in self.closing_errors:
+                error.add_note(str(closing_error))
             raise
         return self
 
     def _enter(self) -> None:
         with ExitStack() as stack:
-            self._stack = stack
             stack.enter_context(self._signals)
             opened = self._opened
             opened.choose(self._leaf_types, self._wanted, self._optional)
@@ -223,18 +219,18 @@ class Run:
                 self._prepare(self)
             opened.open_for_tree(stack)
             stack.callback(self._halt)
-            for kind, reason in opened.unused_settings().items():
-                self.warn_unused(kind, reason)
+            for unused, reason in opened.unused_settings().items():
+                self.warn_unused(unused, reason)
             self._stack = stack.pop_all()
 
-    def warn_unused(self, kind: type[Settings], reason: str) -> None:
+    def warn_unused(self, unused: type[Settings], reason: str) -> None:
         """Warn that settings were given, but have no effect.
 
         Args:
-            kind: The class of the settings.
+            unused: The class of the settings.
             reason: Why no provider uses them.
         """
-        warnings.warn(f"{kind.__name__} have no effect: {reason}", stacklevel=3)
+        warnings.warn(f"{unused.__name__} have no effect: {reason}", stacklevel=3)
 
     @property
     def trees(self) -> list[Tree]:
@@ -273,18 +269,12 @@ class Run:
         return self._opened.errors
 
     def _create_tree(self, source: Plans | TreelessProgram) -> Tree:
-        arguments = self._load_arguments
         if isinstance(source, TreelessProgram):
             return source.make_tree(self.clock)
+        arguments = self._load_arguments
         try:
             with PausedGarbageCollection():
-                return instantiate(
-                    source,
-                    self.resources,
-                    arguments.get("blackboard"),
-                    self.clock,
-                    arguments.get("tick_limit"),
-                )
+                return create_tree(source, {**arguments, "resources": self.resources, "clock": self.clock})
         except TreeError as error:
             for note in self._opened.missing_notes(self._leaf_types):
                 error.add_note(note)
