@@ -1,13 +1,17 @@
-"""The run of a command: its providers come from the command line, and its problems are printed."""
+"""The run of a command: its settings come from the command line, and its problems are printed."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Unpack
 
 import click
+from click.core import ParameterSource
 
 from btcore.cli import terminal
-from btcore.cli.provider_options import command_providers, given_options, settings_of
+from btcore.cli.provider_options import command_providers
+from btcore.errors import SettingsError
+from btcore.field_options import FieldOption, create_options
 from btcore.loading.load import LoadArguments
+from btcore.options import from_values, required_option_names
 from btcore.runs.run import Run, TreelessProgram
 from btcore.runs.settings import GivenSettings, Settings
 from btcore.suggestions import join_names
@@ -44,7 +48,7 @@ class CommandRun(Run):
     ) -> None:
         super().__init__(
             source,
-            settings=GivenSettings([*settings_of(ctx, option_defaults), *settings]),
+            settings=GivenSettings([*_settings_of(ctx, option_defaults or {}), *settings]),
             provided=provided,
             providers=command_providers(ctx).available,
             prepare=prepare,
@@ -57,7 +61,7 @@ class CommandRun(Run):
         """Print a warning for the given options of *unused*, unless the command uses them itself."""
         if unused in self._used:
             return
-        names = [option.opts[0] for option in given_options(self._ctx) if option.struct is unused]
+        names = [option.opts[0] for option in _given_options(self._ctx) if option.struct is unused]
         have = "has" if len(names) == 1 else "have"
         terminal.print_warning(f"{join_names(names)} {have} no effect: {reason}")
 
@@ -65,3 +69,41 @@ class CommandRun(Run):
         """Print the errors, which also determine the exit code."""
         for closing_error in self.closing_errors:
             terminal.print_error(str(closing_error))
+
+
+def _given_options(ctx: click.Context) -> list[FieldOption]:
+    """Return the options of settings that were given."""
+    not_given = (None, ParameterSource.DEFAULT)
+    return [
+        option
+        for option in ctx.command.get_params(ctx)
+        if isinstance(option, FieldOption)
+        and issubclass(option.struct, Settings)
+        and ctx.get_parameter_source(option.name or "") not in not_given
+    ]
+
+
+def _settings_of(ctx: click.Context, defaults: Mapping[str, Any]) -> list[Settings]:
+    """Return the settings of which an option was given, or has a value in *defaults*.
+
+    Settings that lack a required option are left out, with a warning.
+    """
+    options = _given_options(ctx)
+    values = {**defaults, **{option.name or "": ctx.params[option.name or ""] for option in options}}
+    if defaults:
+        providers = command_providers(ctx).available.all()
+        structs = [struct for provider in providers for struct in provider.settings]
+        options += [item for struct in structs for item in create_options(struct) if item.name in defaults]
+    given: list[Settings] = []
+    for struct in dict.fromkeys(option.struct for option in options):
+        try:
+            settings = from_values(struct, values)
+        except SettingsError as error:
+            raise click.UsageError(str(error)) from error
+        if isinstance(settings, Settings):
+            given.append(settings)
+        else:
+            needed = join_names(required_option_names(struct))
+            names = join_names([option.opts[0] for option in options if option.struct is struct])
+            terminal.print_warning(f"{names}: no effect without {needed}")
+    return given

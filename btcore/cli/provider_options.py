@@ -1,22 +1,19 @@
-"""The options of providers: which commands have them, and how they become settings."""
+"""The options of providers, and the commands that have them."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import click
-from click.core import ParameterSource
 
 from btcore import entry_points
-from btcore.cli import terminal
-from btcore.errors import ProviderError, SettingsError
+from btcore.errors import ProviderError
 from btcore.field_options import FieldOption, create_options
-from btcore.options import Options, from_values, required_option_names
+from btcore.options import Options
 from btcore.registry.registry import Plugin, import_plugin
 from btcore.runs.available_providers import AvailableProviders, providers_in
 from btcore.runs.providers import Provider
 from btcore.runs.settings import RunSettings, Settings
-from btcore.suggestions import join_names
 
 _META_KEY: Final = "btcore.cli.provider_options"
 
@@ -62,35 +59,35 @@ def find_providers(
     has_own = any(provider.settings for provider in available.of_user)
     if has_all_options or has_own or not words <= known:
         options = _create_provider_options(available.all(), own)
-    found = ctx.meta[_META_KEY] = CommandProviders(available, options, plugins)
-    return found
+    providers = ctx.meta[_META_KEY] = CommandProviders(available, options, plugins)
+    return providers
 
 
 def command_providers(ctx: click.Context) -> CommandProviders:
     """Return the providers for the command with the context *ctx*."""
     if _META_KEY not in ctx.meta:  # nothing was parsed
         return find_providers(ctx, ctx.command.params, (), has_all_options=True)
-    found: CommandProviders = ctx.meta[_META_KEY]
-    return found
+    providers: CommandProviders = ctx.meta[_META_KEY]
+    return providers
 
 
 def _create_provider_options(
     providers: Sequence[Provider], own: Sequence[click.Parameter]
 ) -> list[FieldOption]:
     """Return the options of *providers*' settings, without settings that *own* options belong to."""
-    kinds = {option.struct for option in own if isinstance(option, FieldOption)} | {RunSettings}
+    known = {option.struct for option in own if isinstance(option, FieldOption)} | {RunSettings}
     names = ["--help", *(name for option in own for name in (*option.opts, option.name or ""))]
     taken = dict.fromkeys(names, "the command")
     options: list[FieldOption] = []
     for provider in providers:
-        for kind in [kind for kind in provider.settings if kind not in kinds]:
-            kinds.add(kind)
-            options += _without_clash(provider, kind, taken)
+        for settings in [settings for settings in provider.settings if settings not in known]:
+            known.add(settings)
+            options += _without_clash(provider, settings, taken)
     return options
 
 
-def _without_clash(provider: Provider, kind: type[Settings], taken: dict[str, str]) -> list[FieldOption]:
-    options = create_options(kind)
+def _without_clash(provider: Provider, settings: type[Settings], taken: dict[str, str]) -> list[FieldOption]:
+    options = create_options(settings)
     for option in options:
         for name in (option.opts[0], option.name or ""):
             if name in taken:
@@ -132,9 +129,9 @@ class ProviderCommand(click.Command):
         """
         sections: dict[str, list[tuple[str, str]]] = {}
         users: dict[type[Options], Provider] = {
-            kind: provider
+            settings: provider
             for provider in command_providers(ctx).available.of_user
-            for kind in provider.settings
+            for settings in provider.settings
         }
         for option in self.get_params(ctx):
             record = option.get_help_record(ctx)
@@ -156,48 +153,6 @@ def _plugins_in(args: Sequence[str]) -> Iterator[str]:
         if value and (word == "--plugin" or value != word) and value not in seen:
             seen.add(value)
             yield value
-
-
-def given_options(ctx: click.Context) -> list[FieldOption]:
-    """Return the options of settings that were given to the command with the context *ctx*."""
-    not_given = (None, ParameterSource.DEFAULT)
-    return [
-        option
-        for option in ctx.command.get_params(ctx)
-        if isinstance(option, FieldOption)
-        and issubclass(option.struct, Settings)
-        and ctx.get_parameter_source(option.name or "") not in not_given
-    ]
-
-
-def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -> list[Settings]:
-    """Return the settings whose options were given to the command with the context *ctx*.
-
-    Settings that lack a required option are left out, with a warning.
-
-    Args:
-        defaults: Values of options that were not given, by the names of their parameters, as in click's
-            `default_map`.
-    """
-    given = given_options(ctx)
-    values = {option.name or "": ctx.params[option.name or ""] for option in given}
-    if defaults:
-        every = (kind for provider in command_providers(ctx).available.all() for kind in provider.settings)
-        given += [item for kind in every for item in create_options(kind) if item.name in defaults]
-        values = {**defaults, **values}
-    found: list[Settings] = []
-    for kind in dict.fromkeys(option.struct for option in given):
-        try:
-            settings = from_values(kind, values)
-        except SettingsError as error:
-            raise click.UsageError(str(error)) from error
-        if isinstance(settings, Settings):
-            found.append(settings)
-        else:
-            needed = join_names(required_option_names(kind))
-            names = join_names([option.opts[0] for option in given if option.struct is kind])
-            terminal.print_warning(f"{names}: no effect without {needed}")
-    return found
 
 
 @contextmanager

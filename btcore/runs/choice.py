@@ -212,7 +212,7 @@ class _Attempt:
 
     def _find_object(self, needed_type: Any) -> object:
         """Return the object of the program for a type, or None."""
-        fitting = [thing for thing in self._provided if fits(thing, needed_type)]
+        fitting = [provided for provided in self._provided if fits(provided, needed_type)]
         if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
             raise ProviderError(
                 f"the program provides {len(fitting)} objects of the class {type(fitting[0]).__name__}: the "

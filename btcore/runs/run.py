@@ -195,9 +195,9 @@ class Run:
             self._wanted += types
         return self
 
-    def find(self, kind: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
+    def find(self, type: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
         """Return the object of a type among the resources, or None."""
-        return self._opened.find(kind)  # type: ignore[return-value]
+        return self._opened.find(type)  # type: ignore[return-value]
 
     def __enter__(self) -> Self:
         try:
