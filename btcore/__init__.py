@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from btcore.clock import Clock as Clock
     from btcore.clock import SimClock as SimClock
     from btcore.clock import SystemClock as SystemClock
+    from btcore.diagnostics import Diagnostic as Diagnostic
+    from btcore.diagnostics import LiteralProblem as LiteralProblem
     from btcore.engine.context import TreeState as TreeState
     from btcore.engine.control import ControlNode as ControlNode
     from btcore.engine.control import DecoratorNode as DecoratorNode
@@ -43,8 +45,6 @@ if TYPE_CHECKING:
     from btcore.errors import BlackboardError as BlackboardError
     from btcore.errors import BtcoreError as BtcoreError
     from btcore.errors import ConversionError as ConversionError
-    from btcore.errors import Diagnostic as Diagnostic
-    from btcore.errors import LiteralProblem as LiteralProblem
     from btcore.errors import NodeError as NodeError
     from btcore.errors import NodeExecutionError as NodeExecutionError
     from btcore.errors import OutputError as OutputError
@@ -87,6 +87,7 @@ _HOMES = {
     "btcore.blackboard.blackboard": ("Blackboard", "Entry"),
     "btcore.blackboard.ports": ("Direction", "Port"),
     "btcore.clock": ("Clock", "SimClock", "SystemClock"),
+    "btcore.diagnostics": ("Diagnostic", "LiteralProblem"),
     "btcore.engine.context": ("TreeState",),
     "btcore.engine.control": ("ControlNode", "DecoratorNode"),
     "btcore.engine.coroutine": ("running", "sleep"),
@@ -99,7 +100,7 @@ _HOMES = {
     "btcore.engine.threaded": ("ThreadedAction",),
     "btcore.engine.transition_records": ("Transitions",),
     "btcore.errors": (
-        "BlackboardError", "BtcoreError", "ConversionError", "Diagnostic", "LiteralProblem", "NodeError",
+        "BlackboardError", "BtcoreError", "ConversionError", "NodeError",
         "NodeExecutionError", "OutputError", "PortError", "ProviderError", "RegistrationError",
         "ScriptError", "SettingsError", "TreeError", "UnknownNodeError", "XmlSyntaxError",
     ),

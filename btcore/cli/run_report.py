@@ -11,8 +11,9 @@ from rich.text import Text
 import btcore
 from btcore.builds import env_flag
 from btcore.cli import terminal
+from btcore.diagnostics import excerpt
 from btcore.engine.node import tick_counts_of
-from btcore.errors import NodeExecutionError, excerpt
+from btcore.errors import NodeExecutionError
 from btcore.runs.providers import EndReason
 from btcore.runs.run import Run
 from btcore.tree.drawing import node_depths

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import SCRIPT_ROLES, Port
 from btcore.clock import SystemClock
+from btcore.diagnostics import Diagnostic
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import BlackboardError, Diagnostic
+from btcore.errors import BlackboardError
 from btcore.lint.possible_results import is_built_in
 from btcore.loading.instantiate import NodeCreator, SubtreeDraft
 from btcore.registry.manifest import Manifest

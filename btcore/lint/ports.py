@@ -26,8 +26,9 @@ from btcore.diagnostic_codes import (
     UNCHECKED_LITERAL,
     UNCONNECTED_OUTPUT,
 )
+from btcore.diagnostics import Fix, Hint
 from btcore.engine.signature import PortAttribute
-from btcore.errors import ConversionError, Fix, Hint
+from btcore.errors import ConversionError
 from btcore.lint.possible_results import is_built_in
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.names import is_port_name, port_name_error

@@ -12,8 +12,8 @@ from btcore.diagnostic_codes import (
     TOO_LARGE,
     UNDETERMINED_MAIN_TREE,
 )
+from btcore.diagnostics import Diagnostic
 from btcore.engine.node_config import MAX_NODES
-from btcore.errors import Diagnostic
 from btcore.lint.children import check_child_count, check_reachable_children
 from btcore.lint.dry_run import DryRun
 from btcore.lint.endless_ticks import EndlessTickCheck

@@ -20,10 +20,11 @@ from btcore.diagnostic_codes import (
     SCRIPT_SYNTAX,
     DiagnosticCode,
 )
+from btcore.diagnostics import Fix, Hint
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import BlackboardError, BtcoreError, ConversionError, Fix, Hint, NodeError, ScriptError
+from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, ScriptError
 from btcore.registry.manifest import Manifest, Resources, takes_children
 from btcore.registry.registry import Registry, library_of
 from btcore.tree.tree import Subtree, Tree

@@ -10,7 +10,8 @@ from typing import Any, TypedDict, Unpack
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
 from btcore.diagnostic_codes import UNDETERMINED_MAIN_TREE
-from btcore.errors import Diagnostic, TreeError, XmlSyntaxError
+from btcore.diagnostics import Diagnostic
+from btcore.errors import TreeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
 from btcore.registry.manifest import Resources
 from btcore.registry.registry import Registry

@@ -12,7 +12,8 @@ from typing import Final
 
 from btcore.blackboard.ports import Direction, Port, remapped_key
 from btcore.diagnostic_codes import INVALID_NAME, MISSING_ID, UNREADABLE_FILE
-from btcore.errors import Diagnostic, RegistrationError, TreeError
+from btcore.diagnostics import Diagnostic
+from btcore.errors import RegistrationError, TreeError
 from btcore.names import is_port_name, port_name_error
 from btcore.registry.mock_nodes import make_mock_class
 from btcore.registry.registration_checks import default_value_error

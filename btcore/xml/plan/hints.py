@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from functools import cache, cached_property
 
+from btcore.diagnostics import Fix, Hint
 from btcore.entry_points import UnavailableEntryPoint, unsearched_libraries
-from btcore.errors import Fix, Hint
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry

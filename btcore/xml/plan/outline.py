@@ -20,8 +20,8 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
+from btcore.diagnostics import Fix, Hint
 from btcore.engine.node_config import MAX_NODES
-from btcore.errors import Fix, Hint
 from btcore.names import FORBIDDEN, RESERVED_IDS, forbidden_in
 from btcore.status import NodeType
 from btcore.xml.define import TreeDefinition

@@ -18,8 +18,9 @@ from btcore.diagnostic_codes import (
     UNKNOWN_TREE,
     DiagnosticCode,
 )
+from btcore.diagnostics import Fix, Hint
 from btcore.engine.node_config import EMPTY_MAPPING
-from btcore.errors import ConversionError, Fix, Hint
+from btcore.errors import ConversionError
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry

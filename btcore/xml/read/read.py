@@ -23,7 +23,8 @@ from btcore.diagnostic_codes import (
     UNREADABLE_FILE,
     DiagnosticCode,
 )
-from btcore.errors import Diagnostic, Fix, Hint, XmlSyntaxError
+from btcore.diagnostics import Diagnostic, Fix, Hint
+from btcore.errors import XmlSyntaxError
 from btcore.input_files import read_error, read_file, real_path
 from btcore.suggestions import similar_file, suggestion
 from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics

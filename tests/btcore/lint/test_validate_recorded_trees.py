@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 import btcore
-from btcore.errors import Diagnostic, TreeError
+from btcore.diagnostics import Diagnostic
+from btcore.errors import TreeError
 from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 from tests.conformance.recorded_cases import CallLog, conformance_registry, read_cases

@@ -12,7 +12,8 @@ from btcore.diagnostic_codes import (
     UNDETERMINED_MAIN_TREE,
     UNKNOWN_FORMAT,
 )
-from btcore.errors import Diagnostic, TreeError
+from btcore.diagnostics import Diagnostic
+from btcore.errors import TreeError
 from btcore.registry.registry import Registry
 from btcore.xml.define import parse_format
 from btcore.xml.edit.editor import Edit, apply_edits

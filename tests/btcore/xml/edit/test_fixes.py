@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from btcore.errors import Diagnostic, TreeError
+from btcore.diagnostics import Diagnostic
+from btcore.errors import TreeError
 from btcore.input_files import real_path
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
