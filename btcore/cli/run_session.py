@@ -171,17 +171,7 @@ def create_session(
         from btcore.loading.hot_reload import FileWatcher
 
         file_watcher = FileWatcher(path, options.confined)
-    if installed is None or options.plugins:
-        libraries = load_libraries(
-            options.plugins,
-            options.models,
-            options.confined,
-            own_packages=bool(options.substitute),  # a rule may name a node of any library
-            imported=command_providers(ctx).plugins,
-        )
-    else:
-        libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)
-        libraries.add_models(options.models, options.confined)
+    libraries = _load_libraries(ctx, options, installed)
     tree_source = TreeSource(path, options, libraries)
     if changes is not None:
         changes.add_rules(libraries.nodes)
@@ -198,3 +188,19 @@ def create_session(
     provided = () if changes is None else changes.provided
     command_run = CommandRun(ctx, plans, prepare, provided=provided, tick_limit=options.tick_limit)
     return RunSession(command_run, tree_source, plans, options.until, file_watcher)
+
+
+def _load_libraries(
+    ctx: click.Context, options: RunOptions, installed: NodeLibraries | None
+) -> NodeLibraries:
+    if installed is None or options.plugins:
+        return load_libraries(
+            options.plugins,
+            options.models,
+            options.confined,
+            own_packages=bool(options.substitute),  # a rule may name a node of any library
+            imported=command_providers(ctx).plugins,
+        )
+    libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)
+    libraries.add_models(options.models, options.confined)
+    return libraries

@@ -263,11 +263,6 @@ class Run:
         """The clock of the run."""
         return self._opened.clock
 
-    @property
-    def closing_errors(self) -> list[BtcoreError]:
-        """What the providers raised when they were closed, such as `OutputError`."""
-        return self._opened.errors
-
     def _create_tree(self, source: Plans | TreelessProgram) -> Tree:
         if isinstance(source, TreelessProgram):
             return source.make_tree(self.clock)
@@ -317,6 +312,52 @@ class Run:
             self.wall_s = time.perf_counter() - began
         return self.status
 
+    def step(self) -> Status:
+        """Tick the tree once, without waiting, and return its status.
+
+        Of several trees, those that are RUNNING are ticked, or all if none is. Time passes only by other
+        means: a `SimClock` by `run.clock.advance(0.1)`.
+
+        Raises:
+            NodeExecutionError: A leaf raised an exception.
+        """
+        self._check_open()
+        with self._leaf_error_kept():
+            self._loop.step()
+        return self.status
+
+    def serve(self, serve: Callable[[], None], stop: Callable[[], None]) -> None:
+        """Call *serve*, for a program that ticks trees itself, until it returns or a signal ends it.
+
+        The program passes each of its trees to `replace_tree`.
+
+        Args:
+            serve: Called once. It returns soon after a call of *stop*.
+            stop: Called by the handler of the first signal.
+        """
+        self._check_open()
+        with self._ended_by_signals(stop):
+            serve()
+        self.report.end_reason = "interrupted" if self._signals.number else "done"
+
+    def pause(self) -> None:
+        """Let `until_done` stop ticking before the next tick, until `resume`. Any thread may call it.
+
+        Meanwhile a simulated world stands still; real time continues, and counts for the duration. A pause
+        also holds for calls of `until_done` that begin later.
+        """
+        self._loop.is_paused = True
+
+    def resume(self) -> None:
+        """End a pause."""
+        self._loop.is_paused = False
+
+    def replace_tree(self, tree: Tree) -> None:
+        """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
+        self.error = None
+        self._loop.replace_tree(tree)
+        self._opened.replace_tree(tree)
+
     @contextmanager
     def _leaf_error_kept(self) -> Iterator[None]:
         try:
@@ -357,87 +398,7 @@ class Run:
                 errors[0].later_errors += errors[1:]
                 raise errors[0]
 
-    def pause(self) -> None:
-        """Let `until_done` stop ticking before the next tick, until `resume`. Any thread may call it.
-
-        Meanwhile a simulated world stands still; real time continues, and counts for the duration. A pause
-        also holds for calls of `until_done` that begin later.
-        """
-        self._loop.is_paused = True
-
-    def resume(self) -> None:
-        """End a pause."""
-        self._loop.is_paused = False
-
-    def serve(self, serve: Callable[[], None], stop: Callable[[], None]) -> None:
-        """Call *serve*, for a program that ticks trees itself, until it returns or a signal ends it.
-
-        The program passes each of its trees to `replace_tree`.
-
-        Args:
-            serve: Called once. It returns soon after a call of *stop*.
-            stop: Called by the handler of the first signal.
-        """
-        self._check_open()
-        with self._ended_by_signals(stop):
-            serve()
-        self.report.end_reason = "interrupted" if self._signals.number else "done"
-
-    @property
-    def status(self) -> Status:
-        """The status after the last tick; IDLE if a leaf raised an exception.
-
-        For several trees, RUNNING or FAILURE if one of them has it, otherwise the status of the first.
-        """
-        return self._loop.status if self.error is None else Status.IDLE
-
-    @property
-    def end_reason(self) -> EndReason | None:
-        """Why the run ended; None before its end."""
-        return self.report.end_reason
-
-    @property
-    def exit_code(self) -> ExitCode:
-        """The exit code of a process for this run.
-
-        An exception of a leaf comes first, then an error of a provider or an incomplete output, then the
-        signal that ended the run, then the result of the tree.
-        """
-        if self.error is not None:
-            return ExitCode.LEAF_ERROR
-        if self.closing_errors:
-            return ExitCode.INCOMPLETE_OUTPUT if self._is_only_incomplete() else ExitCode.USER_ERROR
-        if self.end_reason == "interrupted" and self._signals.number:
-            return code_of_signal(self._signals.number)
-        failed = self.end_reason == "done" and self.status is Status.FAILURE
-        return ExitCode.FAILURE if failed else ExitCode.SUCCESS
-
-    def step(self) -> Status:
-        """Tick the tree once, without waiting, and return its status.
-
-        Of several trees, those that are RUNNING are ticked, or all if none is. Time passes only by other
-        means: a `SimClock` by `run.clock.advance(0.1)`.
-
-        Raises:
-            NodeExecutionError: A leaf raised an exception.
-        """
-        self._check_open()
-        with self._leaf_error_kept():
-            self._loop.step()
-        return self.status
-
-    @property
-    def skipped_ticks(self) -> int:
-        """The number of ticks that were skipped because an earlier tick was still in progress."""
-        return self._loop.skipped_ticks
-
-    def replace_tree(self, tree: Tree) -> None:
-        """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
-        self.error = None
-        self._loop.replace_tree(tree)
-        self._opened.replace_tree(tree)
-
-    # --- closing
+    # --- the end
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -471,11 +432,51 @@ class Run:
             ProviderError: Another error.
         """
         if error is None:
-            if len(self.closing_errors) == 1:
-                raise self.closing_errors[0]
-            text = "; ".join(map(str, self.closing_errors))
-            raise OutputError(text) if self._is_only_incomplete() else ProviderError(text)
+            raise self._joint_closing_error()
 
-    def _is_only_incomplete(self) -> bool:
-        """Return whether all `closing_errors` are about outputs."""
-        return all(isinstance(error, OutputError) for error in self.closing_errors)
+    @property
+    def closing_errors(self) -> list[BtcoreError]:
+        """What the providers raised when they were closed, such as `OutputError`."""
+        return self._opened.errors
+
+    def _joint_closing_error(self) -> BtcoreError:
+        if len(self.closing_errors) == 1:
+            return self.closing_errors[0]
+        text = "; ".join(map(str, self.closing_errors))
+        are_outputs = all(isinstance(error, OutputError) for error in self.closing_errors)
+        return OutputError(text) if are_outputs else ProviderError(text)
+
+    @property
+    def status(self) -> Status:
+        """The status after the last tick; IDLE if a leaf raised an exception.
+
+        For several trees, RUNNING or FAILURE if one of them has it, otherwise the status of the first.
+        """
+        return self._loop.status if self.error is None else Status.IDLE
+
+    @property
+    def end_reason(self) -> EndReason | None:
+        """Why the run ended; None before its end."""
+        return self.report.end_reason
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """The exit code of a process for this run.
+
+        An exception of a leaf comes first, then an error of a provider or an incomplete output, then the
+        signal that ended the run, then the result of the tree.
+        """
+        if self.error is not None:
+            return ExitCode.LEAF_ERROR
+        if self.closing_errors:
+            is_output = isinstance(self._joint_closing_error(), OutputError)
+            return ExitCode.INCOMPLETE_OUTPUT if is_output else ExitCode.USER_ERROR
+        if self.end_reason == "interrupted" and self._signals.number:
+            return code_of_signal(self._signals.number)
+        failed = self.end_reason == "done" and self.status is Status.FAILURE
+        return ExitCode.FAILURE if failed else ExitCode.SUCCESS
+
+    @property
+    def skipped_ticks(self) -> int:
+        """The number of ticks that were skipped because an earlier tick was still in progress."""
+        return self._loop.skipped_ticks
