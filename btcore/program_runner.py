@@ -6,7 +6,7 @@ ends:
 
     program = TreelessProgram("Patrol")
     with CommandRun(ctx, program, prepare).want(Robot) as run:
-        run.until_done()
+        run.tick_to_end()
 """
 
 from collections.abc import Mapping, Sequence

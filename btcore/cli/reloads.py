@@ -82,7 +82,7 @@ class Reloads:
             tree.halt()
         except NodeExecutionError as error:
             self._print_leaf_error(error)
-        new_tree.count_ticks()
+        new_tree.start_tick_counts()
         self._count += 1
         run.report["reloads"] = self._count
         with self._progress.suspend():

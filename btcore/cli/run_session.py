@@ -126,7 +126,7 @@ class RunSession:
                     self._reloads = Reloads(run, self._source, self._files, progress)
                     tick = self._reloads.tick
                 with suppress(NodeExecutionError):  # it is printed after the summary
-                    run.until_done(self._until, on_tick=progress.on_tick, tick=tick)
+                    run.tick_to_end(self._until, on_tick=progress.on_tick, tick=tick)
             if count := run.skipped_ticks:
                 skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
                 terminal.print_warning(
@@ -180,7 +180,7 @@ def create_session(
         changes.check(plans)
 
     def prepare(run: Run) -> None:
-        run.tree.count_ticks()  # before the first tick: the report contains the counts
+        run.tree.start_tick_counts()  # before the first tick: the report contains the counts
         terminal.print_diagnostics(plans.diagnostics.warnings)
         if changes is not None:
             changes.prepare(run.tree, plans)

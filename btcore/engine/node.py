@@ -342,11 +342,11 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
 
 
 def tick_counts_of(node: TreeNode) -> TickCounts | None:
-    """Return the tick counters of *node*; None before `count_ticks` was called."""
+    """Return the tick counters of *node*; None before `start_tick_counts` was called."""
     return None if node._tick_extras is None else node._tick_extras.tick_counts
 
 
-def count_ticks(node: TreeNode) -> TickCounts:
+def start_tick_counts(node: TreeNode) -> TickCounts:
     """Count the ticks of *node* from now on. Return the counters."""
     with node._context.lock:
         node._tick_extras = extras = node._tick_extras or TickExtras()

@@ -97,8 +97,8 @@ class Run:
     with a parameter of the type `Tree`, such as a publisher or a log, gets the first tree.
 
     From its entry to its exit, a run handles Ctrl-C, SIGTERM and SIGHUP (the terminal was closed): the first
-    of them ends `until_done` or `serve` as usual, or the waits of providers that are closed. If it arrives at
-    another time, or is the second, KeyboardInterrupt is raised, which leaves the run as SystemExit if the
+    of them ends `tick_to_end` or `serve` as usual, or the waits of providers that are closed. If it arrives
+    at another time, or is the second, KeyboardInterrupt is raised, which leaves the run as SystemExit if the
     signal is not Ctrl-C.
 
     Args:
@@ -132,7 +132,7 @@ class Run:
         >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sleep msec="500"/></BehaviorTree></root>'
         >>> _ = Path("nap.xml").write_text(xml)
         >>> with Run("nap.xml", settings=[RunSettings(fast=True)]) as run:
-        ...     run.until_done()
+        ...     run.tick_to_end()
         <Status.SUCCESS: 2>
         >>> run.elapsed_s
         0.5
@@ -277,7 +277,7 @@ class Run:
 
     # --- ticking
 
-    def until_done(
+    def tick_to_end(
         self,
         until: Until = "done",
         *,
@@ -341,10 +341,10 @@ class Run:
         self.report.end_reason = "interrupted" if self._signals.number else "done"
 
     def pause(self) -> None:
-        """Let `until_done` stop ticking before the next tick, until `resume`. Any thread may call it.
+        """Let `tick_to_end` stop ticking before the next tick, until `resume`. Any thread may call it.
 
         Meanwhile a simulated world stands still; real time continues, and counts for the duration. A pause
-        also holds for calls of `until_done` that begin later.
+        also holds for calls of `tick_to_end` that begin later.
         """
         self._loop.is_paused = True
 

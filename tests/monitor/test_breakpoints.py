@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 import btcore
 from btcore import SimClock
 from btcore.cli.main import main
-from btcore.engine.node import count_ticks
+from btcore.engine.node import start_tick_counts
 from btcore_monitor.breakpoints import BreakpointClient, BreakpointError, find_nodes
 from btcore_monitor.events import ObservedNode, ObservedTree
 from btcore_monitor.serve import serve
@@ -148,7 +148,7 @@ def test_disabled_hooks_do_not_stop_the_robot_and_stay_listed(
 
 
 def test_a_status_is_injected_into_one_tick(robot: Robot) -> None:
-    tally = count_ticks(robot.tree.node("rescue"))
+    tally = start_tick_counts(robot.tree.node("rescue"))
     robot.start()
     with BreakpointClient(robot.address) as breaks:
         assert breaks.inject("right", 3) == ["go/right"]

@@ -209,7 +209,7 @@ nodes.add(broken)
 run = Run("tree.xml", nodes=nodes, settings=[MonitorSettings(save=Path("run.rrd"))])
 try:
     with run:
-        run.until_done()
+        run.tick_to_end()
 except NodeExecutionError:
     print(run.end_reason, *run.closing_errors)
 """

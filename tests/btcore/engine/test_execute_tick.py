@@ -147,7 +147,7 @@ def test_synchronous_action_that_returns_running_is_named_with_its_ancestors(
 
 def test_running_synchronous_action_is_named_with_counts_and_a_callback(make_tree: MakeTree) -> None:
     tree = make_tree('<Endless name="e"/>', Endless)
-    tree.count_ticks()
+    tree.start_tick_counts()
     tree.root.set_post_tick_function(lambda node, status: status)
     assert tick_error(tree).path == "e"
 

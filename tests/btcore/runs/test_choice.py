@@ -258,7 +258,7 @@ def test_a_provider_of_nothing_is_used_if_a_setting_was_given() -> None:
         pass
     assert run.report == {}
     with run_with(output, settings=[OutputSettings("a.txt")]) as run:
-        run.until_done()
+        run.tick_to_end()
     assert opened == [("a.txt", "TestAlone")]
     assert run.report == {"output": {"file": "a.txt"}}
 

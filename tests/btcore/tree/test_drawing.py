@@ -96,7 +96,7 @@ def test_last_results_of_many_children_are_shown(observed: bool) -> None:
     element = "<Sequence>" + "<AlwaysSuccess/>" * 40 + "</Sequence>"
     tree = loads(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{element}</BehaviorTree></root>')
     if observed:
-        tree.count_ticks()
+        tree.start_tick_counts()
         Trace(tree)
     tree.tick_once()
     assert str(tree).count("AlwaysSuccess  (✔ SUCCESS)") == 40

@@ -9,7 +9,7 @@ import pytest
 
 import btcore
 from btcore import Observer, Registry, SimClock, StatefulAction, Status, Transition, action, running
-from btcore.engine.node import count_ticks
+from btcore.engine.node import start_tick_counts
 from btcore.tree.hooks import Hook, HookMode, HookPosition
 
 TREE = """
@@ -214,7 +214,7 @@ def test_hooks_are_listed_with_pre_hooks_first(bench: Bench) -> None:
 
 
 def test_tick_counts_continue_beside_hooks(bench: Bench) -> None:
-    tally = count_ticks(bench.tree.node("first"))
+    tally = start_tick_counts(bench.tree.node("first"))
     bench.inject("first", Status.FAILURE, once=True)
     bench.tree.tick_once()
     bench.tree.tick_once()

@@ -419,12 +419,12 @@ def test_nodes_are_found_by_their_type_in_pre_order(make_tree: MakeTree) -> None
     assert tree.find(SystemClock) == []  # type: ignore[type-var]
 
 
-def test_count_ticks_counts_from_the_first_call(make_tree: MakeTree) -> None:
+def test_tick_counts_begin_with_the_first_call(make_tree: MakeTree) -> None:
     tree = make_tree(
         '<ReactiveSequence name="r"><PlanCondition name="c" plan="SSF"/><PlanAction name="a" plan="RR"/>'
         '<PlanSync name="k" plan="K"/></ReactiveSequence>'
     )
-    counts = tree.count_ticks()
+    counts = tree.start_tick_counts()
     for _ in range(3):
         tree.tick_once()
     c, a, k = counts["c"], counts["a"], counts["k"]
@@ -436,7 +436,7 @@ def test_count_ticks_counts_from_the_first_call(make_tree: MakeTree) -> None:
 
 def test_tick_decided_by_a_condition_counts_with_its_result(make_tree: MakeTree) -> None:
     tree = make_tree('<AlwaysSuccess name="a" _skipIf="true"/>')
-    count = tree.count_ticks()["a"]
+    count = tree.start_tick_counts()["a"]
     tree.tick_once()
     assert (count.ticks, count.skipped) == (1, 1)
 

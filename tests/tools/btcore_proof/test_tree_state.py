@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from btcore import Blackboard, Registry, SimClock, Status, loads
 from btcore.blackboard.ports import PortRole
-from btcore.engine.node import TreeNode, count_ticks
+from btcore.engine.node import TreeNode, start_tick_counts
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.testing.strategies import xml_documents
@@ -154,7 +154,7 @@ def test_a_restored_node_knows_the_writes_that_it_has_seen(is_written: bool) -> 
         tree.blackboard["a"] = 1
     keeper = StateKeeper(tree)
     keeper.restore(keeper.capture(), SAME_TIME)
-    counts = count_ticks(tree.nodes[-1])
+    counts = start_tick_counts(tree.nodes[-1])
     tree.tick_exactly_once()
     assert counts.ticks == is_written
 
