@@ -17,6 +17,7 @@ from btcore.field_options import create_options
 from btcore.logs import read_log
 from btcore.runs.core_providers import LogSettings
 from btcore.runs.run import TreelessProgram
+from btcore.runs.tick_loop import LoopEnd, TickLoop
 from btcore.signals import delayed_signals
 
 FAST = RunSettings(fast=True)
@@ -217,6 +218,27 @@ def test_a_pause_stops_ticks_and_simulated_time() -> None:
     assert ticks == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
     assert at_the_end_of_the_pause == [3]
     assert run.skipped_ticks == 0
+
+
+def test_a_tree_that_was_reloaded_is_ticked_at_once() -> None:
+    times: list[float] = []
+    attempts = iter([False, True])  # at the beginning of the wait after the first tick, and 50 ms later
+
+    def reload() -> bool:
+        if not next(attempts, False):
+            return False
+        run.tree.halt()
+        run.replace_tree(program(ticks=2).make_tree(run.clock))
+        return True
+
+    def tick(loop: TickLoop) -> LoopEnd:
+        loop.reload = reload
+        return loop.run()
+
+    with Run(program(ticks=9), settings=[FAST]) as run:
+        run.tick_to_end(on_tick=lambda _: times.append(run.clock.now() / 1e9), tick=tick)
+    assert run.status is btcore.SUCCESS
+    assert times == pytest.approx([0.0, 0.05, 0.15])
 
 
 def test_a_clock_may_end_a_wait() -> None:
