@@ -3,7 +3,7 @@
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.diagnostics import Hint
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.element import ElementPart
 from btcore.xml.read.read import Document
 

@@ -10,7 +10,7 @@ from btcore.lint.dry_run import DryRun, EntryUse, has_writer
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.suggestions import nearest_name
 from btcore.xml.plan.key_uses import AccessKind
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 
 _READING = (AccessKind.READS, AccessKind.READS_AS_KEY)
 

@@ -33,7 +33,7 @@ from btcore.loading.load import PausedGarbageCollection
 from btcore.registry.registry import Registry
 from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan_document, root_trees
-from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector, sort_diagnostics
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.read import Document
 from btcore.xml.read.scan import ScannedElement

@@ -31,7 +31,7 @@ from btcore.tree.tree import Subtree, Tree
 from btcore.values import parse_constant, type_of
 from btcore.xml.plan.plan import Plans, script_diagnostic
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 
 
 def instantiate(

@@ -21,7 +21,7 @@ from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import ANY, ValueType
 from btcore.xml.define import parse_format
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS, SCRIPT_ATTRIBUTES
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import Document, parse_file, read

@@ -11,7 +11,7 @@ from btcore.registry.registry import Registry
 from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.values import BOOL, EnumType, ValueType
 from btcore.xml.define import Definitions
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 
 

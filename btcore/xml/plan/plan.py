@@ -17,7 +17,7 @@ from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition, define
 from btcore.xml.plan.outline import outline_trees
 from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner
-from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.read import Document, Sources, read
 

@@ -26,7 +26,7 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.values import BOOL
 from btcore.xml.define import Definitions, TreeDefinition, tree_hint
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.dialect import (
     EXPLICIT_TAGS,
     POSTCONDITION_ATTRIBUTES,

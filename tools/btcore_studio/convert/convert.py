@@ -18,7 +18,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.define import parse_format
 from btcore.xml.edit.editor import Edit, apply_edits
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.diagnostics import sort_diagnostics
+from btcore.xml.read.diagnostic_collector import sort_diagnostics
 from btcore.xml.read.dialect import DIALECTS
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import Document, parse_text
