@@ -1,8 +1,8 @@
 """Reloading the tree of `btcore run --watch` whenever its file is saved."""
 
 from btcore.cli import terminal
-from btcore.cli.command_run import CommandRun
 from btcore.cli.progress import Progress
+from btcore.cli.provider_command import CommandRun
 from btcore.cli.run_report import print_leaf_error
 from btcore.cli.tree_source import TreeSource
 from btcore.errors import BtcoreError, NodeExecutionError

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from btcore.cli import terminal
-from btcore.cli.command_run import CommandRun
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.progress import Progress, log_to_console
-from btcore.cli.provider_options import command_providers
+from btcore.cli.provider_command import CommandRun, command_providers
 from btcore.cli.run_report import RunSummary, print_leaf_error
 from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, find_source
 from btcore.errors import NodeExecutionError
