@@ -26,7 +26,7 @@ from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.read import Document, parse_file, parse_text, read
 from btcore_drawing.diagram import DiagramNode, diagram_of_document
 from btcore_drawing.folding import fold
-from btcore_drawing.node_card import FAMILY_COLOURS
+from btcore_drawing.node_card import NODE_TYPE_COLOURS
 from btcore_drawing.svg import diagram_to_svg
 from btcore_studio.preview.node_keys import diagram_keys, diagram_nodes
 
@@ -168,7 +168,7 @@ def draw(plans: Plans, tree: str | None, folded: Collection[str], styled: bool =
                 "parent": parent,
                 "id": node.id,
                 "name": node.name,
-                "kind": FAMILY_COLOURS[node.type][0],
+                "kind": NODE_TYPE_COLOURS[node.type][0],
                 "calls": node.tree,
                 "ports": [[name, text] for name, text, _ in node.ports]
                 + [[*item] for item in node.conditions.items()],
