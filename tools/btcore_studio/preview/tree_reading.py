@@ -81,7 +81,7 @@ class TreeFile:
             else:
                 document = parse_text(text, str(self.path), confined=self.confined)
             nodes = self.nodes_for(document)
-            found = validate_document(document, nodes=nodes, tree=self.tree, format=self.format)
+            diagnostics = validate_document(document, nodes=nodes, tree=self.tree, format=self.format)
         except TreeError as error:
             return TreeReading(list(error.diagnostics), None, self._content() if text is None else text)
         drawn = nodes.copy()
@@ -90,7 +90,7 @@ class TreeFile:
         plans = define_and_plan(sources, drawn, self.tree, self.format)
         is_known = _DRAWABLE.issuperset(error.code for error in plans.diagnostics.errors)
         is_drawable = is_known and bool(plans.definitions.by_id)
-        return TreeReading(found, plans if is_drawable else None, document.text)
+        return TreeReading(diagnostics, plans if is_drawable else None, document.text)
 
     def _content(self) -> str:
         """Return the text of a file that is not valid XML, or "" if it cannot be read."""
@@ -218,7 +218,7 @@ def _add_undeclared_nodes(nodes: Registry, documents: Iterable[Document]) -> Non
                 _, children, ports = seen.get(id, (document, 0, {}))
                 collect_ports(element, ports, format)
                 seen[id] = (document, max(children, len(element.children)), ports)
-    kinds = (NodeType.ACTION, NodeType.DECORATOR, NodeType.CONTROL)
+    node_types = (NodeType.ACTION, NodeType.DECORATOR, NodeType.CONTROL)
     for id, (document, children, ports) in seen.items():
         with contextlib.suppress(RegistrationError):
-            add_mock(nodes, id, kinds[min(children, 2)], list(ports.values()), "", document)
+            add_mock(nodes, id, node_types[min(children, 2)], list(ports.values()), "", document)
