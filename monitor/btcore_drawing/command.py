@@ -44,10 +44,10 @@ def show(
 
     TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore.
     """
-    picture = "--svg" if svg is not None else "--png" if png is not None else None
-    if picture is not None and (list_keys or as_json):
-        other = "--data" if list_keys else "--json"
-        raise click.UsageError(f"{picture} and {other} cannot be used together.")
+    picture_option = "--svg" if svg is not None else "--png" if png is not None else None
+    if picture_option is not None and (list_keys or as_json):
+        option = "--data" if list_keys else "--json"
+        raise click.UsageError(f"{picture_option} and {option} cannot be used together.")
     path = find_source(source)
     plans = TreeSource(path, options).read_plans()
     main, format = plans.main_tree, plans.dialect.format
@@ -60,7 +60,7 @@ def show(
             _print_data(rows)
         return
     root = diagram_of_document(plans)
-    if picture is not None:
+    if picture_option is not None:
         drawing = diagram_to_svg(root, main.id, format)
         if svg is not None:
             files.write(svg, drawing.encode())

@@ -20,7 +20,7 @@ class DiagramNode:
         uid: Number of the node in the running tree.
         id: ID of the node.
         name: Name of the node.
-        type: Kind of the node.
+        type: Type of the node.
         ports: The ports that the document sets, as (name, text, direction), such as `("goal", "{g}",
             "input")`; the direction of a script is "script", of a port of a SubTree "".
         conditions: Pre- and post-conditions, by attribute.

@@ -7,7 +7,7 @@ from btcore.status import NodeType
 from btcore_drawing.diagram import DiagramNode
 from btcore_drawing.symbols import symbol_path
 
-FAMILY_COLOURS: Final = {
+NODE_TYPE_COLOURS: Final = {
     NodeType.CONTROL: ("control", "#2f66c8"),
     NodeType.DECORATOR: ("decorator", "#7c4fd0"),
     NodeType.CONDITION: ("condition", "#0b8a80"),
@@ -60,7 +60,7 @@ def text_width(text: str, size: float, bold: bool = False) -> float:
 
 def card_of(node: DiagramNode) -> Card:
     """Return the card of *node*, without its children."""
-    kind = FAMILY_COLOURS[node.type][0]
+    type_name = NODE_TYPE_COLOURS[node.type][0]
     second = _second_name(node)
     number = str(node.uid)
     number_room = text_width(number, 9) + 14
@@ -81,13 +81,14 @@ def card_of(node: DiagramNode) -> Card:
     corner = 17 if node.type is NodeType.CONDITION else 7
     drawing = [f"<title>{escape_text(_hover(node))}</title>"]
     size = f'width="{width:.1f}" height="{height:.1f}" rx="{corner}"'
-    drawing.append(f'<rect class="card {kind}" {size}/>')
+    drawing.append(f'<rect class="card {type_name}" {size}/>')
     drawing.append(_badge(node, head / 2))
     baseline = head / 2 + (-1 if second else 4.5)
     drawing.append(f'<text class="name" x="{_TEXT_AT:g}" y="{baseline:g}">{escape_text(name)}</text>')
     if second:
         drawing.append(
-            f'<text class="id {kind}" x="{_TEXT_AT:g}" y="{baseline + 14:g}">{escape_text(second)}</text>'
+            f'<text class="id {type_name}" x="{_TEXT_AT:g}" y="{baseline + 14:g}">'
+            f"{escape_text(second)}</text>"
         )
     drawing.append(f'<text class="uid" x="{width - 9:.1f}" y="15">{number}</text>')
     if lines:
@@ -114,12 +115,11 @@ def _hover(node: DiagramNode) -> str:
 
 
 def _badge(node: DiagramNode, middle: float) -> str:
-    kind = FAMILY_COLOURS[node.type][0]
+    type_name = NODE_TYPE_COLOURS[node.type][0]
     at = f"translate({_MARGIN + _BADGE:g} {middle:g})"
-    disc = f'<circle class="badge {kind}" r="{_BADGE:g}"/>'
-    return (
-        f'<g transform="{at}">{disc}<path class="glyph" d="{symbol_path(node.id, kind, node.symbol)}"/></g>'
-    )
+    disc = f'<circle class="badge {type_name}" r="{_BADGE:g}"/>'
+    glyph = f'<path class="glyph" d="{symbol_path(node.id, type_name, node.symbol)}"/>'
+    return f'<g transform="{at}">{disc}{glyph}</g>'
 
 
 def _shortened(text: str) -> str:
@@ -131,9 +131,9 @@ def _port_line(name: str, text: str, direction: str) -> tuple[int, str]:
     """Return the number of characters of a port line, and its SVG text."""
     sign = {"output": "←", "inout": "↔"}.get(direction, "→")
     shown = _shortened(text) or "″″"
-    kind = "key" if shown.startswith(("{", "=", "${")) else "value"
+    css_class = "key" if shown.startswith(("{", "=", "${")) else "value"
     words = f'<tspan class="dim">{sign} {escape_text(name)}</tspan>'
-    words += f'<tspan class="{kind}" dx="6">{escape_text(shown)}</tspan>'
+    words += f'<tspan class="{css_class}" dx="6">{escape_text(shown)}</tspan>'
     return len(name) + len(shown) + 3, words
 
 

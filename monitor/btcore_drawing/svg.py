@@ -10,7 +10,7 @@ from btcore.extras import install_command
 from btcore.status import NodeType
 from btcore_drawing.diagram import DiagramNode
 from btcore_drawing.layout import Box, Line, lay_out
-from btcore_drawing.node_card import FAMILY_COLOURS, Card, card_of, text_width
+from btcore_drawing.node_card import NODE_TYPE_COLOURS, Card, card_of, text_width
 
 MAX_SIDE: Final = 2400
 """The maximum width and height of a PNG (pixels); a larger drawing is made smaller."""
@@ -69,7 +69,7 @@ def drawing_style() -> str:
 def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, styled: bool = True) -> str:
     """Return a drawing of a tree as an SVG document.
 
-    Cards are coloured by kind, and show the attributes of the node. The content of a SubTree has a frame.
+    Cards are coloured by node type, and show the attributes of the node. A SubTree's content has a frame.
     Children are placed below their parents, and wrapped if the drawing becomes too wide. The group of each
     card has the number of the node as `data-uid`.
 
@@ -94,10 +94,12 @@ def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, styled: bool 
     layout = lay_out(boxes, aspect=1.2, comfort=_WIDEST, is_quick=len(boxes) > _MAX_SEARCHED)
     count = len(nodes) + sum(node.hidden for node in nodes)
     about = f"format {format} · {count} node{'' if count == 1 else 's'}"
-    kinds = [kind for kind in FAMILY_COLOURS if any(node.type is kind for node in nodes)]
+    node_types = [
+        node_type for node_type in NODE_TYPE_COLOURS if any(node.type is node_type for node in nodes)
+    ]
     title_width = text_width(title, 19, bold=True)
     drawing_width, height = layout.size
-    width = max(drawing_width, title_width + 10, 92.0 * len(kinds)) + 2 * _MARGIN
+    width = max(drawing_width, title_width + 10, 92.0 * len(node_types)) + 2 * _MARGIN
     height += _HEAD + _FOOT + _MARGIN
     left = (width - drawing_width) / 2
     # The number of nodes is written after the title, or below it if there is no space.
@@ -120,7 +122,7 @@ def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, styled: bool 
         place = f'data-uid="{node.uid}" transform="translate({at.x:.1f} {at.y - card.height / 2:.1f})"'
         badge = _hidden_badge(node.hidden, card) if node.hidden else ""
         lines.append(f"<g {place}>{''.join(card.drawing)}{badge}</g>")
-    return "\n".join([*lines, "</g>", _legend(kinds, height - 18), "</svg>"]) + "\n"
+    return "\n".join([*lines, "</g>", _legend(node_types, height - 18), "</svg>"]) + "\n"
 
 
 def svg_to_png(svg: str) -> bytes:
@@ -166,10 +168,10 @@ def _hidden_badge(count: int, card: Card) -> str:
 
 
 def _colours() -> str:
-    """Return the style rules for the kinds of nodes."""
+    """Return the style rules for the node types."""
     return "".join(
         f"    .card.{name} {{ stroke: {colour}; }} .badge.{name}, .id.{name} {{ fill: {colour}; }}\n"
-        for name, colour in FAMILY_COLOURS.values()
+        for name, colour in NODE_TYPE_COLOURS.values()
     )
 
 
@@ -191,12 +193,12 @@ def _edge(line: Line) -> str:
     return f'<path class="edge" d="{path}L{line[-1][0]:.1f} {line[-1][1]:.1f}"/>'
 
 
-def _legend(kinds: list[NodeType], y: float) -> str:
-    """Return the legend: the kinds of nodes in the tree, with their colours."""
+def _legend(node_types: list[NodeType], y: float) -> str:
+    """Return the legend: the node types in the tree, with their colours."""
     words: list[str] = []
     x = _MARGIN
-    for kind in kinds:
-        name = FAMILY_COLOURS[kind][0]
+    for node_type in node_types:
+        name = NODE_TYPE_COLOURS[node_type][0]
         words.append(f'<circle class="badge {name}" cx="{x + 5:.1f}" cy="{y - 4:.1f}" r="5"/>')
         words.append(f'<text class="about" x="{x + 15:.1f}" y="{y:.1f}">{name}</text>')
         x += text_width(name, 11.5) + 36

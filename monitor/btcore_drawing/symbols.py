@@ -63,13 +63,13 @@ _SYMBOLS: Final = {
 _PATHS: Final = {name: path for names, path in _SYMBOLS.items() for name in names.split()}
 
 
-def symbol_path(id: str, kind: str, declared: str = "") -> str:
+def symbol_path(id: str, node_type: str, declared: str = "") -> str:
     """Return the symbol of a node as an SVG path.
 
     Args:
         id: The ID of the node.
-        kind: The node type in lower case, whose symbol is used by default.
+        node_type: The node type in lower case, whose symbol is used by default.
         declared: The symbol that the node's class declares, or "".
     """
-    names = (id, declared, declared[-1:], kind, "unknown")
+    names = (id, declared, declared[-1:], node_type, "unknown")
     return next(path for name in names if (path := _PATHS.get(name)) is not None)

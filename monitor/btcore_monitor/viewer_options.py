@@ -82,13 +82,13 @@ class DrawingOptions(Options, kw_only=True):
 DRAWING_OPTION_NAMES: Final = tuple(item.opts[0] for item in create_options(DrawingOptions))
 
 
-def choose_palette(given: str | None) -> str:
-    """Return the palette *given*, or that of the environment variable, or the default.
+def choose_palette(option: str | None) -> str:
+    """Return the palette *option*, or that of the environment variable, or the default.
 
     Raises:
         SettingsError: The environment variable names no palette.
     """
-    name = given or os.environ.get(_PALETTE_VARIABLE) or PALETTE_NAMES[0]
+    name = option or os.environ.get(_PALETTE_VARIABLE) or PALETTE_NAMES[0]
     if name not in PALETTE_NAMES:
         known = ", ".join(map(repr, PALETTE_NAMES))
         raise SettingsError(

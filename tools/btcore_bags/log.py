@@ -63,7 +63,7 @@ _MAGIC: Final = b"\x89MCAP0\r\n"
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _DATA_END = 0x01, 0x02, 0x03, 0x04, 0x05, 0x0F
 _CDR: Final = b"\x00\x01\x00\x00"
 """The beginning of a message: CDR, little-endian."""
-_TAGS: Final = {tag: kind for kind, tag in TAG_OF.items() if kind is not NodeType.UNDEFINED}
+_TAGS: Final = {tag: node_type for node_type, tag in TAG_OF.items() if node_type is not NodeType.UNDEFINED}
 
 
 class BagWriter:
@@ -132,8 +132,8 @@ class BagWriter:
         return _record(_MESSAGE, struct.pack("<HIQQ", number, 0, self._last, self._last) + data)
 
 
-def _record(kind: int, content: bytes) -> bytes:
-    return struct.pack("<BQ", kind, len(content)) + content
+def _record(opcode: int, content: bytes) -> bytes:
+    return struct.pack("<BQ", opcode, len(content)) + content
 
 
 def _text(text: str) -> bytes:
@@ -206,10 +206,10 @@ def read_bag(path: str | os.PathLike[str]) -> Recording:
     xml, start = "", None
     rows: list[tuple[LoggedTransition, str]] = []
     gaps: list[Gap] = []
-    for kind, stamp, message in _messages(path):
-        if kind == _LOG_TYPE:
+    for source, stamp, message in _messages(path):
+        if source == _LOG_TYPE:
             rows += [_transition(path, event) for event in message.event_log]
-        elif kind == TREE_TOPIC:
+        elif source == TREE_TOPIC:
             xml, start = message.data, stamp
         else:
             gaps.append(Gap(len(rows), message.data))
@@ -243,7 +243,7 @@ FORMAT: Final = LogFormat(BagLog, read_bag)
 def _messages(path: Path) -> Iterator[tuple[str, int, Any]]:
     """Yield the messages of a log in their order: type or topic, stamp (ns since 1970), and message."""
     with BagReader(path, _DEFINITIONS) as reader:
-        logs = [topic for topic, kind in reader.topics.items() if kind == _LOG_TYPE]
+        logs = [topic for topic, message_type in reader.topics.items() if message_type == _LOG_TYPE]
         if not logs:
             raise LogError(f"{path}: this bag contains no messages {_LOG_TYPE}")
         if len(logs) > 1:
@@ -303,14 +303,14 @@ def _numbered_nodes(xml: str, file: Path) -> dict[int, RecordedNode]:
         children.setdefault(parent, []).append(uid)
         children[uid] = []
         tag = str(element.tag)
-        kind = _TAGS.get(tag, NodeType.UNDEFINED)
-        registered = str(element.get("ID", tag)) if kind is not NodeType.UNDEFINED else tag
+        node_type = _TAGS.get(tag, NodeType.UNDEFINED)
+        registered = str(element.get("ID", tag)) if node_type is not NodeType.UNDEFINED else tag
         name = str(element.get("name", registered))
         path = f"{prefix}{name}::{uid}" if name == registered else prefix + name
         ports = {str(key): str(value) for key, value in element.attrib.items() if key not in ("ID", "name")}
-        nodes[uid] = RecordedNode(uid, name, registered, kind, path, (), ports)
+        nodes[uid] = RecordedNode(uid, name, registered, node_type, path, (), ports)
         below = list(element.iterchildren(etree.Element))
-        if kind is NodeType.SUBTREE and registered in trees:
+        if node_type is NodeType.SUBTREE and registered in trees:
             if registered in inside:
                 raise LogError(f"{file}: the tree '{registered}' contains itself")
             prefix, inside = f"{path}/", (*inside, registered)

@@ -65,10 +65,10 @@ class BagReader:
         for name, definition in definitions.items():
             added.update(get_types_from_msg(definition, name))
         # Types of older releases are registered without the fields that they lack.
-        for kind in {kind for kind, _ in self._source.absent}:
-            constants, fields = added.get(kind) or self._types.fielddefs.pop(kind)
-            present = [field for field in fields if (kind, field[0]) not in self._source.absent]
-            added[kind] = (constants, present)
+        for message_type in {message_type for message_type, _ in self._source.absent}:
+            constants, fields = added.get(message_type) or self._types.fielddefs.pop(message_type)
+            present = [field for field in fields if (message_type, field[0]) not in self._source.absent]
+            added[message_type] = (constants, present)
         self._types.register(added)
         self.topics = self._source.topics
 
@@ -96,14 +96,14 @@ class BagReader:
         Raises:
             LogError: The message is damaged, or its definition is not that of ROS 2.
         """
-        kind = self.topics[topic]
-        if kind in self._source.problems:
-            raise LogError(f"{self.path}: {self._source.problems[kind]}")
+        message_type = self.topics[topic]
+        if message_type in self._source.problems:
+            raise LogError(f"{self.path}: {self._source.problems[message_type]}")
         if data[:2] not in (_BIG_ENDIAN, _LITTLE_ENDIAN):
             raise LogError(f"{self.path}: a message on {topic} is not in the encoding CDR")
         try:
             # Typestore.deserialize_cdr refuses the bytes that rclpy's serialize_message may add at the end.
-            definition = self._types.get_msgdef(kind)
+            definition = self._types.get_msgdef(message_type)
             is_little = data[:2] == _LITTLE_ENDIAN
             read = definition.deserialize_cdr_le if is_little else definition.deserialize_cdr_be
             message, _ = read(data[4:], 0, definition.cls, self._types)
@@ -146,7 +146,7 @@ class _BagProcess:
             raise
         self.topics: dict[str, str] = facts["topics"]
         self.problems: dict[str, str] = facts["problems"]
-        self.absent = {(kind, field) for kind, field in facts["absent"]}
+        self.absent = {(message_type, field) for message_type, field in facts["absent"]}
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         self._iterations += 1
@@ -178,7 +178,7 @@ class _BagProcess:
         try:
             requests.write(json.dumps(request).encode() + b"\n")
             requests.flush()
-            kind, size = ANSWER.unpack(answers.read(ANSWER.size))
+            format, size = ANSWER.unpack(answers.read(ANSWER.size))
             data = answers.read(size)
         except (OSError, struct.error):
             raise BagError(self._end_reason()) from None
@@ -186,12 +186,12 @@ class _BagProcess:
             timer.cancel()
         if len(data) < size:
             raise BagError(self._end_reason())
-        if kind == b"J":
-            found = json.loads(data)
-            if "missing" in found:
-                raise ModuleNotFoundError(name=found["missing"])
-            if "error" in found:
-                raise BagError(found["error"])
+        if format == b"J":
+            reply = json.loads(data)
+            if "missing" in reply:
+                raise ModuleNotFoundError(name=reply["missing"])
+            if "error" in reply:
+                raise BagError(reply["error"])
         return data
 
     def _end_reason(self) -> str:

@@ -101,20 +101,20 @@ class BagSource:
             self._reader = AnyReader([path], default_typestore=known)
             self._reader.open()
             for connection in self._reader.connections:
-                kind = self.topics.setdefault(connection.topic, connection.msgtype)
-                if kind != connection.msgtype:
-                    types = f"{kind} and {connection.msgtype}"
+                message_type = self.topics.setdefault(connection.topic, connection.msgtype)
+                if message_type != connection.msgtype:
+                    types = f"{message_type} and {connection.msgtype}"
                     raise BagError(f"the topic {connection.topic} has two types: {types}")
                 if len(self.topics) > MAX_TOPICS:
                     raise BagError(f"more than {MAX_TOPICS} topics")
         except Exception as error:
             raise explain(error) from None
         checked: set[str] = set()
-        for kind in set(self.topics.values()):
+        for message_type in set(self.topics.values()):
             try:
-                self._check_definition(kind, checked)
+                self._check_definition(message_type, checked)
             except Exception as error:
-                self.problems[kind] = str(explain(error))
+                self.problems[message_type] = str(explain(error))
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         """Yield the messages on *topics* in the order of their stamps.
@@ -137,22 +137,23 @@ class BagSource:
         """Close the file."""
         self._reader.close()
 
-    def _check_definition(self, kind: str, checked: set[str]) -> None:
+    def _check_definition(self, message_type: str, checked: set[str]) -> None:
         """Check that a message type, and the types within, have the known fields with the known types."""
-        if kind in checked:
-            if kind in self.problems:
-                raise BagError(self.problems[kind])
+        if message_type in checked:
+            if message_type in self.problems:
+                raise BagError(self.problems[message_type])
             return
-        checked.add(kind)
-        if kind not in self._known:
-            raise BagError(f"unknown message type {kind}")
-        known, found = dict(self._known[kind][1]), dict(self._reader.typestore.fielddefs[kind][1])
-        for field in (*known, *found):
-            if field not in found and (kind, field) in OPTIONAL:
-                self.absent.add((kind, field))
-            elif known.get(field) != found.get(field):
-                raise BagError(f"the field '{field}' of {kind} is defined otherwise than in ROS 2")
-        for description in found.values():
+        checked.add(message_type)
+        if message_type not in self._known:
+            raise BagError(f"unknown message type {message_type}")
+        expected = dict(self._known[message_type][1])
+        own = dict(self._reader.typestore.fielddefs[message_type][1])
+        for field in (*expected, *own):
+            if field not in own and (message_type, field) in OPTIONAL:
+                self.absent.add((message_type, field))
+            elif expected.get(field) != own.get(field):
+                raise BagError(f"the field '{field}' of {message_type} is defined otherwise than in ROS 2")
+        for description in own.values():
             for name in _types_within(description):
                 self._check_definition(name, checked)
 
@@ -171,10 +172,10 @@ def _types_within(description: Any) -> Iterator[str]:
     """Yield the message types in the description of a field."""
     from rosbags.interfaces import Nodetype
 
-    kind, content = description
-    if kind == Nodetype.NAME:
+    node_type, content = description
+    if node_type == Nodetype.NAME:
         yield content
-    elif kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+    elif node_type in (Nodetype.ARRAY, Nodetype.SEQUENCE):
         yield from _types_within(content[0])
 
 
@@ -214,8 +215,8 @@ def _serve(requests: Iterator[bytes], cpu_seconds: int, source: BagSource) -> No
         _answer(b"M", bytes(batch))
 
 
-def _answer(kind: bytes, data: bytes) -> None:
-    sys.stdout.buffer.write(ANSWER.pack(kind, len(data)) + data)
+def _answer(format: bytes, data: bytes) -> None:
+    sys.stdout.buffer.write(ANSWER.pack(format, len(data)) + data)
     sys.stdout.buffer.flush()
 
 

@@ -74,13 +74,13 @@ class AgentSets:
         """
         if mask is None:
             return self.all_agents
-        wanted = f"a mask must have {self.count} bools, one per agent"
+        rule = f"a mask must have {self.count} bools, one per agent"
         try:
             array = np.asarray(mask)
         except ValueError:
-            raise BtcoreError(f"{wanted}; this is not an array") from None
+            raise BtcoreError(f"{rule}; this is not an array") from None
         if array.dtype != np.bool_ or array.shape != (self.count,):
-            raise BtcoreError(f"{wanted}; this has the shape {array.shape} and the type {array.dtype}")
+            raise BtcoreError(f"{rule}; this has the shape {array.shape} and the type {array.dtype}")
         return self.from_mask(array)
 
 

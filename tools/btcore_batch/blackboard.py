@@ -16,7 +16,7 @@ class BatchBlackboard:
     `board["battery"]` returns the stored array, not a copy, so that modifying the array modifies the entry.
     Its shape is (agents,), and its dtype float64, int64, bool, or object for texts and other values. An array
     of shape (agents, …), with several numbers for each agent, is float64. `board["battery"] = …` accepts
-    an array of any of these kinds, or a single value for all agents.
+    an array of any of these types, or a single value for all agents.
 
     Attributes:
         columns: The arrays of all entries of the batch.

@@ -26,8 +26,8 @@ class BranchNode(BatchNode):
 class IfThenElse(BranchNode):
     """Ticks the condition once, then the branch that it has chosen."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         # For each child, the agents for which the condition has chosen it. Element 0, the condition, stays 0.
         self._chosen = [0, 0, 0]
 
@@ -100,10 +100,10 @@ class WhileDoElse(BranchNode):
 class Switch(BatchNode):
     """Ticks the child whose case equals the variable, else the last child."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self.variable = BatchInput(self, "variable")
-        self.cases = [BatchInput(self, f"case_{number}") for number in range(1, plan.spec.child_count[0])]
+        self.cases = [BatchInput(self, f"case_{number}") for number in range(1, node.spec.child_count[0])]
         self._running = [0] * len(children)
         # The index of the chosen child, by the values of the variable and the cases.
         self._choices: dict[tuple[Any, ...], int] = {}

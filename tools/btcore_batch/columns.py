@@ -17,7 +17,7 @@ Values: TypeAlias = NDArray[Any]
 
 
 class Form(IntEnum):
-    """The kind of the values in an array."""
+    """The form in which an array stores the values."""
 
     NUMBER = 0  # int64 or float64; a set of agents records which float64 values count as integers
     TRUTH = 1  # bools
@@ -38,7 +38,7 @@ class BatchValue(NamedTuple):
 
     Attributes:
         data: An array with a value for each agent, or a single value for all agents.
-        form: The kind of the values.
+        form: The form of the values.
         integers: The set of the agents whose number counts as an integer, even if *data* is float64.
     """
 
@@ -47,15 +47,15 @@ class BatchValue(NamedTuple):
     integers: int
 
 
-def dtype_of(kind: ValueType) -> "np.dtype[Any]":
-    """Return the dtype of the array in which a leaf gets values of the type *kind*."""
-    if isinstance(kind, BoolType):
+def dtype_of(value_type: ValueType) -> "np.dtype[Any]":
+    """Return the dtype of the array in which a leaf gets values of the type *value_type*."""
+    if isinstance(value_type, BoolType):
         return np.dtype(np.bool_)
-    if isinstance(kind, EnumType) or kind is UINT64:
+    if isinstance(value_type, EnumType) or value_type is UINT64:
         return np.dtype(object)
-    if isinstance(kind, IntegerType):
+    if isinstance(value_type, IntegerType):
         return np.dtype(np.int64)
-    return np.dtype(np.float64 if isinstance(kind, RealType) else object)
+    return np.dtype(np.float64 if isinstance(value_type, RealType) else object)
 
 
 def all_within(integers: Values, low: int, high: int) -> bool:
@@ -135,7 +135,7 @@ class Column:
         self._view: Values | None = None
 
     @property
-    def kind(self) -> ValueType:
+    def declared(self) -> ValueType:
         """The declared type."""
         return self.entry.declared
 
@@ -171,7 +171,7 @@ class Column:
         Args:
             agents: The agents whose values are replaced.
             data: An array with a value for each agent, or a single value.
-            form: The kind of the values.
+            form: The form of the values.
             integers: The agents whose number is an integer.
         """
         if not agents:
@@ -232,7 +232,7 @@ class Column:
                 self.values = np.zeros((self.agent_sets.count, *np.shape(data)[1:]))
         else:
             if form is NUMBER:
-                is_real = isinstance(self.kind, RealType) or integers & agents != agents
+                is_real = isinstance(self.declared, RealType) or integers & agents != agents
                 dtype: Any = np.dtype(np.float64 if is_real else np.int64)
             else:
                 dtype = np.dtype(np.bool_ if form is TRUTH else object)
@@ -265,22 +265,22 @@ class Column:
 class ColumnTable:
     """The columns of a batch, by scope and key.
 
-    The plan is the ordinary tree from which the batch is compiled. The scopes are copies of the plan's
-    blackboards, without values. So remapping, `@` and autoremap work as for a single agent. Each entry of a
-    scope has one column, which starts with the plan's value for all agents.
+    The batch is compiled from an ordinary tree. The scopes are copies of that tree's blackboards, without
+    values. So remapping, `@` and autoremap work as for a single agent. Each entry of a scope has one column,
+    which starts with the entry's value for all agents.
 
     Attributes:
-        scopes: The scopes, by the `id()` of the plan's blackboards.
+        scopes: The scopes, by the `id()` of the ordinary tree's blackboards.
         version: The number of entries that were created since the creation of the batch. A `Slot`
             caches its column until the version changes.
     """
 
-    def __init__(self, plan: Tree, agent_sets: AgentSets, clock: Clock) -> None:
+    def __init__(self, tree: Tree, agent_sets: AgentSets, clock: Clock) -> None:
         self.agent_sets = agent_sets
         self.scopes: dict[int, Blackboard] = {}
         self.version = 0
         self._columns: dict[Entry, Column] = {}
-        for subtree in plan.subtrees:
+        for subtree in tree.subtrees:
             self._copy_scope(subtree.blackboard, clock)
 
     def _copy_scope(self, board: Blackboard, clock: Clock) -> Blackboard:

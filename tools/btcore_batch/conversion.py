@@ -84,9 +84,9 @@ def normalise_values(value: Any, agent_sets: AgentSets) -> BatchValue:
 
 
 def cast(
-    value: BatchValue, kind: ValueType, agent_sets: AgentSets, agents: int, fail: FailureCallback
+    value: BatchValue, value_type: ValueType, agent_sets: AgentSets, agents: int, fail: FailureCallback
 ) -> tuple[Any, int]:
-    """Convert the values of *agents* to the type *kind*, as `ValueType.cast` does.
+    """Convert the values of *agents* to the type *value_type*, as `ValueType.cast` does.
 
     *fail* is called for the agents whose value cannot be converted.
 
@@ -95,53 +95,57 @@ def cast(
         be converted.
     """
     data, form, integers = value
-    if not kind.strong or (kind is STRING and form is TEXT) or (isinstance(kind, BoolType) and form is TRUTH):
+    if (
+        not value_type.strong
+        or (value_type is STRING and form is TEXT)
+        or (isinstance(value_type, BoolType) and form is TRUTH)
+    ):
         return data, agents
     if form is NUMBER or form is TRUTH:
         array = np.asarray(data)
-        if isinstance(kind, RealType):
+        if isinstance(value_type, RealType):
             reals = array.astype(np.float64, copy=False)
-            if kind is FLOAT:
+            if value_type is FLOAT:
                 reals = reals.astype(np.float32).astype(np.float64)
             return reals, agents
-        if isinstance(kind, BoolType):
+        if isinstance(value_type, BoolType):
             # An integer must be 0 or 1; a real must not be negative.
-            bad = (array < 0.0) | ((array > 1) & agent_sets.mask(integers & agent_sets.all_agents))
-            if not np.any(bad):
+            is_invalid = (array < 0.0) | ((array > 1) & agent_sets.mask(integers & agent_sets.all_agents))
+            if not np.any(is_invalid):
                 return array != 0, agents
         # The range of uint64_t does not fit into int64.
-        if isinstance(kind, IntegerType) and kind is not UINT64:
-            if array.dtype == np.int64 and kind is INT64:
+        if isinstance(value_type, IntegerType) and value_type is not UINT64:
+            if array.dtype == np.int64 and value_type is INT64:
                 return array, agents
-            fits = (array >= kind.low) & (array <= kind.high)
+            fits = (array >= value_type.low) & (array <= value_type.high)
             if array.dtype == np.float64:
                 fits &= np.rint(array) == array
             if fits.all() or not agent_sets.from_mask(~np.broadcast_to(fits, agent_sets.count)) & agents:
                 return np.where(fits, array, 0).astype(np.int64), agents
     objects = to_objects(value, agent_sets, agents)
-    result = np.zeros(agent_sets.count, dtype_of(kind))
+    result = np.zeros(agent_sets.count, dtype_of(value_type))
     for index in agent_sets.indices(agents):
         try:
             single = objects[index]
-            if isinstance(single, str) and kind is not STRING:
-                single = kind.from_text(single)
-            result[index] = kind.cast(single)
+            if isinstance(single, str) and value_type is not STRING:
+                single = value_type.from_text(single)
+            result[index] = value_type.cast(single)
         except ConversionError as error:
             fail(1 << int(index), error)
             agents ^= 1 << int(index)
     return result, agents
 
 
-def read_column(column: Column, kind: ValueType, agents: int, fail: FailureCallback) -> Values:
-    """Return the values of *column* for a leaf's port of the type *kind*. All *agents* must have a value."""
+def read_column(column: Column, value_type: ValueType, agents: int, fail: FailureCallback) -> Values:
+    """Return the values of *column* for a leaf's port of the type *value_type*; all *agents* need a value."""
     values = column.readonly_view()
-    if column.form is NUMBER and values.dtype == dtype_of(kind) and kind is not FLOAT:
-        if not isinstance(kind, IntegerType) or column.kind is kind or kind is INT64:
+    if column.form is NUMBER and values.dtype == dtype_of(value_type) and value_type is not FLOAT:
+        if not isinstance(value_type, IntegerType) or column.declared is value_type or value_type is INT64:
             return values
-    elif not kind.strong and column.form is not NUMBER:
+    elif not value_type.strong and column.form is not NUMBER:
         return values
     value = BatchValue(values, column.form, column.integers_among(agents))
-    array: Values = cast(value, kind, column.agent_sets, agents, fail)[0]
+    array: Values = cast(value, value_type, column.agent_sets, agents, fail)[0]
     return array
 
 
@@ -185,48 +189,50 @@ def store(slot: Slot, agents: int, value: BatchValue, fail: FailureCallback, inf
     column.put(agents, *value)
 
 
-def _is_of(kind: ValueType, value: BatchValue, agents: int) -> bool:
-    """Return whether all values are certainly of *kind*, without a check of each value."""
+def _is_of(value_type: ValueType, value: BatchValue, agents: int) -> bool:
+    """Return whether all values are certainly of *value_type*, without a check of each value."""
     data, form, integers = value
-    if form is NUMBER and isinstance(kind, RealType):
+    if form is NUMBER and isinstance(value_type, RealType):
         return not integers & agents
-    if form is NUMBER and isinstance(kind, IntegerType) and integers & agents == agents:
-        return kind is INT64 or bool(np.min(data) >= kind.low and np.max(data) <= kind.high)
-    return (form is TRUTH and isinstance(kind, BoolType)) or (form is ROWS and kind.python_type is np.ndarray)
+    if form is NUMBER and isinstance(value_type, IntegerType) and integers & agents == agents:
+        return value_type is INT64 or bool(np.min(data) >= value_type.low and np.max(data) <= value_type.high)
+    return (form is TRUTH and isinstance(value_type, BoolType)) or (
+        form is ROWS and value_type.python_type is np.ndarray
+    )
 
 
 def _reject_other_types(column: Column, objects: Values, agents: int, fail: FailureCallback) -> int:
     """Return those of *agents* whose value is of the column's type; call *fail* for the others."""
-    kind = column.kind
+    declared = column.declared
     for index in column.agent_sets.indices(agents):
-        if not kind.accepts(objects[index]):
-            message = f"the entry '{column.name}' has the type {kind.name}, which cannot change"
+        if not declared.accepts(objects[index]):
+            message = f"the entry '{column.name}' has the type {declared.name}, which cannot change"
             fail(1 << int(index), BlackboardError(message))
             agents ^= 1 << int(index)
     return agents
 
 
-def _accepts(kind: ValueType, form: Form) -> bool:
-    """Return whether an entry of *kind* takes values of *form* without a check of each value."""
+def _accepts(entry_type: ValueType, form: Form) -> bool:
+    """Return whether an entry of *entry_type* takes values of *form* without a check of each value."""
     if form is ROWS:
-        return kind.python_type is np.ndarray
+        return entry_type.python_type is np.ndarray
     if form is NUMBER:
-        return isinstance(kind, (RealType, IntegerType)) and kind is not UINT64
+        return isinstance(entry_type, (RealType, IntegerType)) and entry_type is not UINT64
     if form is TRUTH:
-        return isinstance(kind, (RealType, IntegerType, BoolType)) and kind is not UINT64
-    return form is TEXT and kind is STRING
+        return isinstance(entry_type, (RealType, IntegerType, BoolType)) and entry_type is not UINT64
+    return form is TEXT and entry_type is STRING
 
 
 def _adapt(
-    objects: Values, kind: ValueType, agent_sets: AgentSets, agents: int, fail: FailureCallback
+    objects: Values, entry_type: ValueType, agent_sets: AgentSets, agents: int, fail: FailureCallback
 ) -> int:
-    """Convert *objects* in place to values of an entry of *kind*. Return the agents without an error."""
+    """Convert *objects* in place to values of an entry of *entry_type*. Return the agents without error."""
     for index in agent_sets.indices(agents):
         value = objects[index]
         try:
-            if not kind.accepts(value):
-                is_text = isinstance(value, str) and kind.converts
-                objects[index] = kind.from_text(value) if is_text else kind.adapt(value)
+            if not entry_type.accepts(value):
+                is_text = isinstance(value, str) and entry_type.converts
+                objects[index] = entry_type.from_text(value) if is_text else entry_type.adapt(value)
         except ConversionError as error:
             fail(1 << int(index), error)
             agents ^= 1 << int(index)

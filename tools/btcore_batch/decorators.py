@@ -74,8 +74,8 @@ class KeepRunningUntilFailure(ResultDecorator):
 class RunOnce(BatchDecorator):
     """Ticks its child until the child completes, and never again for the same agent."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self.then_skip = BatchInput(self, "then_skip")
         self._succeeded = 0
         self._failed = 0
@@ -113,8 +113,8 @@ class RepeatedNode(BatchDecorator):
     continues_on_success: ClassVar[bool] = True
     limit_port: ClassVar[str]
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self.limit = BatchInput(self, self.limit_port)
         self._counts = Counters()
         # A number for all agents if the limit is a literal, else an array with the limit of each agent.

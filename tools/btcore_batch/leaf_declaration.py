@@ -80,7 +80,7 @@ class LeafDeclaration:
 
     Attributes:
         id: The registration ID.
-        base_class: The base class of the ordinary leaf that represents it in the plan, the ordinary tree.
+        base_class: The base class of the ordinary leaf that represents it in the ordinary tree.
         ports: The ports.
         parameters: The parameters of the function, or of the class's `__init__`.
         implementation: The function, or the class, of which each node gets an instance.
@@ -93,7 +93,7 @@ class LeafDeclaration:
     implementation: "Callable[..., Any] | type[StatefulAction]"
 
     def make_node_class(self) -> type[TreeNode]:
-        """Return an ordinary leaf class with the same ports, with which the plan can be loaded."""
+        """Return an ordinary leaf class with the same ports, with which the ordinary tree can be loaded."""
         ports = self.ports
 
         def tick(_: TreeNode, *__: object) -> Status:
@@ -319,33 +319,34 @@ def _parameters(
 ) -> list[LeafParameter]:
     hints = _hints(function)
     parameters = []
-    for given in list(inspect.signature(function).parameters.values())[skip_first:]:
-        if given.name not in hints or given.kind in (given.VAR_POSITIONAL, given.VAR_KEYWORD):
+    for inspected in list(inspect.signature(function).parameters.values())[skip_first:]:
+        if inspected.name not in hints or inspected.kind in (inspected.VAR_POSITIONAL, inspected.VAR_KEYWORD):
             raise RegistrationError(
-                f"parameter '{given.name}' of {function.__qualname__} needs an annotation: "
+                f"parameter '{inspected.name}' of {function.__qualname__} needs an annotation: "
                 "In[Floats], Put[Floats], Mask, or the type of a resource"
             )
-        annotation = hints[given.name]
-        default = UNSET if given.default is given.empty else given.default
-        port = _port(given.name, annotation, types, default)
-        check_parameter_writable(given.name, function.__qualname__, annotation)
-        is_keyword = given.kind is given.KEYWORD_ONLY
-        parameters.append(LeafParameter(given.name, port, annotation, default, is_keyword))
+        annotation = hints[inspected.name]
+        default = UNSET if inspected.default is inspected.empty else inspected.default
+        port = _port(inspected.name, annotation, types, default)
+        check_parameter_writable(inspected.name, function.__qualname__, annotation)
+        is_keyword = inspected.kind is inspected.KEYWORD_ONLY
+        parameters.append(LeafParameter(inspected.name, port, annotation, default, is_keyword))
     return parameters
 
 
 def _port(name: str, annotation: Any, types: TypeRegistry, default: object) -> Port | None:
     """Return the port that *annotation* declares, or None."""
-    return port_from_annotation(name, annotation, lambda column: _kind(column, types), default)
+    return port_from_annotation(name, annotation, lambda column: _value_type(column, types), default)
 
 
-def _kind(annotation: Any, types: TypeRegistry) -> ValueType:
+def _value_type(annotation: Any, types: TypeRegistry) -> ValueType:
     """Return the type of a single agent's value in a column that is annotated with *annotation*."""
     if isinstance(annotation, ValueType):
         return annotation
     if typing.get_origin(annotation) is Annotated:
         inner, *metadata = typing.get_args(annotation)
-        return next((kind for kind in metadata if isinstance(kind, ValueType)), None) or _kind(inner, types)
+        declared = next((mark for mark in metadata if isinstance(mark, ValueType)), None)
+        return declared or _value_type(inner, types)
     if typing.get_origin(annotation) is np.ndarray:
         dtype = typing.get_args(typing.get_args(annotation)[1])
         return _OF_DTYPE.get(dtype[0] if dtype else None, ANY)

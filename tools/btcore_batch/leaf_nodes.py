@@ -24,13 +24,13 @@ class LeafNode(BatchNode):
     """The base class of leaves.
 
     Args:
-        plan: The ordinary leaf that represents the node.
+        node: The ordinary leaf that represents the node.
         context: The shared state of the batch.
         leaf: The declaration of the leaf.
     """
 
-    def __init__(self, plan: TreeNode, context: BatchContext, leaf: LeafDeclaration) -> None:
-        super().__init__(plan, context, [])
+    def __init__(self, node: TreeNode, context: BatchContext, leaf: LeafDeclaration) -> None:
+        super().__init__(node, context, [])
         self.leaf = leaf
 
     def resource(self, parameter: LeafParameter) -> object:
@@ -54,8 +54,10 @@ class LeafNode(BatchNode):
             return resource
         if parameter.default is not UNSET:
             return parameter.default
-        wanted = getattr(parameter.annotation, "__name__", str(parameter.annotation))
-        message = f"<{self.leaf.id}> needs a resource of type {wanted} for its parameter '{parameter.name}'"
+        type_name = getattr(parameter.annotation, "__name__", str(parameter.annotation))
+        message = (
+            f"<{self.leaf.id}> needs a resource of type {type_name} for its parameter '{parameter.name}'"
+        )
         raise unsupported(self.config, message, "pass it to BatchTree.load(…, resources=[…])")
 
     def results(self, returned: object, agents: int) -> Results:
@@ -106,8 +108,8 @@ class LeafNode(BatchNode):
 class FunctionNode(LeafNode):
     """A leaf that calls a function."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, leaf: LeafDeclaration) -> None:
-        super().__init__(plan, context, leaf)
+    def __init__(self, node: TreeNode, context: BatchContext, leaf: LeafDeclaration) -> None:
+        super().__init__(node, context, leaf)
         self.function: Callable[..., Any] = leaf.implementation
         self.is_synchronous = issubclass(leaf.base_class, SyncAction)
         # The arguments, keyword arguments last. The values of inputs and masks are filled in by each tick.
@@ -179,8 +181,8 @@ class FunctionNode(LeafNode):
 class StatefulNode(LeafNode):
     """A leaf that calls the methods of an instance of a class."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, leaf: LeafDeclaration) -> None:
-        super().__init__(plan, context, leaf)
+    def __init__(self, node: TreeNode, context: BatchContext, leaf: LeafDeclaration) -> None:
+        super().__init__(node, context, leaf)
         # Outputs have "=" after their name, because an InOut port is an input and an output.
         ports: dict[str, Any] = {
             port.name: BatchInput(self, port.name, port) for port in leaf.ports if port.reads
@@ -191,7 +193,7 @@ class StatefulNode(LeafNode):
         self.instance = cls.__new__(cls)
         # The attributes are set before __init__, which may use them.
         self.instance._port = ports.__getitem__
-        self.instance.name = plan.config.name
+        self.instance.name = node.config.name
         self.instance.agents = context.agent_sets.count
         self.instance.now = context.clock.now
         self.instance.__init__(**{parameter.name: self.resource(parameter) for parameter in leaf.parameters})

@@ -44,7 +44,7 @@ class BatchNode:
     Constructors raise TreeError if the batch engine cannot run the node as it is used in the tree.
 
     Args:
-        plan: The node of the ordinary tree that this node replaces.
+        node: The node of the ordinary tree that this node replaces.
         context: The shared state of the batch.
         children: The children, in order.
 
@@ -67,18 +67,18 @@ class BatchNode:
 
     children: list["BatchNode"]
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list["BatchNode"]) -> None:
-        config: NodeConfig = plan.config
+    def __init__(self, node: TreeNode, context: BatchContext, children: list["BatchNode"]) -> None:
+        config: NodeConfig = node.config
         self.config = config
         self.name = config.name
         self.id = config.id
         self.uid = config.uid
         self.path = config.path
         self.where = config.where
-        self.type: NodeType = plan.spec.node_type
+        self.type: NodeType = node.spec.node_type
         self.parent: NodeLike | None = None
         self.context = context
-        self.board = context.columns.scopes[id(plan._blackboard)]
+        self.board = context.columns.scopes[id(node._blackboard)]
         self.children = children
         for child in children:
             child.parent = self
@@ -199,8 +199,8 @@ class BatchNode:
 class BatchDecorator(BatchNode):
     """A node with one child."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self.child = children[0]
 
     def execute(self, agents: int) -> Results:

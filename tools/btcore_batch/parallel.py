@@ -12,8 +12,8 @@ from btcore_batch.ports import BatchInput
 class ParallelNode(BatchNode):
     """The base class of parallels. It stores, for each child, the agents for which it has completed."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self._completed = [0] * len(children)
         self._successes = UnaryCounters(len(children))
         self._failures = UnaryCounters(len(children))
@@ -40,8 +40,8 @@ class ParallelNode(BatchNode):
 class Parallel(ParallelNode):
     """Ends when enough of its children have succeeded or failed."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self.success_count = BatchInput(self, "success_count")
         self.failure_count = BatchInput(self, "failure_count")
 
@@ -108,8 +108,8 @@ class Parallel(ParallelNode):
 class ParallelAll(ParallelNode):
     """Ends when every child has completed."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self.max_failures = BatchInput(self, "max_failures")
 
     def tick(self, agents: int) -> Results:

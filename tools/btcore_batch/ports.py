@@ -38,7 +38,7 @@ class BatchInput:
         self._without_value = 0
         bound = node.config.inputs.get(name)
         declared = port if port is not None or bound is None else bound.port
-        self.kind = ANY if declared is None else declared.type
+        self.type = ANY if declared is None else declared.type
         if bound is None:
             self.error = NodeError(f"<{node.id}> needs port [{name}], which the tree does not give")
         elif bound.key is not None:
@@ -87,28 +87,28 @@ class BatchInput:
         """
         if self.slot is None:
             if self._constant is None:
-                single = np.empty((), dtype_of(self.kind))
+                single = np.empty((), dtype_of(self.type))
                 single.fill(self.literal)  # unlike assignment, fill() does not unpack a list
                 self._constant = np.broadcast_to(single, self.context.agent_sets.count)
             return self._constant
         column = self.slot.column
         assert column is not None
-        if self.kind is DOUBLE and column.form is NUMBER:
+        if self.type is DOUBLE and column.form is NUMBER:
             values = column.readonly_view()
             if values.dtype == np.float64:
                 return values
-        return read_column(column, self.kind, agents, self._fail)
+        return read_column(column, self.type, agents, self._fail)
 
     def current(self) -> Values:
         """Return the values of the agents that are being ticked; record an error for agents without value."""
         agents = self.available(self.agents)
         if agents:
             return self.read(agents)
-        return np.zeros(self.context.agent_sets.count, dtype_of(self.kind))
+        return np.zeros(self.context.agent_sets.count, dtype_of(self.type))
 
     def _fail(self, agents: int, error: BtcoreError) -> None:
         key = "" if self.slot is None else self.slot.key
-        message = f"port [{self.name}] reads {{{key}}} as {self.kind.name}: {error}"
+        message = f"port [{self.name}] reads {{{key}}} as {self.type.name}: {error}"
         self._report(agents, ConversionError(message))
 
     def groups_or(self, agents: int, default: Any) -> list[tuple[Any, int]]:
@@ -161,7 +161,7 @@ class BatchOutput:
         self.agents = 0
         self._shape = (node.context.agent_sets.count,)
         bound = node.config.outputs.get(name)
-        self.kind = None if bound is None else bound.type
+        self.type = None if bound is None else bound.type
         self.slot: Slot | None = None
         if bound is not None and bound.key is not None:
             self.slot = Slot(node.context.columns, node.board, bound.key)
@@ -175,7 +175,7 @@ class BatchOutput:
             BlackboardError: The port is not bound to a key.
             ConversionError: *values* is an array of another length.
         """
-        if self.kind is None:
+        if self.type is None:
             raise NodeError(f"<{self.node.id}> writes port [{self.name}], which the tree does not give")
         if self.slot is None:
             raise BlackboardError(
@@ -183,15 +183,15 @@ class BatchOutput:
                 "write the key in braces, {like_this}"
             )
         agents = self.agents
-        if self.kind is DOUBLE and self._put_doubles(self.slot, agents, values):
+        if self.type is DOUBLE and self._put_doubles(self.slot, agents, values):
             return
         agent_sets = self.context.agent_sets
         value = normalise_values(values, agent_sets)
-        if self.kind.strong:
-            data, agents = cast(value, self.kind, agent_sets, agents, self._fail)
+        if self.type.strong:
+            data, agents = cast(value, self.type, agent_sets, agents, self._fail)
             value = normalise_values(data, agent_sets)
         agents ^= agents & self.context.raised
-        store(self.slot, agents, value, self._fail, self.kind.strong)
+        store(self.slot, agents, value, self._fail, self.type.strong)
 
     def _put_doubles(self, slot: Slot, agents: int, values: Any) -> bool:
         """Write *values* without conversion, if they are doubles for a DOUBLE entry. Return False if not."""
@@ -204,5 +204,5 @@ class BatchOutput:
         return True
 
     def _fail(self, agents: int, error: BtcoreError) -> None:
-        message = f"port [{self.name}] takes {self.kind.name if self.kind else '?'}: {error}"
+        message = f"port [{self.name}] takes {self.type.name if self.type else '?'}: {error}"
         self.context.fail(self.node, agents, ConversionError(message))

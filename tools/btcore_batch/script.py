@@ -425,7 +425,7 @@ class BatchAssignment(BatchExpression):
             return NO_VALUE
         if not column.written and self.writes_integer:
             # BehaviorTree.CPP's scripts have integers of 64 bits.
-            column.entry.value_type = None if column.kind.same(INT64) else INT64
+            column.entry.value_type = None if column.declared.same(INT64) else INT64
         # Most assignments can be stored for all agents at once.
         is_stored = False
         if is_number(value) and (column.values is None or column.form is NUMBER):
@@ -490,8 +490,13 @@ class BatchAssignment(BatchExpression):
 
     def _store_texts(self, column: Column, value: BatchValue, agents: int) -> bool:
         """Store texts in a column of texts. Return False if they need a conversion."""
-        kind = column.kind
-        if agents & column.written != agents and kind.strong and kind.converts and kind.name != "std::string":
+        declared = column.declared
+        if (
+            agents & column.written != agents
+            and declared.strong
+            and declared.converts
+            and declared.name != "std::string"
+        ):
             return False
         if column.values is not None and column.form is not TEXT:
             return False
@@ -509,7 +514,7 @@ class BatchAssignment(BatchExpression):
             run.fail(empty, assignment.fault(f"the operand after '{self.sign}' has no value"))
             agents = run.drop_failed(agents)
         # A single entry stands for the entry of each agent in turn.
-        entry = Entry(column.kind)
+        entry = Entry(column.declared)
 
         def assigned(new: object, old: object) -> object:
             if self.sign not in (":=", "="):

@@ -52,8 +52,8 @@ def compile_port(node: BatchNode, port: str) -> BatchProgram:
 class Script(BatchNode):
     """Runs a script, and succeeds."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self.program = compile_port(self, "code")
 
     def tick(self, agents: int) -> Results:
@@ -73,8 +73,8 @@ class ScriptCondition(Script):
 class Precondition(BatchDecorator):
     """Ticks its child if the value of a script is true, else returns the status in the port `else`."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self.program = compile_port(self, "if")
         self.otherwise = BatchInput(self, "else")
         # The agents for which the script was true and the child has not completed since.
@@ -114,8 +114,8 @@ class Precondition(BatchDecorator):
 class SetBlackboard(BatchNode):
     """Writes the text in `value` to an entry, or copies another entry to it."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         target, value = self.config.inputs.get("output_key"), self.config.inputs.get("value")
         if target is None or target.key is not None or value is None:
             message = '<SetBlackboard> of a batch needs value="…" and the name of an entry in output_key="…"'
@@ -144,24 +144,24 @@ class SetBlackboard(BatchNode):
             agents ^= missing
         if source is None or not agents:
             return 0, 0, 0, 0
-        target = self.target.get_or_create_column(source.kind)
+        target = self.target.get_or_create_column(source.declared)
         # An untyped entry that no agent has yet gets the type of the source.
-        if not target.exists and not target.kind.strong:
-            target.entry.declared = source.kind
+        if not target.exists and not target.declared.strong:
+            target.entry.declared = source.declared
             target.entry.value_type = source.entry.value_type
         elif refused := agents & target.exists & source.written:
             clashing = _clashing_type(source, target)
             if clashing is not None:
-                self.context.fail(self, refused, copy_error(self.target.key, target.kind, clashing))
+                self.context.fail(self, refused, copy_error(self.target.key, target.declared, clashing))
                 agents ^= refused
         target.exists |= agents
         empty = agents ^ (agents & source.written)
         agents ^= empty
         if agents:
             value = source.value(agents)
-            if value.form is TEXT and target.kind.strong:
+            if value.form is TEXT and target.declared.strong:
                 # store() would not convert texts for an entry behind a remapping.
-                data, agents = cast(value, target.kind, self.context.agent_sets, agents, self._fail)
+                data, agents = cast(value, target.declared, self.context.agent_sets, agents, self._fail)
                 value = normalise_values(data, self.context.agent_sets)
             store(self.target, agents, value, self._fail)
         return self.drop_failed(agents), empty, 0, 0
@@ -169,8 +169,8 @@ class SetBlackboard(BatchNode):
     def _write_text(self, agents: int) -> None:
         column = self.target.column
         value: Any = self.text
-        if column is not None and column.kind.strong:
-            value = column.kind.from_text(self.text)
+        if column is not None and column.declared.strong:
+            value = column.declared.from_text(self.text)
         agent_sets = self.context.agent_sets
         if isinstance(value, (str, int, float)):
             values = normalise_values(value, agent_sets)
@@ -186,13 +186,13 @@ class SetBlackboard(BatchNode):
 
 def _clashing_type(source: Column, target: Column) -> ValueType | None:
     """Return the type of the numbers of *source* if they cannot be copied to *target*, else None."""
-    kind = source.entry.value_type or source.kind
-    if source.form is not NUMBER or not target.kind.strong:
+    number_type = source.entry.value_type or source.declared
+    if source.form is not NUMBER or not target.declared.strong:
         return None
-    if not kind.strong:
+    if not number_type.strong:
         if source.integers_among(source.written):
             return None
-        kind = DOUBLE
-    if source.entry.value_type is None and source.entry.inferred and isinstance(target.kind, IntegerType):
+        number_type = DOUBLE
+    if source.entry.value_type is None and source.entry.inferred and isinstance(target.declared, IntegerType):
         return None
-    return None if target.kind.same(kind) else kind
+    return None if target.declared.same(number_type) else number_type

@@ -17,8 +17,8 @@ class OrderedNode(BatchNode):
     is_async: ClassVar[bool] = False
     """Whether the node returns RUNNING after a child that completes in its first tick."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         # For each child, the agents for which it is next. For agents in no set, the first child is next.
         self._next = [0] * len(children)
         self._skips = Counters()
@@ -194,8 +194,8 @@ class ReactiveFallback(ReactiveNode):
 class TryCatch(OrderedNode):
     """A Sequence whose last child, the handler, is ticked if another child fails."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self.catch_on_halt = BatchInput(self, "catch_on_halt")
         self._catching = 0
 

@@ -9,8 +9,8 @@ from btcore_batch.ports import BatchInput
 class TimedDecorator(BatchDecorator):
     """The base class of decorators with a timer."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self._timer = context.add_timer()
 
     def halt(self, agents: int) -> None:
@@ -25,8 +25,8 @@ class TimedDecorator(BatchDecorator):
 class Timeout(TimedDecorator):
     """Halts its child and fails if the child is still RUNNING `msec` milliseconds after the start."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self.msec = BatchInput(self, "msec")
         self._started = 0
 
@@ -70,8 +70,8 @@ class Timeout(TimedDecorator):
 class Delay(TimedDecorator):
     """Is RUNNING for `delay_msec` milliseconds, then ticks its child."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self.delay_msec = BatchInput(self, "delay_msec")
 
     def tick(self, agents: int) -> Results:
@@ -102,8 +102,8 @@ class Delay(TimedDecorator):
 class Sleep(BatchNode):
     """Is RUNNING for `msec` milliseconds, then succeeds."""
 
-    def __init__(self, plan: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
-        super().__init__(plan, context, children)
+    def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
+        super().__init__(node, context, children)
         self.msec = BatchInput(self, "msec")
         self._timer = context.add_timer()
 

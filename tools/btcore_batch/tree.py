@@ -32,7 +32,7 @@ from btcore_batch.node_classes import BATCH_CLASSES
 
 
 class BatchCompiler:
-    """Compiles an ordinary tree, the plan, to the nodes of a batch.
+    """Compiles an ordinary tree to the nodes of a batch.
 
     Args:
         context: The shared state of the batch.
@@ -63,35 +63,35 @@ class BatchCompiler:
         self.nodes.sort(key=lambda node: node.uid)
         return root
 
-    def _node(self, plan: TreeNode) -> BatchNode:
-        children = [self._node(child) for child in plan.children]
+    def _node(self, node: TreeNode) -> BatchNode:
+        children = [self._node(child) for child in node.children]
         try:
-            node = self._create(plan, children)
+            batch_node = self._create(node, children)
         except TreeError as error:
             # Continue with a placeholder, to report the errors of all nodes.
             self._diagnostics += error.diagnostics
-            node = BatchNode(plan, self.context, children)
-        self.nodes.append(node)
-        return node
+            batch_node = BatchNode(node, self.context, children)
+        self.nodes.append(batch_node)
+        return batch_node
 
-    def _create(self, plan: TreeNode, children: list[BatchNode]) -> BatchNode:
-        cls = BATCH_CLASSES.get(type(plan))
+    def _create(self, node: TreeNode, children: list[BatchNode]) -> BatchNode:
+        cls = BATCH_CLASSES.get(type(node))
         if cls is not None:
-            return cls(plan, self.context, children)
-        leaf = self.leaves.get(plan.config.id)
+            return cls(node, self.context, children)
+        leaf = self.leaves.get(node.config.id)
         if leaf is None or children:
-            message = f"the batch engine does not run <{plan.config.id}>"
-            raise unsupported(plan.config, message, self._hint(plan, children))
+            message = f"the batch engine does not run <{node.config.id}>"
+            raise unsupported(node.config, message, self._hint(node, children))
         leaf_class = StatefulNode if issubclass(leaf.base_class, StatefulAction) else FunctionNode
-        return leaf_class(plan, self.context, leaf)
+        return leaf_class(node, self.context, leaf)
 
-    def _hint(self, plan: TreeNode, children: list[BatchNode]) -> str:
+    def _hint(self, node: TreeNode, children: list[BatchNode]) -> str:
         if children:
             supported = [ID for ID, cls in BUILTIN_NODES[4].items() if cls in BATCH_CLASSES]
             return f"it runs {', '.join(sorted(supported))}"
-        nearest = nearest_name(plan.config.id, self.leaves)
+        nearest = nearest_name(node.config.id, self.leaves)
         question = suggestion(f"<{nearest}>") + " " if nearest else ""
-        declared = f"@batch.action(ID='{plan.config.id}')"
+        declared = f"@batch.action(ID='{node.config.id}')"
         advice = f"write it for all agents at once, {declared}, and pass it in leaves=[…]"
         return question + advice
 
@@ -126,12 +126,12 @@ class BatchTree:
     """A behavior tree that is ticked for many agents at once; each agent behaves as if it had its own tree.
 
     Args:
-        plan: The ordinary tree from which the batch is made. It is not modified.
+        tree: The ordinary tree from which the batch is made. It is not modified.
         agents: The number of agents.
         leaves: Functions (`@batch.action`, `@batch.condition`) and classes (`batch.StatefulAction`)
             that work on numpy arrays.
         resources: The objects that leaves can get by type.
-        clock: The clock; by default the plan's clock.
+        clock: The clock; by default the tree's clock.
 
     Attributes:
         nodes: All nodes in depth-first pre-order.
@@ -164,26 +164,26 @@ class BatchTree:
 
     def __init__(
         self,
-        plan: Tree,
+        tree: Tree,
         agents: int,
         leaves: Sequence[Any] = (),
         resources: Sequence[object] = (),
         clock: Clock | None = None,
     ) -> None:
-        if not isinstance(plan, Tree):
-            raise BtcoreError(f"a batch is made of a tree, not {plan!r}; BatchTree.load takes a file")
+        if not isinstance(tree, Tree):
+            raise BtcoreError(f"a batch is made of a tree, not {tree!r}; BatchTree.load takes a file")
         self.agent_sets = AgentSets(agents)
-        self.id = plan.id
-        clock = clock if clock is not None else plan.clock
-        self.columns = ColumnTable(plan, self.agent_sets, clock)
+        self.id = tree.id
+        clock = clock if clock is not None else tree.clock
+        self.columns = ColumnTable(tree, self.agent_sets, clock)
         self.context = BatchContext(self.columns, clock, resources)
-        declarations = {leaf.id: leaf for leaf in read_declarations(leaves, plan.registry.types)}
+        declarations = {leaf.id: leaf for leaf in read_declarations(leaves, tree.registry.types)}
         compiler = BatchCompiler(self.context, declarations)
-        self.root = compiler.compile(plan)
+        self.root = compiler.compile(tree)
         self.nodes: list[BatchNode] = compiler.nodes
         self.blackboards: dict[str, BatchBlackboard] = {
             subtree.path: BatchBlackboard(self.columns, self.columns.scopes[id(subtree.blackboard)])
-            for subtree in plan.subtrees
+            for subtree in tree.subtrees
         }
         self.ticks = 0
         self.status: Statuses = np.zeros(self.agents, dtype=np.uint8)
@@ -224,8 +224,8 @@ class BatchTree:
             BtcoreError: *agents* is not a positive integer.
         """
         leaves, registry, board = _prepare(leaves, nodes, blackboard, clock)
-        plan = load(path, nodes=registry, tree=tree, blackboard=board, clock=clock)
-        return cls(plan, agents, leaves, resources)._initialise(blackboard)
+        loaded = load(path, nodes=registry, tree=tree, blackboard=board, clock=clock)
+        return cls(loaded, agents, leaves, resources)._initialise(blackboard)
 
     @classmethod
     def loads(
@@ -262,8 +262,8 @@ class BatchTree:
             BtcoreError: *agents* is not a positive integer.
         """
         leaves, registry, board = _prepare(leaves, nodes, blackboard, clock)
-        plan = loads(text, nodes=registry, tree=tree, blackboard=board, clock=clock)
-        return cls(plan, agents, leaves, resources)._initialise(blackboard)
+        loaded = loads(text, nodes=registry, tree=tree, blackboard=board, clock=clock)
+        return cls(loaded, agents, leaves, resources)._initialise(blackboard)
 
     def _initialise(self, values: Mapping[str, Any] | None) -> "BatchTree":
         for key, value in (values or {}).items():
@@ -413,7 +413,7 @@ class BatchTree:
 def _prepare(
     leaves: Sequence[Any], nodes: Registry | None, values: Mapping[str, Any] | None, clock: Clock | None
 ) -> tuple[list[LeafDeclaration], Registry, Blackboard]:
-    """Return the arguments for loading the plan: declarations of the leaves, a registry and a blackboard.
+    """Return the arguments for loading the tree: declarations of the leaves, a registry and a blackboard.
 
     The registry contains an ordinary class for each leaf. The blackboard contains the values of the first
     agent.

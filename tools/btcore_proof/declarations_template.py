@@ -17,9 +17,9 @@ def template_of(tree: Tree) -> str:
     """
     nodes = tree.nodes
     leaves = {node.config.id: node for node in nodes if model_leaf_model(node) is not None}
-    written = {key: kind for node in nodes for key, kind in _outputs(node).items()}
+    written = {key: type_name for node in nodes for key, type_name in _outputs(node).items()}
     read = sorted({key for node in nodes for key in _inputs(node)} - written.keys())
-    unknown = sorted(key for key, kind in written.items() if kind != "bool")
+    unknown = sorted(key for key, type_name in written.items() if type_name != "bool")
     first = next((leaf.name for leaf in leaves.values()), "Move")
     lines = [
         "# Declarations for `btcore prove`. Remove the # of what is true, and change it.",
@@ -72,7 +72,7 @@ def _inputs(node: TreeNode) -> Iterable[str]:
 def _outputs(node: TreeNode) -> dict[str, str]:
     """Return the outermost names of the entries that a node writes, and the types of the ports."""
     outputs = [output for output in node.config.outputs.values() if output.key is not None]
-    return {names_of_entry(each.blackboard, each.key or "")[-1]: each.type.name for each in outputs}
+    return {names_of_entry(port.blackboard, port.key or "")[-1]: port.type.name for port in outputs}
 
 
 def _text(value: object) -> str:

@@ -21,7 +21,7 @@ def name_in_main_tree(board: Blackboard, key: str) -> str | None:
 
 
 def _names(board: Blackboard, key: str) -> list[tuple[Blackboard, str]]:
-    found = [(board, key)]
+    names = [(board, key)]
     is_format_3 = isinstance(board, Format3Blackboard)
     while (parent := board.parent) is not None:
         if key.startswith("@") and not is_format_3:
@@ -32,5 +32,5 @@ def _names(board: Blackboard, key: str) -> list[tuple[Blackboard, str]]:
             board = parent
         else:
             break
-        found.append((board, key))
-    return found
+        names.append((board, key))
+    return names

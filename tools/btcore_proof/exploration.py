@@ -202,27 +202,27 @@ class Explorer:
             self._trace.append(self._end_of(tick))
             self._repeat(state, advance, len(given))
 
-    def _repeat(self, state: TreeState, advance: Advance, given: int) -> None:
+    def _repeat(self, state: TreeState, advance: Advance, first_new: int) -> None:
         """Run the last tick once more, if it has run code of users, and note a difference.
 
         Args:
             state: The state before the tick.
             advance: The advance of the timers.
-            given: The number of choices after which the tick was not known before.
+            first_new: The number of choices after which the tick was not known before.
         """
         users, choices = self.users, self.choices
         if users is None:
             return
         users.check_fields()
         first = self._trace
-        again: list[Hashable] = []
-        made = [chosen for chosen, _ in choices.made]
+        repeated: list[Hashable] = []
+        chosen_before = [chosen for chosen, _ in choices.made]
 
         def follow(leaf: TreeNode | None, options: int, choice: int) -> None:
-            again.append((None if leaf is None else leaf.config.uid, options))
-            if len(choices.made) >= given:
-                again.extend(self._moment_of(leaf))
-            if len(again) >= len(first) or again != first[: len(again)]:
+            repeated.append((None if leaf is None else leaf.config.uid, options))
+            if len(choices.made) >= first_new:
+                repeated.extend(self._moment_of(leaf))
+            if len(repeated) >= len(first) or repeated != first[: len(repeated)]:
                 raise choices.interrupt(KnownMomentError())
             self._progress.add_choice(leaf, choice)
 
@@ -230,13 +230,13 @@ class Explorer:
         self.keeper.restore(state, advance, shift=True)
         choices.watcher = follow
         try:
-            again.append(self._end_of(self._runner.run(made)))
+            repeated.append(self._end_of(self._runner.run(chosen_before)))
         except KnownMomentError:
             pass
         finally:
             choices.watcher = self._decide
-        if again != first:
-            users.note_difference(first, again)
+        if repeated != first:
+            users.note_difference(first, repeated)
 
     def _end_of(self, tick: Tick) -> Hashable:
         """Return what distinguishes the end of a tick from that of another one."""

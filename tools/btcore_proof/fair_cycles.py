@@ -72,10 +72,10 @@ def find_fair_cycle(
         signals = 0
         kept: Part = {}
         for vertex, edges in part.items():
-            kept[vertex] = found = [edge for edge in edges if allowed(edge)]
-            for edge in found:
+            kept[vertex] = allowed_edges = [edge for edge in edges if allowed(edge)]
+            for edge in allowed_edges:
                 signals |= edge.signals
-        if all(each.cause or signals & each.effect for each in conditions):
+        if all(condition.cause or signals & condition.effect for condition in conditions):
             pending += _components(kept)
     while pending:
         part = pending.pop()
@@ -83,7 +83,7 @@ def find_fair_cycle(
         if not violated:
             return _cycle_through(graph, part, conditions)
         kept = {
-            state: [edge for edge in edges if not any(each.is_caused_by(edge) for each in violated)]
+            state: [edge for edge in edges if not any(condition.is_caused_by(edge) for condition in violated)]
             for state, edges in part.items()
         }
         pending += _components(kept)
@@ -97,26 +97,26 @@ def states_from(
 
     Those that fewer ticks reach come first.
     """
-    found: dict[int, Step | None] = dict.fromkeys(start)
-    queue = deque(found)
+    steps_to: dict[int, Step | None] = dict.fromkeys(start)
+    queue = deque(steps_to)
     while queue:
         vertex = queue.popleft()
         # Vertices stay in the order of this loop.
-        found[vertex] = found.pop(vertex)
+        steps_to[vertex] = steps_to.pop(vertex)
         for edge in graph.edges[vertex]:
-            if edge.target >= 0 and edge.target not in found and allowed(edge):
-                found[edge.target] = (vertex, edge)
+            if edge.target >= 0 and edge.target not in steps_to and allowed(edge):
+                steps_to[edge.target] = (vertex, edge)
                 if graph.ends_tick(edge):
                     queue.append(edge.target)
                 else:
                     queue.appendleft(edge.target)
-    return found
+    return steps_to
 
 
-def steps_back(found: dict[int, Step | None], state: int) -> list[Step]:
+def steps_back(steps_to: dict[int, Step | None], state: int) -> list[Step]:
     """Return the steps by which `states_from` reached *state*, in order."""
     steps: list[Step] = []
-    while (step := found[state]) is not None:
+    while (step := steps_to[state]) is not None:
         steps.append(step)
         state = step[0]
     return steps[::-1]
@@ -140,7 +140,7 @@ def _components(part: Part) -> list[Part]:
     low: dict[int, int] = {}
     stack: list[int] = []
     on_stack: set[int] = set()
-    found: list[Part] = []
+    components: list[Part] = []
     for root in part:
         if root in index:
             continue
@@ -177,8 +177,8 @@ def _components(part: Part) -> list[Part]:
                         for member in sorted(members)
                     }
                     if any(inner.values()):
-                        found.append(inner)
-    return found
+                        components.append(inner)
+    return components
 
 
 def _cycle_through(graph: StateGraph, part: Part, conditions: Sequence[Fairness]) -> FairCycle:
@@ -187,20 +187,20 @@ def _cycle_through(graph: StateGraph, part: Part, conditions: Sequence[Fairness]
     steps: list[Step] = []
     state = start
 
-    def go(wanted: Callable[[Edge], bool]) -> None:
+    def go(accepts: Callable[[Edge], bool]) -> None:
         nonlocal state
-        found: dict[int, Step | None] = {state: None}
+        steps_to: dict[int, Step | None] = {state: None}
         queue = deque([state])
         while queue:
-            here = queue.popleft()
-            for edge in part[here]:
-                if wanted(edge):
-                    steps.extend(steps_back(found, here))
-                    steps.append((here, edge))
+            vertex = queue.popleft()
+            for edge in part[vertex]:
+                if accepts(edge):
+                    steps.extend(steps_back(steps_to, vertex))
+                    steps.append((vertex, edge))
                     state = edge.target
                     return
-                if edge.target not in found:
-                    found[edge.target] = (here, edge)
+                if edge.target not in steps_to:
+                    steps_to[edge.target] = (vertex, edge)
                     queue.append(edge.target)
 
     for condition in conditions:

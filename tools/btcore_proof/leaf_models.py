@@ -109,15 +109,15 @@ def domain_of(
     Raises:
         ModelError: A declared value is not of the type of the port.
     """
-    kind = port.type
+    port_type = port.type
     key = next((name for name in names if name in declared), "")
     texts = declared.get(key)
     if texts is None:
-        if kind is BOOL:
+        if port_type is BOOL:
             return (True, False)
-        return tuple(kind.members) if isinstance(kind, EnumType) else ()
+        return tuple(port_type.members) if isinstance(port_type, EnumType) else ()
     try:
-        return tuple(kind.from_text(text) if kind.strong else text for text in texts)
+        return tuple(port_type.from_text(text) if port_type.strong else text for text in texts)
     except ConversionError as error:
         raise ModelError(f"[entries] {key}: {error}") from error
 
@@ -138,9 +138,11 @@ def resources_of(manifest: Manifest) -> frozenset[str]:
     """Return the names of the types of the resources that a leaf gets."""
     types = [parameter.resource_type for parameter in manifest.resource_parameters]
     return frozenset(
-        kind.__name__
-        for kind in types
-        if isinstance(kind, type) and not is_tree_state(kind) and kind not in (Clock, Blackboard)
+        resource_type.__name__
+        for resource_type in types
+        if isinstance(resource_type, type)
+        and not is_tree_state(resource_type)
+        and resource_type not in (Clock, Blackboard)
     )
 
 

@@ -83,11 +83,11 @@ _EXACT: Final = 2**53
 """Scripts compare no greater integers."""
 
 
-def operands_of(kind: ValueType) -> str:
+def operands_of(value_type: ValueType) -> str:
     """Return the values with which scripts can compare every value of a type, as in UnknownValue."""
-    if isinstance(kind, IntegerType):
-        return "numbers" if kind.low >= -_EXACT and kind.high <= _EXACT else ""
-    return "numbers" if isinstance(kind, RealType) else "texts" if kind is STRING else ""
+    if isinstance(value_type, IntegerType):
+        return "numbers" if value_type.low >= -_EXACT and value_type.high <= _EXACT else ""
+    return "numbers" if isinstance(value_type, RealType) else "texts" if value_type is STRING else ""
 
 
 def _operand_text(value: object) -> str:
@@ -135,7 +135,7 @@ class Choices:
         domains: The declared values of entries, as texts, by key.
         unread: The keys of entries that leaves need not write, because nothing reads them.
         counted: The scope and the key of each entry whose writes a node counts.
-        watcher: Called before each choice with the leaf (None for a node of another kind), the number of its
+        watcher: Called before each choice with the leaf (None for a node of another type), the number of its
             options, and the option that it will take.
         raised: The first interrupt with which the search ends this tick; None = the tick goes on.
         guess: The comparison with an unknown value that is being decided; "" = none.
@@ -170,7 +170,7 @@ class Choices:
 
         Args:
             options: The number of options.
-            leaf: The leaf that chooses; None for a node of another kind.
+            leaf: The leaf that chooses; None for a node of another type.
         """
         if self.raised is not None:
             # A node has caught it.
@@ -277,8 +277,8 @@ class _Chooser:
             has_inputs = not self._optional or not any(_is_unwritten(port) for port in self._optional)
             is_repeated = self._model.early and not any(_is_unwritten(writer.output) for writer in writers)
             key = (fresh, has_inputs, is_repeated)
-            found = self._options.get(key)
-            options = self._options[key] = self._outcomes(*key) if found is None else found
+            outcomes = self._options.get(key)
+            options = self._options[key] = self._outcomes(*key) if outcomes is None else outcomes
         status, picked = options[choices.choose_outcome(self._leaf, options, self._all_writers)]
         written: Mapping[str, object] = _NOTHING
         if picked:
@@ -388,13 +388,13 @@ class _Chooser:
             writer.output.write(value)
             return value
         board = writer.output.blackboard
-        kind = writer.output.type
-        entry: Entry = board.find(writer.key) or board.create(writer.key, kind)
-        if kind.strong and entry.declared.strong and not kind.same(entry.declared):
-            names = f"a value of the type {kind.name} to {{{writer.key}}}, which is of the type"
+        port_type = writer.output.type
+        entry: Entry = board.find(writer.key) or board.create(writer.key, port_type)
+        if port_type.strong and entry.declared.strong and not port_type.same(entry.declared):
+            names = f"a value of the type {port_type.name} to {{{writer.key}}}, which is of the type"
             text = f"'{self._leaf.config.path}' writes {names} {entry.declared.name}: declare its domain"
             raise self.choices.interrupt(UnknownOutcomeError(text))
-        unknown = self.choices.unknown(writer.key, operands_of(kind))
+        unknown = self.choices.unknown(writer.key, operands_of(port_type))
         entry.put(unknown, board.now())
         return unknown
 
@@ -583,26 +583,26 @@ def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, objec
             ports = list(manifest.ports.values())
             if copy.get(ID, format) is manifest:
                 copy.remove(ID)
-                made = _model_class(ID, manifest.cls, model, ports)
+                model_class = _model_class(ID, manifest.cls, model, ports)
                 results = declared.get(ID, {}).get("results", manifest.metadata.get("results"))
-                if issubclass(made, ModelDecorator) and results is not None:
-                    made.instead = model.results
-                    made.model = model._replace(lasts="RUNNING" in str(results))
-                copy.add(made, ID=ID)
+                if issubclass(model_class, ModelDecorator) and results is not None:
+                    model_class.instead = model.results
+                    model_class.model = model._replace(lasts="RUNNING" in str(results))
+                copy.add(model_class, ID=ID)
     return copy
 
 
 def _model_class(ID: str, cls: type[TreeNode], model: LeafModel, ports: Iterable[Port]) -> type[TreeNode]:
-    kind: type[TreeNode]
+    base: type[TreeNode]
     if issubclass(cls, DecoratorNode):
-        kind = ModelDecorator
+        base = ModelDecorator
     elif cls.spec.node_type is NodeType.CONDITION:
-        kind = ModelCondition
+        base = ModelCondition
     else:
-        kind = ModelAction if model.lasts or not issubclass(cls, SyncAction) else ModelSyncAction
+        base = ModelAction if model.lasts or not issubclass(cls, SyncAction) else ModelSyncAction
     listed = list(ports)
     members = {"model": model, "provided_ports": staticmethod(lambda: listed), "__doc__": "A model."}
-    return type(ID, (kind,), members)
+    return type(ID, (base,), members)
 
 
 def model_leaf_model(node: TreeNode) -> LeafModel | None:

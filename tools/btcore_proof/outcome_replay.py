@@ -103,12 +103,12 @@ class ReplayChoices(Choices):
         self, leaf: TreeNode, options: Sequence[ModelOutcome], writers: Sequence[Writer]
     ) -> int:
         """Return the number of the option that is most like the outcome of *leaf*."""
-        wanted = self._wanted(self._names.get(leaf.config.uid, leaf.config.path))
+        recorded = self._recorded_outcome(self._names.get(leaf.config.uid, leaf.config.path))
         if self._runs_too_long(leaf):
-            wanted = None
+            recorded = None
         number = 0
-        if wanted is not None:
-            number = max(range(len(options)), key=lambda it: _likeness(options[it], writers, wanted))
+        if recorded is not None:
+            number = max(range(len(options)), key=lambda index: _likeness(options[index], writers, recorded))
         # The choice is also counted, so that a tick without an end is found.
         self.given = [*(chosen for chosen, _ in self.made), number]
         return self.choose(len(options))
@@ -122,7 +122,7 @@ class ReplayChoices(Choices):
             return False
         return kept > 2 * len(self._ticks) - self._cycle
 
-    def _wanted(self, name: str) -> Outcome | None:
+    def _recorded_outcome(self, name: str) -> Outcome | None:
         count = self._taken.get(name, 0)
         self._taken[name] = count + 1
         now = self._ticks[self._place].get(name)
@@ -213,8 +213,8 @@ def replay_outcomes(
 
 def _times(replayed: Sequence[TickOutcomes], cycle: tuple[int, float] | None, cycles: int) -> list[list[int]]:
     """Return the times (ns) of all ticks."""
-    given = [times if isinstance(times, Sequence) else [times] for times, _ in replayed]
-    ticks = [[round(time * NS_PER_S) for time in times] for times in given]
+    times_of_ticks = [times if isinstance(times, Sequence) else [times] for times, _ in replayed]
+    ticks = [[round(time * NS_PER_S) for time in times] for times in times_of_ticks]
     if cycle is not None:
         start, duration = cycle
         repeated = ticks[start:]

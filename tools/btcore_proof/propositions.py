@@ -65,8 +65,8 @@ def parse_question(text: str) -> Question:
     limit = _WITHIN.search(stripped)
     body = stripped[: limit.start()] if limit else stripped
     for kind in ("leads to", "before"):
-        first, found, second = body.partition(f" {kind} ")
-        if found:
+        first, separator, second = body.partition(f" {kind} ")
+        if separator:
             if limit and kind == "before":
                 break
             return Question(stripped, kind, first.strip(), second.strip(), int(limit[1]) if limit else None)
@@ -156,10 +156,10 @@ class _Parser:
     def _atom(self) -> Proposition:
         if not self._tokens:
             raise QuestionError(f"'{self._text}': the name of a node or a {{key}} is missing at the end")
-        kind, text = self._tokens.pop(0)
-        if kind == "entry":
+        token_type, text = self._tokens.pop(0)
+        if token_type == "entry":
             return self._comparison(text[1:-1])
-        if kind not in ("name", "text"):
+        if token_type not in ("name", "text"):
             raise QuestionError(f"'{self._text}': '{text}' is not the name of a node")
         try:
             node = self._tree.node(text.strip("'\""))
@@ -191,11 +191,11 @@ class _Parser:
         compare = _COMPARISONS.get(sign)
         if compare is None or not self._tokens:
             raise QuestionError(f"'{self._text}': compare {{{key}}} with a value, as in {{{key}}} == 'low'")
-        kind, text = self._tokens.pop(0)
+        token_type, text = self._tokens.pop(0)
         value: object
-        if kind == "text":
+        if token_type == "text":
             value = text[1:-1]
-        elif kind == "number":
+        elif token_type == "number":
             value = float(text)
         elif text in ("true", "false"):
             value = text == "true"

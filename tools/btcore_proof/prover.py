@@ -165,7 +165,7 @@ class Prover:
         self.errors = [prepared.error for prepared in self._questions if prepared.error]
         self._endless = endless_nodes(tree)
         self._first_endless = len(parsed)
-        watched = {node.config.uid: node for each in parsed for node in each.nodes}
+        watched = {node.config.uid: node for proposition in parsed for node in proposition.nodes}
         for node in tree.nodes:
             if not node.children:
                 start_tick_counts(node)
@@ -174,7 +174,11 @@ class Prover:
             choices,
             tick_checks(tree),
             state_checks(tree),
-            [*(each.holds for each in parsed), *map(_runs, self._endless), self._runs_endless_node],
+            [
+                *(proposition.holds for proposition in parsed),
+                *map(_runs, self._endless),
+                self._runs_endless_node,
+            ],
             list(watched.values()),
             instant_leaves,
             favourable,
@@ -208,7 +212,7 @@ class Prover:
         if any(edge.signals & guessed for edges in graph.edges for edge in edges):
             certain = graph.without(guessed)
             views.insert(0, _View(certain, cyclic_parts(certain)))
-        asked: list[Callable[[], Answer]] = [partial(self._standard, each) for each in STANDARD_QUESTIONS]
+        asked: list[Callable[[], Answer]] = [partial(self._standard, name) for name in STANDARD_QUESTIONS]
         asked += [partial(self._own, prepared) for prepared in self._questions]
         return Report([self._answer_in(views, ask) for ask in asked], graph.transitions)
 
@@ -338,11 +342,11 @@ class Prover:
             return self._proved(question.text)
         if question.kind == "before":
             return self._before(question, first, second)
-        found = self._not_followed(occurs, second, question.within)
-        if found is not None:
-            steps, cycle = found
-            what = "not within this number of ticks" if question.within is not None else "never follows"
-            return self._refuted(question.text, f"'{question.second}' {what}", steps, cycle)
+        counterexample = self._not_followed(occurs, second, question.within)
+        if counterexample is not None:
+            steps, cycle = counterexample
+            outcome = "not within this number of ticks" if question.within is not None else "never follows"
+            return self._refuted(question.text, f"'{question.second}' {outcome}", steps, cycle)
         answer = self._proved(question.text)
         if answer.answer == PROVED and not occurs:
             return answer._replace(is_vacuous=True, detail=f"'{question.first}' never occurs")
@@ -351,11 +355,11 @@ class Prover:
     def _before(self, question: Question, first: int, second: int) -> Answer:
         graph = self._view.graph
         starts = [state for state, parent in enumerate(graph.parents) if parent is None]
-        found = states_from(graph, starts, lambda edge: not edge.signals & first)
-        for state in found:
+        steps_to = states_from(graph, starts, lambda edge: not edge.signals & first)
+        for state in steps_to:
             for edge in graph.edges[state]:
                 if edge.signals & second and not edge.signals & first:
-                    steps = [*steps_back(found, state), (state, edge)]
+                    steps = [*steps_back(steps_to, state), (state, edge)]
                     return self._refuted(question.text, "", steps)
         answer = self._proved(question.text)
         occurs = any(edge.signals & second for edges in graph.edges for edge in edges)
@@ -380,21 +384,21 @@ class Prover:
         for step in pending:
             if step[1].target >= 0:
                 entered.setdefault(step[1].target, step)
-        found = states_from(graph, entered, lambda edge: not edge.signals & second)
-        for state in found:
+        steps_to = states_from(graph, entered, lambda edge: not edge.signals & second)
+        for state in steps_to:
             for edge in graph.edges[state]:
                 if edge.target in _ENDS and not edge.signals & second:
-                    steps = steps_back(found, state)
+                    steps = steps_back(steps_to, state)
                     origin = steps[0][0] if steps else state
                     return [entered[origin], *steps, (state, edge)], None
         parts = [
-            {vertex: edges for vertex, edges in part.items() if vertex in found}
+            {vertex: edges for vertex, edges in part.items() if vertex in steps_to}
             for part in self._view.cyclic_parts
         ]
         cycle = find_fair_cycle(graph, parts, self._fairness(), lambda edge: not edge.signals & second)
         if cycle is None:
             return None
-        steps = steps_back(found, cycle.start)
+        steps = steps_back(steps_to, cycle.start)
         origin = steps[0][0] if steps else cycle.start
         return [entered[origin], *steps], cycle
 
@@ -455,8 +459,8 @@ class Prover:
     def _limits(self) -> list[str]:
         """Return why the search has not seen everything: its bounds, and an error that ends runs."""
         graph = self._view.graph
-        errors = [graph.violations[each] for each in (INPUTS, EXCEPTIONS) if each in graph.violations]
-        return [*graph.bounds, *(f"not searched beyond this error: {each.message}" for each in errors[:1])]
+        errors = [graph.violations[name] for name in (INPUTS, EXCEPTIONS) if name in graph.violations]
+        return [*graph.bounds, *(f"not searched beyond this error: {error.message}" for error in errors[:1])]
 
     def _refuted(
         self,
@@ -474,11 +478,11 @@ class Prover:
             cycle: The cycle that follows.
         """
         graph = self._view.graph
-        more = cycle.steps if cycle is not None else []
-        origin = [*steps, *more][0][0]
+        cycle_steps = cycle.steps if cycle is not None else []
+        origin = [*steps, *cycle_steps][0][0]
         before = [*graph.path_to(origin), *steps]
         # The cycle twice: the normal run must be able to begin it again.
-        run = graph.whole_ticks(before + more * 2)
+        run = graph.whole_ticks(before + cycle_steps * 2)
         prefix = len(graph.whole_ticks(before))
         length = (len(run) - prefix) // 2
         times, results = times_of(self.explorer, [tick.moment for tick in run])
@@ -496,17 +500,18 @@ class Prover:
 
         trees: list[Tree] = []
         ticks = replay(make, [tick.moment.choices for tick in run], times, self._domains, trees.append)
-        same = all(
-            _agrees(whole, tick.result) and found == [(leaf.path, leaf.result) for leaf in tick.events]
-            for whole, tick, found in zip(run, ticks, results, strict=True)
+        is_confirmed = all(
+            _agrees(whole_tick, tick.result)
+            and expected == [(leaf.path, leaf.result) for leaf in tick.events]
+            for whole_tick, tick, expected in zip(run, ticks, results, strict=True)
         )
-        if not same:
+        if not is_confirmed:
             return self._answer(question, UNKNOWN_ANSWER, f"{message}, but a normal run does not show it")
-        period = ticks[prefix + length].time - ticks[prefix].time if more else 0.0
+        period = ticks[prefix + length].time - ticks[prefix].time if cycle_steps else 0.0
         ticks = ticks[: prefix + length]
         shown = Counterexample(
             ticks,
-            prefix if more else None,
+            prefix if cycle_steps else None,
             period,
             {key: text_of(value) for key, value in beginning.items()},
             draw_results(trees[0].id, len(ticks), trees[0].root),

@@ -61,7 +61,9 @@ def search(
                 explorer.expand(waiting[0])
             else:
                 next_states = islice(waiting, jobs * STATES_AT_A_TIME)
-                numbers = [each for each in next_states if graph.depths[each] < (most_ticks or math.inf)]
+                numbers = [
+                    number for number in next_states if graph.depths[number] < (most_ticks or math.inf)
+                ]
                 try:
                     processes.expand(numbers)
                 except pickle.PicklingError:

@@ -191,7 +191,7 @@ class SearchProcesses:
             assert reply is not None
             self._add(place % jobs, reply.expansions[place // jobs])
 
-    def _add(self, job: int, found: _Expansion) -> None:
+    def _add(self, job: int, expansion: _Expansion) -> None:
         """Add what a process has found from a state.
 
         A decision that other processes have found, too, is added again: the keys of decisions are long.
@@ -204,9 +204,9 @@ class SearchProcesses:
         def step_here(step: Step) -> Step:
             return vertices[step[0]], edge_here(step[1])
 
-        graph.transitions += found.ticks
-        keys = iter(self._peers[job].received(found.states))
-        for moment, parent in found.vertices:
+        graph.transitions += expansion.ticks
+        keys = iter(self._peers[job].received(expansion.states))
+        for moment, parent in expansion.vertices:
             if moment is None:
                 number, is_new = table.number_of_key(next(keys))
                 vertices.append(number)
@@ -217,12 +217,12 @@ class SearchProcesses:
                 assert parent is not None
                 vertices.append(table.add_without_key())
                 graph.add_decision(step_here(parent), moment._replace(state=vertices[moment.state]))
-        for vertex, edges in found.edges:
+        for vertex, edges in expansion.edges:
             graph.edges[vertices[vertex]] = [edge_here(edge) for edge in edges]
-        for name, violation in found.violations.items():
+        for name, violation in expansion.violations.items():
             if graph.lacks_violation(name, violation.is_guessed):
                 graph.violations[name] = replace(violation, step=step_here(violation.step))
-        for reason, step in found.bounds.items():
+        for reason, step in expansion.bounds.items():
             graph.bounds.setdefault(reason, None if step is None else step_here(step))
 
 
@@ -260,10 +260,10 @@ def _reply_to(explorer: Explorer, peer: _Peer, keys: Sequence[tuple[int, ...]], 
         new = range(first, len(table))
         expansions.append(
             _Expansion(
-                [_Vertex(graph.decisions.get(each), graph.parents[each]) for each in new],
-                peer.to_send([each for each in new if each not in graph.decisions]),
-                [(each, graph.edges[each]) for each in {state, *new} if graph.edges[each]],
-                {name: each for name, each in graph.violations.items() if violations.get(name) is not each},
+                [_Vertex(graph.decisions.get(vertex), graph.parents[vertex]) for vertex in new],
+                peer.to_send([vertex for vertex in new if vertex not in graph.decisions]),
+                [(vertex, graph.edges[vertex]) for vertex in {state, *new} if graph.edges[vertex]],
+                {name: step for name, step in graph.violations.items() if violations.get(name) is not step},
                 {reason: step for reason, step in graph.bounds.items() if reason not in bounds},
                 graph.transitions - ticks,
             )
@@ -323,14 +323,14 @@ class _StatePickler:
     def _identifier(self, value: object) -> object:
         if isinstance(value, UnknownValue):
             return value.key, value.operands
-        kind = type(value)
+        cls = type(value)
         if isinstance(value, Identity) and type(value.value) is not UnknownValue:
             raise pickle.PicklingError("a value is equal only to itself")
-        if kind.__eq__ is not object.__eq__ or value is None or isinstance(value, (type, FunctionType, Enum)):
+        if cls.__eq__ is not object.__eq__ or value is None or isinstance(value, (type, FunctionType, Enum)):
             return None
         number = self._numbers.get(id(value))
-        if number is None and kind.__module__ != "builtins":
-            raise pickle.PicklingError(f"a value of the class '{kind.__name__}' is equal only to itself")
+        if number is None and cls.__module__ != "builtins":
+            raise pickle.PicklingError(f"a value of the class '{cls.__name__}' is equal only to itself")
         return number
 
     def _object(self, identifier: Any) -> object:

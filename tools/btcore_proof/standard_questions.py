@@ -45,18 +45,18 @@ def _is_endless_leaf(node: TreeNode) -> bool:
 
 
 def _is_endless_loop(node: TreeNode) -> bool:
-    limits = [each for each in node.config.inputs.values() if each.port.role is PortRole.REPETITIONS]
+    limits = [binding for binding in node.config.inputs.values() if binding.port.role is PortRole.REPETITIONS]
     return node.spec.is_endless or any(limit.key is None and limit.literal == -1 for limit in limits)
 
 
 def _resource_check(tree: Tree) -> Check:
     shared: dict[tuple[int, int], str] = {}
     models = [(node, model) for node in tree.nodes if (model := model_leaf_model(node)) is not None]
-    for (first, its), (second, other) in combinations(models, 2):
-        common = sorted(its.uses & other.uses)
+    for (first, first_model), (second, second_model) in combinations(models, 2):
+        common = sorted(first_model.uses & second_model.uses)
         if common:
-            one, two = first.config.uid, second.config.uid
-            shared[one, two] = shared[two, one] = common[0]
+            first_uid, second_uid = first.config.uid, second.config.uid
+            shared[first_uid, second_uid] = shared[second_uid, first_uid] = common[0]
     if not shared:
         return Check(lambda tick: None)
     sharing = {uid for pair in shared for uid in pair}

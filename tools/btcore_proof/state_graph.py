@@ -141,16 +141,16 @@ class StateGraph:
         edges: list[list[Edge]] = [[] for _ in self.edges]
         parents: list[Step | None] = [None] * len(edges)
         depths = [0] * len(edges)
-        found = {vertex for vertex, parent in enumerate(self.parents) if parent is None}
-        waiting = deque(found)
+        reached = {vertex for vertex, parent in enumerate(self.parents) if parent is None}
+        waiting = deque(reached)
         while waiting:
             vertex = waiting.popleft()
             edges[vertex] = [edge for edge in self.edges[vertex] if not edge.signals & signals]
             # The vertices of a tick before those of the next one.
             for edge in edges[vertex]:
                 target = edge.target
-                if target >= 0 and target not in found:
-                    found.add(target)
+                if target >= 0 and target not in reached:
+                    reached.add(target)
                     parents[target] = vertex, edge
                     if target in self.decisions:
                         depths[target] = depths[vertex]
@@ -161,7 +161,7 @@ class StateGraph:
         violations = {
             name: violation
             for name, violation in self.violations.items()
-            if violation.step[0] in found and not violation.step[1].signals & signals
+            if violation.step[0] in reached and not violation.step[1].signals & signals
         }
         return replace(self, edges=edges, parents=parents, depths=depths, violations=violations)
 
@@ -181,19 +181,22 @@ class StateGraph:
             vertex: The vertex.
             known: The outcomes of other vertices, to which those of this vertex are added.
         """
-        found = known.get(vertex)
-        if found is None:
-            found = known[vertex] = set()
+        outcomes = known.get(vertex)
+        if outcomes is None:
+            outcomes = known[vertex] = set()
             for target, signals, _, _ in self.edges[vertex]:
                 if target in self.decisions:
-                    found |= {(end, signals | more) for end, more in self.outcomes_of(target, known)}
+                    outcomes |= {
+                        (end, signals | later_signals)
+                        for end, later_signals in self.outcomes_of(target, known)
+                    }
                 else:
-                    found.add((target, signals))
-        return found
+                    outcomes.add((target, signals))
+        return outcomes
 
     def whole_ticks(self, steps: Sequence[Step]) -> list[WholeTick]:
         """Return the ticks that *steps* consist of; the first step begins a tick, and the last ends one."""
-        found: list[WholeTick] = []
+        ticks: list[WholeTick] = []
         moment = Moment(0, 0, ())
         for vertex, edge in steps:
             if edge.choice is None:
@@ -201,8 +204,8 @@ class StateGraph:
             else:
                 moment = moment._replace(choices=(*moment.choices, edge.choice))
             if self.ends_tick(edge):
-                found.append(WholeTick(moment, edge.target))
-        return found
+                ticks.append(WholeTick(moment, edge.target))
+        return ticks
 
 
 class StateTable:
@@ -324,8 +327,8 @@ class Signals:
         for leaf, _, result, _ in events:
             if result is IDLE:
                 continue
-            found = 3 if result is SUCCESS else 5 if result is FAILURE else 1
-            bits |= found << 4 * self.numbers[leaf.config.uid]
+            code = 3 if result is SUCCESS else 5 if result is FAILURE else 1
+            bits |= code << 4 * self.numbers[leaf.config.uid]
         return bits
 
     def of_end(self, kept: Iterable[TreeNode], timers: int, true: Iterable[int]) -> int:

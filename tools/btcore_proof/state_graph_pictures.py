@@ -83,12 +83,12 @@ def draw_graph(prover: Prover) -> tuple[list[DrawnState], list[DrawnEdge]]:
                 if end in RESULT_OF:
                     target = RESULT_OF[end].name
                 ends[target] = None
-            found = outcomes.setdefault((keys[number], target), [])
+            lines = outcomes.setdefault((keys[number], target), [])
             outcome = _outcome(explorer, signals, names)
-            if outcome not in found:
-                found.append(outcome)
+            if outcome not in lines:
+                lines.append(outcome)
     states += [DrawnState(name, name, name) for name in ends]
-    return states, [DrawnEdge(*pair, _lines(found)) for pair, found in outcomes.items()]
+    return states, [DrawnEdge(*pair, _lines(lines)) for pair, lines in outcomes.items()]
 
 
 def _outcome(explorer: Explorer, bits: int, names: dict[int, str]) -> list[str]:

@@ -95,7 +95,7 @@ class TickRunner:
         """Return what the end of the present tick depends on, of what has happened in it."""
         return (
             tuple([leaf.config.uid for leaf in self._kept()]),
-            tuple([(uid, frozenset(found)) for uid, found in sorted(self._results.items())]),
+            tuple([(uid, frozenset(results)) for uid, results in sorted(self._results.items())]),
             frozenset(self._halts()),
         )
 

@@ -95,9 +95,9 @@ def tick_times(ticks: int, deadlines: Sequence[Deadline]) -> list[list[int]] | N
         For each tick the times of its readings of the clock; the last time is that of all further readings.
     """
     for period in (USUAL_PERIOD, 10 * NS_PER_MS, NS_PER_MS, 0):
-        found = _solved(ticks, deadlines, period)
-        if found is not None:
-            return found
+        times = _solved(ticks, deadlines, period)
+        if times is not None:
+            return times
     return None
 
 

@@ -43,7 +43,7 @@ def advances(bounds: Bounds) -> list[Advance]:
     while pending:
         index, expired, known = pending.pop()
         if index == count:
-            kept = [other for other in range(count) if other not in expired]
+            kept = [timer for timer in range(count) if timer not in expired]
             found.append(Advance(expired, without_timers(known, kept)))
             continue
         ended = _tightened(known, index + 1, 0, _AT_MOST_0)
@@ -83,7 +83,7 @@ def _tightened(bounds: Bounds, i: int, j: int, bound: int) -> Bounds | None:
         return bounds
     if _sum(bound, bounds[j][i]) < _AT_MOST_0:
         return None
-    beyond = [_sum(bound, other) for other in bounds[j]]
+    beyond = [_sum(bound, next_bound) for next_bound in bounds[j]]
     return tuple(
         tuple(min(old, _sum(row[i], new)) for old, new in zip(row, beyond, strict=True)) for row in bounds
     )

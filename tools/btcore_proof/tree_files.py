@@ -291,10 +291,10 @@ def _maker(plans: Plans, set_before: Mapping[str, str]) -> TreeMaker:
 
     def make(choices: Choices, clock: Clock) -> Tree:
         resources = [choices, ModelPrompt(choices)]
-        made = instantiate(plans, resources, clock=clock)
-        (values,) = beginnings_of(made, choices, known, list(set_before))
-        write_entries(made, values)
-        return made
+        tree = instantiate(plans, resources, clock=clock)
+        (values,) = beginnings_of(tree, choices, known, list(set_before))
+        write_entries(tree, values)
+        return tree
 
     return make
 

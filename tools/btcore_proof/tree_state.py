@@ -91,7 +91,7 @@ class _Timer(NamedTuple):
 class _Typed(NamedTuple):
     """Stands for a value that may be equal to a value of another type, as True and 1 are."""
 
-    kind: type
+    cls: type
     value: object
 
 
@@ -105,7 +105,7 @@ class _Float(NamedTuple):
 class _Items(NamedTuple):
     """Stands for a tuple or a set."""
 
-    kind: type
+    cls: type
     items: tuple[Hashable, ...] | frozenset[Hashable]
 
 
@@ -189,10 +189,10 @@ class StateKeeper:
             node._status = _STATUSES[status]
         for (node, fields, _), values in zip(self._with_fields, state.fields, strict=True):
             for name, value in zip(fields, values, strict=True):
-                kind = type(value)
-                if kind is _Timer:
+                cls = type(value)
+                if cls is _Timer:
                     value = numbers.get(value.number, _EXPIRED)
-                elif kind not in _PLAIN:
+                elif cls not in _PLAIN:
                     value = thawed(value)
                 setattr(node, name, value)
         if not self._has_entries_of(state):
@@ -372,14 +372,14 @@ class StateKeeper:
                     return OpaqueStateError(f"the entry {{{key}}} holds {error}{_OPAQUE}")
         return OpaqueStateError(f"a part of the state of the tree{_OPAQUE}")
 
-    def differences(self, one: TreeState, other: TreeState) -> list[tuple[TreeNode, str]]:
+    def differences(self, first: TreeState, second: TreeState) -> list[tuple[TreeNode, str]]:
         """Return the nodes with state fields that differ in two states, and the names of the fields."""
         return [
             (node, name)
-            for (node, fields, _), row, another in zip(
-                self._with_fields, one.fields, other.fields, strict=True
+            for (node, fields, _), first_row, second_row in zip(
+                self._with_fields, first.fields, second.fields, strict=True
             )
-            for name, value, now in zip(fields, row, another, strict=True)
+            for name, value, now in zip(fields, first_row, second_row, strict=True)
             if value != now
         ]
 
@@ -391,7 +391,7 @@ class StateKeeper:
             return self._restored[0].boards, self._restored[0].entries
         entries: list[list[Any]] = []
         numbers: dict[int, int] = {}
-        found: list[Entry] = []
+        captured_entries: list[Entry] = []
         boards: list[tuple[tuple[str, int], ...]] = []
         for board in self._boards:
             keys: list[tuple[str, int]] = []
@@ -401,7 +401,7 @@ class StateKeeper:
                     numbers[id(entry)] = len(entries)
                     frozen = freezer.frozen(entry.value)
                     entries.append([entry.declared, entry.inferred, frozen, 0, entry.value_type])
-                    found.append(entry)
+                    captured_entries.append(entry)
                 keys.append((key, numbers[id(entry)]))
             boards.append(tuple(keys))
         seen: dict[int, list[tuple[int, int]]] = {}
@@ -412,7 +412,7 @@ class StateKeeper:
             seen.setdefault(place, []).append((index, node._seen))
         for place, watchers in seen.items():
             if place >= 0:
-                self._renumber(rows, entries[place], found[place].sequence_id, watchers)
+                self._renumber(rows, entries[place], captured_entries[place].sequence_id, watchers)
         return tuple(boards), tuple(map(tuple, entries))
 
     def _renumber(
@@ -482,71 +482,71 @@ class Freezer:
         Raises:
             OpaqueStateError: The value cannot be copied and compared.
         """
-        kind = type(value)
-        if kind in _PLAIN:
+        cls = type(value)
+        if cls in _PLAIN:
             # 1, True, 1.0 and a Status are equal, but nodes and scripts tell them apart.
-            if kind is int or kind is str:
+            if cls is int or cls is str:
                 return value
-            if kind is float and (value == 0.0 or value != value):
+            if cls is float and (value == 0.0 or value != value):
                 # -0.0 is equal to 0.0, and NaN is not equal to itself.
                 return _Float(pack("d", value))
-            return _Typed(kind, value)
+            return _Typed(cls, value)
         if value is None:
             return None
-        if kind is tuple or kind is set or kind is frozenset:
+        if cls is tuple or cls is set or cls is frozenset:
             assert isinstance(value, (tuple, set, frozenset))
             items = [self.frozen(item) for item in value]
-            return _Items(kind, tuple(items) if kind is tuple else frozenset(items))
-        if kind is UnknownValue and not self._unknown:
+            return _Items(cls, tuple(items) if cls is tuple else frozenset(items))
+        if cls is UnknownValue and not self._unknown:
             raise OpaqueStateError("an unknown value")
-        if kind is UnknownValue or id(value) in self._shared:
+        if cls is UnknownValue or id(value) in self._shared:
             return Identity(value)
-        if _is_atom(value, kind):
-            return _Typed(kind, value) if kind.__hash__ is not None else Identity(value)
+        if _is_atom(value, cls):
+            return _Typed(cls, value) if cls.__hash__ is not None else Identity(value)
         number = self._numbers.get(id(value))
         if number is None:
             number = self._numbers[id(value)] = len(self._objects)
             self._objects.append(None)
-            self._objects[number] = self._contents(number, value, kind)
+            self._objects[number] = self._contents(number, value, cls)
         elif number in self._unmade:
-            raise OpaqueStateError(_described(kind))
+            raise OpaqueStateError(_described(cls))
         return _Reference(number)
 
     def objects(self) -> tuple[Any, ...]:
         """Return the contents of all mutable objects, by number."""
         return tuple(self._objects)
 
-    def _contents(self, number: int, value: object, kind: type) -> Hashable:
-        if kind is list or (isinstance(value, deque) and kind is deque and value.maxlen is None):
+    def _contents(self, number: int, value: object, cls: type) -> Hashable:
+        if cls is list or (isinstance(value, deque) and cls is deque and value.maxlen is None):
             assert isinstance(value, (list, deque))
-            return (kind, tuple([self.frozen(item) for item in value]))
-        if isinstance(value, dict) and kind is dict:
-            return (kind, tuple([(self.frozen(key), self.frozen(item)) for key, item in value.items()]))
+            return (cls, tuple([self.frozen(item) for item in value]))
+        if isinstance(value, dict) and cls is dict:
+            return (cls, tuple([(self.frozen(key), self.frozen(item)) for key, item in value.items()]))
         try:
             parts = value.__reduce_ex__(4)
         except Exception as error:
-            raise OpaqueStateError(_described(kind)) from error
+            raise OpaqueStateError(_described(cls)) from error
         if isinstance(parts, str):
             # The name of a global object.
             return Identity(value)
         self._temporary.append(parts)
         make, arguments, state, items, pairs, setter = [*parts, None, None, None, None][:6]
         self._unmade.add(number)
-        made = (self.frozen(make), self.frozen(arguments))
+        construction = (self.frozen(make), self.frozen(arguments))
         self._unmade.discard(number)
         held = [None if each is None else tuple(each) for each in (items, pairs)]
         self._temporary.append(held)
-        return (None, *made, *[self.frozen(part) for part in (state, *held, setter)])
+        return (None, *construction, *[self.frozen(part) for part in (state, *held, setter)])
 
 
-def _is_atom(value: object, kind: type) -> bool:
+def _is_atom(value: object, cls: type) -> bool:
     """Return whether a value is the same object in every state: code, a constant, or a part of the engine."""
-    return kind is object or isinstance(value, _CONSTANTS) or kind.__module__.partition(".")[0] == "btcore"
+    return cls is object or isinstance(value, _CONSTANTS) or cls.__module__.partition(".")[0] == "btcore"
 
 
-def _described(kind: type) -> str:
+def _described(cls: type) -> str:
     """Return a name for a value of a class, with an article."""
-    name = kind.__qualname__
+    name = cls.__qualname__
     return f"{'an' if name[:1].lower() in 'aeiou' else 'a'} {name}"
 
 
@@ -578,52 +578,52 @@ class _Thawer:
 
     def thawed(self, value: Any) -> Any:
         """Return the value for which *value* stands."""
-        kind = type(value)
-        if kind is _Typed or kind is Identity:
+        cls = type(value)
+        if cls is _Typed or cls is Identity:
             return value.value
-        if kind is _Reference:
+        if cls is _Reference:
             number = value.number
             return self._made[number] if number in self._made else self._new(number)
-        if kind is _Items:
-            return value.kind([self.thawed(item) for item in value.items])
-        return unpack("d", value.bits)[0] if kind is _Float else value
+        if cls is _Items:
+            return value.cls([self.thawed(item) for item in value.items])
+        return unpack("d", value.bits)[0] if cls is _Float else value
 
     def _new(self, number: int) -> Any:
         contents = self._frozen[number]
         if type(contents) is Identity:
             return contents.value
-        kind, items, *rest = contents
-        if kind is None:
+        cls, items, *rest = contents
+        if cls is None:
             return self._reduced(number, items, *rest)
-        made = self._made[number] = kind()
-        if kind is dict:
-            made.update((self.thawed(key), self.thawed(item)) for key, item in items)
+        thawed_object = self._made[number] = cls()
+        if cls is dict:
+            thawed_object.update((self.thawed(key), self.thawed(item)) for key, item in items)
         else:
-            made.extend(self.thawed(item) for item in items)
-        return made
+            thawed_object.extend(self.thawed(item) for item in items)
+        return thawed_object
 
     def _reduced(self, number: int, make: Any, *frozen: Any) -> Any:
         """Return the object that consists of the parts of its `__reduce_ex__`, as pickle makes it."""
         arguments = self.thawed(frozen[0])
-        made = self._made[number] = self.thawed(make)(*arguments)
+        thawed_object = self._made[number] = self.thawed(make)(*arguments)
         state, items, pairs, setter = [self.thawed(part) for part in frozen[1:]]
         for item in items or ():
-            made.append(item)
+            thawed_object.append(item)
         for key, item in pairs or ():
-            made[key] = item
+            thawed_object[key] = item
         if setter is not None:
-            setter(made, state)
+            setter(thawed_object, state)
         elif state is not None:
-            _set_state(made, state)
-        return made
+            _set_state(thawed_object, state)
+        return thawed_object
 
 
-def _set_state(made: Any, state: Any) -> None:
-    if hasattr(made, "__setstate__"):
-        made.__setstate__(state)
+def _set_state(target: Any, state: Any) -> None:
+    if hasattr(target, "__setstate__"):
+        target.__setstate__(state)
         return
     attributes, slots = state if isinstance(state, tuple) and len(state) == 2 else (state, None)
     if attributes:
-        vars(made).update(attributes)
+        vars(target).update(attributes)
     for name, value in (slots or {}).items():
-        setattr(made, name, value)
+        setattr(target, name, value)

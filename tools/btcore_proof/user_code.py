@@ -68,8 +68,8 @@ def texts_in_code(tree: Tree) -> str:
 
 def _user_classes(node: TreeNode) -> list[type]:
     """Return the classes of *node* that are neither btcore's nor Python's."""
-    others = (*_OWN_PACKAGES, "builtins", "typing", "abc")
-    return [cls for cls in type(node).__mro__ if cls.__module__.partition(".")[0] not in others]
+    known_packages = (*_OWN_PACKAGES, "builtins", "typing", "abc")
+    return [cls for cls in type(node).__mro__ if cls.__module__.partition(".")[0] not in known_packages]
 
 
 class _Reading(int):
@@ -219,17 +219,19 @@ class UserCode:
                     reason = f"{_named(node)} keeps {error} in '{name}', which cannot be copied and compared"
                     self.reasons[reason] = None
 
-    def note_difference(self, first: Sequence[Hashable], again: Sequence[Hashable]) -> None:
+    def note_difference(self, first: Sequence[Hashable], second: Sequence[Hashable]) -> None:
         """Note that a tick was different when it was repeated.
 
         Args:
             first: What happened in the tick: states of the tree, and other values.
-            again: What happened in the repeated tick.
+            second: What happened in the repeated tick.
         """
-        one, other = next((pair for pair in zip(first, again, strict=False) if pair[0] != pair[1]), (0, 0))
+        value, repeated = next(
+            (pair for pair in zip(first, second, strict=False) if pair[0] != pair[1]), (0, 0)
+        )
         fields: list[str] = []
-        if isinstance(one, TreeState) and isinstance(other, TreeState):
-            for node, name in self._keeper.differences(one, other):
+        if isinstance(value, TreeState) and isinstance(repeated, TreeState):
+            for node, name in self._keeper.differences(value, repeated):
                 if node in self.nodes:
                     fields.append(f"{_named(node)} has another '{name}'")
         what = fields[0] if fields else f"a tick with {self.names} has another result"
@@ -237,36 +239,36 @@ class UserCode:
 
     def _outside(self) -> dict[str, Hashable]:
         """Return the variables of the nodes' modules and classes, and attributes that are no state fields."""
-        found: dict[str, Hashable] = {}
+        variables: dict[str, Hashable] = {}
         for module, held in self._modules.items():
             name = module.removeprefix(PLUGIN_FILE_PREFIX)
-            found |= self._contents(held, f"the variable {{}} of {name}")
+            variables |= self._contents(held, f"the variable {{}} of {name}")
         for cls in self._classes:
-            found |= self._contents(vars(cls), f"the attribute {{}} of the class {cls.__name__}")
+            variables |= self._contents(vars(cls), f"the attribute {{}} of the class {cls.__name__}")
         for node in self.nodes:
-            kinds = [cls for cls in type(node).__mro__ if cls.__module__.startswith("btcore.")]
-            known = {name for cls in kinds for name in get_annotations(cls)}
+            own_classes = [cls for cls in type(node).__mro__ if cls.__module__.startswith("btcore.")]
+            known = {name for cls in own_classes for name in get_annotations(cls)}
             known |= {"now", *state_fields_of(type(node))}
             own = {name: value for name, value in vars(node).items() if name not in known}
-            found |= self._contents(own, f"the attribute {{}} of {_named(node)}")
+            variables |= self._contents(own, f"the attribute {{}} of {_named(node)}")
             for name, value in own.items():
                 if hasattr(type(value), "__next__") and isinstance(self._comparable(value), int):
                     what = f"{_named(node)} keeps a {type(value).__name__} in '{name}'"
                     self.reasons[f"{what}, which cannot be copied and compared"] = None
-        return found
+        return variables
 
     def _contents(self, held: Mapping[str, Any], place: str) -> dict[str, Hashable]:
         """Return what can be compared of variables, by their places."""
-        found: dict[str, Hashable] = {}
+        values: dict[str, Hashable] = {}
         for name, value in held.items():
             if not name.startswith("__"):
-                found[place.format(f"'{name}'")] = self._comparable(value)
-        return found
+                values[place.format(f"'{name}'")] = self._comparable(value)
+        return values
 
     def _comparable(self, value: object) -> Hashable:
-        kind = type(value)
-        is_opened = kind.__module__ in self._modules or kind.__module__ in _OPENED
-        if is_opened and not (hasattr(kind, "__len__") and len(value) > MAX_ITEMS):  # type: ignore[arg-type]
+        cls = type(value)
+        is_opened = cls.__module__ in self._modules or cls.__module__ in _OPENED
+        if is_opened and not (hasattr(cls, "__len__") and len(value) > MAX_ITEMS):  # type: ignore[arg-type]
             freezer = Freezer()
             try:
                 return (freezer.frozen(value), freezer.objects())

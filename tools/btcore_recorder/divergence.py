@@ -83,9 +83,9 @@ def find_divergence(first: list[Step], second: list[Step], tolerance: int | None
         >>> difference.common
         1
     """
-    for common, (step, other) in enumerate(zip_longest(first, second)):
-        if step is None or other is None or step[1:] != other[1:]:
-            return Divergence(common, step, other)
-        if tolerance is not None and abs(step.since - other.since) > tolerance:
-            return Divergence(common, step, other, by_time=True)
+    for common, (first_step, second_step) in enumerate(zip_longest(first, second)):
+        if first_step is None or second_step is None or first_step[1:] != second_step[1:]:
+            return Divergence(common, first_step, second_step)
+        if tolerance is not None and abs(first_step.since - second_step.since) > tolerance:
+            return Divergence(common, first_step, second_step, by_time=True)
     return None

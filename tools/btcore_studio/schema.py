@@ -169,15 +169,15 @@ def _groups(schema: _SchemaElement, format: int) -> None:
 
 def _node(schema: _SchemaElement, manifest: Manifest, format: int) -> None:
     """Add the type of a node: its children and its ports."""
-    kind = schema.add("complexType", name=f"{manifest.id}Type")
-    _add_documentation(kind, manifest.description)
-    _children(kind, *_number_of_children(manifest, format))
+    element_type = schema.add("complexType", name=f"{manifest.id}Type")
+    _add_documentation(element_type, manifest.description)
+    _children(element_type, *_number_of_children(manifest, format))
     for port in manifest.ports.values():
         required = port.default is None and not port.optional
         # An output port must point to an entry; format 3 also accepts its name without braces.
         type = _type_of(schema, port.type) if port.reads or format == 3 else "blackboard"
-        _add_attribute(kind, port.name, type, required, _about(port))
-    kind.add("attributeGroup", ref="anyNodeAttributes")
+        _add_attribute(element_type, port.name, type, required, _about(port))
+    element_type.add("attributeGroup", ref="anyNodeAttributes")
 
 
 def _number_of_children(manifest: Manifest, format: int) -> tuple[int, int | None]:
@@ -192,22 +192,22 @@ def _number_of_children(manifest: Manifest, format: int) -> tuple[int, int | Non
     return (0 if may_be_empty else least), most
 
 
-def _children(kind: _SchemaElement, least: int, most: int | None) -> None:
+def _children(element_type: _SchemaElement, least: int, most: int | None) -> None:
     if most != 0:
         bounds = {"minOccurs": str(least), "maxOccurs": "unbounded" if most is None else str(most)}
-        kind.add("sequence").add("group", ref="nodeGroup", **bounds)
+        element_type.add("sequence").add("group", ref="nodeGroup", **bounds)
 
 
-def _type_of(schema: _SchemaElement, kind: ValueType) -> str:
-    """Return the name of the attribute type for *kind*; add the type if it is a new enum."""
-    if isinstance(kind, EnumType) and issubclass(kind.python_type, Enum):
-        name = re.sub(r"\W", "_", kind.name)
+def _type_of(schema: _SchemaElement, value_type: ValueType) -> str:
+    """Return the name of the attribute type for *value_type*; add the type if it is a new enum."""
+    if isinstance(value_type, EnumType) and issubclass(value_type.python_type, Enum):
+        name = re.sub(r"\W", "_", value_type.name)
         if schema.element.find(f"{{{_XS}}}simpleType[@name='{name}']") is None:
             schema.add("simpleType", name=name).add("union", memberTypes=f"{name}Name xs:integer")
-            _add_enumeration(schema, f"{name}Name", list(kind.python_type.__members__))
+            _add_enumeration(schema, f"{name}Name", list(value_type.python_type.__members__))
             _add_union(schema, name)
         return f"{name}OrBlackboard"
-    known = _TYPES.get(kind.name)
+    known = _TYPES.get(value_type.name)
     return "xs:string" if known is None else f"{known}OrBlackboard"
 
 
@@ -220,20 +220,20 @@ def _about(port: Port) -> str:
 
 def _explicit(schema: _SchemaElement, tag: str) -> None:
     """Add the type of an explicit tag such as `<Action ID="…">`, which accepts any attributes."""
-    kind = schema.add("complexType", name=f"explicit{tag}Type")
-    _add_documentation(kind, f"A node of the kind {tag}, named by its ID.")
+    element_type = schema.add("complexType", name=f"explicit{tag}Type")
+    _add_documentation(element_type, f"A node of the type {tag}, named by its ID.")
     if tag in ("Control", "Decorator"):
-        _children(kind, 1, 1 if tag == "Decorator" else None)
-    _add_attribute(kind, "ID", "xs:string", required=True)
-    kind.add("anyAttribute", processContents="skip")
+        _children(element_type, 1, 1 if tag == "Decorator" else None)
+    _add_attribute(element_type, "ID", "xs:string", required=True)
+    element_type.add("anyAttribute", processContents="skip")
 
 
 def _subtree(schema: _SchemaElement, tag: str, manifest: Manifest | None) -> None:
-    kind = schema.add("complexType", name=f"{tag}Type")
-    _add_documentation(kind, manifest.description if manifest is not None else "")
-    _add_attribute(kind, "ID", "xs:string", required=True, about="ID of the called tree")
-    _add_attribute(kind, "name", "xs:string")
-    kind.add("anyAttribute", processContents="skip")
+    element_type = schema.add("complexType", name=f"{tag}Type")
+    _add_documentation(element_type, manifest.description if manifest is not None else "")
+    _add_attribute(element_type, "ID", "xs:string", required=True, about="ID of the called tree")
+    _add_attribute(element_type, "name", "xs:string")
+    element_type.add("anyAttribute", processContents="skip")
 
 
 def _add_document_types(schema: _SchemaElement, format: int) -> None:

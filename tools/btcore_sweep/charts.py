@@ -65,13 +65,13 @@ def histogram(times: Sequence[tuple[float, bool]], unit: str, bins: int = 24) ->
         for mark in marks
         if mark == int(mark)
     ]
-    for place, (successes, others) in enumerate(zip(good, bad, strict=True)):
+    for place, (successes, failures) in enumerate(zip(good, bad, strict=True)):
         x = left + place * across
-        title = f"{edges[place]:g}–{edges[place + 1]:g} {unit}: {successes} ✔, {others} ✘"
-        for kind, base, count in (("good", 0, successes), ("bad", successes, others)):
+        title = f"{edges[place]:g}–{edges[place + 1]:g} {unit}: {successes} ✔, {failures} ✘"
+        for css_class, base, count in (("good", 0, successes), ("bad", successes, failures)):
             if count:
                 parts.append(
-                    f'<rect class="{kind}" x="{x + 1:.1f}" y="{y(base + count):.1f}" '
+                    f'<rect class="{css_class}" x="{x + 1:.1f}" y="{y(base + count):.1f}" '
                     f'width="{across - 2:.1f}" height="{y(base) - y(base + count):.1f}">'
                     f"<title>{escape(title)}</title></rect>"
                 )

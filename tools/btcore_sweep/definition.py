@@ -119,8 +119,10 @@ def difference(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
     for key, word in words.items():
         if before.get(key) != now[key]:
             return f"{word}: {_format(before.get(key))} there, {_format(now[key])} now"
-    there, here = before.get("inputs", {}), now["inputs"]
-    changed = sorted(name for name in {*there, *here} if there.get(name) != here.get(name))
+    old_inputs, new_inputs = before.get("inputs", {}), now["inputs"]
+    changed = sorted(
+        name for name in {*old_inputs, *new_inputs} if old_inputs.get(name) != new_inputs.get(name)
+    )
     return f"the file {changed[0]}, which has changed since" if changed else None
 
 

@@ -142,8 +142,8 @@ def _tiles(data: ReportData) -> str:
         tiles.append((f"{median(data.walls):.2g} s", "real time on a core (median)", factor))
     inner = "".join(
         f'<div class="tile"><div class="figure">{escape(figure)}</div><div>{escape(name)}</div>'
-        f'<div class="dim">{escape(more)}</div></div>'
-        for figure, name, more in tiles
+        f'<div class="dim">{escape(note)}</div></div>'
+        for figure, name, note in tiles
     )
     return f'<div class="tiles">{inner}</div>'
 
@@ -203,14 +203,14 @@ def _nodes(statistics: SweepStatistics) -> str:
         ]
         for node in shown
     ]
-    more = len(statistics.failing) - len(shown)
-    rest = f"<p class='dim'>… and {more} more nodes; the table contains all.</p>" if more else ""
+    hidden = len(statistics.failing) - len(shown)
+    omission = f"<p class='dim'>… and {hidden} more nodes; the table contains all.</p>" if hidden else ""
     lead = (
         "<p class='dim'>An episode is ended by the node that made the tree fail in its last tick, or that "
         "raised an exception. Other failures, such as those of conditions, are part of normal operation.</p>"
     )
     heads = ["node", "ended episodes", "failed in episodes", "failures", "failures per episode"]
-    return "<h2>Failures by node</h2>" + lead + _table(heads, rows, numbers={1, 2, 3, 4}) + rest
+    return "<h2>Failures by node</h2>" + lead + _table(heads, rows, numbers={1, 2, 3, 4}) + omission
 
 
 def _spreads(statistics: SweepStatistics) -> str:
@@ -240,20 +240,22 @@ def _failed(data: ReportData) -> str:
                 f'<code class="replay">{escape(episode.replay)}</code>',
             ]
         )
-    more = len(failed) - len(rows)
-    rest = f"<p class='dim'>… and {more} more; the table contains all.</p>" if more else ""
+    hidden = len(failed) - len(rows)
+    omission = f"<p class='dim'>… and {hidden} more; the table contains all.</p>" if hidden else ""
     heads = ["seed", *sweep.varied, "status", "node and error", "command to replay"]
-    return f"<h2>Failed episodes ({len(failed)})</h2>" + _table(heads, rows, numbers={0}) + rest
+    return f"<h2>Failed episodes ({len(failed)})</h2>" + _table(heads, rows, numbers={0}) + omission
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()) -> str:
     """Return an HTML table; the columns with the indices *numbers* are aligned to the right."""
     right = set(numbers)
     classes = ['class="number"' if column in right else "" for column in range(len(heads))]
-    head = "".join(f"<th {kind}>{escape(text)}</th>" for kind, text in zip(classes, heads, strict=True))
+    head = "".join(
+        f"<th {css_class}>{escape(text)}</th>" for css_class, text in zip(classes, heads, strict=True)
+    )
     body = "".join(
         "<tr>"
-        + "".join(f"<td {kind}>{cell}</td>" for kind, cell in zip(classes, row, strict=True))
+        + "".join(f"<td {css_class}>{cell}</td>" for css_class, cell in zip(classes, row, strict=True))
         + "</tr>\n"
         for row in rows
     )

@@ -122,13 +122,13 @@ def list_columns(rows: Sequence[Row], definition: SweepDefinition) -> list[str]:
 
 def _typed(text: str) -> int | float | str:
     """Return the value of a parameter as a number if possible, else as text."""
-    for kind in (int, float):
+    for number_type in (int, float):
         try:
-            number = kind(text)
+            number = number_type(text)
         except ValueError:
             continue
         # int("007") is valid, but such a text counts as a float: integers are kept only in canonical form.
-        if f"{number}" == text or kind is float:
+        if f"{number}" == text or number_type is float:
             return number
     return text
 
@@ -172,10 +172,10 @@ def _parquet(rows: Sequence[Row], names: Sequence[str]) -> bytes:
 
 def _unify_types(values: list[Any]) -> list[Any]:
     """Return *values* with a common type, which a Parquet column needs: mixed types become float or str."""
-    kinds = {type(value) for value in values if value is not None}
-    if len(kinds) < 2:
+    types = {type(value) for value in values if value is not None}
+    if len(types) < 2:
         return values
-    common = float if kinds <= {int, float} else str
+    common = float if types <= {int, float} else str
     return [None if value is None else common(value) for value in values]
 
 

@@ -21,7 +21,7 @@ EXTENSION: Final = ".fbl"
 
 _SIZE: Final = struct.Struct("<I")
 _RECORD: Final = struct.Struct("<IIHbb")
-_TYPES: Final = {int(kind): kind for kind in NodeType}
+_TYPES: Final = {int(node_type): node_type for node_type in NodeType}
 # Field numbers of the tables in BehaviorTree.CPP 3's flatbuffer schema, BT_logger.fbs.
 _TREE_NODES, _TREE_MODELS = 1, 2
 _NODE_UID, _NODE_CHILDREN, _NODE_NAME, _NODE_ID, _NODE_PORTS = 0, 1, 3, 4, 5
@@ -75,15 +75,15 @@ def _nodes(tree: Table) -> dict[int, RecordedNode]:
     # The file lists parents before their children, so the prefix of a child's path is known in time.
     for table in tree.tables(_TREE_NODES):
         uid, name, id = table.u16(_NODE_UID), table.text(_NODE_NAME), table.text(_NODE_ID)
-        kind = _TYPES.get(types.get(id, 0), NodeType.UNDEFINED)
+        node_type = _TYPES.get(types.get(id, 0), NodeType.UNDEFINED)
         prefix = prefixes.get(uid, "")
-        nameless = name == id or kind is NodeType.SUBTREE
+        nameless = name == id or node_type is NodeType.SUBTREE
         path = f"{prefix}{name}::{uid}" if nameless else prefix + name
         children = table.numbers(_NODE_CHILDREN)
-        inside = f"{path}/" if kind is NodeType.SUBTREE else prefix
+        inside = f"{path}/" if node_type is NodeType.SUBTREE else prefix
         prefixes.update(dict.fromkeys(children, inside))
         ports = {port.text(_PORT_NAME): port.text(_PORT_TEXT) for port in table.tables(_NODE_PORTS)}
-        nodes[uid] = RecordedNode(uid, name, id, kind, path, children, ports)
+        nodes[uid] = RecordedNode(uid, name, id, node_type, path, children, ports)
     return nodes
 
 

@@ -113,13 +113,13 @@ class TraceLog(Log):
         for inner_uid in inner:
             events.append(self._event(inner_uid, "B", self._lanes.begin(inner_uid), now))
 
-    def _event(self, uid: int, phase: str, lane: int, now: int, more: str = "") -> str:
+    def _event(self, uid: int, phase: str, lane: int, now: int, status: str = "") -> str:
         category, name, address = self._labels[uid]
         # Perfetto merges the arguments of the begin (B) and end (E) events of a slice.
-        known = address if phase == "B" else more if phase == "E" else f"{address},{more}"
+        arguments = address if phase == "B" else status if phase == "E" else f"{address},{status}"
         return (
             f'{{"cat":"{category}","pid":{self._pid},"tid":{lane},"ts":{now},"ph":"{phase}",'
-            f'"name":{name},"args":{{{known}}}}}'
+            f'"name":{name},"args":{{{arguments}}}}}'
         )
 
 

@@ -31,20 +31,20 @@ class Caption:
         return BADGE_WIDTH + text + TEXT_GAP
 
 
-def create_captions(tree: ObservedTree, whole: ObservedTree, with_notes: bool) -> Mapping[int, Caption]:
+def create_captions(tree: ObservedTree, full_tree: ObservedTree, with_notes: bool) -> Mapping[int, Caption]:
     """Return a caption for each uid of a tree.
 
     A note has a node's registration ID if its name is different, and its ports as in the XML.
 
     Args:
-        tree: The tree, which may be a folded version of *whole*.
-        whole: The complete tree.
+        tree: The tree, which may be a folded version of *full_tree*.
+        full_tree: The complete tree.
         with_notes: Whether captions have notes.
     """
     return {
         node.uid: Caption(
-            elide(node.name, style.MAX_NAME_CHARS) + _folded(node, whole),
-            _note(node, whole) if with_notes else "",
+            elide(node.name, style.MAX_NAME_CHARS) + _folded(node, full_tree),
+            _note(node, full_tree) if with_notes else "",
         )
         for node in tree.nodes
     }
@@ -91,8 +91,8 @@ def _placed(name: str, place: str) -> str:
     return f"{name} · {place}" if place else name
 
 
-def _note(node: ObservedNode, whole: ObservedTree) -> str:
-    node_id = whole.subtrees.get(node.path, node.name) if node.type == "subtree" else node.id
+def _note(node: ObservedNode, full_tree: ObservedTree) -> str:
+    node_id = full_tree.subtrees.get(node.path, node.name) if node.type == "subtree" else node.id
     parts = [node_id] if node_id != node.name else []
     parts += [
         f"{port}={' '.join(text.split())}"
@@ -103,12 +103,12 @@ def _note(node: ObservedNode, whole: ObservedTree) -> str:
     return note if len(note) <= style.MAX_NOTE_CHARS else note[: style.MAX_NOTE_CHARS - 1].rstrip() + "…"
 
 
-def _folded(node: ObservedNode, whole: ObservedTree) -> str:
+def _folded(node: ObservedNode, full_tree: ObservedTree) -> str:
     """Return the number of nodes that are folded into *node* as text, such as ` +12`."""
-    if node.children or not whole.by_uid[node.uid].children:
+    if node.children or not full_tree.by_uid[node.uid].children:
         return ""
-    count, waiting = 0, list(whole.by_uid[node.uid].children)
+    count, waiting = 0, list(full_tree.by_uid[node.uid].children)
     while waiting:
         count += 1
-        waiting += whole.by_uid[waiting.pop()].children
+        waiting += full_tree.by_uid[waiting.pop()].children
     return f" +{count}"

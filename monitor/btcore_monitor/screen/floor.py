@@ -97,15 +97,15 @@ class Floor:
             self._known(grid, root).add(stamp, wall, grid)
 
     def _known(self, grid: Grid, root: str) -> Series[Grid]:
-        known = self._grids.get(grid.name)
-        if known is None:
+        series = self._grids.get(grid.name)
+        if series is None:
             entity = f"{self._origin}/grids/{entity_part(grid.name)}"
             height = _LAYERS[grid.kind] + _STEP * len(self._grids)
             encode = partial(_create_grid_columns, height=height)
-            known = self._grids[grid.name] = self._rows.create_series(entity, encode)
+            series = self._grids[grid.name] = self._rows.create_series(entity, encode)
             frame = self._rows.in_frame(grid.frame or root)
             self._rows.log(entity, frame, static=True)
-        return known
+        return series
 
 
 def image(grid: Grid) -> Rgba:

@@ -72,7 +72,7 @@ class FoldedTreeView:
         view_size: tuple[float, float],
         highlighted: Collection[int] = (),
     ) -> None:
-        self.whole = tree
+        self.full_tree = tree
         self._rows = rows
         self._palette = palette
         self._view_size = view_size
@@ -85,7 +85,7 @@ class FoldedTreeView:
     @property
     def tree(self) -> ObservedTree:
         """The visible part of the tree."""
-        return self._active.view.tree if self._active is not None else fold(self.whole)
+        return self._active.view.tree if self._active is not None else fold(self.full_tree)
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Return x0, y0, x1, y1 of the visible area; its unit is a pixel."""
@@ -116,13 +116,13 @@ class FoldedTreeView:
 
     def _drawing(self, running: NDArray[np.bool_], states: TickStates) -> "_Drawing":
         """Return the drawing that shows the *running* nodes, which may be a new one."""
-        tree = fold(self.whole, set(self._uids[running].tolist()))
+        tree = fold(self.full_tree, set(self._uids[running].tolist()))
         key = frozenset(node.uid for node in tree.nodes)
-        known = self._drawings.get(key)
-        if known is not None:
-            return known
+        drawing = self._drawings.get(key)
+        if drawing is not None:
+            return drawing
         if len(self._drawings) >= MAX_DRAWINGS:
-            return max(self._drawings.values(), key=lambda each: int((running & each.visible).sum()))
+            return max(self._drawings.values(), key=lambda drawing: int((running & drawing.visible).sum()))
         number = len(self._drawings)
         view = TreeView(
             self._rows,
@@ -130,7 +130,7 @@ class FoldedTreeView:
             self._palette,
             self._view_size,
             self._highlighted,
-            self.whole,
+            self.full_tree,
             number,
             self._exceptions,
         )

@@ -185,11 +185,11 @@ def spell(text: str) -> str:
 
     Unlike `legible`, different texts stay different: `"左"` becomes `u5de6`.
     """
-    return _LACKING.sub(lambda found: f"u{ord(found.group()):x}", text)
+    return _LACKING.sub(lambda match: f"u{ord(match.group()):x}", text)
 
 
-def _replacement(found: re.Match[str]) -> str:
-    character = found.group()
+def _replacement(match: re.Match[str]) -> str:
+    character = match.group()
     if character.isspace():
         return " "
     return "" if unicodedata.category(character).startswith("M") else _LACKING_BOX

@@ -77,20 +77,20 @@ class Lanes:
         """Log the colours of the lanes."""
         palette, log = self._palette, self._rows.log
         colours = palette.fill[: len(STATUS_NAMES)]
-        look = rr.StateConfiguration(values=list(STATUS_NAMES), labels=list(STATUS_NAMES), colors=colours)
+        style = rr.StateConfiguration(values=list(STATUS_NAMES), labels=list(STATUS_NAMES), colors=colours)
         for entity in self.entities[len(self._running_lanes) :]:
-            log(entity, look, static=True)
+            log(entity, style, static=True)
         if self._running_lanes:
             # Two alternating shades distinguish neighbours.
             shades = palette.busy, int(palette.fill[RUNNING])
             names = sorted(set(self._names))
             shown = [int(palette.fill[IDLE]), *(shades[index % 2] for index in range(len(names)))]
             # An array of uint32, because rerun would warn that a list of three numbers is ambiguous.
-            look = rr.StateConfiguration(
+            style = rr.StateConfiguration(
                 values=[NOTHING, *names], labels=[NOTHING, *names], colors=np.array(shown, dtype=np.uint32)
             )
             for entity in self.entities[: len(self._running_lanes)]:
-                log(entity, look, static=True)
+                log(entity, style, static=True)
 
     def show_states(self, states: TickStates, changed: Iterable[int]) -> None:
         """Add a state to the lane of each node in *changed* (indices of nodes)."""

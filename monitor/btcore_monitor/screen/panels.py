@@ -317,12 +317,12 @@ class StatisticsTable:
             rate = f"{100 * succeeded / ended:.0f} %" if ended else "–"
             seconds = running[node.uid] / 1e9
             results = f"{ended}" + (f" + {skipped} skipped" if skipped else "")
-            each = f"{seconds / ended:.2f} s" if ended and seconds else "–"
+            mean = f"{seconds / ended:.2f} s" if ended and seconds else "–"
             name = (
                 _INDENT * self._depth[node.uid] + node.name if indented else elide(node.path, _MAX_PATH_CHARS)
             )
             ran = f"{seconds:.1f} s" if seconds else "–"
-            lines.append(f"| {escape_markdown(name)} | {results} | {rate} | {ran} | {each} |")
+            lines.append(f"| {escape_markdown(name)} | {results} | {rate} | {ran} | {mean} |")
         if not indented:
             lines += ["", f"*the {len(nodes)} leaves that ran longest, of {len(self._nodes)} nodes*"]
         return "\n".join(lines)

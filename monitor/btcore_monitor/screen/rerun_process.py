@@ -172,15 +172,15 @@ def is_listening(port: int) -> bool:
     return False
 
 
-def hold_port(wanted: int = 0) -> socket.socket:
-    """Hold the port *wanted* if it is free, otherwise another free port. 0 means any port.
+def hold_port(port: int = 0) -> socket.socket:
+    """Hold *port* if it is free, otherwise another free port. 0 means any port.
 
     Until the returned socket is closed, other calls of this function, in any program, do not get the port,
     but rerun can listen at it on 127.0.0.1.
     """
     held = socket.socket()
     try:
-        held.bind(("0.0.0.0", wanted))
+        held.bind(("0.0.0.0", port))
     except OSError:
         held.bind(("0.0.0.0", 0))
     if sys.platform != "win32":

@@ -106,7 +106,7 @@ class SharedLayout:
             if slot.pane is not None and slot.pane.entity_path_prefix != pane.entity_path_prefix:
                 self._earlier_panes = [*self._earlier_panes, slot.pane][-MAX_EARLIER_PANES:]
             slot.pane = pane
-            panes = [each.pane for each in self.slots if each.pane is not None]
+            panes = [slot.pane for slot in self.slots if slot.pane is not None]
             tabs = [blueprint.create_layout(pane, pane.name) for pane in panes]
             tabs += [blueprint.create_layout(pane, f"{pane.name}, earlier") for pane in self._earlier_panes]
             recording.send_blueprint(

@@ -103,7 +103,7 @@ class RowBuffer:
             components: The archetypes or components to log.
             static: Whether the data is valid for all times.
         """
-        batches = [batch for each in components for batch in _make_batches_legible(each)]
+        batches = [batch for component in components for batch in _make_batches_legible(component)]
         self.recording.log(self._prefix + entity, batches, static=static)
 
     def frame_name(self, name: str) -> str:

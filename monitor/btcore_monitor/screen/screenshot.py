@@ -66,9 +66,9 @@ def write_screenshot(
         views = _wait_for_views(viewer)
         chosen = None
         if view is not None:
-            chosen = next((known.view_id for known in views if known.name.startswith(view)), None)
+            chosen = next((shown.view_id for shown in views if shown.name.startswith(view)), None)
             if chosen is None:
-                names = ", ".join(sorted(known.name for known in views))
+                names = ", ".join(sorted(shown.name for shown in views))
                 raise ScreenError(f"there is no view {view!r} in the recording; views are: {names}")
         _set_time(viewer, at, recording)
         shot = _settled(viewer, chosen)

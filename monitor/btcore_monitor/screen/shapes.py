@@ -77,8 +77,8 @@ def _flatten(points: NDArray[Any]) -> NDArray[Any]:
     return np.minimum(points, np.array((np.inf, np.inf, CUT_AT))) if high else points
 
 
-def _rows(data: bytes, kind: str) -> NDArray[Any]:
-    return np.frombuffer(data, dtype=kind).reshape(-1, 3)
+def _rows(data: bytes, dtype: str) -> NDArray[Any]:
+    return np.frombuffer(data, dtype=dtype).reshape(-1, 3)
 
 
 def extent(

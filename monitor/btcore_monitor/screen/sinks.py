@@ -115,7 +115,7 @@ class RecordingSinks:
         Raises:
             RecordingError: The file is incomplete.
         """
-        file = next((file for other, file in self._open_files if other is recording), None)
+        file = next((file for stream, file in self._open_files if stream is recording), None)
         is_received = self.viewer is None or self.viewer.is_open
         deadline = time.monotonic() + (FLUSH_TIMEOUT_S if is_received else FLUSH_FILE_TIMEOUT_S)
         while not _flush(recording, deadline):

@@ -51,11 +51,11 @@ class TreeView:
 
     Args:
         rows: The buffer of rows.
-        tree: The tree to draw, which may be a folded version of *whole*.
+        tree: The tree to draw, which may be a folded version of *full_tree*.
         palette: The colours.
         view_size: Width and height of the view (pixels).
         highlighted: The uids of the nodes to highlight.
-        whole: The complete tree, if *tree* is folded.
+        full_tree: The complete tree, if *tree* is folded.
         number: The number of the drawing of a folded tree.
         exceptions: Whether a node was IDLE after it raised, by the uid of each node with a ring. Drawings
             of the same tree share it.
@@ -68,22 +68,22 @@ class TreeView:
         palette: style.Palette,
         view_size: tuple[float, float],
         highlighted: Collection[int] = (),
-        whole: ObservedTree | None = None,
+        full_tree: ObservedTree | None = None,
         number: int = 0,
         exceptions: dict[int, bool] | None = None,
     ) -> None:
         self.tree = tree
         self.palette = palette
         self.view_size = view_size
-        self._is_folded = whole is not None
+        self._is_folded = full_tree is not None
         self.origin = f"{FOLDED}/{LINES}/{number}" if self._is_folded else ORIGIN
-        whole = whole or tree
-        self.captions, self.layout = _arrange_readable(tree, whole, view_size)
+        full_tree = full_tree or tree
+        self.captions, self.layout = _arrange_readable(tree, full_tree, view_size)
         self._rows = rows
-        index_of_uid = {node.uid: index for index, node in enumerate(whole.nodes)}
+        index_of_uid = {node.uid: index for index, node in enumerate(full_tree.nodes)}
         self._whole_indices = np.array([index_of_uid[node.uid] for node in tree.nodes], dtype=np.intp)
         self._index_of_uid = {node.uid: index for index, node in enumerate(tree.nodes)}
-        self._whole = whole
+        self._full_tree = full_tree
         self._highlighted = {index for uid in highlighted if (index := self._nearest(uid)) is not None}
         self._exceptions: dict[int, bool] = {} if exceptions is None else exceptions
         self._inner = np.array([bool(node.children) for node in tree.nodes])
@@ -160,7 +160,7 @@ class TreeView:
 
     def _nearest(self, uid: int) -> int | None:
         """Return the index of the node *uid* of the complete tree, or of its nearest drawn ancestor."""
-        uids = (uid, *(node.uid for node in self._whole.ancestors(uid)))
+        uids = (uid, *(node.uid for node in self._full_tree.ancestors(uid)))
         return next((self._index_of_uid[uid] for uid in uids if uid in self._index_of_uid), None)
 
     def draw(self) -> None:
@@ -265,16 +265,16 @@ def arrange(tree: ObservedTree, written: Mapping[int, Caption], view_size: tuple
 
 
 def _arrange_readable(
-    tree: ObservedTree, whole: ObservedTree, view_size: tuple[float, float]
+    tree: ObservedTree, full_tree: ObservedTree, view_size: tuple[float, float]
 ) -> tuple[Mapping[int, Caption], TreeLayout]:
     """Return captions and layout, with notes if these are readable without zooming in."""
     if len(tree.nodes) <= FOLD_ABOVE_NODES:
-        noted = create_captions(tree, whole, with_notes=True)
+        noted = create_captions(tree, full_tree, with_notes=True)
         layout = arrange(tree, noted, view_size)
         # _pixel is the reciprocal of the scale.
         if _pixel(layout, view_size) * _MIN_NOTE_SCALE <= 1.0:
             return noted, layout
-    plain = create_captions(tree, whole, with_notes=False)
+    plain = create_captions(tree, full_tree, with_notes=False)
     return plain, arrange(tree, plain, view_size)
 
 
@@ -315,11 +315,11 @@ def match_nodes(tree: ObservedTree, pattern: str) -> list[int]:
     A pattern without `*`, `?` and `[` matches every name, ID or path that contains it.
     """
     # Not fnmatch(), which ignores case on Windows only.
-    wanted = pattern.casefold()
-    if not any(sign in wanted for sign in "*?["):
-        wanted = f"*{wanted}*"
+    glob = pattern.casefold()
+    if not any(sign in glob for sign in "*?["):
+        glob = f"*{glob}*"
     return [
         node.uid
         for node in tree.nodes
-        if any(fnmatchcase(text.casefold(), wanted) for text in (node.name, node.id, node.path))
+        if any(fnmatchcase(text.casefold(), glob) for text in (node.name, node.id, node.path))
     ]

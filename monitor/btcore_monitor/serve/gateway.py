@@ -84,10 +84,10 @@ class Gateway:
             target.bind("tcp://127.0.0.1:*")
             path = target.getsockopt_string(zmq.LAST_ENDPOINT).rstrip("\0")
         self._listeners.append(listener)
-        kind = target.getsockopt(zmq.TYPE)
+        socket_type = target.getsockopt(zmq.TYPE)
         size = target.getsockopt(zmq.MAXMSGSIZE)
         assert isinstance(size, int)
-        takes_topics, replies = kind != zmq.ROUTER, kind != zmq.PUB
+        takes_topics, replies = socket_type != zmq.ROUTER, socket_type != zmq.PUB
         self._ports.append(_PortSettings(listener.fileno(), path, takes_topics, replies, size))
 
     def start(self) -> None:

@@ -540,9 +540,9 @@ class Forwarder:
         assert isinstance(ready, socket.socket)
         connection.serve(ready, events, now)
         if self.held > MAX_HELD_BYTES:
-            most = max(self._connections, key=lambda each: each.held)
-            most.close()
-            self._connections.discard(most)
+            largest = max(self._connections, key=lambda connection: connection.held)
+            largest.close()
+            self._connections.discard(largest)
         if connection.is_closed:
             self._connections.discard(connection)
 
@@ -624,7 +624,7 @@ def _main(arguments: str) -> None:
         with contextlib.suppress(OSError):
             os.nice(_PRIORITY)
     settings = json.loads(arguments)
-    ports = [Port(socket.socket(fileno=each.pop("descriptor")), **each) for each in settings]
+    ports = [Port(socket.socket(fileno=port.pop("descriptor")), **port) for port in settings]
     Forwarder(ports, sys.stdin.fileno(), os.getppid()).run()
     # The robot's process does the same, unless it was killed. The import is slow, so it is here.
     from pathlib import Path

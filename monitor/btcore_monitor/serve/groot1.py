@@ -158,8 +158,8 @@ def _create_wire_model(manifest: Manifest) -> WireModel:
 
 
 def _create_wire_port(port: Port) -> WirePort:
-    kind = port.type.name if port.type.strong else _UNTYPED
-    return WirePort(port.name, _DIRECTIONS[port.direction], kind, port.description)
+    type_name = port.type.name if port.type.strong else _UNTYPED
+    return WirePort(port.name, _DIRECTIONS[port.direction], type_name, port.description)
 
 
 class Groot1Sockets:

@@ -139,8 +139,8 @@ class PublisherSockets:
             raise
         self.address = f"tcp://{host}:{self.port}"
 
-    def _create_sender(self, kind: int) -> Socket:
-        socket = self._context.socket(kind)
+    def _create_sender(self, socket_type: int) -> Socket:
+        socket = self._context.socket(socket_type)
         socket.setsockopt(zmq.MAXMSGSIZE, _MAX_SUBSCRIPTION_BYTES)
         # Otherwise closing would wait for clients that do not read.
         socket.setsockopt(zmq.LINGER, 0)

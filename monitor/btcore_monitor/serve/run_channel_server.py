@@ -244,10 +244,10 @@ class RunChannelServer:
                 self._warn_once(f"the picture '{picture.name}'", error)
         return replace(scene, pictures=pictures)
 
-    def _warn_once(self, what: str, error: Exception) -> None:
-        if what not in self._warned and len(self._warned) < _MAX_WARNINGS:
-            self._warned.add(what)
-            _log.warning("%s can't be sent and is left out: %r", what, error)
+    def _warn_once(self, data_name: str, error: Exception) -> None:
+        if data_name not in self._warned and len(self._warned) < _MAX_WARNINGS:
+            self._warned.add(data_name)
+            _log.warning("%s can't be sent and is left out: %r", data_name, error)
 
     def create_heartbeat(self) -> Frames:
         """Return the frames of a heartbeat."""

@@ -92,23 +92,23 @@ def bind_consecutive(
     if port and not 1 <= port <= 65536 - count:
         raise ServeError(f"port {port} is out of range: choose one from 1 to {65536 - count}")
     address = _resolve_interface(host)
-    wanted = [socket is not None for socket in sockets]
+    is_used = [socket is not None for socket in sockets]
     if port:
-        listeners = _listen(wanted, host, address, port, count, setting)
+        listeners = _listen(is_used, host, address, port, count, setting)
     else:
-        port, listeners = _listen_at_free_ports(wanted, host, address, count, setting)
+        port, listeners = _listen_at_free_ports(is_used, host, address, count, setting)
     for listener, target in zip(listeners, filter(None, sockets), strict=True):
         gateway.add_port(listener, target)
     return port
 
 
 def _listen_at_free_ports(
-    wanted: Sequence[bool], host: str, address: str, count: int, setting: str
+    is_used: Sequence[bool], host: str, address: str, count: int, setting: str
 ) -> tuple[int, list[socket.socket]]:
     for _ in range(_ATTEMPTS):
         base = random.SystemRandom().randrange(_FREE_FROM, _FREE_TO, count)
         try:
-            return base, _listen(wanted, host, address, base, count, setting)
+            return base, _listen(is_used, host, address, base, count, setting)
         except PortInUseError:
             continue
     raise ServeError(
@@ -118,12 +118,12 @@ def _listen_at_free_ports(
 
 
 def _listen(
-    wanted: Sequence[bool], host: str, address: str, port: int, count: int, setting: str
+    is_used: Sequence[bool], host: str, address: str, port: int, count: int, setting: str
 ) -> list[socket.socket]:
-    """Listen at the *wanted* ports from *port* on: at all of them, or at none if there is an error."""
+    """Listen at the used ports from *port* on: at all of them, or at none if there is an error."""
     listeners: list[socket.socket] = []
-    for offset, is_wanted in enumerate(wanted):
-        if not is_wanted:
+    for offset, used in enumerate(is_used):
+        if not used:
             continue
         listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         listeners.append(listener)

@@ -198,8 +198,8 @@ class Groot1Feed:
     def _process_reply(self, frames: list[bytes], now: float) -> None:
         tree = find_tree(frames)
         if tree is None:
-            what = describe_bytes(frames[0]) if len(frames) == 1 else f"{len(frames)} frames"
-            raise ProtocolError(f"expected a tree in Groot 1's protocol from {self.address}, and got {what}")
+            reply = describe_bytes(frames[0]) if len(frames) == 1 else f"{len(frames)} frames"
+            raise ProtocolError(f"expected a tree in Groot 1's protocol from {self.address}, and got {reply}")
         self.last_message_at = now
         self._needs_tree = False
         # Replies of the same robot differ only in the statuses, so trees are compared without them.

@@ -14,14 +14,14 @@ class RobotRefusedError(ProtocolError):
     """The robot answered a request with an error. The message is the text that the robot sent."""
 
 
-def describe_bytes(data: bytes, room: int = 24) -> str:
-    """Return *data* for an error message: its length, and its first *room* bytes in hexadecimal."""
+def describe_bytes(data: bytes, limit: int = 24) -> str:
+    """Return *data* for an error message: its length, and its first *limit* bytes in hexadecimal."""
     if not data:
         return "nothing"
-    dots = " …" if len(data) > room else ""
-    return f"{len(data)} bytes ({data[:room].hex(' ')}{dots})"
+    dots = " …" if len(data) > limit else ""
+    return f"{len(data)} bytes ({data[:limit].hex(' ')}{dots})"
 
 
-def describe_value(value: object, room: int = 40) -> str:
-    """Return a received *value* for an error message: at most *room* characters, or the name of its type."""
-    return repr(value)[:room] if isinstance(value, str | int | float | None) else type(value).__name__
+def describe_value(value: object, limit: int = 40) -> str:
+    """Return a received *value* for an error message: at most *limit* characters, or the name of its type."""
+    return repr(value)[:limit] if isinstance(value, str | int | float | None) else type(value).__name__

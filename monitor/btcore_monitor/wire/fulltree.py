@@ -121,7 +121,7 @@ def _is_xml_name(name: str) -> bool:
 
 def _valid(text: str) -> str:
     """Return *text* with the characters that are invalid in XML as escape sequences of Python."""
-    return _INVALID_IN_XML.sub(lambda found: ascii(found[0])[1:-1], text)
+    return _INVALID_IN_XML.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
 def _parse(xml: bytes) -> etree._Element:

@@ -129,9 +129,9 @@ def _read_port(table: Table) -> WirePort:
     return WirePort(name, direction, table.text(_PORT_TYPE), table.text(_PORT_DESCRIPTION))
 
 
-def _check_range(number: int, most: int, what: str) -> int:
+def _check_range(number: int, most: int, noun: str) -> int:
     if not 0 <= number <= most:
-        raise ProtocolError(f"expected {what} from 0 to {most}, and got {number}")
+        raise ProtocolError(f"expected {noun} from 0 to {most}, and got {number}")
     return number
 
 

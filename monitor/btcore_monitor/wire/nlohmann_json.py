@@ -73,7 +73,7 @@ def _misread(word: str) -> int:
     return len(word)
 
 
-def _kind(value: Any) -> str:
+def _type_name(value: Any) -> str:
     if value is None:
         return "null"
     if isinstance(value, bool):
@@ -92,7 +92,7 @@ def require_member(value: Any, key: str) -> Any:
         JsonError: *value* is not an object, or has no such member.
     """
     if not isinstance(value, dict):
-        raise JsonError(f"[json.exception.type_error.304] cannot use at() with {_kind(value)}")
+        raise JsonError(f"[json.exception.type_error.304] cannot use at() with {_type_name(value)}")
     if key not in value:
         raise JsonError(f"[json.exception.out_of_range.403] key '{key}' not found")
     return value[key]
@@ -107,17 +107,19 @@ def require_number(value: Any) -> int:
         JsonError: *value* is not a finite number.
     """
     if not isinstance(value, int | float) or value != value or value in (float("inf"), float("-inf")):
-        raise JsonError(f"[json.exception.type_error.302] type must be number, but is {_kind(value)}")
+        raise JsonError(f"[json.exception.type_error.302] type must be number, but is {_type_name(value)}")
     return int(value)
 
 
-def require_type(value: Any, kind: type[T]) -> T:
-    """Return *value* after checking that it is an instance of *kind* (bool or str).
+def require_type(value: Any, expected_type: type[T]) -> T:
+    """Return *value* after checking that it is an instance of *expected_type* (bool or str).
 
     Raises:
         JsonError: *value* has another type.
     """
-    if not isinstance(value, kind):
-        expected = "boolean" if kind is bool else "string"
-        raise JsonError(f"[json.exception.type_error.302] type must be {expected}, but is {_kind(value)}")
+    if not isinstance(value, expected_type):
+        expected = "boolean" if expected_type is bool else "string"
+        raise JsonError(
+            f"[json.exception.type_error.302] type must be {expected}, but is {_type_name(value)}"
+        )
     return value

@@ -159,13 +159,13 @@ def _reader(hint: Any) -> Reader:
     return _row(hint)
 
 
-def _plain_value(kind: Any, expected: str) -> Reader:
+def _plain_value(value_type: Any, expected: str) -> Reader:
     def read(value: object, where: str) -> object:
-        if not isinstance(value, kind) or isinstance(value, bool):
+        if not isinstance(value, value_type) or isinstance(value, bool):
             raise _create_error(where, expected, value)
         if isinstance(value, int | float):
             # The comparison is false for NaN.
-            if not abs(value) <= (_MAX_STAMP if kind is int else MAX_NUMBER):
+            if not abs(value) <= (_MAX_STAMP if value_type is int else MAX_NUMBER):
                 raise _create_error(where, f"{expected} of a usual size", value)
         elif isinstance(value, str) and len(value) > _MAX_TEXT:
             raise _create_error(where, f"{expected} of at most {_MAX_TEXT} characters", value)
@@ -210,11 +210,11 @@ def _texts(value: object, where: str) -> object:
     return {key: _reader(str)(text, where) for key, text in value.items()}
 
 
-def _record(kind: Any) -> Reader:
-    hints = get_type_hints(kind, include_extras=True)
+def _record(record_class: Any) -> Reader:
+    hints = get_type_hints(record_class, include_extras=True)
     known = [
         (field.name, _reader(hints[field.name]), field.default is field.default_factory is MISSING)
-        for field in fields(kind)
+        for field in fields(record_class)
         if field.init and field.name != "extra"
     ]
 
@@ -229,14 +229,17 @@ def _record(kind: Any) -> Reader:
                 raise ProtocolError(f"expected '{name}' of {where}, and got nothing")
         if not all(0 <= part <= 255 for part in values.get("color") or ()):
             raise ProtocolError(f"expected 'color' of {where} with values from 0 to 255")
-        return kind(**values)
+        return record_class(**values)
 
     return read
 
 
-def _one_of(kinds: Sequence[Any]) -> Reader:
+def _one_of(record_classes: Sequence[Any]) -> Reader:
     readers: dict[Any, Reader] = {
-        field.default: _reader(kind) for kind in kinds for field in fields(kind) if field.name == "kind"
+        field.default: _reader(record_class)
+        for record_class in record_classes
+        for field in fields(record_class)
+        if field.name == "kind"
     }
     word = _word(list(readers))
 
@@ -248,14 +251,14 @@ def _one_of(kinds: Sequence[Any]) -> Reader:
     return read
 
 
-def _row(kind: Any) -> Reader:
+def _row(row_class: Any) -> Reader:
     """Return the reader of a named tuple."""
-    readers = [(name, _reader(hint)) for name, hint in get_type_hints(kind).items()]
+    readers = [(name, _reader(hint)) for name, hint in get_type_hints(row_class).items()]
 
     def read(value: object, where: str) -> object:
         if not isinstance(value, list | tuple) or len(value) != len(readers):
             raise _create_error(f"one of {where}", f"{len(readers)} values", value)
         pairs = zip(readers, value, strict=True)
-        return kind(*(reader(item, f"the {name} in {where}") for (name, reader), item in pairs))
+        return row_class(*(reader(item, f"the {name} in {where}") for (name, reader), item in pairs))
 
     return read

@@ -113,8 +113,8 @@ def _format_headline(divergence: Divergence) -> str:
     first, second = divergence.first, divergence.second
     headline = f"the runs differ after {terminal.counted(count, 'common transition', zero='no')}"
     if first is None or second is None:
-        ended, other = ("A", "B") if first is None else ("B", "A")
-        return f"{headline}: {ended} ends, {other} continues"
+        shorter, longer = ("A", "B") if first is None else ("B", "A")
+        return f"{headline}: {shorter} ends, {longer} continues"
     if divergence.by_time:
         apart = abs(first.since - second.since) / NS_PER_S
         return f"{headline}: the next transition is the same, but {apart:.6f} s apart"
@@ -135,7 +135,7 @@ def _print(mark: str, step: Step, width: int, style: str) -> None:
 
 def _compare_trees(first: Recording, second: Recording) -> None:
     """Print the nodes that only one tree has: different trees may explain different runs."""
-    for name, own, other in (("A", first, second), ("B", second, first)):
-        only = _find_missing_nodes(own, other)
+    for name, recording, compared in (("A", first, second), ("B", second, first)):
+        only = _find_missing_nodes(recording, compared)
         if only:
             terminal.print_notes([f"only the tree of {name} contains {join_names(only, most=4)}"])

@@ -240,13 +240,13 @@ def find_failure(recording: Recording) -> list[FailureStep]:
         own = ends[node.uid]
         position = bisect_left(own, at)
         began = own[position - 1] if position else -1
-        found = {uid: last_result(uid, began, at) for uid in node.children}
+        last_results = {uid: last_result(uid, began, at) for uid in node.children}
         results = {
             uid: None if number is None else recording.transitions[number].status
-            for uid, number in found.items()
+            for uid, number in last_results.items()
         }
         steps.append(FailureStep(node, recording.transitions[at].stamp, results))
-        failed = [(number, uid) for uid, number in found.items() if number is not None]
+        failed = [(number, uid) for uid, number in last_results.items() if number is not None]
         failed = [pair for pair in failed if results[pair[1]] is Status.FAILURE]
         at, child = max(failed, default=(None, None))
         node = None if child is None else recording.nodes[child]

@@ -112,12 +112,14 @@ class ShowArguments(TreeArguments):
 
 def _with_settings(model: type[TreeArguments]) -> type[TreeArguments]:
     """Return *model* with `SETTINGS`; without the simulator, with those of every run."""
-    kinds: list[type[Settings]] = [RunSettings]
+    settings_classes: list[type[Settings]] = [RunSettings]
     for simulator in AvailableProviders().of_type("btcore_sim.simulated_robot.SimulatedRobot"):
-        kinds += list(simulator.settings)
+        settings_classes += list(simulator.settings)
     fields: dict[str, Any] = {}
-    for kind in kinds:
-        for field, option in zip(msgspec.structs.fields(kind), create_options(kind), strict=True):
+    for settings_class in settings_classes:
+        for field, option in zip(
+            msgspec.structs.fields(settings_class), create_options(settings_class), strict=True
+        ):
             if field.name not in SETTINGS:
                 continue
             limits: dict[str, Any] = {"description": f"{option.metavar}: {option.help}"}

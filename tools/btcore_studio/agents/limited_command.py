@@ -36,10 +36,10 @@ def _limit_process(data: int, file: int, seconds: int) -> None:
         resource.RLIMIT_DATA: data,
         resource.RLIMIT_FSIZE: file,
     }
-    for kind, value in limits.items():
-        highest = resource.getrlimit(kind)[1]
+    for limit, value in limits.items():
+        highest = resource.getrlimit(limit)[1]
         least = value if highest == resource.RLIM_INFINITY else min(value, highest)
-        resource.setrlimit(kind, (least, least))
+        resource.setrlimit(limit, (least, least))
     _write_only_in(".", "/dev")
 
 

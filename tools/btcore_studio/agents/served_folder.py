@@ -102,13 +102,13 @@ class ServedFolder:
 
     def files(self, suffixes: Sequence[str]) -> list[str]:
         """Return the first files with these suffixes, relative to the folder and sorted; no hidden files."""
-        found: list[str] = []
+        names: list[str] = []
         for path in self._walk():
             if path.suffix.lower() in suffixes and not _CONTROL.search(path.name):
-                found.append(path.relative_to(self.root).as_posix())
-                if len(found) == MAX_LISTED:
+                names.append(path.relative_to(self.root).as_posix())
+                if len(names) == MAX_LISTED:
                     break
-        return found
+        return names
 
     def _walk(self) -> Iterator[Path]:
         """Yield files in the folder and below it. Symbolic links and hidden files are omitted."""

@@ -90,12 +90,12 @@ class Toolbox:
         not have. With `ids`: everything about these nodes, such as the types of their ports.
         """
         words = [f"--format={call.format}", "--json", *self._models(call.models), "--", *call.ids]
-        found = await self._json("nodes", words, all_nodes=True)
+        facts = await self._json("nodes", words, all_nodes=True)
         if call.ids:
-            return to_bounded_json(found)
+            return to_bounded_json(facts)
         simulated = await self._json("nodes", words)
         return to_bounded_json(
-            palette_by_type(found) | {"only_on_robots": [node for node in found if node not in simulated]}
+            palette_by_type(facts) | {"only_on_robots": [node for node in facts if node not in simulated]}
         )
 
     async def validate(self, call: ValidateArguments) -> str:
@@ -104,7 +104,7 @@ class Toolbox:
         A tree with errors cannot run. `prove` finds what depends on the order of ticks, such as an entry that
         is read before it is written.
         """
-        words = [*_each("given", call.given), "--json"]
+        words = [*_repeated_option("given", call.given), "--json"]
         checked = await self._of_tree("validate", call, words, all_nodes=True)
         checked["diagnostics"] = [
             {key: value for key, value in item.items() if key not in ("url", "width")}
@@ -141,14 +141,14 @@ class Toolbox:
         The `log` can be given to explain_failure and read_log.
         """
         words = [
-            *_each("outcomes", [f"{leaf}={letters}" for leaf, letters in call.outcomes.items()]),
-            *_each("set", [f"{key}={_value(value)}" for key, value in call.entries.items()]),
+            *_repeated_option("outcomes", [f"{leaf}={letters}" for leaf, letters in call.outcomes.items()]),
+            *_repeated_option("set", [f"{key}={_value(value)}" for key, value in call.entries.items()]),
             f"--duration={call.duration}",
             f"--until={call.until}",
             f"--tick-limit={_TICK_LIMIT_S}",
         ]
         for name, value in call.model_dump(include=set(SETTINGS), exclude_defaults=True).items():
-            words += _each(name, value if isinstance(value, list) else [value])
+            words += _repeated_option(name, value if isinstance(value, list) else [value])
         command = ["run", "--fast", "--json", *self._runner.plugins, *words]
         name = f"run-{next(self._numbers)}"
         with self._runner.temporary_folder() as output:
@@ -185,7 +185,9 @@ class Toolbox:
             f"--tick-limit={_TICK_LIMIT_S}",
             "--workers=2",
             *_option("success-if", call.success_if),
-            *_each("param", [f"{key}={_values(values)}" for key, values in call.parameters.items()]),
+            *_repeated_option(
+                "param", [f"{key}={_values(values)}" for key, values in call.parameters.items()]
+            ),
             *([f"--worlds={','.join(call.worlds)}"] if call.worlds else []),
         ]
         command = ["sweep", "--json", *self._runner.plugins, *words]
@@ -213,9 +215,9 @@ class Toolbox:
         'A | B', '(A)'. A node is its name or path, in quotes if it contains spaces.
         """
         words = [
-            *_each("never", call.never),
-            *_each("ask", call.ask),
-            *_each("given", call.given),
+            *_repeated_option("never", call.never),
+            *_repeated_option("ask", call.ask),
+            *_repeated_option("given", call.given),
             *_option("ticks", call.ticks),
             f"--memory={_PROOF_MEMORY_MB}",
             "--jobs=2",
@@ -283,10 +285,10 @@ class Toolbox:
     async def _about(self, node_id: str) -> str | None:
         """Return the description of a node, or None if the node is not known."""
         try:
-            found = await self._json("nodes", ["--json", "--", node_id], all_nodes=True)
+            facts = await self._json("nodes", ["--json", "--", node_id], all_nodes=True)
         except RefusedError:
             return None  # such as a leaf of another program
-        description: str = found[node_id]["description"]
+        description: str = facts[node_id]["description"]
         return description or None
 
     def _keep(self, name: str, run: dict[str, Any]) -> None:
@@ -360,7 +362,7 @@ def _option(name: str, value: object) -> list[str]:
     return [] if value is None else [f"--{name}={value}"]
 
 
-def _each(name: str, values: Sequence[str]) -> list[str]:
+def _repeated_option(name: str, values: Sequence[str]) -> list[str]:
     return [f"--{name}={value}" for value in values]
 
 

@@ -93,33 +93,33 @@ def _convert_sequence_star(changes: ConversionChanges, element: Element, id: str
 
 
 def _convert_loop(changes: ConversionChanges, element: Element, id: str) -> None:
-    port, again = ("num_cycles", "succeeds") if id == "Repeat" else ("num_attempts", "fails")
+    port, repeated_if = ("num_cycles", "succeeds") if id == "Repeat" else ("num_attempts", "fails")
     limit = element.attributes.get(port, "")
     if limit in ("0", "1"):
         return  # without a second cycle there is no difference
     name = NODE_REPLACEMENTS.get(id, id)
-    message = f"a child of <{name}> that {again} immediately is ticked again only in the next tick"
+    message = f"a child of <{name}> that {repeated_if} immediately is ticked again only in the next tick"
     hint = "format 3 ticks it again in the same tick; tick_once() ticks the whole tree again without a pause"
     changes.note(ONE_CYCLE_PER_TICK, message, element, hint=hint)
 
 
 def _convert_parallel(changes: ConversionChanges, element: Element, id: str) -> None:
-    given = element.attributes
+    attributes = element.attributes
     message = (
         "<Parallel> is RUNNING before its children are ticked, in format 3 only afterwards: observers see it"
     )
     changes.note(PARALLEL_THRESHOLDS, message, element)
     for old, new in _RENAMED_PORTS.items():
-        if old not in given:
+        if old not in attributes:
             continue
         changes.rename_attribute(element, old, new)
         changes.note(ATTRIBUTE_RENAMED, f"'{old}' becomes '{new}'", element, old, part="name")
-        if given[old].strip() == "0" or remapped_key(given[old], old, 3) is not None:
+        if attributes[old].strip() == "0" or remapped_key(attributes[old], old, 3) is not None:
             message = (
                 f'{new}="0" is reached with the first result of a child; in format 3 it is never reached'
             )
             changes.note(PARALLEL_THRESHOLDS, message, element, old)
-    if "success_threshold" not in given:
+    if "success_threshold" not in attributes:
         message = "without a 'success_count' all children have to succeed; format 3 fails without the port"
         changes.note(PARALLEL_THRESHOLDS, message, element)
 
@@ -148,8 +148,8 @@ def _convert_set_blackboard(changes: ConversionChanges, element: Element, id: st
 
 def _convert_check(changes: ConversionChanges, element: Element, id: str) -> bool:
     """Convert a BlackboardCheck to a Precondition. Return False if that is not possible."""
-    given = element.attributes
-    script = _comparison(given, _CHECKED_TYPES[id])
+    attributes = element.attributes
+    script = _comparison(attributes, _CHECKED_TYPES[id])
     if script is None:
         message = (
             f"<{id}> is not converted: format 4 lacks the node, and a script can't express the comparison"
@@ -157,11 +157,11 @@ def _convert_check(changes: ConversionChanges, element: Element, id: str) -> boo
         hint = "in a script, entry names have letters, digits and '_' only, and texts have no quotes"
         changes.note(MANUAL_STEP, message, element, hint=hint)
         return False
-    first, second = (name for name in given if name in ("value_A", "value_B"))
+    first, second = (name for name in attributes if name in ("value_A", "value_B"))
     changes.rename_attribute(element, first, "if")
     changes.set_attribute(element, first, script)
     changes.remove_attribute(element, second)
-    if "return_on_mismatch" in given:
+    if "return_on_mismatch" in attributes:
         changes.rename_attribute(element, "return_on_mismatch", "else")
     message = (
         "<Precondition> checks before the child starts, not while it runs, and a missing entry is an error; "
@@ -172,15 +172,15 @@ def _convert_check(changes: ConversionChanges, element: Element, id: str) -> boo
     return True
 
 
-def _comparison(given: Mapping[str, str], kind: ValueType) -> str | None:
+def _comparison(attributes: Mapping[str, str], value_type: ValueType) -> str | None:
     """Return `value_A == value_B` as a script, or None if a script can't express it."""
     sides: list[str] = []
     for name in ("value_A", "value_B"):
-        text = given.get(name)
+        text = attributes.get(name)
         if text is None:
             return None
         key = remapped_key(text, name, 3)
-        side = _literal(text, kind) if key is None else key if _is_name(key) else None
+        side = _literal(text, value_type) if key is None else key if _is_name(key) else None
         if side is None:
             return None
         sides.append(side)
@@ -193,10 +193,10 @@ def _is_name(key: str) -> bool:
     return len(types) == 2 and types[0] == NAME and not key.startswith("@")
 
 
-def _literal(text: str, kind: ValueType) -> str | None:
-    """Return the script literal for *text*, read as *kind*, or None if there is none."""
+def _literal(text: str, value_type: ValueType) -> str | None:
+    """Return the script literal for *text*, read as *value_type*, or None if there is none."""
     try:
-        value = kind.from_text(text, 3)
+        value = value_type.from_text(text, 3)
     except ConversionError:
         return None
     if isinstance(value, bool):

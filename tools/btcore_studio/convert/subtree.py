@@ -33,14 +33,14 @@ def convert_subtree(changes: ConversionChanges, element: Element, names: set[str
         names: Names of the SubTree elements of the same tree that were converted before. This function adds
             the name of *element*.
     """
-    given = element.attributes
+    attributes = element.attributes
     _convert_name(changes, element, names)
     if element.tag == "SubTreePlus":
         changes.rename_element(element, "SubTree")
         changes.note(NODE_RENAMED, "<SubTreePlus> becomes <SubTree>", element)
         _convert_subtree_plus_attributes(changes, element)
         return
-    shared = given.get("__shared_blackboard")
+    shared = attributes.get("__shared_blackboard")
     if shared is not None and _is_true(shared):
         _convert_shared_blackboard(changes, element)
         return
@@ -48,7 +48,7 @@ def convert_subtree(changes: ConversionChanges, element: Element, names: set[str
         changes.remove_attribute(element, "__shared_blackboard")
         message = "'__shared_blackboard' is removed: by default a tree has its own blackboard"
         changes.note(IGNORED_ATTRIBUTE_REMOVED, message, element, "__shared_blackboard", part="name")
-    for name, text in given.items():
+    for name, text in attributes.items():
         if name not in ("ID", "name", "__shared_blackboard"):
             _convert_remapping(changes, element, name, text)
 

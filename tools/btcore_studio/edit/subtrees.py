@@ -37,7 +37,9 @@ def extract_subtree(plans: Plans, element: Element, id: str) -> list[Edit]:
     keys = TreeKeys(plans, bounded=True).keys_in(_branch(node))
     if keys is None:
         raise EditError("a node of the branch may use any key, or is unknown")
-    calls = [each.subtree_call for each in _branch(node) if each.subtree_call is not None]
+    calls = [
+        branch_node.subtree_call for branch_node in _branch(node) if branch_node.subtree_call is not None
+    ]
     if any(outer.startswith("@") for call in calls for outer in call.remaps.values()):
         raise EditError("a SubTree element of the branch connects a key with a key of the main tree ('@')")
     # A key with "@" is the key of the main tree, in every tree.
@@ -108,8 +110,8 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
     enums = plans.registry.types.enums
     edits = [
         edit
-        for each in called.nodes()
-        for edit in _rename_keys(each, names, enums, tree_keys, editor, called)
+        for called_node in called.nodes()
+        for edit in _rename_keys(called_node, names, enums, tree_keys, editor, called)
     ]
     if node.conditions and called.root.conditions:
         raise EditError(f"the SubTree element and the root of '{called.id}' have conditions")

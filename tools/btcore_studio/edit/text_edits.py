@@ -31,10 +31,10 @@ def rebase_edits(edits: Iterable[Edit], others: Sequence[Edit]) -> list[Edit]:
     ordered = _ordered(others)
     for start, end, replacement in edits:
         shift = 0
-        for other in ordered:
-            if other.end <= start and (other.start, other.end) != (start, end):
-                shift += len(other.text) - (other.end - other.start)
-            elif other.start < end or other.start == start:
+        for earlier in ordered:
+            if earlier.end <= start and (earlier.start, earlier.end) != (start, end):
+                shift += len(earlier.text) - (earlier.end - earlier.start)
+            elif earlier.start < end or earlier.start == start:
                 raise EditError("the text was changed at the same place")
         rebased.append(Edit(start + shift, end + shift, replacement))
     return rebased

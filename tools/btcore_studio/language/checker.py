@@ -238,14 +238,14 @@ class Checker:
         if worker is not self._worker:
             self._pending[root] = None  # the libraries are loaded again
             return
-        found: dict[DocumentKey, list[Report]] = {root: []}
+        reports_of_files: dict[DocumentKey, list[Report]] = {root: []}
         for data in answer["reports"]:
             report = report_from_data(data)
-            found.setdefault(Path(report.file) if report.file else root, []).append(report)
+            reports_of_files.setdefault(Path(report.file) if report.file else root, []).append(report)
         read = {Path(file) for file in answer["files"]}
         changed = self._read.get(root, set()) ^ read
         self._read[root] = read
-        self._store(root, found, versions, changed)
+        self._store(root, reports_of_files, versions, changed)
         self._check_parts(root, changed)
 
     def _forget(self, root: DocumentKey, versions: Mapping[DocumentKey, int | None]) -> None:
@@ -266,7 +266,7 @@ class Checker:
     def _store(
         self,
         root: DocumentKey,
-        found: Mapping[DocumentKey, list[Report]],
+        reports_of_files: Mapping[DocumentKey, list[Report]],
         versions: Mapping[DocumentKey, int | None],
         changed: set[Path],
     ) -> None:
@@ -274,13 +274,15 @@ class Checker:
 
         Args:
             root: The checked document.
-            found: The reports of each file.
+            reports_of_files: The reports of each file.
             versions: The version of each open document.
             changed: The files that *root* includes now and did not include before, or the reverse.
         """
         before = self._found.get(root, {})
-        self._found[root] = {file: (versions.get(file), reports) for file, reports in found.items()}
-        for file in dict.fromkeys([*found, *before, *sorted(changed & self._found.keys())]):
+        self._found[root] = {
+            file: (versions.get(file), reports) for file, reports in reports_of_files.items()
+        }
+        for file in dict.fromkeys([*reports_of_files, *before, *sorted(changed & self._found.keys())]):
             version = versions.get(file)
             merged = merge(self._reports_about(file, version))
             self._project.set_reports(file, version, merged)
@@ -308,16 +310,16 @@ class Checker:
 
     def _publish_problems(self, problems: Iterable[tuple[str, str, int]]) -> None:
         """Publish the problems of libraries at their files and lines, and show those without a place."""
-        found: dict[Path, list[Report]] = {}
+        reports: dict[Path, list[Report]] = {}
         for message, file, line in problems:
             if file:
                 report = Report(file, line - 1, 0, _LINE_END, "", True, message)
-                found.setdefault(Path(file), []).append(report)
+                reports.setdefault(Path(file), []).append(report)
             else:
                 self._show_once(message)
-        for path in dict.fromkeys([*found, *self._library_problems]):
-            self._publish(path, None, found.get(path, []))
-        self._library_problems = found
+        for path in dict.fromkeys([*reports, *self._library_problems]):
+            self._publish(path, None, reports.get(path, []))
+        self._library_problems = reports
 
     # --- the worker
 
@@ -328,18 +330,18 @@ class Checker:
         if self._worker is not None:
             return self._worker
         project = self._project
-        given = project.settings
-        last = self._last if given.trusted else _NOTHING
+        configured = project.settings
+        last = self._last if configured.trusted else _NOTHING
         settings = WorkerSettings(
             folders=list(map(str, project.folders)),
-            plugins=given.plugins,
-            models=given.models,
-            given=given.given,
-            trusted=given.trusted and not self._distrusted,
+            plugins=configured.plugins,
+            models=configured.models,
+            given=configured.given,
+            trusted=configured.trusted and not self._distrusted,
             last_models=last["models"],
             last_enums=last["enums"],
         )
-        if given.plugins and not given.trusted:
+        if configured.plugins and not configured.trusted:
             self._show_once("Python leaves are unknown: they are not imported without the setting 'trusted'.")
         self._worker = worker = await WorkerProcess.start()
         self._sent = {}

@@ -119,15 +119,15 @@ def complete(
         snippets: Whether the client supports snippets.
         markdown: Whether the client shows documentation as Markdown.
     """
-    found = _Completion(project, document, offset, trigger).find()
-    if found is None:
+    completion = _Completion(project, document, offset, trigger).find()
+    if completion is None:
         return types.CompletionList(is_incomplete=False, items=[])
-    ranked = sorted(found.items, key=lambda item: (item.rank, item.label))
+    ranked = sorted(completion.items, key=lambda item: (item.rank, item.label))
     is_incomplete = len(ranked) > MAX_ITEMS
     if is_incomplete:
-        typed = document.text[found.start : offset].casefold()
+        typed = document.text[completion.start : offset].casefold()
         ranked = [item for item in ranked if typed in (item.filter or item.label).casefold()]
-    range = document.positions.range(found.start, found.end)
+    range = document.positions.range(completion.start, completion.end)
     if range.start.line != range.end.line:
         range = document.positions.range(offset, offset)  # a client replaces text in one line only
     items = [
@@ -317,10 +317,10 @@ class _Completion:
             element: The element.
             edited: The attribute whose name the item replaces; None for a new attribute.
         """
-        given = {attribute.name for attribute in element.attributes if attribute is not edited}
+        present = {attribute.name for attribute in element.attributes if attribute is not edited}
         has_value = edited is not None and edited.value is not None
         for item in self._attributes_of(element):
-            if item.label in given:
+            if item.label in present:
                 continue
             if has_value:
                 yield item._replace(snippet="")
@@ -405,8 +405,8 @@ class _Completion:
         return [key for key in read if _can_be_connected(key)]
 
     def _type_of_key(self, links: KeyLinks, tree: TreeSymbol, key: str) -> str:
-        kind = entry_facts(links, [TreeKey(tree, key)]).type
-        return type_name(kind) if kind is not None else ""
+        entry_type = entry_facts(links, [TreeKey(tree, key)]).type
+        return type_name(entry_type) if entry_type is not None else ""
 
     # --- values
 
@@ -426,18 +426,18 @@ class _Completion:
         if node.is_call:
             if name in SHARING_ATTRIBUTES:
                 return self._whole_value(_literals(BOOL))
-            kind = self._type_of_called_key(element, name)
+            port_type = self._type_of_called_key(element, name)
         else:
-            kind = port.type if port is not None else None
+            port_type = port.type if port is not None else None
         is_port = port is not None or node.is_call or node.manifest is None
         if name == "name" or not is_port:
             return None
         if key_start is not None:
-            return self._key_in_braces(key_start, name, kind)
+            return self._key_in_braces(key_start, name, port_type)
         takes_name = node.is_call and self._takes_bare_keys(element.tag)
         if port is not None:
             takes_name = port.role in KEY_ROLES and port.role is not PortRole.WATCHED_ENTRY
-        return self._whole_value(self._port_values(port, name, kind, takes_name))
+        return self._whole_value(self._port_values(port, name, port_type, takes_name))
 
     def _whole_value(self, items: Iterable[_Item]) -> _Replacement:
         return _Replacement(self.place.start, self.place.end, items)
@@ -451,7 +451,7 @@ class _Completion:
         elif element.tag in PORT_TAGS and name == "type":
             manifests = self.registry.manifests_of(self.format).values()
             names = {port.type.name for manifest in manifests for port in manifest.ports.values()}
-            yield from (_Item(_escape(each), Kind.TypeParameter) for each in names)
+            yield from (_Item(_escape(type_name), Kind.TypeParameter) for type_name in names)
         elif element.tag == "include" and name == "path" and self.document.path is not None:
             for path in self.project.files:
                 if path != self.document.path and path.suffix != PROJECT_SUFFIX:
@@ -489,21 +489,21 @@ class _Completion:
     # --- ports and keys
 
     def _port_values(
-        self, port: Port | None, name: str, kind: ValueType | None, takes_name: bool
+        self, port: Port | None, name: str, port_type: ValueType | None, takes_name: bool
     ) -> Iterator[_Item]:
         """Yield the literals and keys that the value of a port can be.
 
         Args:
             port: The port; None for an attribute of a SubTree element or of an unknown node.
             name: The name of the attribute.
-            kind: The type of the port; None if it is unknown.
+            port_type: The type of the port; None if it is unknown.
             takes_name: Whether the value is the name of an entry, without braces.
         """
-        if kind is not None and not takes_name and (port is None or port.reads):
-            yield from _literals(kind)
+        if port_type is not None and not takes_name and (port is None or port.reads):
+            yield from _literals(port_type)
         if port is not None and port.default and port.default not in literals_of(port.type):
             yield _Item(_escape(port.default), Kind.Value, 1, "default")
-        for item in self._keys(kind, "" if takes_name else name):
+        for item in self._keys(port_type, "" if takes_name else name):
             yield item if takes_name else item._replace(label=f"{{{item.label}}}")
         if not takes_name:
             yield _Item("{=}" if self.format == 4 else "=", Kind.Variable, 6, f"the key {name}")
@@ -515,18 +515,18 @@ class _Completion:
             return None
         return brace + 1
 
-    def _key_in_braces(self, start: int, name: str, kind: ValueType | None) -> _Replacement:
+    def _key_in_braces(self, start: int, name: str, port_type: ValueType | None) -> _Replacement:
         closing = self.text.find("}", self.offset, self.place.end)
         end = closing if closing >= 0 else self.offset
         ending = "" if closing >= 0 else "}"
-        items = (item._replace(inserted=item.label + ending) for item in self._keys(kind, name))
+        items = (item._replace(inserted=item.label + ending) for item in self._keys(port_type, name))
         return _Replacement(start, end, items)
 
-    def _keys(self, kind: ValueType | None, name: str = "") -> Iterator[_Item]:
+    def _keys(self, port_type: ValueType | None, name: str = "") -> Iterator[_Item]:
         """Yield the keys of the tree.
 
         Args:
-            kind: The type of the port: keys whose entries have this type come first.
+            port_type: The type of the port: keys whose entries have this type come first.
             name: The name of the port: a key with this name comes first, too, or is offered as a new key.
         """
         tree = self._tree()
@@ -540,22 +540,22 @@ class _Completion:
             if any(not use.start <= self.offset <= use.end or use.file != self.file.file for use in uses):
                 is_searched = number < MAX_ITEMS  # the search for types takes time
                 type = entry_facts(links, [TreeKey(tree, key)]).type if is_searched else None
-                yield self._key_item(key, type, kind, name)
+                yield self._key_item(key, type, port_type, name)
                 is_known = is_known or key == name
         for key in sorted({key.key for key in links.uses if key.key.startswith("@")} - own.keys()):
-            yield self._key_item(key, None, kind)
+            yield self._key_item(key, None, port_type)
         if name and not is_known:
             yield _Item(_escape(name), Kind.Variable, 4, "new key")
 
     def _key_item(
-        self, key: str, entry_type: ValueType | None, kind: ValueType | None, name: str = ""
+        self, key: str, entry_type: ValueType | None, port_type: ValueType | None, name: str = ""
     ) -> _Item:
-        """Return the item of a key, whose rank depends on the wanted type *kind* and the port's *name*."""
+        """Return the item of a key, whose rank depends on *port_type* and the port's *name*."""
         rank = 2 if key == name else 3
-        if entry_type is not None and kind is not None:
-            if entry_type.name == kind.name:
+        if entry_type is not None and port_type is not None:
+            if entry_type.name == port_type.name:
                 rank = 2
-            elif kind.strong:
+            elif port_type.strong:
                 rank = 5
         detail = type_name(entry_type) if entry_type is not None else ""
         return _Item(_escape(key), Kind.Variable, rank, detail)
@@ -563,9 +563,9 @@ class _Completion:
     def _type_of_called_key(self, element: ScannedElement, key: str) -> ValueType | None:
         links = links_of(self.project)
         for tree in self.symbols.trees_called(element.get("ID") or "", self.file.file):
-            kind = entry_facts(links, [TreeKey(tree, key)]).type
-            if kind is not None:
-                return kind
+            entry_type = entry_facts(links, [TreeKey(tree, key)]).type
+            if entry_type is not None:
+                return entry_type
         return None
 
     # --- scripts
@@ -598,9 +598,9 @@ def _can_be_connected(key: str) -> bool:
     return key[:1] not in ("@", "_") and is_port_name(key)
 
 
-def _literals(kind: ValueType) -> Iterator[_Item]:
-    of = Kind.EnumMember if kind is not BOOL else Kind.Value
-    return (_Item(_escape(text), of, 0, type_name(kind)) for text in literals_of(kind))
+def _literals(value_type: ValueType) -> Iterator[_Item]:
+    item_kind = Kind.EnumMember if value_type is not BOOL else Kind.Value
+    return (_Item(_escape(text), item_kind, 0, type_name(value_type)) for text in literals_of(value_type))
 
 
 def _escape(text: str) -> str:

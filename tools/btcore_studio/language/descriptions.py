@@ -67,9 +67,9 @@ def prose(text: str) -> str:
     return "".join(pieces)
 
 
-def type_name(kind: ValueType) -> str:
+def type_name(value_type: ValueType) -> str:
     """Return the name of a type without the C++ namespaces."""
-    return kind.name.replace("BT::", "").replace("std::", "")
+    return value_type.name.replace("BT::", "").replace("std::", "")
 
 
 def is_mandatory(manifest: Manifest, port: Port) -> bool:

@@ -90,11 +90,11 @@ def check(
     """
     try:
         document = parse()
-        found = validate_document(document, nodes=nodes_for(document), given=given)
+        diagnostics = validate_document(document, nodes=nodes_for(document), given=given)
     except TreeError as error:
-        found = list(error.diagnostics)
-    errors = [item for item in found if item.is_error]
-    warnings = [item for item in found if not item.is_error]
+        diagnostics = list(error.diagnostics)
+    errors = [item for item in diagnostics if item.is_error]
+    warnings = [item for item in diagnostics if not item.is_error]
     shown, _ = shown_diagnostics([*errors, *warnings])
     makers: dict[str, FixMaker] = {}
     reports: list[Report] = []
@@ -129,5 +129,5 @@ def _units(text: str) -> int:
 
 def merge(reports: Iterable[Sequence[Report]]) -> list[Report]:
     """Return the reports of one file from several checks, each once: errors first, then sorted by place."""
-    merged = list(dict.fromkeys(report for found in reports for report in found))
+    merged = list(dict.fromkeys(report for reports_of_check in reports for report in reports_of_check))
     return sorted(merged, key=lambda report: (not report.is_error, report.line, report.start))

@@ -35,8 +35,8 @@ def entry_facts(links: KeyLinks, keys: Iterable[TreeKey]) -> EntryFacts:
     uses = links.entry_uses(keys)
     writers = [use for use in uses if use.writes]
     types = (port_type(links, use) for use in (*writers, *uses))
-    kind = next((kind for kind in types if kind is not None), None)
-    return EntryFacts(links.outermost_keys(keys), kind, writers, [use for use in uses if use.reads])
+    entry_type = next((entry_type for entry_type in types if entry_type is not None), None)
+    return EntryFacts(links.outermost_keys(keys), entry_type, writers, [use for use in uses if use.reads])
 
 
 def keys_of(links: KeyLinks, tree: TreeSymbol) -> dict[str, list[KeyUse]]:

@@ -22,7 +22,7 @@ class _Token(NamedTuple):
     start: int
     end: int
     depth: int
-    kind: str
+    type: str
     element: ScannedElement | None
 
 
@@ -44,12 +44,12 @@ def format_range(
     project: Project, document: SourceDocument, params: types.DocumentRangeFormattingParams
 ) -> list[types.TextEdit]:
     """Return the edits of `format_document` in a range."""
-    whole = types.DocumentFormattingParams(params.text_document, params.options)
-    wanted = params.range
+    document_params = types.DocumentFormattingParams(params.text_document, params.options)
+    selected = params.range
     return [
         edit
-        for edit in format_document(project, document, whole)
-        if wanted.start <= edit.range.end and edit.range.start <= wanted.end
+        for edit in format_document(project, document, document_params)
+        if selected.start <= edit.range.end and edit.range.start <= selected.end
     ]
 
 
@@ -65,13 +65,13 @@ def formatting_edits(scan: Scan, unit: str) -> list[Edit]:
         return []
     new_line = "\r\n" if "\r\n" in text else "\n"
     edits: list[Edit] = []
-    for start, end, wanted in _white_space(scan, unit, new_line):
+    for start, end, replacement in _white_space(scan, unit, new_line):
         gap = text[start:end]
-        if gap == wanted:
+        if gap == replacement:
             continue
-        change = difference(gap, wanted)
+        change = difference(gap, replacement)
         if {"\r", "\n"} & {*gap.replace(new_line, "")}:  # an edit must not begin or end in a line break
-            change = Edit(0, len(gap), wanted)
+            change = Edit(0, len(gap), replacement)
         edits.append(Edit(start + change.start, start + change.end, change.text))
     return edits
 
@@ -86,7 +86,7 @@ def _white_space(scan: Scan, unit: str, new_line: str) -> Iterator[tuple[int, in
             gap = text[left.end : right.start]
             yield left.end, right.start, _gap(gap, left, right, unit, new_line)
     for token in tokens:
-        if token.kind == "start" and token.element is not None:
+        if token.type == "start" and token.element is not None:
             yield from _white_space_in_tag(text, token.element, unit * (token.depth + 2), new_line)
     end = tokens[-1].end
     if not text[end:].strip():
@@ -100,18 +100,18 @@ def _is_whole(text: str, element: ScannedElement) -> bool:
 
 def _tokens(scan: Scan) -> list[_Token]:
     """Return the tags and comments in the order of the text."""
-    found: list[tuple[int, int, str, ScannedElement | None]] = []
+    parts: list[tuple[int, int, str, ScannedElement | None]] = []
     for element in scan.elements:
-        found.append((element.start, element.start_tag_end, "start", element))
+        parts.append((element.start, element.start_tag_end, "start", element))
         if not element.is_empty:
-            found.append((element.end_tag_start, element.end, "end", element))
-    found += ((start, end, "comment", None) for start, end in scan.comments)
+            parts.append((element.end_tag_start, element.end, "end", element))
+    parts += ((start, end, "comment", None) for start, end in scan.comments)
     tokens: list[_Token] = []
     depth = 0
-    for start, end, kind, owner in sorted(found, key=lambda item: item[0]):
-        depth -= kind == "end"
-        tokens.append(_Token(start, end, depth, kind, owner))
-        depth += kind == "start" and owner is not None and not owner.is_empty
+    for start, end, token_type, owner in sorted(parts, key=lambda item: item[0]):
+        depth -= token_type == "end"
+        tokens.append(_Token(start, end, depth, token_type, owner))
+        depth += token_type == "start" and owner is not None and not owner.is_empty
     return tokens
 
 
@@ -122,10 +122,10 @@ def _fixed_gaps(text: str, tokens: list[_Token]) -> set[int]:
     open_gaps: list[list[int]] = [[]]
     with_text: list[bool] = [False]
     for index, token in enumerate(tokens):
-        if token.kind == "start" and token.element is not None and not token.element.is_empty:
+        if token.type == "start" and token.element is not None and not token.element.is_empty:
             open_gaps.append([])
             with_text.append(False)
-        elif token.kind == "end":
+        elif token.type == "end":
             gaps, has_text = open_gaps.pop(), with_text.pop()
             if has_text:
                 fixed.update(gaps)
@@ -139,12 +139,12 @@ def _fixed_gaps(text: str, tokens: list[_Token]) -> set[int]:
 
 def _gap(gap: str, left: _Token, right: _Token, unit: str, new_line: str) -> str:
     """Return the white space between two neighbours."""
-    if left.kind == "start" and right.kind == "end" and left.element is right.element:
+    if left.type == "start" and right.type == "end" and left.element is right.element:
         return ""
-    if right.kind == "comment" and "\n" not in gap:
+    if right.type == "comment" and "\n" not in gap:
         return " "
     is_blank = gap.count("\n") > 1 and not (
-        right.kind == "end" or (left.kind == "start" and left.depth < right.depth)
+        right.type == "end" or (left.type == "start" and left.depth < right.depth)
     )
     return new_line * (1 + is_blank) + unit * right.depth
 
@@ -156,9 +156,9 @@ def _white_space_in_tag(
     end = element.tag_end
     for attribute in element.attributes:
         gap = text[end : attribute.start]
-        wanted = f"{new_line}{indent}" if "\n" in gap else " "
+        white_space = f"{new_line}{indent}" if "\n" in gap else " "
         if not gap.strip():
-            yield end, attribute.start, wanted
+            yield end, attribute.start, white_space
         end = attribute.end
     last = element.start_tag_end - (2 if element.is_empty else 1)
     if not text[end:last].strip():

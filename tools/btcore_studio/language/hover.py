@@ -119,8 +119,8 @@ def _tree(project: Project, document: SourceDocument, id: str) -> str:
 def _entry(project: Project, key: str, keys: Iterable[TreeKey]) -> str:
     """Return the description of the entry that a key names."""
     facts = entry_facts(links_of(project), keys)
-    kind = f" — {code(type_name(facts.type))}" if facts.type is not None else ""
-    lines = [f"**{code(key)}**{kind}"]
+    type_note = f" — {code(type_name(facts.type))}" if facts.type is not None else ""
+    lines = [f"**{code(key)}**{type_note}"]
     others = [outer for outer in facts.keys if outer not in keys]
     if others:
         names = ", ".join(

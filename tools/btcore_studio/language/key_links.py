@@ -211,10 +211,16 @@ class KeyLinks:
     def _roots_of(self, tree: TreeSymbol) -> list[TreeSymbol]:
         """Return the outermost trees that call *tree* directly or indirectly, or the tree itself."""
         if tree not in self._roots:
-            around = _reachable([tree], lambda each: (call.caller for call in self._callers.get(each, ())))
+            around = _reachable(
+                [tree], lambda other_tree: (call.caller for call in self._callers.get(other_tree, ()))
+            )
             named = {symbols.main_tree.value for symbols in self.symbols.files.values() if symbols.main_tree}
-            roots = [each for each in around if each not in self._callers or each.id in named]
-            self._roots[tree] = sorted(roots or [tree], key=lambda each: each.id not in named)
+            roots = [
+                other_tree
+                for other_tree in around
+                if other_tree not in self._callers or other_tree.id in named
+            ]
+            self._roots[tree] = sorted(roots or [tree], key=lambda other_tree: other_tree.id not in named)
         return self._roots[tree]
 
     def _in_order(self, roots: Iterable[TreeSymbol]) -> Iterator[KeyUse]:
@@ -243,11 +249,11 @@ def _place_in_text(step: TreeCall | KeyUse) -> tuple[int, int]:
 
 def _reachable(start: Iterable[_Item], neighbours: Callable[[_Item], Iterable[_Item]]) -> list[_Item]:
     """Return *start* and everything that *neighbours* leads to, each once."""
-    found = dict.fromkeys(start)
-    pending = list(found)
+    reached = dict.fromkeys(start)
+    pending = list(reached)
     while pending:
         for item in neighbours(pending.pop()):
-            if item not in found:
-                found[item] = None
+            if item not in reached:
+                reached[item] = None
                 pending.append(item)
-    return list(found)
+    return list(reached)

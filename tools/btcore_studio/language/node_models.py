@@ -110,8 +110,8 @@ def add_mock_nodes(nodes: Registry, models: Iterable[NodeModel], enums: Mapping[
             continue
         ports = [_port(nodes, port) for port in model.ports]
         origin = model.distribution or "model"
-        kind = NodeType[model.type]
-        cls = make_mock_class(model.id, kind, ports, model.description, origin, model.metadata)
+        node_type = NodeType[model.type]
+        cls = make_mock_class(model.id, node_type, ports, model.description, origin, model.metadata)
         cls.spec = NodeSpec(symbol=model.symbol)
         nodes.add(cls, ID=model.id, format=model.format or None)
 
@@ -134,11 +134,11 @@ def _model_of(manifest: Manifest, format: int) -> NodeModel:
 
 
 def _source_of(manifest: Manifest) -> tuple[str, int]:
-    thing: Any = manifest.function or manifest.cls
+    code: Any = manifest.function or manifest.cls
     if is_mock(manifest.cls):
         return "", 0
     try:
-        return inspect.getsourcefile(thing) or "", inspect.getsourcelines(thing)[1]
+        return inspect.getsourcefile(code) or "", inspect.getsourcelines(code)[1]
     except (OSError, TypeError):
         return "", 0
 
@@ -157,10 +157,10 @@ def _port_model(manifest: Manifest, port: Port) -> PortModel:
     )
 
 
-def _members(kind: ValueType) -> dict[str, int]:
-    if not isinstance(kind, EnumType):
+def _members(value_type: ValueType) -> dict[str, int]:
+    if not isinstance(value_type, EnumType):
         return {}
-    numbers = [(member.name, member.value) for member in kind.members]
+    numbers = [(member.name, member.value) for member in value_type.members]
     return {name: value if isinstance(value, int) else index for index, (name, value) in enumerate(numbers)}
 
 
@@ -192,6 +192,6 @@ def type_named(nodes: Registry, name: str, members: Mapping[str, int] | Sequence
         return known
     if members:
         make: Any = Enum  # the functional API: mypy supports it for constants only
-        kind = make(name.rpartition(".")[2], members)
-        return EnumType(kind, name, nodes.types.enums)
+        enum_class = make(name.rpartition(".")[2], members)
+        return EnumType(enum_class, name, nodes.types.enums)
     return ValueType(name, object, converts=False)

@@ -76,19 +76,19 @@ def find_workspace_symbols(project: Project, query: str) -> list[WorkspaceSymbol
         project: The project.
         query: What the user types; "" finds everything.
     """
-    wanted = query.casefold()
+    folded_query = query.casefold()
     ranked: list[tuple[int, int, WorkspaceSymbol]] = []
     symbols = symbols_of(project)
     for uri in symbols.files:
         for name, kind, container, attribute in _names(symbols, uri):
-            rank = _rank(name.casefold(), wanted)
+            rank = _rank(name.casefold(), folded_query)
             if rank is not None:
                 place = symbols.documents[uri].positions.range(attribute.value_start, attribute.value_end)
-                found = WorkspaceSymbol(
+                symbol = WorkspaceSymbol(
                     location=Location(uri, place), name=_label(name), kind=kind, container_name=container
                 )
-                ranked.append((rank, len(ranked), found))
-    return [found for *_, found in sorted(ranked, key=lambda item: item[:2])[:MAX_FOUND_SYMBOLS]]
+                ranked.append((rank, len(ranked), symbol))
+    return [symbol for *_, symbol in sorted(ranked, key=lambda item: item[:2])[:MAX_FOUND_SYMBOLS]]
 
 
 def find_folding_ranges(project: Project, document: SourceDocument) -> list[FoldingRange]:
@@ -120,7 +120,7 @@ def find_folding_ranges(project: Project, document: SourceDocument) -> list[Fold
 def _document_symbol(
     nodes: Registry, format: int, document: SourceDocument, element: ScannedElement
 ) -> DocumentSymbol:
-    whole = document.positions.range(element.start, element.end)
+    element_range = document.positions.range(element.start, element.end)
     attribute = element.attribute("name") or element.attribute("ID")
     start, end = element.tag_start, element.tag_end
     if attribute is not None and attribute.value:
@@ -129,7 +129,7 @@ def _document_symbol(
     return DocumentSymbol(
         name=_label(label) or element.tag,
         kind=_kind(nodes, format, element),
-        range=whole,
+        range=element_range,
         selection_range=document.positions.range(start, end),
         detail=_label(detail),
     )
@@ -146,9 +146,9 @@ def _description(element: ScannedElement) -> tuple[str, str]:
         return id, ""
     own = node_id(element) or element.tag
     ports = [
-        f'{each.name}="{each.value}"'
-        for each in element.attributes
-        if each.value is not None and each.name not in ("ID", "name")
+        f'{attribute.name}="{attribute.value}"'
+        for attribute in element.attributes
+        if attribute.value is not None and attribute.name not in ("ID", "name")
     ]
     details = [own, *ports] if name else ports
     return name or own, " ".join(details)
@@ -160,9 +160,9 @@ def _kind(nodes: Registry, format: int, element: ScannedElement) -> SymbolKind:
     if is_call(element):
         return SymbolKind.Module
     manifest = nodes.get(node_id(element), format)
-    kind = manifest.type if manifest is not None else EXPLICIT_TAGS.get(element.tag)
+    node_type = manifest.type if manifest is not None else EXPLICIT_TAGS.get(element.tag)
     # A port or another element of a model, or an unknown node.
-    return _KINDS.get(kind, SymbolKind.Method) if kind is not None else SymbolKind.Property
+    return _KINDS.get(node_type, SymbolKind.Method) if node_type is not None else SymbolKind.Property
 
 
 def _names(symbols: ProjectSymbols, uri: str) -> Iterator[tuple[str, SymbolKind, str, ScannedAttribute]]:
@@ -184,13 +184,13 @@ def _names(symbols: ProjectSymbols, uri: str) -> Iterator[tuple[str, SymbolKind,
             yield model.id, _kind(nodes, format, model.element), name_of_file, attribute
 
 
-def _rank(name: str, wanted: str) -> int | None:
+def _rank(name: str, query: str) -> int | None:
     """Return how well *name* matches: 0 is best, 2 means that only the order matches, None is no match."""
-    at = name.find(wanted)
+    at = name.find(query)
     if at >= 0:
         return min(at, 1)
     rest = iter(name)
-    return 2 if all(character in rest for character in wanted) else None
+    return 2 if all(character in rest for character in query) else None
 
 
 def _label(text: str) -> str:

@@ -267,9 +267,9 @@ class Project:
             if document.path is None:
                 yield document
         for path in self.files:
-            found = self.file(path)
-            if found is not None:
-                yield found
+            source = self.file(path)
+            if source is not None:
+                yield source
 
     def roots_of(self, path: Path) -> list[Path]:
         """Return the documents to check in order to find the mistakes in the file *path*.
@@ -315,16 +315,16 @@ def find_files(folders: Iterable[Path], suffixes: tuple[str, ...], most: int) ->
         suffixes: The endings of the names.
         most: The maximum number of files.
     """
-    found: list[Path] = []
+    paths: list[Path] = []
     visited = 0
     for folder in folders:
         for parent, names, files in os.walk(folder):
             names[:] = sorted(name for name in names if name[0] != "." and name not in _SKIPPED_FOLDERS)
             visited += len(names) + len(files)
-            found += (Path(parent) / name for name in sorted(files) if name.endswith(suffixes))
-            if len(found) >= most or visited > MAX_ENTRIES:
-                return found[:most]
-    return found
+            paths += (Path(parent) / name for name in sorted(files) if name.endswith(suffixes))
+            if len(paths) >= most or visited > MAX_ENTRIES:
+                return paths[:most]
+    return paths
 
 
 def _has_trees(path: Path) -> bool:

@@ -162,19 +162,19 @@ class ProjectSymbols:
     @cached_property
     def trees(self) -> dict[str, list[TreeSymbol]]:
         """The trees of all files by ID."""
-        found: dict[str, list[TreeSymbol]] = {}
+        trees_by_id: dict[str, list[TreeSymbol]] = {}
         for symbols in self.files.values():
             for tree in symbols.trees:
-                found.setdefault(tree.id, []).append(tree)
-        return found
+                trees_by_id.setdefault(tree.id, []).append(tree)
+        return trees_by_id
 
     @cached_property
     def _models(self) -> dict[tuple[str, bool], list[NodeModel]]:
-        found: dict[tuple[str, bool], list[NodeModel]] = {}
+        models: dict[tuple[str, bool], list[NodeModel]] = {}
         for symbols in self.files.values():
             for model in symbols.models:
-                found.setdefault((model.id, model.is_subtree), []).append(model)
-        return found
+                models.setdefault((model.id, model.is_subtree), []).append(model)
+        return models
 
     def visible_files(self, file: str) -> set[str]:
         """Return the files whose trees *file* can call in one of the entry files that include it."""
@@ -194,7 +194,7 @@ class ProjectSymbols:
         candidates = self.trees.get(id, []) if id else []
         if len(candidates) < 2:
             return candidates
-        found: list[TreeSymbol] = []
+        visible: list[TreeSymbol] = []
         for group in self._groups_of.get(file, ()):
             order = {uri: index for index, uri in enumerate(group)}
             defined = [tree for tree in candidates if tree.file in order]
@@ -202,33 +202,33 @@ class ProjectSymbols:
                 # The last tree with an ID is used in format 4, and the first in format 3.
                 wins = max if self.files[group[-1]].format == 4 else min
                 best = wins(defined, key=lambda tree: (order[tree.file], tree.element.start))
-                if best not in found:
-                    found.append(best)
-        return found or candidates
+                if best not in visible:
+                    visible.append(best)
+        return visible or candidates
 
-    def family(self, id: str, file: str) -> set[str]:
+    def files_of_tree(self, id: str, file: str) -> set[str]:
         """Return the files in which *id* means the same tree as in *file*, directly or indirectly."""
         naming = {uri for uri, symbols in self.files.items() if _names_tree(symbols, id)}
         defining = {tree.file for tree in self.trees.get(id, ())}
         # Files that name the tree, but see no definition, mean the trees of all other files.
         blind = {uri for uri in naming if not defining & self.visible_files(uri)}
-        family: set[str] = set()
+        files: set[str] = set()
         pending = [file]
         while pending:
             uri = pending.pop()
-            if uri in family:
+            if uri in files:
                 continue
-            family.add(uri)
+            files.add(uri)
             pending += self.visible_files(uri) & naming
             if uri in blind or uri in defining:
                 pending += defining | blind if blind else ()
-        return family & naming
+        return files & naming
 
     def models(self, id: str, file: str, of_subtree: bool) -> list[NodeModel]:
         """Return the models of a node or a tree: those that *file* sees, else those of all files."""
-        found = self._models.get((id, of_subtree), [])
+        candidates = self._models.get((id, of_subtree), [])
         visible = self.visible_files(file)
-        return [model for model in found if model.file in visible] or found
+        return [model for model in candidates if model.file in visible] or candidates
 
     def connections_of(self, call: TreeCall) -> tuple[SubtreeCall, list[CallPort]]:
         """Return the connected keys of a SubTree element, with the defaults of the tree's model."""
@@ -237,19 +237,19 @@ class ProjectSymbols:
         if not defaults:
             return call.connections, list(call.ports.values())
         own = call.connections
-        whole = SubtreeCall(own.element, own.format, {name: port.text for name, port in defaults.items()})
+        extended = SubtreeCall(own.element, own.format, {name: port.text for name, port in defaults.items()})
         added = [
             CallPort(defaults[name].name, defaults[name].default)
-            for name in whole.port_texts
+            for name in extended.port_texts
             if name not in own.port_texts
         ]
-        return whole, [*call.ports.values(), *added]
+        return extended, [*call.ports.values(), *added]
 
     def places_of_tree(self, id: str, file: str) -> Iterator[tuple[str, ScannedAttribute, bool]]:
         """Yield (file, attribute, whether it is a definition) for each attribute that names the tree."""
-        family = self.family(id, file)
+        files = self.files_of_tree(id, file)
         for uri in self.files:
-            if uri in family:
+            if uri in files:
                 for attribute, is_definition in _tree_names(self.files[uri]):
                     if attribute.value == id:
                         yield uri, attribute, is_definition

@@ -60,8 +60,8 @@ def _wants(params: types.CodeActionParams, kind: types.CodeActionKind) -> bool:
     return only is None or any(kind == item or kind.startswith(f"{item}.") for item in only)
 
 
-def _overlap(one: types.Range, other: types.Range) -> bool:
-    return one.start <= other.end and other.start <= one.end
+def _overlap(first: types.Range, second: types.Range) -> bool:
+    return first.start <= second.end and second.start <= first.end
 
 
 def _action(document: SourceDocument, fix: TextFix, kind: types.CodeActionKind) -> types.CodeAction:

@@ -257,9 +257,9 @@ def _rename_tree(
         if symbols.node_models(new_name) or (known is not None and not known.is_overridable):
             raise RenameError(f"invalid tree ID '{new_name}': a node has this name")
     for file in {file for file, *_ in places}:
-        for taken in symbols.family(new_name, file):
-            if taken in symbols.visible_files(file):
-                raise RenameError(f"{_name_of(symbols, taken)} names a tree '{new_name}' already")
+        for other_file in symbols.files_of_tree(new_name, file):
+            if other_file in symbols.visible_files(file):
+                raise RenameError(f"{_name_of(symbols, other_file)} names a tree '{new_name}' already")
     text = _escaped(new_name)
     return [(file, Edit(attribute.value_start, attribute.value_end, text)) for file, attribute, _ in places]
 

@@ -90,10 +90,10 @@ def _script(
     for token, start, end in script_tokens(text, attribute):
         if token.type == lexer.MALFORMED:
             continue
-        kind = _TYPE_OF_TOKEN.get(token.type, "operator")
+        token_type = _TYPE_OF_TOKEN.get(token.type, "operator")
         if token.type == lexer.NAME and token.text in enums:
-            kind = "enumMember"
-        yield _Token(start, end, kind, start in written)
+            token_type = "enumMember"
+        yield _Token(start, end, token_type, start in written)
 
 
 def _encode(document: SourceDocument, tokens: Iterable[_Token]) -> Iterator[int]:

@@ -46,11 +46,11 @@ class TreeServerProtocol(LanguageServerProtocol):
         pygls would print a traceback instead, and not reply.
         """
         method = data.get("method") if "jsonrpc" in data else None
-        kind = self.get_message_type(method) if isinstance(method, str) else None
-        if kind is None:
+        message_class = self.get_message_type(method) if isinstance(method, str) else None
+        if message_class is None:
             return super().structure_message(data)
         try:
-            return self._converter.structure(data, kind)
+            return self._converter.structure(data, message_class)
         except Exception:  # the errors of the converter have no common class
             if "id" in data:
                 error = JsonRpcInvalidParams(f"the parameters of {method} are invalid").to_response_error()

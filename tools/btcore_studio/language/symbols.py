@@ -328,12 +328,12 @@ class _SymbolReader:
     def _node(self, element: ScannedElement) -> Iterator[KeyUse]:
         manifest = self._registry.get(node_id(element), self._format)
         yield from self._scripts(element)
-        given: set[str] = set()
+        set_names: set[str] = set()
         for attribute in element.attributes:
             name = attribute.name
-            if attribute.value is None or name in given:
+            if attribute.value is None or name in set_names:
                 continue
-            given.add(name)
+            set_names.add(name)
             port = manifest.ports.get(name) if manifest is not None else None
             if port is not None:
                 yield from self._port(element, attribute, port)
@@ -343,7 +343,7 @@ class _SymbolReader:
                 if key is not None:
                     yield self._remapped(element, attribute, key)
         if manifest is not None:
-            yield from self._defaults(element, manifest, given)
+            yield from self._defaults(element, manifest, set_names)
 
     def _port(self, element: ScannedElement, attribute: ScannedAttribute, port: Port) -> Iterator[KeyUse]:
         text = attribute.value or ""
@@ -356,10 +356,10 @@ class _SymbolReader:
         else:
             yield self._use(element, attribute, text, 0, len(text), KeyForm.BARE, reads, writes)
 
-    def _defaults(self, element: ScannedElement, manifest: Manifest, given: set[str]) -> Iterator[KeyUse]:
+    def _defaults(self, element: ScannedElement, manifest: Manifest, set_names: set[str]) -> Iterator[KeyUse]:
         """Yield the keys of the ports that have a key as default, and that *element* does not set."""
         for port in manifest.ports.values():
-            if port.default is None or port.name in given:
+            if port.default is None or port.name in set_names:
                 continue
             key, accesses = port_uses(port, port.default, False, self._format)
             if key is not None and accesses:

@@ -135,12 +135,12 @@ class Libraries:
 
     def _add_models(self, pattern: str, folders: Sequence[Path]) -> None:
         try:
-            found = [path for folder in folders for path in sorted(folder.glob(pattern))]
+            paths = [path for folder in folders for path in sorted(folder.glob(pattern))]
         except (ValueError, NotImplementedError):  # an empty or an absolute pattern
-            found = [Path(pattern)]
-        if not found:
+            paths = [Path(pattern)]
+        if not paths:
             self.problems.append((f"no model file matches '{pattern}'", "", 0))
-        for path in found:
+        for path in paths:
             self.sources.add(path)
             self._add_model_file(self.nodes, path)
 
@@ -189,10 +189,10 @@ class Libraries:
         if not (self._has_models or is_project or any(map(has_models, documents))):
             return self.nodes
         nodes = self.nodes.copy()
-        for each in documents:
+        for source in documents:
             # The check reports invalid models.
             with suppress(BtcoreError):
-                add_document_models(nodes, each, override=is_project)
+                add_document_models(nodes, source, override=is_project)
         if self._has_models or is_project:
             add_explicit_nodes(nodes, documents)
         return nodes

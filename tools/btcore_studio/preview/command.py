@@ -77,9 +77,9 @@ def preview(
     path = find_source(source)
     if path == STDIN:
         raise click.UsageError("btcore preview needs a file: a tree on stdin cannot be saved again.")
-    kind = _find_extension()
+    extension_class = _find_extension()
     # A class of settings that satisfies the protocol.
-    extension: Any = None if kind is None else from_values(kind, extension_values)
+    extension: Any = None if extension_class is None else from_values(extension_class, extension_values)
     live: PreviewExtension | None = extension
     file_watcher = FileWatcher(path, options.confined)
     nodes_for = load_libraries(options.plugins, options.models, options.confined).nodes_for

@@ -83,7 +83,8 @@ class PreviewServer(ThreadingHTTPServer):
         number = self.server_address[1]
         self.hosts = (f"{_HOST}:{number}", f"localhost:{number}")
         self.page_files = {
-            name: (_page_file(file), f"{kind}; charset=utf-8") for name, (file, kind) in _PAGE_FILES.items()
+            name: (_page_file(file), f"{content_type}; charset=utf-8")
+            for name, (file, content_type) in _PAGE_FILES.items()
         }
 
     @property
@@ -252,13 +253,13 @@ class _Handler(BaseHTTPRequestHandler):
     def _send_json(self, value: object, status: HTTPStatus = HTTPStatus.OK) -> None:
         self._send(json.dumps(value).encode(), "application/json", status)
 
-    def _send(self, data: bytes, kind: str, status: HTTPStatus = HTTPStatus.OK) -> None:
-        self._send_head(kind, len(data), status)
+    def _send(self, data: bytes, content_type: str, status: HTTPStatus = HTTPStatus.OK) -> None:
+        self._send_head(content_type, len(data), status)
         self.wfile.write(data)
 
-    def _send_head(self, kind: str, length: int | None, status: HTTPStatus = HTTPStatus.OK) -> None:
+    def _send_head(self, content_type: str, length: int | None, status: HTTPStatus = HTTPStatus.OK) -> None:
         self.send_response(status)
-        self.send_header("Content-Type", kind)
+        self.send_header("Content-Type", content_type)
         if length is not None:
             self.send_header("Content-Length", str(length))
         for name, value in _HEADERS.items():

@@ -84,12 +84,12 @@ class PreviewSession:
             drawable, drawn_at = self._drawable, self._drawn_at
         if drawable is None or drawable.plans is None:
             return json.dumps({"error": "There is no picture yet, because the file has errors."}).encode()
-        wanted = (drawn_at, tree, frozenset(folded), styled)
+        shown_content = (drawn_at, tree, frozenset(folded), styled)
         with self._reading_lock:
             # Pages that load at the same time, or again, share the drawing.
-            if self._drawing is None or self._drawing[0] != wanted:
-                data = draw(drawable.plans, tree, wanted[2], styled)
-                self._drawing = wanted, json.dumps(data).encode()
+            if self._drawing is None or self._drawing[0] != shown_content:
+                data = draw(drawable.plans, tree, shown_content[2], styled)
+                self._drawing = shown_content, json.dumps(data).encode()
             return self._drawing[1]
 
     # --- the running tree

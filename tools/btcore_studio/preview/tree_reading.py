@@ -27,7 +27,7 @@ from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.read import Document, parse_file, parse_text, read
 from btcore_drawing.diagram import DiagramNode, diagram_of_document
 from btcore_drawing.folding import fold
-from btcore_drawing.node_card import FAMILY_COLOURS
+from btcore_drawing.node_card import NODE_TYPE_COLOURS
 from btcore_drawing.svg import diagram_to_svg
 from btcore_studio.preview.node_keys import diagram_keys, diagram_nodes
 
@@ -82,7 +82,7 @@ class TreeFile:
             else:
                 document = parse_text(text, str(self.path), confined=self.confined)
             nodes = self.nodes_for(document)
-            found = validate_document(document, nodes=nodes, tree=self.tree, format=self.format)
+            diagnostics = validate_document(document, nodes=nodes, tree=self.tree, format=self.format)
         except TreeError as error:
             return TreeReading(list(error.diagnostics), None, self._content() if text is None else text)
         drawn = nodes.copy()
@@ -91,7 +91,7 @@ class TreeFile:
         plans = define_and_plan(sources, drawn, self.tree, self.format)
         is_known = _DRAWABLE.issuperset(error.code for error in plans.diagnostics.errors)
         is_drawable = is_known and bool(plans.definitions.by_id)
-        return TreeReading(found, plans if is_drawable else None, document.text)
+        return TreeReading(diagnostics, plans if is_drawable else None, document.text)
 
     def _content(self) -> str:
         """Return the text of a file that is not valid XML, or "" if it cannot be read."""
@@ -169,7 +169,7 @@ def draw(plans: Plans, tree: str | None, folded: Collection[str], styled: bool =
                 "parent": parent,
                 "id": node.id,
                 "name": node.name,
-                "kind": FAMILY_COLOURS[node.type][0],
+                "kind": NODE_TYPE_COLOURS[node.type][0],
                 "calls": node.tree,
                 "ports": [[name, text] for name, text, _ in node.ports]
                 + [[*item] for item in node.conditions.items()],
@@ -219,7 +219,7 @@ def _add_undeclared_nodes(nodes: Registry, documents: Iterable[Document]) -> Non
                 _, children, ports = seen.get(id, (document, 0, {}))
                 collect_ports(element, ports, format)
                 seen[id] = (document, max(children, len(element.children)), ports)
-    kinds = (NodeType.ACTION, NodeType.DECORATOR, NodeType.CONTROL)
+    node_types = (NodeType.ACTION, NodeType.DECORATOR, NodeType.CONTROL)
     for id, (document, children, ports) in seen.items():
         with contextlib.suppress(RegistrationError):
-            add_mock(nodes, id, kinds[min(children, 2)], list(ports.values()), "", document)
+            add_mock(nodes, id, node_types[min(children, 2)], list(ports.values()), "", document)
