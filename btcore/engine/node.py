@@ -69,7 +69,7 @@ class TreeNode:
     spec: ClassVar[NodeSpec] = NodeSpec(
         node_type=NodeType.UNDEFINED,
         symbol="",
-        may_return=ANY_RESULT,
+        results=ANY_RESULT,
         state_fields=(),
         time_fields=(),
         uses=None,
