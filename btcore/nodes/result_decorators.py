@@ -102,9 +102,7 @@ class KeepRunningUntilFailure(DecoratorNode):
     ) -> PossibleResults:
         """Return FAILURE if the child can fail, else no result; RUNNING is always possible."""
         child = children[0]
-        return PossibleResults(
-            child.in_first_tick & cls.spec.results, child.results & cls.spec.results, True
-        )
+        return PossibleResults(child.in_first_tick & cls.spec.results, child.results & cls.spec.results, True)
 
     def tick(self) -> Status:
         """Tick the child."""

@@ -151,7 +151,7 @@ class NodePlan:
 
     *depth* counts from the `<BehaviorTree>`, which has depth 0. *bindings* holds the ports that the
     document sets, in its order, then the other ports that have a default. *attributes* holds the attributes
-    that are neither ports nor conditions. The first tree that is created takes over the bindings.
+    that are neither ports nor conditions.
     """
 
     __slots__ = (
@@ -170,11 +170,6 @@ class NodePlan:
         self.bindings: Sequence[Binding] = ()
         self.children: Sequence[NodePlan] = ()
         self.subtree_call: SubtreeCall | None = None
-
-    @property
-    def ports(self) -> list[tuple[Port, str, bool]]:
-        """The ports, as (port, text, whether the document sets the port)."""
-        return [(binding.port, binding.text, binding.is_explicit) for binding in self.bindings]
 
     def iter_scripts(self) -> Iterator[tuple[str, str, bool]]:
         """Yield (attribute, text, whether the script is a condition) for each script of the node."""
