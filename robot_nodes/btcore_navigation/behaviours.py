@@ -282,8 +282,8 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
     def _collides(self, v: float, remaining: float, odometry: Odometry) -> bool:
         pose = odometry.pose
         if v == 0.0:
-            here = self._clearance.distance_at(pose.x, pose.y)
-            return here < self._robot.base.radius - _GRID_ERROR
+            clearance = self._clearance.distance_at(pose.x, pose.y)
+            return clearance < self._robot.base.radius - _GRID_ERROR
         times = np.arange(1, round(self.parameters.simulate_ahead_time / _STEP) + 1) * _STEP
         along = np.minimum(abs(v) * times, remaining) * math.copysign(1.0, v)
         x, y = pose.x + math.cos(pose.yaw) * along, pose.y + math.sin(pose.yaw) * along
@@ -300,8 +300,8 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
 
         *along* are the distances (m) of these positions along the robot's axis.
         """
-        here = self._clearance.distance_at(odometry.pose.x, odometry.pose.y)
-        least = min(self._min_clearance, here - _ALLOWED_LOSS)
+        clearance = self._clearance.distance_at(odometry.pose.x, odometry.pose.y)
+        least = min(self._min_clearance, clearance - _ALLOWED_LOSS)
         return bool((self._clearance.distances_at(x, y) < least).any()) or self._approaches_echo(along)
 
     def _approaches_echo(self, along: NDArray[np.float64]) -> bool:

@@ -380,7 +380,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
     def _problem(self, goal: FollowPathGoal) -> tuple[Nav2ErrorCode, str] | None:
         """Return error code and message of a goal that can't be followed, or None."""
         parameters, unknown = self.parameters, Nav2ErrorCode.FOLLOW_PATH_UNKNOWN
-        for kind, name, names, code in (
+        for noun, name, names, code in (
             (
                 "controller",
                 goal.controller_id,
@@ -391,7 +391,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
             ("progress checker", goal.progress_checker_id, parameters.progress_checker_plugins, unknown),
         ):
             if name and name not in names:
-                return code, f"unknown {kind} '{name}': use {' or '.join(names)}"
+                return code, f"unknown {noun} '{name}': use {' or '.join(names)}"
         if not len(goal.path):
             return Nav2ErrorCode.INVALID_PATH, "the path has no poses"
         if not np.isfinite(goal.path.poses).all():
@@ -427,8 +427,8 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
             return
         self._checked_stamp = self.clearance.stamp
         ahead = _transform_points(to_path.inverse(), pursuit.ahead(_RETURN_REACH, _STEP))
-        room = self.clearance.distances_at(ahead[:, 0], ahead[:, 1])
-        blocked = np.flatnonzero(room[: int(_LOOK_AHEAD / _STEP)] < self._blocked)
+        clearances = self.clearance.distances_at(ahead[:, 0], ahead[:, 1])
+        blocked = np.flatnonzero(clearances[: int(_LOOK_AHEAD / _STEP)] < self._blocked)
         stuck = not self._motion_check.check(odometry, now)
         if self._detour is not None:
             self._detour.locate(odometry)
@@ -447,7 +447,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._searched_at = now
         past = min(int(_UNSTICK_REACH / _STEP), len(ahead) - 1) if stuck else 0
         enough = self._min_clearance + _SPARE
-        returns = _returns(room >= enough, int(blocked[-1]) if len(blocked) else past)
+        returns = _returns(clearances >= enough, int(blocked[-1]) if len(blocked) else past)
         last = None if self._detour is None else self._detour.ahead(math.inf, _STEP)
         result = None
         if returns:
@@ -464,14 +464,14 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
     def _drive(self, pursuit: PurePursuit, pose: Pose2D, odometry: Pose2D, now: int) -> bool:
         """Command the velocity towards the carrot; return False if the robot can't move."""
         parameters = self.parameters
-        here = self.clearance.distance_at(odometry.x, odometry.y)
-        reach = min(max(here, parameters.min_lookahead_dist), parameters.lookahead_dist)
+        current_clearance = self.clearance.distance_at(odometry.x, odometry.y)
+        reach = min(max(current_clearance, parameters.min_lookahead_dist), parameters.lookahead_dist)
         if self._detour is not None:
             self._detour.locate(odometry)
             carrot = self._detour.carrot(odometry, min(reach, _MAX_DETOUR_CARROT))
         else:
             carrot = pursuit.carrot(pose, reach)
-        free, share = self._free(carrot, odometry, here)
+        free, share = self._free(carrot, odometry, current_clearance)
         speed = min(parameters.max_vel_x * share, (free - _MARGIN) / parameters.time_to_collision)
         # A turn continues until the robot is aligned, so that turns and drives do not alternate.
         driving = self._turn_direction == 0.0 and speed >= _MIN_SPEED
@@ -493,18 +493,18 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._smoother.send_command(speed, turn, now, self.period)
         return True
 
-    def _free(self, carrot: Carrot, odometry: Pose2D, here: float) -> tuple[float, float]:
+    def _free(self, carrot: Carrot, odometry: Pose2D, current_clearance: float) -> tuple[float, float]:
         """Return the free length (m) of the arc to the carrot, and the share of the speed (0 … 1)."""
         curvature = carrot.curvature
         along = np.arange(1, 13) * _STEP
         turned = odometry.yaw + curvature * along / 2
         chord = along * np.sinc(curvature * along / (2 * math.pi))
         x, y = odometry.x + chord * np.cos(turned), odometry.y + chord * np.sin(turned)
-        room = self.clearance.distances_at(x, y)
+        clearances = self.clearance.distances_at(x, y)
         # A robot that is too near an obstacle already may move, but not nearer.
-        tight = room < min(self._min_clearance, here - 0.01)
+        tight = clearances < min(self._min_clearance, current_clearance - 0.01)
         free = float(along[int(tight.argmax())]) - _STEP if tight.any() else math.inf
-        narrowest = float(room[:6].min())
+        narrowest = float(clearances[:6].min())
         least = self._min_clearance
         width = (narrowest - least) / (self._full_speed_clearance - least)
         share = _MIN_SPEED_SHARE + (1 - _MIN_SPEED_SHARE) * width

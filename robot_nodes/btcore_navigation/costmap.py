@@ -221,8 +221,10 @@ class GlobalCostmap(LayeredCostmap):
 
     def change_map(self, map: OccupancyMap) -> None:
         """Replace the map by *map*, of any size and resolution, and forget the observations."""
-        shape, given = (map.height, map.width), self.inflation
-        self.inflation = InflationLayer(given.radius, given.inflation_radius, given.scaling, map.resolution)
+        shape, inflation = (map.height, map.width), self.inflation
+        self.inflation = InflationLayer(
+            inflation.radius, inflation.inflation_radius, inflation.scaling, map.resolution
+        )
         self.obstacles.resolution = self.resolution = map.resolution
         self.obstacles.restart(shape)
         self._pending.clear()

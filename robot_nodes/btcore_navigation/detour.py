@@ -52,15 +52,15 @@ def find_detour(
     height, width = distances.shape
     if not (0 <= first[0] < height and 0 <= first[1] < width):
         return None
-    here = float(distances[first])
+    start_clearance = float(distances[first])
     full = round(radius + _FULL_CLEARANCE, 6)
     costs = 1.0 + 6.0 * np.maximum(full - distances, 0.0) / (full - radius)
     costs[distances < radius] = -1.0  # MCP_Geometric takes a negative cost for impassable
-    if here < radius:
+    if start_clearance < radius:
         reach = int(_ESCAPE_REACH / resolution)
         low_row, low_col = max(first[0] - reach, 0), max(first[1] - reach, 0)
         near = (slice(low_row, first[0] + reach + 1), slice(low_col, first[1] + reach + 1))
-        costs[near][distances[near] >= here - _ESCAPE_LOSS] = _ESCAPE_COST
+        costs[near][distances[near] >= start_clearance - _ESCAPE_LOSS] = _ESCAPE_COST
     if last is not None and len(last):
         cols = ((last[:, 0] - clearance.origin[0]) / resolution).astype(np.intp)
         rows = ((last[:, 1] - clearance.origin[1]) / resolution).astype(np.intp)

@@ -59,9 +59,9 @@ class SearchSpace:
             [np.ascontiguousarray(padded[row::step, column::step]) for column in range(step)]
             for row in range(step)
         ]
-        room = np.zeros(padded.shape, dtype=np.bool_)
-        room[: field_map.height, : field_map.width] = field_map.free & (distance >= CLEARANCE)
-        self.room = room[::step, ::step]
+        is_open = np.zeros(padded.shape, dtype=np.bool_)
+        is_open[: field_map.height, : field_map.width] = field_map.free & (distance >= CLEARANCE)
+        self.is_open = is_open[::step, ::step]
 
     def place(self, row: int, column: int) -> tuple[float, float]:
         """Return the x and y (m) of a place of the search grid, in the frame of the map.
@@ -86,8 +86,8 @@ class GlobalSearch:
         self._space = space
         self._points = points
         self._next = 0
-        self._best = np.zeros((SECTORS, *space.room.shape), dtype=np.uint16)
-        self._heading = np.zeros((SECTORS, *space.room.shape), dtype=np.uint8)
+        self._best = np.zeros((SECTORS, *space.is_open.shape), dtype=np.uint16)
+        self._heading = np.zeros((SECTORS, *space.is_open.shape), dtype=np.uint8)
 
     def advance(self, headings: int) -> bool:
         """Try further headings at every place; return whether all headings have been tried.
@@ -106,7 +106,7 @@ class GlobalSearch:
 
     def _scores(self, yaw: float) -> NDArray[np.uint16]:
         space = self._space
-        height, width = space.room.shape
+        height, width = space.is_open.shape
         total = np.zeros((height, width), dtype=np.uint16)
         cos, sin = math.cos(yaw), math.sin(yaw)
         columns = np.rint((cos * self._points[:, 0] - sin * self._points[:, 1]) / space.resolution)
@@ -121,7 +121,7 @@ class GlobalSearch:
                 max(0, down) : height + min(0, down), max(0, across) : width + min(0, across)
             ]
         # A robot cannot stand there, however well the scan fits.
-        total[~space.room] = 0
+        total[~space.is_open] = 0
         return total
 
     def candidates(self, most: int) -> list[Candidate]:

@@ -302,11 +302,13 @@ class Localiser:
     def _show_hypotheses(self) -> None:
         """Spread the particles over the hypotheses; only displays use them while the robot searches."""
         hypotheses = self._relocaliser.hypotheses
-        each = max(1, self.parameters.min_particles // len(hypotheses))
+        count = max(1, self.parameters.min_particles // len(hypotheses))
         spread = np.diag(np.square(FOUND_DEVIATION))
-        samples = [sample_particles(hypothesis.pose, spread, each, self._random) for hypothesis in hypotheses]
+        samples = [
+            sample_particles(hypothesis.pose, spread, count, self._random) for hypothesis in hypotheses
+        ]
         self.particles = np.concatenate(samples)
-        self.weights = np.repeat([max(hypothesis.score, 0.01) for hypothesis in hypotheses], each)
+        self.weights = np.repeat([max(hypothesis.score, 0.01) for hypothesis in hypotheses], count)
         self.weights /= self.weights.sum()
 
     def _validate(
@@ -406,9 +408,9 @@ class Localiser:
                 return carried.pose
         deviation = np.sqrt(np.diag(cluster.covariance))
         prior = (max(0.1, float(deviation[:2].max())), max(0.05, float(deviation[2])))
-        other = self._surfaces.match(cluster.pose, points, laser_xy, deviation=prior)
-        views = self._visibility.agreement([carried.pose, other.pose], laser_xy, points[::2])
-        return other.pose if views[1].score > views[0].score + CLUSTER_LEAD else carried.pose
+        rematched = self._surfaces.match(cluster.pose, points, laser_xy, deviation=prior)
+        views = self._visibility.agreement([carried.pose, rematched.pose], laser_xy, points[::2])
+        return rematched.pose if views[1].score > views[0].score + CLUSTER_LEAD else carried.pose
 
     def _publish(self) -> None:
         if not self.parameters.tf_broadcast:

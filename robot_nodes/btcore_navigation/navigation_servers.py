@@ -183,12 +183,12 @@ class NavigationServers(Protocol):
     def battery(self, topic: str) -> Battery | None:
         """Return the state of the battery by the newest message of *topic*, or None before the first."""
 
-    def latest(self, topic: str, kind: type[Message]) -> Message | None:
+    def latest(self, topic: str, message_type: type[Message]) -> Message | None:
         """Return the newest message of *topic*, or None before the first.
 
         Args:
             topic: The name of the topic.
-            kind: The type of the message: str, Pose2D, or list for a list of poses.
+            message_type: The type of the message: str, Pose2D, or list for a list of poses.
         """
 
     def can_transform(self, target: str, source: str) -> bool:

@@ -220,7 +220,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
             before.halt()
         if not continues:
             board["path"] = empty_path(now)
-        in_progress = [one for one in self.servers.last_goals() if one is not None and not one.done]
+        in_progress = [sent for sent in self.servers.last_goals() if sent is not None and not sent.done]
         self._inherited = in_progress if continues else None
         self.tree = tree
         self._judges_progress = next(iter(tree.find(GoalUpdater)), None) is None
@@ -275,9 +275,9 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
         if self._inherited is None:
             return False
         latest = self.servers.last_goals()
-        if all(one is earlier for one, earlier in zip(latest, self._earlier_goals, strict=True)):
+        if all(goal is earlier for goal, earlier in zip(latest, self._earlier_goals, strict=True)):
             return True
-        return any(one in latest and one.status is GoalStatus.SUCCEEDED for one in self._inherited)
+        return any(goal in latest and goal.status is GoalStatus.SUCCEEDED for goal in self._inherited)
 
     def stop(self, handle: NavigateHandle, now: int) -> None:
         """Halt the tree, which cancels the goals that its nodes have sent."""
@@ -297,8 +297,8 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
     def _load_tree(self, file: str) -> Tree:
         path = tree_file(file, self.default_tree)
         if path not in self._trees:
-            given = [self.servers, *self._resources]
-            tree = btcore.load(path, nodes=self._nodes, resources=given, clock=self._clock)
+            resources = [self.servers, *self._resources]
+            tree = btcore.load(path, nodes=self._nodes, resources=resources, clock=self._clock)
             # No warning for a failure that a retry may resolve; the final reason is in the goal's result.
             for action in tree.find(BtActionNode):
                 action.level = logging.INFO

@@ -336,7 +336,9 @@ def load_parameters(path: Path) -> NavigationParameters:
         overlay = ParameterOverlay(path, chosen.get(attribute, getattr(defaults, attribute)))
         chosen[attribute] = overlay.apply(everywhere)
         errors += [error for error in overlay.errors if error not in errors]
-        unused[EVERY_SERVER] = [each for each in unused[EVERY_SERVER] if each in overlay.unused]
+        unused[EVERY_SERVER] = [
+            parameter for parameter in unused[EVERY_SERVER] if parameter in overlay.unused
+        ]
     for server, parameters in {**servers, EVERY_SERVER: everywhere}.items():
         footprint = parameters.get("footprint")
         if footprint is None or not isinstance(footprint.value, str):

@@ -158,15 +158,15 @@ class NearestPoseSearch:
                 the whole path is searched, forwards and backwards.
             turn: The distance (m) that counts as much as a heading error of 1 rad.
         """
-        whole = reach < 0.0 or math.isinf(reach)
-        if whole or path != self.known:
+        is_unlimited = reach < 0.0 or math.isinf(reach)
+        if is_unlimited or path != self.known:
             self.known, self.at = path, 0
         along = path.distances()
-        last = len(along) if whole else int(np.searchsorted(along, along[self.at] + reach, "right"))
+        last = len(along) if is_unlimited else int(np.searchsorted(along, along[self.at] + reach, "right"))
         poses = path.poses[self.at : max(last, self.at + 1)]
         heading_error = wrap_angles(poses[:, 2] - here.yaw)
         distance = np.hypot(np.hypot(poses[:, 0] - here.x, poses[:, 1] - here.y), turn * heading_error)
         nearest = self.at + int(np.argmin(distance))
         # A search of the whole path does not restrict the next search.
-        self.at = 0 if whole else nearest
+        self.at = 0 if is_unlimited else nearest
         return nearest

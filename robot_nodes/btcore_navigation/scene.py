@@ -169,10 +169,10 @@ class NavigationScene:
             return f"({goal.x:.1f}, {goal.y:.1f}), {self._servers.remaining(path):.1f} m to go"
         return "–"
 
-    def _is_new(self, name: str, thing: object) -> bool:
-        if name in self._shown and self._shown[name] is thing:
+    def _is_new(self, name: str, data: object) -> bool:
+        if name in self._shown and self._shown[name] is data:
             return False
-        self._shown[name] = thing
+        self._shown[name] = data
         return True
 
     def _is_due(self, name: str, now: int, every: int) -> bool:

@@ -190,7 +190,7 @@ class Servers(NavigationServers):
         charging = self.topics.get(topic) == "charging"
         return Battery(state.level / 100.0 if state is not None else None, None, charging)
 
-    def latest(self, topic: str, kind: type[Message]) -> Message | None:
+    def latest(self, topic: str, message_type: type[Message]) -> Message | None:
         """Return the newest message in `topics`; see `NavigationServers.latest`."""
         return cast("Message | None", self.topics.get(topic))
 

@@ -109,10 +109,10 @@ class Navigation:
         self.robot = robot
         self.map = map
         self._waypoints = waypoints
-        given = parameters or NavigationParameters()
-        self.parameters = parameters = given.for_robot(robot.base)
+        configured = parameters or NavigationParameters()
+        self.parameters = parameters = configured.for_robot(robot.base)
         for name in ("global_costmap", "local_costmap"):
-            radius, least = getattr(given, name).given_radius, getattr(parameters, name).robot_radius
+            radius, least = getattr(configured, name).given_radius, getattr(parameters, name).robot_radius
             if 0.0 < radius < least:
                 log.warning(
                     "%s: the radius %g m is too small for the robot: %g m is used", name, radius, least

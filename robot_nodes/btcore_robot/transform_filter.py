@@ -53,9 +53,9 @@ class TransformFilter(Generic[Reading]):
             self._last_stamp = reading.stamp
             self._waiting.append(reading)
         for place in reversed(range(len(self._waiting))):
-            found = self._waiting[place]
-            if self._tree.can_transform(self._target, found.frame, found.stamp):
+            candidate = self._waiting[place]
+            if self._tree.can_transform(self._target, candidate.frame, candidate.stamp):
                 for _ in range(place + 1):
                     self._waiting.popleft()
-                return found
+                return candidate
         return None

@@ -26,7 +26,7 @@ class UrdfJoint:
         parent: The link that the joint is fixed to.
         origin: The pose of *child* in *parent* at position 0.
         axis: The axis of the motion, in the frame of *child*.
-        kind: The type of the joint: `fixed`, `revolute`, `continuous`, `prismatic` …
+        type: The type of the joint: `fixed`, `revolute`, `continuous`, `prismatic` …
     """
 
     name: str
@@ -34,12 +34,12 @@ class UrdfJoint:
     parent: str
     origin: Transform
     axis: Vector
-    kind: str
+    type: str
 
     @property
     def moves(self) -> bool:
         """Whether the joint has a position."""
-        return self.kind in TURNING or self.kind == SLIDING
+        return self.type in TURNING or self.type == SLIDING
 
     def pose(self, position: float) -> Transform:
         """Return the pose of the link *child* in *parent*.
@@ -48,7 +48,7 @@ class UrdfJoint:
             position: The position of the joint (rad or m).
         """
         x, y, z = self.axis
-        if self.kind == SLIDING:
+        if self.type == SLIDING:
             return self.origin * Transform((x * position, y * position, z * position))
         sine = math.sin(position / 2)
         return self.origin * Transform(quaternion=(x * sine, y * sine, z * sine, math.cos(position / 2)))
@@ -181,7 +181,7 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
         parent=_link(element, "parent", name),
         origin=_origin(element),
         axis=(axis[0] / length, axis[1] / length, axis[2] / length),
-        kind=element.get("type", ""),
+        type=element.get("type", ""),
     )
 
 

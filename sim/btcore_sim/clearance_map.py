@@ -51,10 +51,10 @@ class ClearanceMap:
 
     def with_obstacle(self, *objects: WorldObject) -> "ClearanceMap":
         """Return a copy of the map with *objects* added as obstacles."""
-        other = object.__new__(ClearanceMap)
-        other.map, other._taken = self.map, self._taken.copy()
-        other.add_obstacle(*objects)
-        return other
+        copy = object.__new__(ClearanceMap)
+        copy.map, copy._taken = self.map, self._taken.copy()
+        copy.add_obstacle(*objects)
+        return copy
 
     def clearance_at(self, x: float, y: float) -> float:
         """Return the clearance (m) of the cell at a point; 0 outside the map.
@@ -82,56 +82,56 @@ class ClearanceMap:
             return 0.0
         return float(self.clearances[places[:, 0], places[:, 1]].min())
 
-    def connected(self, points: list[Point], room: float) -> bool:
-        """Return whether a body that needs *room* can go from each point to every other point.
+    def connected(self, points: list[Point], clearance: float) -> bool:
+        """Return whether a body that needs *clearance* can go from each point to every other point.
 
         Args:
             points: Positions (m).
-            room: The clearance that the body needs everywhere, at the points too (m).
+            clearance: The clearance that the body needs everywhere, at the points too (m).
 
         Returns:
             Whether all points are in one connected region of cells with that clearance.
         """
-        _, regions = cv2.connectedComponents((self.clearances >= room).astype(np.uint8), connectivity=4)
+        _, regions = cv2.connectedComponents((self.clearances >= clearance).astype(np.uint8), connectivity=4)
         labels = {int(regions[self.map.cell(*point)]) for point in points}
         return len(labels) <= 1 and 0 not in labels  # 0 is the label of cells without enough clearance
 
-    def reachable(self, start: Point, room: float) -> NDArray[np.bool_]:
-        """Return the cells that a body can reach from *start* over cells with the clearance *room*.
+    def reachable(self, start: Point, clearance: float) -> NDArray[np.bool_]:
+        """Return the cells that a body can reach from *start* over cells with *clearance*.
 
         Near a start with less clearance, the clearance of the start is sufficient. No cell is reachable from
         a start that is not free.
 
         Args:
             start: The position of the body (m).
-            room: The clearance that the body needs (m).
+            clearance: The clearance that the body needs (m).
 
         Returns:
             A mask of the shape of `clearances`.
         """
-        passable = self.clearances >= room
-        here = self.clearance_at(*start)
-        if here <= 0.0:
+        passable = self.clearances >= clearance
+        start_clearance = self.clearance_at(*start)
+        if start_clearance <= 0.0:
             return np.zeros_like(passable)
-        (row, col), reach = self.map.cell(*start), math.ceil(2 * room / self.map.resolution)
+        (row, col), reach = self.map.cell(*start), math.ceil(2 * clearance / self.map.resolution)
         near = np.s_[max(row - reach, 0) : row + reach + 1, max(col - reach, 0) : col + reach + 1]
-        passable[near] |= self.clearances[near] >= min(room, here)
+        passable[near] |= self.clearances[near] >= min(clearance, start_clearance)
         _, regions = cv2.connectedComponents(passable.astype(np.uint8), connectivity=4)
         mask: NDArray[np.bool_] = regions == regions[row, col]
         return mask
 
-    def way(self, start: Point, end: Point, room: float) -> list[Point] | None:
+    def way(self, start: Point, end: Point, clearance: float) -> list[Point] | None:
         """Return the shortest way from *start* to *end* over the cells that are `reachable` from *start*.
 
         Args:
             start: The first point (m).
             end: The last point (m).
-            room: The clearance that the way needs (m).
+            clearance: The clearance that the way needs (m).
 
         Returns:
             The middles of the cells on the way, or None if there is no way.
         """
-        open_cells = self.reachable(start, room)
+        open_cells = self.reachable(start, clearance)
         first, last = self.map.cell(*start), self.map.cell(*end)
         if not (self.map.inside(*end) and open_cells[last]):
             return None
@@ -147,32 +147,32 @@ class ClearanceMap:
             if length > lengths[cell]:
                 continue
             for rows, cols in _NEIGHBOURS:
-                other = cell[0] + rows, cell[1] + cols
-                if not (0 <= other[0] < height and 0 <= other[1] < width and open_cells[other]):
+                neighbour = cell[0] + rows, cell[1] + cols
+                if not (0 <= neighbour[0] < height and 0 <= neighbour[1] < width and open_cells[neighbour]):
                     continue
-                whole = length + math.hypot(rows, cols)
-                if whole < lengths.get(other, math.inf):
-                    lengths[other], links[other] = whole, cell
-                    heapq.heappush(queue, (whole, other))
+                new_length = length + math.hypot(rows, cols)
+                if new_length < lengths.get(neighbour, math.inf):
+                    lengths[neighbour], links[neighbour] = new_length, cell
+                    heapq.heappush(queue, (new_length, neighbour))
         cells = [first]
         while cells[-1] != last:
             cells.append(links[cells[-1]])
         return [self.map.center(*cell) for cell in cells]
 
     def random_point(
-        self, random: np.random.Generator, room: float, among: NDArray[np.bool_] | None = None
+        self, random: np.random.Generator, clearance: float, among: NDArray[np.bool_] | None = None
     ) -> Point | None:
         """Return the middle of a random cell with enough clearance.
 
         Args:
             random: The source of the random choice.
-            room: The smallest accepted clearance (m).
+            clearance: The smallest accepted clearance (m).
             among: A mask of the cells to choose from, of the shape of `clearances`; None = all cells.
 
         Returns:
             The point (x, y in m), or None if none of the cells has enough clearance.
         """
-        enough = self.clearances >= room
+        enough = self.clearances >= clearance
         cells = np.flatnonzero(enough if among is None else enough & among)
         if not len(cells):
             return None
@@ -180,14 +180,14 @@ class ClearanceMap:
         return self.map.center(row, col)
 
     def random_visible_point(
-        self, random: np.random.Generator, start: Point, room: float, nearest: float, farthest: float
+        self, random: np.random.Generator, start: Point, clearance: float, nearest: float, farthest: float
     ) -> Point | None:
         """Return a random point that can be reached from *start* on a straight line.
 
         Args:
             random: The source of the random distances and directions.
             start: The start of the line (m).
-            room: The clearance that the whole line needs (m).
+            clearance: The clearance that the whole line needs (m).
             nearest: The smallest distance of the point (m).
             farthest: The greatest distance of the point (m).
 
@@ -197,7 +197,7 @@ class ClearanceMap:
         for _ in range(_DRAWS):
             away, angle = random.uniform(nearest, farthest), random.uniform(-math.pi, math.pi)
             end = (start[0] + away * math.cos(angle), start[1] + away * math.sin(angle))
-            if self.clearance_at(*end) >= room and self.clearance_along(start, end) >= room:
+            if self.clearance_at(*end) >= clearance and self.clearance_along(start, end) >= clearance:
                 return end
         return None
 

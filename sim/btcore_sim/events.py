@@ -309,8 +309,8 @@ class EventRunner:
         for event in list(self._pending):
             if event.latest is None or event.time > now:
                 continue
-            wanted = "in motion" if event.kind != "box" else "driving straight towards a suitable place"
-            problem = _impossible(event, f"in this time the robot was at no moment {wanted}")
+            condition = "in motion" if event.kind != "box" else "driving straight towards a suitable place"
+            problem = _impossible(event, f"in this time the robot was at no moment {condition}")
             if self._is_suitable(event):
                 try:
                     self._happen(event, now)
@@ -391,8 +391,8 @@ class EventRunner:
         # The map has no doors: their leaves are obstacles where they are at this time.
         leaves = self._world.door_leaves()
         floor = self._floor.with_obstacle(*leaves) if leaves else self._floor
-        room = self._radius + _CARRIED_ROOM
-        reachable = floor.reachable(start, room) if event.kind == "carry" else None
+        clearance = self._radius + _CARRIED_ROOM
+        reachable = floor.reachable(start, clearance) if event.kind == "carry" else None
         for _ in range(_TRIES):
             clear = self._radius + CLEAR + floor.map.resolution
             place = floor.random_point(self._random, clear, reachable)
@@ -406,7 +406,7 @@ class EventRunner:
             if event.kind == "kidnap":
                 self._robot.teleport(pose)
             else:
-                way = floor.way(start, place, room)
+                way = floor.way(start, place, clearance)
                 if way is None:
                     continue
                 self._robot.carry(_with_headings([start, *way, place], before.yaw, yaw), CARRYING_SPEED)

@@ -127,8 +127,8 @@ def printer(random: np.random.Generator) -> Furniture:
 def plant(random: np.random.Generator) -> Furniture:
     """Return a plant in a pot."""
     side, height = _length(random, 0.3, 0.45), _length(random, 0.8, 1.4)
-    whole = Part("plant", "cylinder", (side, side, height), (0.0, side / 2, 0.0), _GREEN, "plant")
-    return Furniture(side, side, (whole,))
+    part = Part("plant", "cylinder", (side, side, height), (0.0, side / 2, 0.0), _GREEN, "plant")
+    return Furniture(side, side, (part,))
 
 
 def sofa(random: np.random.Generator) -> Furniture:

@@ -154,10 +154,10 @@ def _against_rounds(
     dx, dy = ways[0][rays], ways[1][rays]
     along = to_x[objects] * dx + to_y[objects] * dy
     across = to_x[objects] * dy - to_y[objects] * dx
-    room = radius[objects] ** 2 - across**2
-    deep = np.sqrt(np.maximum(room, 0.0))
-    near = np.maximum(along - deep, 0.0)
-    near[(room < 0.0) | (along + deep < 0.0)] = np.inf
+    half_chord_squared = radius[objects] ** 2 - across**2
+    half_chord = np.sqrt(np.maximum(half_chord_squared, 0.0))
+    near = np.maximum(along - half_chord, 0.0)
+    near[(half_chord_squared < 0.0) | (along + half_chord < 0.0)] = np.inf
     np.minimum.at(distances, rays, near)
 
 

@@ -113,15 +113,15 @@ def with_waypoints(description: WorldDescription, waypoints: Waypoints) -> World
     )
 
 
-def _region(floor: ClearanceMap, room: float, points: Sequence[Point]) -> NDArray[np.bool_]:
+def _region(floor: ClearanceMap, clearance: float, points: Sequence[Point]) -> NDArray[np.bool_]:
     """Return the cells of the connected region that contains most of *points*; without any, the largest.
 
     Args:
         floor: The clearance of each cell.
-        room: The smallest clearance (m) of the region's cells.
+        clearance: The smallest clearance (m) of the region's cells.
         points: Positions (m).
     """
-    passable = (floor.clearances >= room).astype(np.uint8)
+    passable = (floor.clearances >= clearance).astype(np.uint8)
     _, labels, statistics, _ = cv2.connectedComponentsWithStats(passable, connectivity=4)
     sizes = statistics[:, cv2.CC_STAT_AREA].astype(np.int64)
     sizes[0] = 0  # label 0 has the cells without enough clearance
@@ -144,11 +144,11 @@ def _random_waypoints(
     floor: ClearanceMap, region: NDArray[np.bool_], random: np.random.Generator, start: Point
 ) -> dict[str, Pose2D]:
     """Return waypoints at random cells of *region*, and `start`; fewer waypoints if the region is small."""
-    taken = [start]
+    places = [start]
     for _ in RANDOM_WAYPOINTS:
         candidates = [_cell(floor, region, random) for _ in range(_CANDIDATES)]
-        place = max(candidates, key=lambda point: min(math.dist(point, other) for other in taken))
-        if min(math.dist(place, other) for other in taken) >= APART:
-            taken.append(place)
-    poses = [Pose2D(round(x, 3), round(y, 3), 0.0) for x, y in taken]
+        place = max(candidates, key=lambda point: min(math.dist(point, other) for other in places))
+        if min(math.dist(place, other) for other in places) >= APART:
+            places.append(place)
+    poses = [Pose2D(round(x, 3), round(y, 3), 0.0) for x, y in places]
     return dict(zip(("start", *RANDOM_WAYPOINTS), poses, strict=False))

@@ -47,9 +47,13 @@ def with_obstacles(
 
 
 def _draw(
-    description: WorldDescription, floor: ClearanceMap, name: str, random: np.random.Generator, room: float
+    description: WorldDescription,
+    floor: ClearanceMap,
+    name: str,
+    random: np.random.Generator,
+    clearance: float,
 ) -> WorldObject | None:
-    """Draw a box that leaves ways with the clearance *room* (m); None if there is no place for it."""
+    """Draw a box that leaves ways with *clearance* (m); None if there is no place for it."""
     points = list(description.waypoints.values())
     if description.pose is not None:
         points.append((description.pose.x, description.pose.y))
@@ -62,20 +66,20 @@ def _draw(
         box = WorldObject(name, "box", (length, width, height), (*place, 0.0), yaw, _MASS, _COLOR)
         if any(box.distance(*point) < FROM_WAYPOINTS for point in points):
             continue
-        if any(other.is_kinematic and other.distance(*place) < 1.0 for other in description.objects):
+        if any(item.is_kinematic and item.distance(*place) < 1.0 for item in description.objects):
             continue
-        if passable(floor, box, room) and floor.with_obstacle(box).connected(points, room):
+        if passable(floor, box, clearance) and floor.with_obstacle(box).connected(points, clearance):
             return box
     return None
 
 
-def passable(floor: ClearanceMap, box: WorldObject, room: float, course: float | None = None) -> bool:
+def passable(floor: ClearanceMap, box: WorldObject, clearance: float, course: float | None = None) -> bool:
     """Return whether a straight passage is free on at least one side of a box.
 
     Args:
         floor: The clearance map without the box.
         box: The box at its planned pose.
-        room: The clearance (m) on the middle line of the passage: half its width.
+        clearance: The clearance (m) on the middle line of the passage: half its width.
         course: The direction (rad) in which a robot drives past the box. With None, a passage along either of
             the box's own axes is enough.
     """
@@ -86,11 +90,11 @@ def passable(floor: ClearanceMap, box: WorldObject, room: float, course: float |
         half_along = (abs(math.cos(turn)) * length + abs(math.sin(turn)) * width) / 2
         half_across = (abs(math.sin(turn)) * length + abs(math.cos(turn)) * width) / 2
         x, y, _ = box.position
-        reach = half_along + room
+        reach = half_along + clearance
         for side in (1.0, -1.0):
-            aside = side * (half_across + room)
+            aside = side * (half_across + clearance)
             start = (x - sin * aside - cos * reach, y + cos * aside - sin * reach)
             end = (x - sin * aside + cos * reach, y + cos * aside + sin * reach)
-            if floor.clearance_along(start, end) >= room:
+            if floor.clearance_along(start, end) >= clearance:
                 return True
     return False

@@ -54,11 +54,11 @@ def with_people(description: WorldDescription, count: int, random: np.random.Gen
         SimError: There is not enough room for *count* people.
     """
     floor = ClearanceMap.of(description)
-    taken = [(description.pose.x, description.pose.y)] if description.pose is not None else []
+    robots = [(description.pose.x, description.pose.y)] if description.pose is not None else []
     objects: list[WorldObject] = []
     leaves = [item for item in description.objects if item.name in description.doors]
     for number in range(count):
-        place = _place(floor, random, taken, [*leaves, *objects])
+        place = _place(floor, random, robots, [*leaves, *objects])
         if place is None:
             raise SimError(
                 f"world '{description.name}': there is no room for {count} people, only for {number}"
@@ -74,14 +74,14 @@ def with_people(description: WorldDescription, count: int, random: np.random.Gen
 
 
 def _place(
-    floor: ClearanceMap, random: np.random.Generator, robots: list[Point], others: list[WorldObject]
+    floor: ClearanceMap, random: np.random.Generator, robots: list[Point], obstacles: list[WorldObject]
 ) -> Point | None:
     for _ in range(200):
         place = floor.random_point(random, _ROOM)
         if place is None:
             return None
         near = min((math.dist(place, robot) for robot in robots), default=math.inf)
-        if near >= _FAR and all(other.distance(*place) >= 1.0 for other in others):
+        if near >= _FAR and all(item.distance(*place) >= 1.0 for item in obstacles):
             return place
     return None
 
@@ -197,13 +197,15 @@ class PeopleSimulation:
 
     def _hindering(self, person: Person, robot: Pose2D) -> list[Point]:
         """Return the positions (m) of the robot and the people for which *person* has to stop."""
-        more = _AGAIN if person.speed == 0.0 else SPEED / _RATE
-        others = [(robot.x, robot.y, self._reach + POLITE)]
-        others += [(other.x, other.y, 2 * RADIUS + _PERSONAL) for other in self.people if other is not person]
+        margin = _AGAIN if person.speed == 0.0 else SPEED / _RATE
+        bodies = [(robot.x, robot.y, self._reach + POLITE)]
+        bodies += [
+            (walker.x, walker.y, 2 * RADIUS + _PERSONAL) for walker in self.people if walker is not person
+        ]
         return [
             (x, y)
-            for x, y, apart in others
-            if math.dist((person.x, person.y), (x, y)) < apart + more and _ahead(person, (x, y))
+            for x, y, apart in bodies
+            if math.dist((person.x, person.y), (x, y)) < apart + margin and _ahead(person, (x, y))
         ]
 
 

@@ -159,11 +159,11 @@ class PhysicsBody:
             raise SimError(f"{self.description.urdf}: the physics engine cannot read this URDF") from None
         return number
 
-    def _known(self, kind: str, name: str, known: dict[str, int]) -> int:
+    def _known(self, noun: str, name: str, known: dict[str, int]) -> int:
         if name not in known:
             raise SimError(
-                f"{self.description.urdf}: robot '{self.description.name}' has no {kind} '{name}': "
-                f"{kind}s are {', '.join(known)}{did_you_mean(name, known)}"
+                f"{self.description.urdf}: robot '{self.description.name}' has no {noun} '{name}': "
+                f"{noun}s are {', '.join(known)}{did_you_mean(name, known)}"
             )
         return known[name]
 

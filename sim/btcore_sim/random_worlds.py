@@ -210,7 +210,7 @@ def _home(random: np.random.Generator, count: int) -> Plan:
     for a, b, low, high, at, along_x in shared:
         if group[a] != group[b] or ("bathroom" not in (kinds[a], kinds[b]) and random.random() < 0.15):
             doors.append(_door(random, low, high, at, along_x=along_x))
-            group = [group[a] if one == group[b] else one for one in group]
+            group = [group[a] if member == group[b] else member for member in group]
     if len(set(group)) > 1:
         raise _NoRoomError
     return Plan(rooms, doors)
@@ -253,11 +253,11 @@ def _split(random: np.random.Generator, area: Rectangle, count: int) -> list[Rec
     return [*_split(random, halves[0], first), *_split(random, halves[1], count - first)]
 
 
-def _walls_between(one: Room, other: Room) -> Iterator[tuple[float, float, float, bool]]:
+def _walls_between(first: Room, second: Room) -> Iterator[tuple[float, float, float, bool]]:
     """Yield the wall between two rooms if a door fits: its ends and place (m), and whether it is along x."""
     for along_x in (True, False):
         i, j = (0, 1) if along_x else (1, 0)
-        a, b = one.area, other.area
+        a, b = first.area, second.area
         low, high = max(a[i], b[i]), min(a[i + 2], b[i + 2])
         for at in {a[j], a[j + 2]} & {b[j], b[j + 2]}:
             if high - low >= DOORS[0] + 2 * _BESIDE_DOOR + _WALL:
@@ -296,7 +296,7 @@ def _wall_objects(plan: Plan) -> list[dict[str, Any]]:
     objects: list[dict[str, Any]] = []
     for (along_x, at), spans in sorted(lines.items()):
         # The ends of walls along x fill the corners.
-        more = _WALL / 2 if along_x else -_WALL / 2
+        extension = _WALL / 2 if along_x else -_WALL / 2
         gaps = sorted(
             (door.middle[not along_x] - door.width / 2, door.middle[not along_x] + door.width / 2)
             for door in plan.doors
@@ -304,7 +304,7 @@ def _wall_objects(plan: Plan) -> list[dict[str, Any]]:
         )
         for low, high in _joined(spans):
             openings = itertools.chain.from_iterable(gap for gap in gaps if low < gap[0] < high)
-            ends = [low - more, *openings, high + more]
+            ends = [low - extension, *openings, high + extension]
             for begin, end in zip(ends[::2], ends[1::2], strict=True):
                 objects.append(_wall(len(objects) + 1, begin, end, at, along_x=along_x))
     return objects
@@ -390,11 +390,11 @@ def _move_origin(world: dict[str, Any], start: Point) -> None:
 
 
 def _chosen(
-    cells: Sequence[Point], others: Sequence[Point], floor: ClearanceMap, random: np.random.Generator
+    cells: Sequence[Point], chosen: Sequence[Point], floor: ClearanceMap, random: np.random.Generator
 ) -> Point:
-    """Draw a place that is apart from *others*, if there is one, and has more clearance than most places."""
+    """Draw a place that is apart from *chosen*, if there is one, and has more clearance than most places."""
     drawn = [cells[int(random.integers(len(cells)))] for _ in range(30)]
-    apart = [at for at in drawn if all(math.dist(at, other) >= _APART for other in others)]
+    apart = [at for at in drawn if all(math.dist(at, place) >= _APART for place in chosen)]
     return max((apart or drawn)[:4], key=lambda at: floor.clearance_at(*at))
 
 
@@ -420,8 +420,8 @@ def _free_cells(floor: ClearanceMap, room: Room, doors: Sequence[Door]) -> NDArr
     x0, y0, x1, y1 = room.inside
     (row, col), (last_row, last_col) = floor.map.cell(x0, y0), floor.map.cell(x1, y1)
     part = np.s_[row : last_row + 1, col : last_col + 1]
-    good = (labels[part] == regions.pop()) & (floor.clearances[part] >= AROUND_WAYPOINT)
-    cells: NDArray[np.intp] = np.argwhere(good) + np.array((row, col))
+    is_usable = (labels[part] == regions.pop()) & (floor.clearances[part] >= AROUND_WAYPOINT)
+    cells: NDArray[np.intp] = np.argwhere(is_usable) + np.array((row, col))
     return cells
 
 
@@ -443,7 +443,7 @@ def _furnish(
         name: The beginning of the objects' names.
         random: The source of the random pieces and places.
     """
-    taken: list[Rectangle] = []
+    outlines: list[Rectangle] = []
     count = 0
     for draw, least, most in _FURNITURE[room.kind]:
         for _ in range(int(random.integers(least, most + 1))):
@@ -451,13 +451,13 @@ def _furnish(
                 piece = draw(random)
                 anchor, quarter = _drawn_place(room, piece, random)
                 outline = _outline(piece, anchor, quarter)
-                if not _fits(outline, room, [*taken, *(door.free_area() for door in doors)]):
+                if not _fits(outline, room, [*outlines, *(door.free_area() for door in doors)]):
                     continue
-                further = floor.with_obstacle(_block(outline))
-                if len(_free_cells(further, room, doors)):
+                furnished = floor.with_obstacle(_block(outline))
+                if len(_free_cells(furnished, room, doors)):
                     count += 1
-                    floor = further
-                    taken.append(outline)
+                    floor = furnished
+                    outlines.append(outline)
                     objects += [_object(part, f"{name}_{count}", anchor, quarter) for part in piece.parts]
                     break
     return floor
@@ -496,15 +496,15 @@ def _outline(piece: Furniture, anchor: Point, quarter: int) -> Rectangle:
     return anchor[0] + min(xs), anchor[1] + min(ys), anchor[0] + max(xs), anchor[1] + max(ys)
 
 
-def _fits(outline: Rectangle, room: Room, taken: Sequence[Rectangle]) -> bool:
-    """Return whether *outline* is inside *room*, and apart from the areas *taken*."""
+def _fits(outline: Rectangle, room: Room, outlines: Sequence[Rectangle]) -> bool:
+    """Return whether *outline* is inside *room*, and apart from the areas *outlines*."""
     x0, y0, x1, y1 = outline
     low_x, low_y, high_x, high_y = room.inside
     if x0 < low_x or y0 < low_y or x1 > high_x or y1 > high_y:
         return False
     return all(
         x1 + _GAP <= other[0] or other[2] + _GAP <= x0 or y1 + _GAP <= other[1] or other[3] + _GAP <= y0
-        for other in taken
+        for other in outlines
     )
 
 

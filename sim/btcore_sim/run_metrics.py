@@ -87,7 +87,9 @@ class RunMetrics:
 
     @cached_property
     def _navigator(self) -> NavigationReporter | None:
-        return next((one for one in self._resources if isinstance(one, NavigationReporter)), None)
+        return next(
+            (resource for resource in self._resources if isinstance(resource, NavigationReporter)), None
+        )
 
     def figures(self) -> dict[str, object]:
         """Return the measures of the run, for its report.

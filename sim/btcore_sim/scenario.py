@@ -99,17 +99,17 @@ def with_start(
 
 
 def _drawn(description: WorldDescription, text: str, random: np.random.Generator, radius: float) -> Pose2D:
-    floor, room = ClearanceMap.of(description), radius + BESIDE_HULL
+    floor, clearance = ClearanceMap.of(description), radius + BESIDE_HULL
     points: list[Point] = list(description.waypoints.values())
     # The clearance map has no doors.
     leaves = [item for item in description.objects if item.name in description.doors]
     for _ in range(_TRIES):
-        place = floor.random_point(random, room)
+        place = floor.random_point(random, clearance)
         if place is None:
             break
         yaw = random.uniform(-math.pi, math.pi)
-        in_door = any(leaf.distance(*place) < room for leaf in leaves)
-        if not in_door and floor.connected([*points, place], room):
+        in_door = any(leaf.distance(*place) < clearance for leaf in leaves)
+        if not in_door and floor.connected([*points, place], clearance):
             return Pose2D(*place, yaw)
     raise SimError(
         f"--start {text}: world '{description.name}' has no free place with a way to all its waypoints"

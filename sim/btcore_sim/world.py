@@ -248,12 +248,12 @@ class World:
         """
         engine = {"physicsClientId": self.client}
         low, high = pybullet.getAABB(body, **engine)
-        near = {found for found, _ in pybullet.getOverlappingObjects(low, high, **engine) or ()}
-        for other in sorted(near - {body, self.floor}):
-            points = pybullet.getClosestPoints(body, other, 0.0, **engine)
+        near = {number for number, _ in pybullet.getOverlappingObjects(low, high, **engine) or ()}
+        for other_body in sorted(near - {body, self.floor}):
+            points = pybullet.getClosestPoints(body, other_body, 0.0, **engine)
             # Element 8 is the distance, negative for an overlap.
             if any(point[8] < -_OVERLAP for point in points):
-                return f"'{self.bodies[other].name}'" if other in self.bodies else "the robot"
+                return f"'{self.bodies[other_body].name}'" if other_body in self.bodies else "the robot"
         return None
 
     def close(self) -> None:
@@ -305,19 +305,19 @@ class World:
         color = [part / 255 for part in item.color]
         hull: dict[str, Any]
         if item.kind == "box":
-            kind, hull = pybullet.GEOM_BOX, {"halfExtents": [side / 2 for side in item.size]}
+            shape_type, hull = pybullet.GEOM_BOX, {"halfExtents": [side / 2 for side in item.size]}
             drawn = hull
         elif item.kind == "cylinder":
-            kind, hull = pybullet.GEOM_CYLINDER, {"radius": item.size[0] / 2, "height": item.size[2]}
+            shape_type, hull = pybullet.GEOM_CYLINDER, {"radius": item.size[0] / 2, "height": item.size[2]}
             # PyBullet calls a cylinder's height "length" in a visual shape.
             drawn = {"radius": hull["radius"], "length": hull["height"]}
         else:
             corners, indices = prism_mesh(item)
-            kind, drawn = pybullet.GEOM_MESH, {"vertices": corners, "indices": indices}
+            shape_type, drawn = pybullet.GEOM_MESH, {"vertices": corners, "indices": indices}
             # One body and one shape for a concave outline; the engine fills the convex hull of other meshes.
             hull = {**drawn, "flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH}
-        shape = pybullet.createCollisionShape(kind, **hull, **engine)
-        visual = pybullet.createVisualShape(kind, **drawn, rgbaColor=color, **engine)
+        shape = pybullet.createCollisionShape(shape_type, **hull, **engine)
+        visual = pybullet.createVisualShape(shape_type, **drawn, rgbaColor=color, **engine)
         x, y, z = item.position
         turned = [0.0, 0.0, math.sin(item.yaw / 2), math.cos(item.yaw / 2)]
         middle = [x, y, z + item.size[2] / 2]

@@ -402,7 +402,7 @@ else:
     _CylinderLook = Annotated[Literal[tuple(sorted(LOOKS["cylinder"]))], _LOOK]
 
 
-class _Thing(Record, tag_field="kind"):
+class _ObjectEntry(Record, tag_field="kind"):
     """An entry of `objects`."""
 
     name: (
@@ -442,7 +442,7 @@ class _Thing(Record, tag_field="kind"):
         return WorldObject(name, kind, size, place, self.yaw, 0.0, color, is_glass=is_glass)
 
 
-class Box(_Thing, kw_only=True, tag="box"):
+class Box(_ObjectEntry, kw_only=True, tag="box"):
     """A box."""
 
     position: _Underside
@@ -456,7 +456,7 @@ class Box(_Thing, kw_only=True, tag="box"):
         return [replace(box, mass=self.mass, look=self.look or "")]
 
 
-class Cylinder(_Thing, kw_only=True, tag="cylinder"):
+class Cylinder(_ObjectEntry, kw_only=True, tag="cylinder"):
     """An upright cylinder."""
 
     position: _Underside
@@ -473,7 +473,7 @@ class Cylinder(_Thing, kw_only=True, tag="cylinder"):
         ]
 
 
-class Table(_Thing, kw_only=True, tag="table"):
+class Table(_ObjectEntry, kw_only=True, tag="table"):
     """A board on four legs. The laser detects the legs only, so the map has a keep-out area for the board."""
 
     position: _Underside
@@ -489,12 +489,12 @@ class Table(_Thing, kw_only=True, tag="table"):
 
     def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
         """Return the parts of the table: its top, and legs flush with the corners."""
-        whole = self._object(name, "box", self.size, self.position)
+        extent = self._object(name, "box", self.size, self.position)
         thick, wide = self.top, self.leg
         length, width, height = self.size
-        x, y, z = whole.position
+        x, y, z = extent.position
         under = height - thick
-        board = replace(whole, name=f"{name}_top", size=(length, width, thick), position=(x, y, z + under))
+        board = replace(extent, name=f"{name}_top", size=(length, width, thick), position=(x, y, z + under))
         parts = [board]
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         for number, (along, across) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1)), 1):
@@ -504,7 +504,7 @@ class Table(_Thing, kw_only=True, tag="table"):
         return parts
 
 
-class Wall(_Thing, kw_only=True, tag="wall"):
+class Wall(_ObjectEntry, kw_only=True, tag="wall"):
     """A wall along a line with corners."""
 
     position: _Origin = (0.0, 0.0)
@@ -519,7 +519,7 @@ class Wall(_Thing, kw_only=True, tag="wall"):
         return [_prism(self._object(name, "prism", (0.0, 0.0, self.height), self.position), parts)]
 
 
-class Polygon(_Thing, kw_only=True, tag="polygon"):
+class Polygon(_ObjectEntry, kw_only=True, tag="polygon"):
     """A solid block with an outline, which may be concave."""
 
     position: _Origin = (0.0, 0.0)
@@ -537,7 +537,7 @@ class Polygon(_Thing, kw_only=True, tag="polygon"):
         return [_prism(prism, polygon_triangles(self.points))]
 
 
-class _DoorEntry(_Thing, kw_only=True):
+class _DoorEntry(_ObjectEntry, kw_only=True):
     """A door."""
 
     name: Annotated[
@@ -634,12 +634,12 @@ def _check_rectangle(key: str, rectangle: Rectangle) -> None:
 def _world_description(file: WorldFile, name: str) -> WorldDescription:
     doors: dict[str, Door] = {}
     objects: dict[str, WorldObject] = {}
-    for index, thing in enumerate(file.objects):
+    for index, entry in enumerate(file.objects):
         try:
-            made = thing.make_objects(thing.name or f"object_{index}", doors)
+            entry_objects = entry.make_objects(entry.name or f"object_{index}", doors)
         except OutlineError as error:
             raise DataError(("objects", index, "points"), f"are no outline: {error}") from None
-        for item in made:
+        for item in entry_objects:
             if item.name in objects:
                 raise DataError(
                     ("objects", index), f"is named '{item.name}' like another object; names have to be unique"
@@ -664,8 +664,8 @@ def _world_description(file: WorldFile, name: str) -> WorldDescription:
     )
 
 
-def _prism(whole: WorldObject, parts: list[tuple[Point, ...]]) -> WorldObject:
-    return _centred(replace(whole, parts=tuple(parts)))
+def _prism(item: WorldObject, parts: list[tuple[Point, ...]]) -> WorldObject:
+    return _centred(replace(item, parts=tuple(parts)))
 
 
 def _centred(prism: WorldObject) -> WorldObject:

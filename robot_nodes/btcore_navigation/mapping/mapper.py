@@ -217,8 +217,8 @@ class Mapper:
         best: tuple[float, Transform, KeyScan] | None = None
         for correction in (jumped, stood):
             moved = [
-                replace(each, odometry=(correction * Transform.from_pose(each.odometry)).to_pose())
-                for each in scans
+                replace(scan, odometry=(correction * Transform.from_pose(scan.odometry)).to_pose())
+                for scan in scans
             ]
             candidate = key_scan(moved, self._travelled)
             match = self._match_recent(candidate, self._step_to(candidate), OUTAGE_UNCERTAINTY)
@@ -296,9 +296,9 @@ class Mapper:
         if len(scan.outline.points) < MIN_POINTS:
             return None
         recent = [
-            other.outline.at(pose)
-            for other, pose in zip(self.scans[-MATCHED_SCANS:], graph.poses[-MATCHED_SCANS:], strict=True)
-            if len(other.outline.points) and np.hypot(*(pose[:2] - predicted[:2])) < MATCH_RADIUS
+            earlier.outline.at(pose)
+            for earlier, pose in zip(self.scans[-MATCHED_SCANS:], graph.poses[-MATCHED_SCANS:], strict=True)
+            if len(earlier.outline.points) and np.hypot(*(pose[:2] - predicted[:2])) < MATCH_RADIUS
         ]
         if not recent:
             return None

@@ -343,8 +343,8 @@ class AreErrorCodesPresent(Condition):
     def tick(self) -> bool:
         """Compare the code; an entry without a value is not an error."""
         code = optional_input(self, "error_code")
-        given = optional_input(self, "error_codes_to_check")
-        codes = set(given) if isinstance(given, list | tuple) and given else self.default_codes
+        checked = optional_input(self, "error_codes_to_check")
+        codes = set(checked) if isinstance(checked, list | tuple) and checked else self.default_codes
         return isinstance(code, int | float) and int(code) in codes
 
 

@@ -183,23 +183,23 @@ class CheckStopStatus(StatefulAction):
 class _Selector(SyncAction):
     """Write the plug-in to use: the topic's last message, or the default. FAILURE when both are empty."""
 
-    kind: ClassVar[str] = ""
-    """The kind of plug-in, which is part of the ports' names."""
+    plugin: ClassVar[str] = ""
+    """The name of the plug-in, which is part of the ports' names."""
 
     @classmethod
     def provided_ports(cls) -> list[Port]:
         """Return the ports of the topic, the default and the result."""
-        words = cls.kind.replace("_", " ")
-        default, use = f"default_{cls.kind}", f"{words.capitalize()} to use when the topic selects none."
+        words = cls.plugin.replace("_", " ")
+        default, use = f"default_{cls.plugin}", f"{words.capitalize()} to use when the topic selects none."
         return [
             Port(
                 "topic_name",
                 type=STRING,
-                default=f"{cls.kind}_selector",
+                default=f"{cls.plugin}_selector",
                 description=f"Topic that selects the {words}.",
             ),
             Port(default, type=STRING, default="", description=use),
-            Port(f"selected_{cls.kind}", Direction.OUT, STRING, "", f"Selected {words}."),
+            Port(f"selected_{cls.plugin}", Direction.OUT, STRING, "", f"Selected {words}."),
         ]
 
     spec = NodeSpec(state_fields=())
@@ -213,44 +213,44 @@ class _Selector(SyncAction):
 
     def tick(self) -> bool:
         """Write the selected plug-in."""
-        topic, default = str(self.get_input("topic_name")), str(self.get_input(f"default_{self.kind}"))
+        topic, default = str(self.get_input("topic_name")), str(self.get_input(f"default_{self.plugin}"))
         selected = str(self.servers.latest(topic, str) or default)
         if selected:
-            write_outputs(self, **{f"selected_{self.kind}": selected})
+            write_outputs(self, **{f"selected_{self.plugin}": selected})
         return bool(selected)
 
 
 class PlannerSelector(_Selector):
     """Select the planner: the topic's last message, or the default. FAILURE when both are empty."""
 
-    kind = "planner"
+    plugin = "planner"
 
 
 class ControllerSelector(_Selector):
     """Select the controller: the topic's last message, or the default. FAILURE when both are empty."""
 
-    kind = "controller"
+    plugin = "controller"
 
 
 class SmootherSelector(_Selector):
     """Select the smoother: the topic's last message, or the default. FAILURE when both are empty."""
 
-    kind = "smoother"
+    plugin = "smoother"
 
 
 class GoalCheckerSelector(_Selector):
     """Select the goal checker: the topic's last message, or the default. FAILURE when both are empty."""
 
-    kind = "goal_checker"
+    plugin = "goal_checker"
 
 
 class ProgressCheckerSelector(_Selector):
     """Select the progress checker: the topic's last message, or the default. FAILURE when both are empty."""
 
-    kind = "progress_checker"
+    plugin = "progress_checker"
 
 
 class PathHandlerSelector(_Selector):
     """Select the path handler: the topic's last message, or the default. FAILURE when both are empty."""
 
-    kind = "path_handler"
+    plugin = "path_handler"

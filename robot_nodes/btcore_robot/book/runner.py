@@ -63,8 +63,8 @@ def world_command(
     """
 
     def decorate(function: Callable[..., int]) -> click.Command:
-        for each in (*reversed(options), *reversed(_WORLD_OPTIONS)):
-            function = each(function)
+        for decorator in (*reversed(options), *reversed(_WORLD_OPTIONS)):
+            function = decorator(function)
         command = click.pass_context(function)
         return group.command(name, cls=ProviderCommand, short_help=help_line)(command)
 

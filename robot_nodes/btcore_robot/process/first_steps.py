@@ -77,5 +77,5 @@ class Localization(Process):
             self.error(f"Number of topics ({len(self.topics)}) != number of types ({len(self.topic_types)})")
             return
         self.info(f"Number of particles: {self.number_particles}")
-        for topic, kind in zip(self.topics, self.topic_types, strict=True):
-            self.info(f"{topic}: {kind}")
+        for topic, topic_type in zip(self.topics, self.topic_types, strict=True):
+            self.info(f"{topic}: {topic_type}")

@@ -19,11 +19,11 @@ DeclaredValue = TypeVar("DeclaredValue", bool, int, float, str, list[int], list[
 
 
 class Parameters:
-    """The parameters of the process named *owner*. *given* contains the values set at its start."""
+    """The parameters of the process named *owner*. *set_at_start* contains the values set at its start."""
 
-    def __init__(self, owner: str, given: Mapping[str, ParameterValue]) -> None:
+    def __init__(self, owner: str, set_at_start: Mapping[str, ParameterValue]) -> None:
         self._owner = owner
-        self._given = dict(given)
+        self._given = dict(set_at_start)
         self._values: dict[str, ParameterValue] = {}
 
     def declare(self, name: str, default: DeclaredValue) -> DeclaredValue:
