@@ -135,9 +135,7 @@ def test_a_release_can_set_the_nodes_status(robot: Robot) -> None:
         assert breaks.status("choose") == "RUNNING"
 
 
-def test_disabled_hooks_do_not_stop_the_robot_and_stay_listed(
-    robot: Robot, until: Callable[..., None]
-) -> None:
+def test_disabled_hooks_do_not_stop_robot_and_stay_listed(robot: Robot, until: Callable[..., None]) -> None:
     with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left")
         robot.start()

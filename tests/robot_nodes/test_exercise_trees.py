@@ -62,7 +62,7 @@ def test_a_turn_keeps_its_side_and_ends_when_it_is_clear_ahead(robot: RecordingR
     assert len(robot.commands) == 2
 
 
-def test_an_obstacle_beside_the_clear_directions_but_in_the_lane_is_turned_away_from(
+def test_obstacle_beside_clear_directions_but_in_lane_is_turned_away_from(
     robot: RecordingRobot,
 ) -> None:
     tree = turning(robot)

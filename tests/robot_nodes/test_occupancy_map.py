@@ -230,9 +230,7 @@ def test_a_missing_or_unreadable_map_raises(tmp_path: Path) -> None:
         ("# tables\nkeepout: [[1, 1, 0]]\n", ":2: 'keepout[0]' is [1, 1, 0], and a list of 4 numbers"),
     ],
 )
-def test_errors_in_keepouts_are_reported_with_the_keepout_file(
-    tmp_path: Path, text: str, message: str
-) -> None:
+def test_errors_in_keepouts_are_reported_with_keepout_file(tmp_path: Path, text: str, message: str) -> None:
     path = written(tmp_path, GOOD, np.zeros((2, 2), dtype=np.uint8))
     beside = tmp_path / "room.keepout.yaml"
     beside.write_text(text, encoding="utf-8")

@@ -334,9 +334,7 @@ def test_monitor_follows_the_trees(server: ServerProcess, client: ClientProcess)
 @pytest.mark.parametrize(
     ("tree", "number", "code"), [("Slow", signal.SIGINT, 130), ("Endless", signal.SIGTERM, 143)]
 )
-def test_signal_aborts_the_goals(
-    folder: Path, client: ClientProcess, tree: str, number: int, code: int
-) -> None:
+def test_signal_aborts_goals(folder: Path, client: ClientProcess, tree: str, number: int, code: int) -> None:
     name = f"act_{tree.lower()}_{int(number)}"
     plugin = ("--plugin", str(folder / "plugin.py"))
     server = ServerProcess(str(folder / "trees"), *plugin, "--port", "0", "--action-name", name)

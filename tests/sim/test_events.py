@@ -81,9 +81,7 @@ def test_an_invalid_event_raises_with_an_explanation(text: str, message: str) ->
         ("door:kitchen:open@3", None, "'door:kitchen:open@3': world 'house': there is no door 'kitchen'"),
     ],
 )
-def test_an_event_that_cannot_happen_in_the_run_raises(
-    text: str, duration: float | None, message: str
-) -> None:
+def test_event_that_cannot_happen_in_run_raises(text: str, duration: float | None, message: str) -> None:
     with pytest.raises(SimError, match=message):
         check_events([parse_event(text)], load_world_description("house"), duration)
 
@@ -155,9 +153,7 @@ def test_a_triggered_box_drops_at_once(meet) -> None:
         (Pose2D(-8.0, -0.5, 0.0), "box:1@0.3,0.2", None),
     ],
 )
-def test_a_box_drops_at_its_time_and_place_or_raises(
-    meet, pose: Pose2D, event: str, message: str | None
-) -> None:
+def test_box_drops_at_time_and_place_or_raises(meet, pose: Pose2D, event: str, message: str | None) -> None:
     body, events = meet("house", event)
     body.teleport(pose)
     if message is not None:
@@ -348,9 +344,7 @@ def flat(tmp_path: Path):
         ((-3.0, -1.0, 0.0), ["door:inner:open@0.5", "carry:4"], True),
     ],
 )
-def test_a_robot_is_carried_only_through_open_doors(
-    meet, flat, start, events: list[str], passes: bool
-) -> None:
+def test_robot_is_carried_only_through_open_doors(meet, flat, start, events: list[str], passes: bool) -> None:
     rooms = set()
     for seed in range(4):
         body, _ = meet(flat(*start), *events, seed=seed)

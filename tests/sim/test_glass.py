@@ -50,9 +50,7 @@ def test_the_robot_collides_with_glass(robot_at: Stand, pane, steer: Pass) -> No
     assert body.true_pose().x < 1.2 - 0.2
 
 
-def test_the_camera_sees_a_red_box_through_glass(
-    robot_at: Stand, box: Callable[..., WorldObject], pane
-) -> None:
+def test_camera_sees_red_box_through_glass(robot_at: Stand, box: Callable[..., WorldObject], pane) -> None:
     red = replace(box(2.5, 0.0, (0.5, 3.0, 2.5), name="red"), color=RED)
     pictures = {}
     for name, things in {"bare": (red,), "glass": (pane, red)}.items():

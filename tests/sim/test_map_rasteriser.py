@@ -73,9 +73,7 @@ def test_even_a_thin_leg_is_on_the_map(room, drum: Callable[..., WorldObject]) -
         assert map.occupied[map.cell(0.3, 0.55)[0] : map.cell(0.3, 0.9)[0], map.cell(0.3, 0.0)[1] :].any()
 
 
-def test_only_fixed_objects_at_the_height_of_the_laser_are_on_the_map(
-    room, box: Callable[..., WorldObject]
-) -> None:
+def test_only_fixed_objects_at_height_of_laser_are_on_map(room, box: Callable[..., WorldObject]) -> None:
     movable = box(1.0, 0.0, (0.4, 0.4, 0.5), mass=3.0, name="movable")
     person = replace(box(-1.0, 0.0, (0.4, 0.4, 0.5), name="person"), is_kinematic=True)
     flat = box(0.0, 1.0, (0.4, 0.4, 0.05), name="flat")
@@ -95,9 +93,7 @@ def test_keep_out_areas_of_the_world_are_on_the_map(room) -> None:
     assert floor.clearance_at(0.0, 1.0) == pytest.approx(0.5, abs=0.05)
 
 
-def test_the_clearance_along_a_line_is_that_of_its_narrowest_place(
-    room, box: Callable[..., WorldObject]
-) -> None:
+def test_clearance_along_line_is_that_of_narrowest_place(room, box: Callable[..., WorldObject]) -> None:
     floor = ClearanceMap.of(room(box(0.0, 1.2, (0.4, 0.4, 1.0))))
     assert floor.clearance_along((-1.5, 0.0), (1.5, 0.0)) == pytest.approx(0.5, abs=0.06)
     assert floor.clearance_along((-1.5, 1.2), (1.5, 1.2)) == 0.0

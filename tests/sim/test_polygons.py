@@ -88,9 +88,7 @@ WALL = {"name": "w", "kind": "wall", "height": 1}
         ({**WALL, "points": [[0, 0], [3, 0], [3, 1], [1, 1], [1, -1]]}, "meet, but an outline must not"),
     ],
 )
-def test_a_mistake_in_an_outline_is_reported_with_its_place(
-    tmp_path: Path, thing: dict, message: str
-) -> None:
+def test_mistake_in_outline_is_reported_with_place(tmp_path: Path, thing: dict, message: str) -> None:
     with pytest.raises(SimError, match=message):
         load(tmp_path, thing)
 

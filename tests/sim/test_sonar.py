@@ -41,9 +41,7 @@ def test_beyond_a_metre_there_is_no_echo(robot_at: Stand, box: Callable[..., Wor
     assert ranges_of(robot_at(box(-1.5, 0.0, (0.2, 4.0, 2.0))))["sonar_02"] == math.inf
 
 
-def test_a_range_below_the_minimum_is_minus_infinite(
-    robot_at: Stand, box: Callable[..., WorldObject]
-) -> None:
+def test_range_below_minimum_is_minus_infinite(robot_at: Stand, box: Callable[..., WorldObject]) -> None:
     assert ranges_of(robot_at(box(-0.375, 0.0, (0.2, 0.2, 2.0))))["sonar_02"] == -math.inf
 
 
@@ -63,9 +61,7 @@ def test_a_table_top_that_the_laser_cannot_see_is_measured(
     assert ranges_of(robot_at(top))["sonar_02"] < 0.45
 
 
-def test_the_sonars_measure_five_times_a_second(
-    robot_at: Stand, steer: Pass, box: Callable[..., WorldObject]
-) -> None:
+def test_sonars_measure_at_5_hertz(robot_at: Stand, steer: Pass, box: Callable[..., WorldObject]) -> None:
     body = robot_at(box(-1.0, 0.0, (0.2, 4.0, 2.0)))
     stamps = set()
     for _ in range(10):

@@ -151,7 +151,7 @@ def test_waiting_in_real_time_takes_real_time() -> None:
     world.close()
 
 
-def test_a_world_slower_than_real_time_warns_once_and_skips_nothing(
+def test_world_slower_than_real_time_warns_once_and_skips_nothing(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     world = World(EMPTY, fast=False)

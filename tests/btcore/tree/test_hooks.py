@@ -251,9 +251,7 @@ def test_user_callbacks_are_called_before_and_after_a_tick(bench: Bench) -> None
     assert len(asked) == 2
 
 
-def test_the_duration_of_a_tick_does_not_count_the_time_at_a_breakpoint(
-    bench: Bench, ticking: type[Ticking]
-) -> None:
+def test_duration_of_tick_does_not_count_time_at_breakpoint(bench: Bench, ticking: type[Ticking]) -> None:
     durations: list[int] = []
 
     class Durations(Observer):
@@ -311,9 +309,7 @@ def test_early_unlock_lets_the_next_tick_pass_once(bench: Bench, ticking: type[T
 
 
 @pytest.mark.parametrize("way", ["remove", "remove_all", "disable", "ignore_breakpoints", "insert disabled"])
-def test_ending_a_breakpoint_continues_the_tick_unchanged(
-    bench: Bench, ticking: type[Ticking], way: str
-) -> None:
+def test_ending_breakpoint_continues_tick_unchanged(bench: Bench, ticking: type[Ticking], way: str) -> None:
     hooks, uid = bench.tree.hooks, bench.uid("first")
     hooks.insert(Hook(uid, desired_status=Status.FAILURE))
     run = ticking(bench.tree)

@@ -84,7 +84,7 @@ def test_a_called_tree_that_is_too_large_for_any_drawing_is_unfolded_level_by_le
     assert [node.name for node in fold(tree, most=5).nodes] == ["Day", "Task1", "Steps", "Task11", "Task21"]
 
 
-def test_running_nodes_are_unfolded_with_their_siblings_and_the_others_as_long_as_there_is_room(
+def test_running_nodes_are_unfolded_with_siblings_and_others_as_long_as_there_is_room(
     big_tree,
 ) -> None:
     tree = big_tree(400)
@@ -150,9 +150,7 @@ def test_a_tree_that_fits_is_drawn_once(run, tmp_path: Path, recorded) -> None:
     assert not [entity for entity, _ in recording.rows if entity.startswith("/folded")]
 
 
-def test_lanes_of_a_big_tree_name_the_subtree_and_the_running_leaves(
-    big_tree, tmp_path: Path, recorded
-) -> None:
+def test_lanes_of_big_tree_name_subtree_and_running_leaves(big_tree, tmp_path: Path, recorded) -> None:
     tree = big_tree(400)
     first, second, third = (named(tree, name) for name in ("Leaf3", "Leaf4", "Leaf5"))
     task = named(tree, "Task1")

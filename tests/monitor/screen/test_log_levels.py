@@ -55,9 +55,7 @@ def test_levels_rise_from_idle_to_exceptions(tmp_path: Path, recorded) -> None:
 @pytest.mark.parametrize(
     ("level", "shown"), [("TRACE", None), ("WARN", ["WARN", "ERROR"]), ("ERROR", ["ERROR"])]
 )
-def test_the_window_shows_the_selected_levels_and_the_recording_has_all(
-    level: str, shown, tmp_path: Path, read
-) -> None:
+def test_window_shows_selected_levels_and_recording_has_all(level: str, shown, tmp_path: Path, read) -> None:
     path = tmp_path / "x.rrd"
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)), log_level=level)
     for event in events():

@@ -68,9 +68,7 @@ def test_a_run_with_its_viewer_prints_the_summary_alone(vulkan: None, headless, 
     assert {address.partition(":")[0] for address in addresses} <= LOOPBACK
 
 
-def test_a_viewer_without_its_display_is_an_error_with_the_reason(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_viewer_without_display_is_error_with_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":77")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)

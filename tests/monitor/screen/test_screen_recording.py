@@ -98,9 +98,7 @@ def test_the_first_row_is_idle(run, tmp_path: Path, recorded) -> None:
     assert recording.of(recording.lane("Back"), "StateChange:state")[0] == (0, ["IDLE"])
 
 
-def test_lanes_show_the_result_of_a_leaf_that_was_reset_in_the_same_tick(
-    run, tmp_path: Path, recorded
-) -> None:
+def test_lanes_show_result_of_leaf_that_was_reset_in_same_tick(run, tmp_path: Path, recorded) -> None:
     recording = recorded(run(70), tmp_path / "run.rrd")
     second = 10**9
 

@@ -138,9 +138,7 @@ def test_the_laser_and_the_trail_are_in_the_scene(vulkan: None, recording, tmp_p
         assert (np.abs(pixels - rgb(colour)).max(axis=1) <= 6).sum() > 20
 
 
-def test_texts_in_any_script_are_drawn_in_a_window_of_the_requested_size(
-    vulkan: None, tmp_path: Path
-) -> None:
+def test_texts_in_any_script_are_drawn_in_window_of_requested_size(vulkan: None, tmp_path: Path) -> None:
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "run.rrd")), find_patterns=["充电"])
     for event in _foreign_events():
         screen.process_event(event)
@@ -208,9 +206,7 @@ def test_requests_that_rerun_ends_too_early_are_repeated(
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="a process can't be stopped here")
-def test_a_viewer_that_does_not_answer_is_killed(
-    vulkan: None, recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unresponsive_viewer_is_killed(vulkan: None, recording, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(screenshot_module, "_ANSWER_TIMEOUT_S", 2.0)
 
     def draw() -> None:

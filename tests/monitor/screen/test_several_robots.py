@@ -63,9 +63,7 @@ def test_frames_with_the_same_name_stay_separate(run, read, tmp_path: Path) -> N
     assert {name.split("/")[0] for name in named} == {"a", "b"}
 
 
-def test_the_window_has_an_overview_a_tab_for_each_robot_and_the_wall_time(
-    blueprints, run, tmp_path: Path
-) -> None:
+def test_window_has_overview_tab_for_each_robot_and_wall_time(blueprints, run, tmp_path: Path) -> None:
     path = tmp_path / "two.rrd"
     shown(path, ("arm", run(3, scene=False)), ("base", run(3, scene=False, tree_id="b" * 32)))
     window = blueprints(path)[-1]
@@ -78,9 +76,7 @@ def test_the_window_has_an_overview_a_tab_for_each_robot_and_the_wall_time(
     assert {origin.split("/")[0] for origin in origins} <= {"arm", "base", ""}
 
 
-def test_a_restarted_robot_gets_new_entities_and_a_tab_for_its_earlier_tree(
-    blueprints, read, tmp_path: Path
-) -> None:
+def test_restarted_robot_gets_new_entities_and_tab_for_earlier_tree(blueprints, read, tmp_path: Path) -> None:
     path = tmp_path / "two.rrd"
     before = [seen("a", "Old", 0, SECOND), TransitionEvent(1, SECOND, 2 * SECOND, 1, 2, 0, 1)]
     after = [seen("c", "New", 0, 3 * SECOND), TransitionEvent(1, SECOND, 4 * SECOND, 1, 2, 0, 2)]

@@ -50,9 +50,7 @@ def test_axes_begin_with_the_run_and_follow_the_cursor_of_a_long_run(
         assert sent[-1] == {(-24 * SECOND, 3 * SECOND // 2)}  # from the cursor
 
 
-def test_the_default_moment_of_a_picture_is_thelast_tick_before_the_halt(
-    run, recorded, tmp_path: Path
-) -> None:
+def test_default_moment_of_picture_is_last_tick_before_halt(run, recorded, tmp_path: Path) -> None:
     events = run(70)
     last = events[-1:]
     t = events[-2].stamp
@@ -64,18 +62,14 @@ def test_the_default_moment_of_a_picture_is_thelast_tick_before_the_halt(
     assert before[FORWARD - 1] != after[FORWARD - 1]
 
 
-def test_the_column_of_the_time_is_wide_enough_and_lines_do_not_repeat_the_time(
-    run, recorded, tmp_path: Path
-) -> None:
+def test_column_of_time_is_wide_enough_and_lines_do_not_repeat_time(run, recorded, tmp_path: Path) -> None:
     """rerun makes the column as wide as the name of its timeline."""
     recording = recorded(run(5), tmp_path / "run.rrd")
     assert len(TREE_TIMELINE) > len("+99m 59.99s")
     assert recording.of("/log", "TextLog:text")[0][1] == ["#1      bumpgo        IDLE → RUNNING"]
 
 
-def test_the_blackboards_of_running_subtrees_are_first_with_their_changes(
-    big_tree, recorded, tmp_path: Path
-) -> None:
+def test_blackboards_of_running_subtrees_are_first_with_changes(big_tree, recorded, tmp_path: Path) -> None:
     tree = big_tree(60)
     tasks = [node for node in tree.nodes if node.type == "subtree"]
     paths = [tree.by_uid[task.children[0]].subtree for task in tasks]

@@ -251,9 +251,7 @@ def test_unread_bytes_wait_in_the_gateway_until_there_are_too_many(stream) -> No
 
 
 @pytest.mark.usefixtures("in_a_thread")
-def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(
-    stream, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_connection_has_one_request_at_time_and_port_has_few(stream, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gateway_process, "CLIENT_TIMEOUT_S", 60.0)
     monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT_S", 60.0)
     robot, port, _ = stream()
@@ -274,9 +272,7 @@ def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(
 
 
 @pytest.mark.usefixtures("in_a_thread")
-def test_a_request_without_a_reply_delays_the_next_request_for_a_limited_time(
-    stream, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_request_without_reply_delays_next_request_briefly(stream, monkeypatch: pytest.MonkeyPatch) -> None:
     assert gateway_process._REQUEST_TOPIC == REQUEST_TOPIC + b"/"
     monkeypatch.setattr(gateway_process, "CLIENT_TIMEOUT_S", 60.0)
     monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT_S", 0.0)
@@ -325,9 +321,7 @@ def test_encrypted_clients_are_forwarded_and_limited() -> None:
             between.close()
 
 
-def test_a_connection_more_than_permitted_waits_until_another_ends(
-    endless: btcore.Tree, no_threads_left: None
-) -> None:
+def test_connection_over_the_limit_waits_until_one_ends(endless: btcore.Tree, no_threads_left: None) -> None:
     with serve(endless, groot2_port=0) as publisher:
         address = ("127.0.0.1", publisher.port)
         held = []
@@ -370,9 +364,7 @@ def test_a_client_that_sends_nothing_is_disconnected(endless: btcore.Tree, no_th
 
 
 @pytest.mark.usefixtures("in_a_thread")
-def test_a_client_that_does_not_read_is_disconnected_and_others_are_served(
-    endless: btcore.Tree, no_threads_left: None
-) -> None:
+def test_non_reading_client_is_disconnected_without_harm(endless: btcore.Tree, no_threads_left: None) -> None:
     requests = 100 * (frame(b"", 1) + frame(b"\x02T1234"))
     with (
         serve(endless, groot2_port=0) as publisher,
@@ -488,9 +480,7 @@ def test_the_next_run_removes_the_folder_of_a_killed_robot_and_gateway(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_closed_publisher_sends_its_last_messages_first(
-    endless: btcore.Tree, no_threads_left: None
-) -> None:
+def test_closed_publisher_sends_last_messages_first(endless: btcore.Tree, no_threads_left: None) -> None:
     with zmq.Context() as context, context.socket(zmq.SUB) as client:
         publisher = serve(endless, groot2_port=0)
         client.linger = 0

@@ -107,9 +107,7 @@ def test_blackboards_equal_the_originals_bytes(sample: btcore.Tree, window: Wind
         assert groot.ask("B", b"Main;Sub::6") == captured("v4_blackboard_after")
 
 
-def test_recorded_transitions_equal_the_originals_and_are_read_once(
-    sample: btcore.Tree, window: Windows
-) -> None:
+def test_recorded_transitions_equal_originals_and_are_read_once(sample: btcore.Tree, window: Windows) -> None:
     original = captured("v4_get_transitions")
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
@@ -221,9 +219,7 @@ def test_the_protocol_byte_is_not_checked_and_extra_frames_are_ignored(
         assert reply[1] == captured("v4_status_before_first_tick")
 
 
-def test_a_request_without_a_known_blackboard_is_answered_with_nil(
-    sample: btcore.Tree, window: Windows
-) -> None:
+def test_request_without_known_blackboard_is_answered_with_nil(sample: btcore.Tree, window: Windows) -> None:
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         assert groot.ask("B", b"") == b"\xc0"

@@ -388,9 +388,7 @@ def test_a_client_that_releases_breakpoints_keeps_hooks_enabled(
         releasing.close()
 
 
-def test_hooks_of_the_program_itself_stay_enabled_without_a_client(
-    sample: btcore.Tree, control: Opening
-) -> None:
+def test_hooks_of_program_itself_stay_enabled_without_client(sample: btcore.Tree, control: Opening) -> None:
     publisher = control(sample, max_heartbeat_delay=0.01).publisher
     sample.hooks.insert(Hook(5, mode=HookMode.REPLACE, desired_status=btcore.Status.FAILURE))
     assert not publisher.wait_for_clients(1, 0.1)

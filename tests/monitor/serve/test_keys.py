@@ -108,9 +108,7 @@ def test_a_known_client_watches_by_the_protocols_of_groot(
 
 
 @pytest.mark.parametrize("kind", REFUSALS)
-def test_a_wrong_key_is_reported_to_the_client(
-    endless: btcore.Tree, folder, robot_keys: RobotKeys, kind
-) -> None:
+def test_wrong_key_is_reported_to_client(endless: btcore.Tree, folder, robot_keys: RobotKeys, kind) -> None:
     with serve(endless, groot2_port=0, keys=robot_keys, allow_control=True) as publisher:
         keys = wrong_keys(folder, kind)
         with pytest.raises(BreakpointError, match=REFUSALS[kind]):
@@ -305,9 +303,7 @@ def test_clients_without_keys_can_watch_where_it_is_asked_for(
 @pytest.mark.parametrize(
     "ports", [{"groot2_port": None, "groot1_port": 0}, {"groot2_port": 0, "groot1_port": 0}]
 )
-def test_groot_1_watches_without_keys_where_it_is_asked_for(
-    endless: btcore.Tree, robot_keys: RobotKeys, ports
-) -> None:
+def test_groot_1_watches_without_keys_if_allowed(endless: btcore.Tree, robot_keys: RobotKeys, ports) -> None:
     with serve(endless, **ports, keys=robot_keys, watch_port=0) as publisher:
         address = f"tcp://127.0.0.1:{publisher.watch_groot1_port}"
         with connected(address, zmq.SUB, None) as (groot, event):

@@ -527,9 +527,7 @@ def test_record_ends_at_its_time_limit_with_a_message(attacker: Callable[..., Ro
     assert output.endswith(f"error: no tree was seen at {robot.address}, so nothing is recorded\n")
 
 
-def test_monitor_ends_at_its_time_limit_with_a_message(
-    attacker: Callable[..., Robot], tmp_path: Path
-) -> None:
+def test_monitor_ends_at_time_limit_with_message(attacker: Callable[..., Robot], tmp_path: Path) -> None:
     robot = attacker(REPLIES["a blackboard nested 100,000 deep"])
     output = run("monitor", robot.address, "--no-view", "--save", tmp_path / "x.rrd", "--duration", 2.5)
     assert "monitor: blackboard missing: Main isn't shown" in output
@@ -570,9 +568,7 @@ def test_hook_ends_at_its_time_limit_though_notifications_never_end(
     assert expected_message in run("hook", robot.address, *arguments, "--within", "0.5")
 
 
-def test_a_time_limit_ends_a_command_that_draws_a_huge_tree(
-    attacker: Callable[..., Robot], tmp_path: Path
-) -> None:
+def test_time_limit_ends_command_that_draws_huge_tree(attacker: Callable[..., Robot], tmp_path: Path) -> None:
     nodes = "".join(f'<A name="node {uid}" _uid="{uid}"/>' for uid in range(2, 60_000))
     robot = attacker({"T": tree_of(f'<Sequence _uid="1">{nodes}</Sequence>')})
     program = (

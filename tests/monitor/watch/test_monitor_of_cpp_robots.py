@@ -124,9 +124,7 @@ def test_missing_data_is_counted_and_shown(seen: TreeEvent, tmp_path: Path) -> N
     assert "| lost | transitions, 1 times |" in now
 
 
-def test_another_data_source_of_the_same_tree_starts_another_recording(
-    seen: TreeEvent, tmp_path: Path
-) -> None:
+def test_another_data_source_of_same_tree_starts_another_recording(seen: TreeEvent, tmp_path: Path) -> None:
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "x.rrd")))
     for event in (seen, TreeEvent(TREE, 10**12, 0, {1: IDLE, 2: IDLE})):
         screen.process_event(event)

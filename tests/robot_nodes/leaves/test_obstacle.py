@@ -67,9 +67,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("x", "y", "found"), CASES)
-def test_the_corridor_is_a_rectangle_ahead_of_the_laser(
-    robot: RecordingRobot, x: float, y: float, found: bool
-) -> None:
+def test_corridor_is_rectangle_ahead_of_laser(robot: RecordingRobot, x: float, y: float, found: bool) -> None:
     robot.see(math.hypot(x, y), angle_min=math.atan2(y, x))
     assert obstacle(robot, corridor=0.8) is found
 

@@ -138,9 +138,7 @@ def test_move_fails_with_the_error_of_the_navigation(
     assert "can't go to (999.00, 0.00): there is no way to it" in caplog.text
 
 
-def test_move_succeeds_when_another_client_cancels_its_goal(
-    robot: RecordingRobot, server: SlowServer
-) -> None:
+def test_move_succeeds_when_another_client_cancels_goal(robot: RecordingRobot, server: SlowServer) -> None:
     tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, server)
     tick(tree, robot, 1.0)
     server.handles[0].cancel()
@@ -230,9 +228,7 @@ def test_battery_checker_btn(robot: RecordingRobot) -> None:
 
 
 @pytest.mark.parametrize(("ports", "threshold"), [("", 10.0), ('low="20"', 20.0)])
-def test_battery_checker_fails_below_its_threshold(
-    robot: RecordingRobot, ports: str, threshold: float
-) -> None:
+def test_battery_checker_fails_below_threshold(robot: RecordingRobot, ports: str, threshold: float) -> None:
     tree = tree_of(f'<Condition ID="BatteryChecker" {ports}/>', robot)
     tree.blackboard["battery_level"] = threshold
     assert tree.tick_once() is Status.SUCCESS
@@ -291,9 +287,7 @@ def test_track_objects_btn_2_a_tick_activates_and_a_halt_deactivates(
     assert tracker.state is LifecycleState.INACTIVE
 
 
-def test_track_objects_btn_3_the_end_of_the_tree_deactivates(
-    robot: RecordingRobot, tracker: HeadTracker
-) -> None:
+def test_track_objects_btn_3_end_of_tree_deactivates(robot: RecordingRobot, tracker: HeadTracker) -> None:
     tracker.configure()
     tree = tree_of('<Action ID="TrackObjects"/>', tracker)
     for _ in range(10):

@@ -165,9 +165,7 @@ def test_a_timeout_ends_the_behaviour_and_stops_the_robot(
         ("wait", WaitGoal(math.inf), Nav2ErrorCode.WAIT_UNKNOWN),
     ],
 )
-def test_a_goal_that_never_ends_is_refused(
-    floor: Callable[..., NavigationRig], server: str, goal, code
-) -> None:
+def test_never_ending_goal_is_refused(floor: Callable[..., NavigationRig], server: str, goal, code) -> None:
     course = floor()
     handle = getattr(course, server).send_goal(goal)
     ended(course, handle)

@@ -179,9 +179,7 @@ def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(flat) -> N
     assert home.distance_to(3.0, -1.0) < 0.35
 
 
-def test_a_search_on_a_wrong_map_ends_and_a_new_goal_starts_another_search(
-    flat, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_search_on_wrong_map_ends_and_new_goal_searches_again(flat, monkeypatch: pytest.MonkeyPatch) -> None:
     """The laser's outage of 20 s is not part of the search: without scans nothing is known about the pose."""
     monkeypatch.setattr(stack, "SEARCH_LIMIT_S", 30.0)
     cells = np.zeros((80, 80), dtype=np.int8)
@@ -209,9 +207,7 @@ def test_a_search_on_a_wrong_map_ends_and_a_new_goal_starts_another_search(
         (Pose2D(4.3, 1.9, 0.0), Nav2ErrorCode.NO_VALID_PATH, 60.0),
     ],
 )
-def test_a_goal_that_cannot_be_reached_ends_with_the_planners_reason(
-    flat, goal, code, seconds: float
-) -> None:
+def test_goal_that_cannot_be_reached_ends_with_planners_reason(flat, goal, code, seconds: float) -> None:
     home = flat()
     handle = home.navigation.go_to(goal)
     home.run(seconds, lambda: handle.done)

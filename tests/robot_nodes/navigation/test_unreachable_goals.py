@@ -115,9 +115,7 @@ def two_rooms():
     ],
     ids=["recharge_under_a_crate", "two_closed_doors"],
 )
-def test_a_blocked_goal_ends_with_the_place_of_the_obstacle(
-    two_rooms, tree, crates, code, cause: str
-) -> None:
+def test_blocked_goal_ends_with_place_of_obstacle(two_rooms, tree, crates, code, cause: str) -> None:
     rooms = two_rooms(*crates, tree=tree)
     assert rooms.run(150.0) < 90.0
     assert rooms.handle.status is GoalStatus.ABORTED

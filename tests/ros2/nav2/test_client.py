@@ -270,9 +270,7 @@ def test_aborted_teleoperation_fails_only_as_a_recovery(bench: ClientBench, reco
     assert tree.blackboard["code"] == 732
 
 
-def test_an_action_of_another_release_is_a_failure(
-    bench: ClientBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_action_of_another_release_is_failure(bench: ClientBench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr("nav2_msgs.action.ComputeRoute", raising=False)
     tree = bench.tree('<ComputeRoute goal="1;2" use_poses="true" route="{route}" error_msg="{why}"/>')
     assert bench.run(tree) is Status.FAILURE

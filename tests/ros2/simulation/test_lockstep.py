@@ -179,9 +179,7 @@ def test_world_outlives_a_client_that_dies(world: SimProcess) -> None:
         assert clock.now() == now + TENTH
 
 
-def test_world_that_stands_still_goes_on_where_it_was(
-    world: SimProcess, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stopped_world_goes_on_where_it_was(world: SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lockstep, "RETRY", 0.05)  # requests are repeated meanwhile
     with RosSession("patient") as session:
         clock = LockstepClock(session, LIMIT)

@@ -75,9 +75,7 @@ def test_compute_path_waits_up_to_a_second_for_the_pose(bench: Bench) -> None:
     assert len(tree.blackboard["path"])
 
 
-def test_the_failure_of_a_server_is_logged_once_for_each_reason(
-    bench: Bench, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_server_failure_is_logged_once_per_reason(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
     outside, other = Pose2D(99.0, 0.0, 0.0), Pose2D(98.0, 0.0, 0.0)
     tree = bench.tree(PLAN % "", goal=outside)
     for goal in (outside, outside, other):
@@ -114,9 +112,7 @@ def test_an_unselected_plug_in_is_the_default_plug_in(bench: Bench) -> None:
         ('start="-2;0" use_start="false"', 0.0),
     ],
 )
-def test_compute_path_begins_at_its_start_unless_use_start_is_false(
-    bench: Bench, ports: str, x: float
-) -> None:
+def test_compute_path_begins_at_start_unless_use_start_is_false(bench: Bench, ports: str, x: float) -> None:
     tree = bench.tree(PLAN % ports, goal=AHEAD)
     assert bench.run(tree, 1.0) is Status.SUCCESS
     assert tree.blackboard["path"][0].x == pytest.approx(x, abs=0.05)
@@ -195,9 +191,7 @@ def test_follow_path_keeps_its_goal_while_the_same_path_is_truncated_again(
     assert bench.servers.follow_path.current is first
 
 
-def test_follow_path_continues_along_the_old_path_if_the_new_path_is_empty(
-    bench: Bench, path: Callable[..., NavPath]
-) -> None:
+def test_follow_path_keeps_old_path_if_new_path_is_empty(bench: Bench, path: Callable[..., NavPath]) -> None:
     tree = bench.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
     bench.run(tree, 1.0)
     tree.blackboard["path"] = path((0, 0), (4, 0)).__class__(path((0, 0)).poses[:0], 0)
@@ -206,9 +200,7 @@ def test_follow_path_continues_along_the_old_path_if_the_new_path_is_empty(
     assert bench.robot.speed == pytest.approx(0.3, abs=0.01)
 
 
-def test_follow_path_sends_its_goal_again_for_another_plug_in(
-    bench: Bench, path: Callable[..., NavPath]
-) -> None:
+def test_follow_path_sends_goal_again_for_another_plug_in(bench: Bench, path: Callable[..., NavPath]) -> None:
     tree = bench.tree(
         FOLLOW % 'goal_checker_id="{checker}"', path=path((0, 0), (4, 0)), checker="goal_checker"
     )
@@ -218,9 +210,7 @@ def test_follow_path_sends_its_goal_again_for_another_plug_in(
     assert bench.servers.follow_path.current.goal.goal_checker_id == "general_goal_checker"
 
 
-def test_follow_path_writes_its_feedback_and_resets_it_at_the_end(
-    bench: Bench, path: Callable[..., NavPath]
-) -> None:
+def test_follow_path_writes_feedback_and_resets_it_at_end(bench: Bench, path: Callable[..., NavPath]) -> None:
     tree = bench.tree(FOLLOW % "", path=path((0, 0.1), (1, 0.1)))
     bench.run(tree, 0.5)
     assert tree.blackboard["how"].position_error == pytest.approx(-0.1, abs=0.02)
@@ -244,9 +234,7 @@ def test_a_halt_cancels_the_goal_and_stops_the_robot(bench: Bench, path: Callabl
     assert bench.robot.speed == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_goal_that_another_client_cancelled_is_a_success(
-    bench: Bench, path: Callable[..., NavPath]
-) -> None:
+def test_goal_that_another_client_cancelled_is_success(bench: Bench, path: Callable[..., NavPath]) -> None:
     tree = bench.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
     bench.run(tree, 1.0)
     bench.servers.follow_path.current.cancel()

@@ -163,9 +163,7 @@ def test_initial_pose_received_reads_its_port_or_the_entry_of_that_name(bench: B
     assert bench.letters(other, 1) == "F"
 
 
-def test_is_goal_nearby_compares_the_remaining_length_of_the_path(
-    bench: Bench, path: Callable[..., NavPath]
-) -> None:
+def test_is_goal_nearby_compares_remaining_length_of_path(bench: Bench, path: Callable[..., NavPath]) -> None:
     tree = bench.tree('<IsGoalNearby path="{path}"/>', path=path((0, 0), (2, 0), (2, 0.5)))
     bench.move(1.4)
     assert bench.letters(tree, 1) == "F"
@@ -180,9 +178,7 @@ def test_is_goal_nearby_fails_without_a_path_or_a_pose(bench: Bench, path: Calla
     assert bench.letters(bench.tree('<IsGoalNearby path="{path}"/>', path=path((0, 0))), 1) == "F"
 
 
-def test_is_goal_nearby_can_limit_its_search_at_the_start_of_a_loop(
-    bench: Bench, path: Callable[..., NavPath]
-) -> None:
+def test_is_goal_nearby_can_limit_search_at_start_of_loop(bench: Bench, path: Callable[..., NavPath]) -> None:
     loop = path((0, 0), (3, 0), (3, 2), (0, 2), (0, 0.02))
     all_of_it = bench.tree('<IsGoalNearby path="{path}"/>', path=loop)
     ahead = bench.tree('<IsGoalNearby path="{path}" max_robot_pose_search_dist="1.0"/>', path=loop)

@@ -82,17 +82,13 @@ def recovery(main: str, recovery: str, retries: str = "") -> str:
     return f"<RecoveryNode {retries}>{main}{recovery}</RecoveryNode>"
 
 
-def test_recovery_retries_in_the_tick_in_which_the_second_child_succeeds(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_recovery_retries_in_the_tick_of_the_recovery(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(recovery(plan("main", "F|S"), plan("help", "S")))
     assert bench.letters(tree, 1) == "S"
     assert bench.journal.take() == ["main:start", "help:start", "main:start"]
 
 
-def test_recovery_fails_after_a_single_retry_by_default(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_recovery_fails_after_single_retry_by_default(bench: Bench, plan: Callable[[str, str], str]) -> None:
     assert bench.letters(bench.tree(recovery(plan("main", "F"), plan("help", "S"))), 1) == "F"
     assert bench.journal.take().count("main:start") == 2
     tree = bench.tree(recovery(plan("main", "F"), plan("help", "S"), 'number_of_retries="4"'))
@@ -112,9 +108,7 @@ def test_recovery_fails_when_the_second_child_fails(bench: Bench, plan: Callable
     assert bench.journal.take() == ["main:start", "help:start"]
 
 
-def test_recovery_does_not_tick_the_first_child_while_the_second_runs(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_recovery_skips_first_child_while_second_runs(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(recovery(plan("main", "RF|S"), plan("help", "RRS")))
     assert bench.letters(tree, 4) == "RRRS"
     assert bench.journal.take() == [
@@ -127,9 +121,7 @@ def test_recovery_does_not_tick_the_first_child_while_the_second_runs(
     ]
 
 
-def test_recovery_resets_its_count_after_a_success_and_after_a_halt(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_recovery_resets_count_after_success_and_halt(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(recovery(plan("main", "F|S"), plan("help", "S")))
     assert bench.letters(tree, 3) == "SSS"
     halted = bench.tree(recovery(plan("main", "F|R|F|S"), plan("help", "S")))
@@ -146,9 +138,7 @@ def test_recovery_is_skipped_with_its_first_child(bench: Bench, plan: Callable[[
     assert "help:start" not in bench.journal.take()
 
 
-def test_a_skipped_second_child_is_a_failure_and_not_a_retry(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_skipped_second_child_is_failure_and_not_retry(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(recovery(plan("main", "F|F|S"), plan("help", "K|S")))
     assert bench.letters(tree, 1) == "F"
     assert bench.letters(tree, 1) == "S"
@@ -163,9 +153,7 @@ def robin(*children: str, wrap: bool = True) -> str:
     return f'<RoundRobin wrap_around="{str(wrap).lower()}">{"".join(children)}</RoundRobin>'
 
 
-def test_round_robin_ticks_the_next_child_after_a_success(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_round_robin_ticks_next_child_after_success(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(robin(plan("a", "S"), plan("b", "S"), plan("c", "S")))
     assert bench.letters(tree, 4) == "SSSS"
     assert bench.journal.take() == ["a:start", "b:start", "c:start", "a:start"]
@@ -191,17 +179,13 @@ def test_round_robin_fails_when_all_have_failed(bench: Bench, plan: Callable[[st
     assert bench.journal.take() == ["a:start", "b:start"]
 
 
-def test_round_robin_forgets_earlier_failures_after_a_success(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_round_robin_forgets_failures_after_success(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(robin(plan("a", "F"), plan("b", "S|F"), plan("c", "F")))
     assert bench.letters(tree, 2) == "SF"
     assert bench.journal.take() == ["a:start", "b:start", "c:start", "a:start", "b:start"]
 
 
-def test_round_robin_without_wrapping_fails_after_its_last_child(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_round_robin_without_wrapping_fails_at_end(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(robin(plan("a", "S"), plan("b", "S"), wrap=False))
     assert bench.letters(tree, 3) == "SFS"
     assert bench.journal.take() == ["a:start", "b:start", "a:start"]
@@ -223,9 +207,7 @@ def test_round_robin_begins_with_the_first_child_after_a_halt(
     assert bench.journal.take() == ["a:start"]
 
 
-def test_nonblocking_sequence_ticks_every_child_in_each_tick(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_nonblocking_sequence_ticks_all_in_each_tick(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(f"<NonblockingSequence>{plan('a', 'R')}{plan('b', 'R')}</NonblockingSequence>")
     assert bench.letters(tree, 2) == "RR"
     assert bench.journal.take() == ["a:start", "b:start", "a:running", "b:running"]
@@ -238,9 +220,7 @@ def test_nonblocking_sequence_succeeds_only_when_all_succeed_in_one_tick(
     assert bench.letters(bench.tree(text), 3) == "RRS"
 
 
-def test_nonblocking_sequence_fails_and_halts_all_when_one_fails(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_nonblocking_sequence_halts_all_when_one_fails(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(f"<NonblockingSequence>{plan('a', 'R')}{plan('b', 'RF')}</NonblockingSequence>")
     assert bench.letters(tree, 2) == "RF"
     assert bench.journal.take()[-1] == "a:halted"
@@ -263,18 +243,14 @@ def test_persistent_sequence_continues_at_its_child_after_a_halt(
     assert tree.blackboard["at"] == 0
 
 
-def test_persistent_sequence_starts_at_the_first_child_after_a_failure(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_persistent_sequence_restarts_after_failure(bench: Bench, plan: Callable[[str, str], str]) -> None:
     text = PERSISTENT.replace("{a}", plan("a", "S")).replace("{b}", plan("b", "F"))
     tree = bench.tree(text, at=0)
     assert bench.letters(tree, 1) == "F"
     assert tree.blackboard["at"] == 0
 
 
-def test_persistent_sequence_requires_the_entry_with_its_index(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_persistent_sequence_requires_entry_with_index(bench: Bench, plan: Callable[[str, str], str]) -> None:
     text = PERSISTENT.replace("{a}", plan("a", "S")).replace("{b}", plan("b", "S"))
     with pytest.raises(NodeExecutionError, match="current_child_idx"):
         bench.tree(text).tick_exactly_once()

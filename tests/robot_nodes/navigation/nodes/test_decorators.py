@@ -34,9 +34,7 @@ def test_rate_controller_ticks_its_child_ten_times_a_second_by_default(
     assert bench.letters(tree, 5, every=0.05) == "SRSRS"
 
 
-def test_rate_controller_ticks_a_running_child_in_every_tick(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_rate_controller_ticks_running_child_each_tick(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(f'<RateController hz="1">{plan("a", "RRS")}</RateController>')
     assert bench.letters(tree, 4, every=0.1) == "RRSR"
     assert bench.journal.take() == ["a:start", "a:running", "a:running"]
@@ -68,9 +66,7 @@ def test_rate_controller_starts_again_after_a_halt(bench: Bench, plan: Callable[
     assert bench.letters(tree, 1) == "S"
 
 
-def test_rate_controller_starts_again_after_it_was_skipped(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_rate_controller_restarts_after_a_skip(bench: Bench, plan: Callable[[str, str], str]) -> None:
     rated = f'<RateController hz="0.1" _skipIf="off">{plan("a", "S")}</RateController>'
     tree = bench.tree(f"<Fallback>{rated}<AlwaysSuccess/></Fallback>", off=False)
     bench.letters(tree, 1)
@@ -82,9 +78,7 @@ def test_rate_controller_starts_again_after_it_was_skipped(
     assert starts(bench) == 1
 
 
-def test_distance_controller_ticks_its_child_after_each_distance(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_distance_controller_ticks_child_per_distance(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(f'<DistanceController distance="0.5">{plan("a", "S")}</DistanceController>')
     assert bench.letters(tree, 2) == "SR"
     bench.move(0.4)
@@ -95,9 +89,7 @@ def test_distance_controller_ticks_its_child_after_each_distance(
     assert bench.letters(tree, 1) == "R"
 
 
-def test_distance_controller_ticks_its_child_after_1_m_by_default(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_distance_controller_ticks_child_per_metre(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(f"<DistanceController>{plan('a', 'S')}</DistanceController>")
     assert bench.letters(tree, 1) == "S"
     bench.move(0.9)
@@ -145,18 +137,14 @@ def test_speed_controller_uses_the_mean_speed(bench: Bench, plan: Callable[[str,
     assert found.rstrip("R").endswith("SRRRRRRRS")
 
 
-def test_speed_controller_starts_again_for_another_goal(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_speed_controller_restarts_for_another_goal(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(SPEED.format(plan("a", "S")), goal=HERE)
     bench.letters(tree, 8, every=0.1)
     tree.blackboard["goal"] = THERE
     assert bench.letters(tree, 6, every=0.1) == "SRRRRS"
 
 
-def test_speed_controller_returns_the_result_of_its_child(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_speed_controller_returns_result_of_child(bench: Bench, plan: Callable[[str, str], str]) -> None:
     assert bench.letters(bench.tree(SPEED.format(plan("a", "RF"))), 2) == "RF"
 
 
@@ -177,9 +165,7 @@ def test_goal_updated_controller_ticks_its_child_at_first_and_for_another_goal(
     assert bench.letters(tree, 2) == "SR"
 
 
-def test_goal_updated_controller_reads_the_entry_of_its_port(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_goal_updated_controller_reads_entry_of_port(bench: Bench, plan: Callable[[str, str], str]) -> None:
     child = plan("a", "S")
     tree = bench.tree(
         f'<GoalUpdatedController goal="{{mine}}">{child}</GoalUpdatedController>', goal=HERE, mine=HERE
@@ -191,9 +177,7 @@ def test_goal_updated_controller_reads_the_entry_of_its_port(
     assert bench.letters(tree, 1) == "S"
 
 
-def test_goal_updated_controller_ticks_a_running_child_in_every_tick(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_goal_updated_controller_ticks_running_child(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(f"<GoalUpdatedController>{plan('a', 'RRS')}</GoalUpdatedController>", goal=HERE)
     assert bench.letters(tree, 4) == "RRSR"
 
@@ -234,17 +218,13 @@ def test_goal_updater_ticks_its_child_in_every_tick(bench: Bench, plan: Callable
     assert bench.letters(tree, 2) == "RF"
 
 
-def test_single_trigger_fails_after_its_child_has_ended_once(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_single_trigger_fails_after_child_ended_once(bench: Bench, plan: Callable[[str, str], str]) -> None:
     tree = bench.tree(f"<SingleTrigger>{plan('a', 'RS')}</SingleTrigger>")
     assert bench.letters(tree, 4) == "RSFF"
     assert bench.journal.take() == ["a:start", "a:running"]
 
 
-def test_single_trigger_fails_after_a_failure_of_its_child(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_single_trigger_fails_after_failure_of_child(bench: Bench, plan: Callable[[str, str], str]) -> None:
     assert bench.letters(bench.tree(f"<SingleTrigger>{plan('a', 'F|S')}</SingleTrigger>"), 2) == "FF"
 
 

@@ -45,9 +45,7 @@ def test_truncate_path_ends_a_metre_before_the_goal_and_faces_it(
     assert cut[0] == at(0.0, 0.0, math.pi / 2)
 
 
-def test_truncate_path_measures_the_straight_distance_to_the_goal(
-    bench: Bench, path: Callable[..., NavPath]
-) -> None:
+def test_truncate_path_measures_straight_distance_to_goal(bench: Bench, path: Callable[..., NavPath]) -> None:
     there_and_back = path((0, 0), (3, 0), (3, 0.3), (2.2, 0.3))
     tree = bench.tree(
         '<TruncatePath distance="0.5" input_path="{path}" output_path="{cut}"/>', path=there_and_back
@@ -77,9 +75,7 @@ def span(tree) -> tuple[float, float]:
     return round(float(points[0, 0]), 2), round(float(points[-1, 0]), 2)
 
 
-def test_truncate_path_local_keeps_eight_metres_ahead_and_four_back(
-    bench: Bench, path: Callable[..., NavPath]
-) -> None:
+def test_truncate_path_local_keeps_8_m_ahead_and_4_back(bench: Bench, path: Callable[..., NavPath]) -> None:
     tree = bench.tree(LOCAL % "", path=path((-10, 0), (20, 0)))
     assert bench.letters(tree, 1) == "S"
     assert span(tree) == (-4.0, 8.0)
@@ -107,9 +103,7 @@ def test_truncate_path_local_uses_a_given_pose(bench: Bench, path: Callable[...,
     assert span(tree) == (3.0, 11.0)
 
 
-def test_truncate_path_local_fails_when_the_pose_is_unknown(
-    bench: Bench, path: Callable[..., NavPath]
-) -> None:
+def test_truncate_path_local_fails_when_pose_is_unknown(bench: Bench, path: Callable[..., NavPath]) -> None:
     tree = bench.tree(LOCAL % "", path=path((-10, 0), (20, 0)))
     bench.localiser.confident = False
     assert bench.letters(tree, 1) == "F"
@@ -121,9 +115,7 @@ def test_truncate_path_local_accepts_an_empty_path(bench: Bench) -> None:
     assert len(tree.blackboard["cut"]) == 0
 
 
-def test_truncate_path_local_distinguishes_opposite_legs_by_heading(
-    bench: Bench, path: Callable[..., NavPath]
-) -> None:
+def test_truncate_path_local_separates_legs_by_heading(bench: Bench, path: Callable[..., NavPath]) -> None:
     there_and_back = path((-3, 0), (3, 0), (3, 0.04), (-3, 0.04))
     ports = 'distance_forward="1" distance_backward="0" angular_distance_weight="%s"'
     bench.move(0.0, 0.0, math.pi)
@@ -135,9 +127,7 @@ def test_truncate_path_local_distinguishes_opposite_legs_by_heading(
     assert span(turned)[1] == pytest.approx(-1.0, abs=0.051)
 
 
-def test_truncate_path_local_searches_only_the_given_distance(
-    bench: Bench, path: Callable[..., NavPath]
-) -> None:
+def test_truncate_path_local_searches_only_given_distance(bench: Bench, path: Callable[..., NavPath]) -> None:
     loop = path((0, 0), (3, 0), (3, 2), (0, 2), (0, 0.02))
     ports = 'distance_forward="0.5" distance_backward="0" max_robot_pose_search_dist="1"'
     tree = bench.tree(LOCAL % ports, path=loop)
@@ -178,9 +168,7 @@ def test_validate_path_checks_only_the_given_distance(seen, path: Callable[..., 
     assert seen.letters(tree, 1) == "S"
 
 
-def test_validate_path_treats_unknown_cells_as_free_by_default(
-    bench: Bench, path: Callable[..., NavPath]
-) -> None:
+def test_validate_path_takes_unknown_cells_as_free(bench: Bench, path: Callable[..., NavPath]) -> None:
     text = '<ValidatePath path="{path}" consider_unknown_as_obstacle="%s"/>'
     unknown = path((4.2, 4.2), (4.3, 4.2))
     assert bench.letters(bench.tree(text % "false", path=unknown), 1) == "S"
