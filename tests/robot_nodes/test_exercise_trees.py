@@ -24,13 +24,13 @@ FREE_SPACE = ROOT / "trees/tutorials/free_space.xml"
 RAYS = 41
 
 
-def around(robot, left: float, ahead: float, right: float) -> None:
+def around(robot: RecordingRobot, left: float, ahead: float, right: float) -> None:
     """Return a scan of 41 rays over 4 rad: a third is *right* (m), a third *ahead* and a third *left*."""
     ranges = np.concatenate((np.full(13, right), np.full(15, ahead), np.full(13, left)))
     robot.see(*ranges, angle_min=-2.0, angle_increment=0.1)
 
 
-def turning(robot, text: str = "<TurnToFree/>") -> Tree:
+def turning(robot: RecordingRobot, text: str = "<TurnToFree/>") -> Tree:
     nodes = Registry.standard()
     nodes.add(TurnToFree)
     return loads(

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world_description import WorldObject
 from tests.sim.conftest import Pass, Stand
 
@@ -13,7 +14,7 @@ SECOND = 1_000_000_000
 BACK = -0.259  # m: the middle sonar's place; it is 0.2715 m above the floor
 
 
-def ranges_of(body) -> dict[str, float]:
+def ranges_of(body: SimulatedRobot) -> dict[str, float]:
     return {
         reading.frame.removeprefix("base_").removesuffix("_link"): reading.range for reading in body.sonars()
     }

@@ -6,7 +6,7 @@ import signal
 import stat
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -40,7 +40,7 @@ def listening(pid: int | str = "self") -> list[str]:
 
 
 @pytest.fixture
-def headless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def headless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Make the viewer run without a window. Return the file with the viewer's process ID."""
     folder = tmp_path / "path" / "rerun_cli"
     folder.mkdir(parents=True)
@@ -56,7 +56,7 @@ def headless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         os.kill(int(pid.read_text()), signal.SIGKILL)
 
 
-def test_a_run_with_its_viewer_prints_the_summary_alone(vulkan: None, headless, tmp_path: Path) -> None:
+def test_a_run_with_its_viewer_prints_the_summary_alone(vulkan: None, headless: Path, tmp_path: Path) -> None:
     (tmp_path / "t.xml").write_text(TREE)
     options = ["--monitor", "--fast", "--duration", "30"]
     command = [sys.executable, "-m", "btcore", "run", str(tmp_path / "t.xml"), *options]

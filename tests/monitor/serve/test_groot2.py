@@ -204,7 +204,7 @@ def test_the_tree_id_is_a_new_random_uuid_for_each_publisher(sample: btcore.Tree
     ],
 )
 def test_an_invalid_request_gets_an_error_of_two_frames(
-    sample: btcore.Tree, window: Windows, frames, sentence: str
+    sample: btcore.Tree, window: Windows, frames: list[bytes], sentence: str
 ) -> None:
     with serve(sample, groot2_port=0) as publisher:
         assert window(publisher).send(*frames) == [b"error", sentence.encode()]
@@ -237,7 +237,7 @@ def test_the_publisher_survives_random_requests(sample: btcore.Tree, window: Win
 
         @given(header | st.binary(max_size=8), frames)
         @settings(max_examples=4 * settings().max_examples, suppress_health_check=list(HealthCheck))
-        def noise(first, rest):
+        def noise(first: bytes, rest: list[bytes]):
             reply = groot.send(first, *rest)
             assert reply[0] == b"error" or len(reply[0]) == 22
 

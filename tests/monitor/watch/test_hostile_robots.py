@@ -13,6 +13,7 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgpack
 import pytest
@@ -471,7 +472,7 @@ def watched(robots: Mapping[str, Robot], folder: Path) -> dict[str, Outcome]:
 # One test for all attacks: the robots of all attacks are watched at the same time.
 
 
-def test_hostile_replies_are_reported_and_do_not_stop_the_client(tmp_path: Path, subtests) -> None:
+def test_hostile_replies_are_reported_and_do_not_stop_the_client(tmp_path: Path, subtests: Any) -> None:
     outcomes = watched({name: Robot(replies) for name, replies in REPLIES.items()}, tmp_path)
     for attack, outcome in outcomes.items():
         with subtests.test(attack):
@@ -483,7 +484,7 @@ def test_hostile_replies_are_reported_and_do_not_stop_the_client(tmp_path: Path,
             assert outcome.has_tree == shows_tree
 
 
-def test_hostile_messages_are_reported_and_do_not_stop_the_client(tmp_path: Path, subtests) -> None:
+def test_hostile_messages_are_reported_and_do_not_stop_the_client(tmp_path: Path, subtests: Any) -> None:
     outcomes = watched({name: Robot({}, messages) for name, messages in SCENES.items()}, tmp_path)
     for attack, outcome in outcomes.items():
         with subtests.test(attack):
@@ -546,7 +547,7 @@ def test_monitor_ends_at_time_limit_with_message(attacker: Callable[..., Robot],
     ],
 )
 def test_hook_reports_hostile_replies(
-    attacker: Callable[..., Robot], attack: str, arguments, expected_message: str
+    attacker: Callable[..., Robot], attack: str, arguments: list[str], expected_message: str
 ) -> None:
     robot = attacker(REPLIES[attack])
     assert expected_message in run("hook", robot.address, *arguments)
@@ -562,7 +563,7 @@ def test_hook_reports_hostile_replies(
     ],
 )
 def test_hook_ends_at_its_time_limit_though_notifications_never_end(
-    attacker: Callable[..., Robot], notices, arguments, expected_message: str
+    attacker: Callable[..., Robot], notices: list[bytes], arguments: list[str], expected_message: str
 ) -> None:
     robot = attacker({}, notices)
     assert expected_message in run("hook", robot.address, *arguments, "--within", "0.5")

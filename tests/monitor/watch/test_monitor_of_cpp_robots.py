@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rerun.chunk import RrdReader
@@ -65,7 +66,7 @@ def seen() -> TreeEvent:
     return TreeEvent(TREE, 0, 0, {1: IDLE, 2: IDLE}, has_transition_numbers=False, source=WIRE)
 
 
-def shown(events, path: Path) -> Path:
+def shown(events: Any, path: Path) -> Path:
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)))
     for event in events:
         screen.process_event(event)

@@ -33,7 +33,7 @@ AHEAD, BACK, LEFT, STAND = Twist2D(0.3, 0.0), Twist2D(-0.3, 0.0), Twist2D(0.0, 0
 class Bumping:
     """The process, a laser whose ranges the test sets, and the process's messages with the time (s)."""
 
-    def __init__(self, robot, kind: type[BumpGo] = BumpGo) -> None:
+    def __init__(self, robot: RecordingRobot, kind: type[BumpGo] = BumpGo) -> None:
         self.clock = robot.clock
         self.context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
         self.executor = Executor(robot.schedule, robot.clock)

@@ -12,7 +12,7 @@ SECOND = 1_000_000_000
 INF = math.inf
 
 
-def tree_of(robot, leaf: str = "IsObstacle", **ports: float) -> Tree:
+def tree_of(robot: RecordingRobot, leaf: str = "IsObstacle", **ports: float) -> Tree:
     nodes = Registry.standard()
     nodes.add_plugin("btcore_robot.leaves")
     written = " ".join(f'{port}="{value}"' for port, value in ports.items())
@@ -20,7 +20,7 @@ def tree_of(robot, leaf: str = "IsObstacle", **ports: float) -> Tree:
     return btcore.loads(text, nodes=nodes, resources=[robot])
 
 
-def obstacle(robot, **ports: float) -> bool:
+def obstacle(robot: RecordingRobot, **ports: float) -> bool:
     return tree_of(robot, **ports).tick_once() is Status.SUCCESS
 
 

@@ -1,7 +1,8 @@
 """The leaves of the book's patrol: the book's tests (chapter 6.3), and its tree."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -33,7 +34,9 @@ def tree_of(body: str, *resources: object) -> Tree:
     return btcore.loads(text, nodes=nodes, resources=[*resources, HOUSE])
 
 
-def tick(tree: Tree, robot, seconds: float, *, after=lambda: None) -> Status:
+def tick(
+    tree: Tree, robot: RecordingRobot, seconds: float, *, after: Callable[..., Any] = lambda: None
+) -> Status:
     """Tick at 10 Hz until the result is not RUNNING, or until the time is over."""
     status = Status.IDLE
     for _ in range(round(seconds * 10)):
@@ -48,7 +51,7 @@ def tick(tree: Tree, robot, seconds: float, *, after=lambda: None) -> Status:
 class SlowServer(ActionServer[Pose2D, None, None]):
     """A navigator that reaches every goal in 5 s, like the book's test server."""
 
-    def __init__(self, robot) -> None:
+    def __init__(self, robot: RecordingRobot) -> None:
         super().__init__()
         self.goals: list[Pose2D] = []
         self.handles: list[GoalHandle[Pose2D, None, None]] = []
@@ -60,10 +63,10 @@ class SlowServer(ActionServer[Pose2D, None, None]):
         self.handles.append(self.send_goal(goal))
         return self.handles[-1]
 
-    def start(self, handle, now: int, previous) -> None:
+    def start(self, handle: GoalHandle, now: int, previous: object) -> None:
         self.began = now
 
-    def work(self, handle, now: int) -> None:
+    def work(self, handle: GoalHandle, now: int) -> None:
         if handle.goal.x > 900.0:
             handle.abort(208, "there is no way to it")
         elif now - self.began >= 5 * SECOND:

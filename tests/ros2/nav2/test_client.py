@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -67,7 +68,7 @@ def impatient(bench: ClientBench, monkeypatch: pytest.MonkeyPatch):
         ('<NavigateThroughPoses goals="2;0|2;3"/>', "navigate_through_poses", {"behavior_tree": ""}),
     ],
 )
-def test_the_server_receives_the_ports(bench: ClientBench, leaf: str, action: str, expected) -> None:
+def test_server_receives_ports(bench: ClientBench, leaf: str, action: str, expected: dict[str, Any]) -> None:
     assert bench.run(bench.tree(leaf)) is Status.SUCCESS
     assert bench.session.wait_for(lambda: bench.received, LIMIT)
     name, goal = bench.received[0]
@@ -218,7 +219,7 @@ node.destroy_node()
     ids=["starts late", "ends"],
 )
 def test_a_server_starts_late_and_may_end_while_it_works(
-    bench: ClientBench, execute: str, result, reason: str
+    bench: ClientBench, execute: str, result: Status, reason: str
 ) -> None:
     name = f"{result.name.lower()}/wait"
     tree = bench.tree(f'<Wait server_name="{name}" server_timeout="120000" error_msg="{{why}}"/>')
@@ -263,7 +264,9 @@ def test_move_waits_for_the_discovery_of_the_navigator() -> None:
 
 
 @pytest.mark.parametrize(("recovery", "result"), [("true", Status.FAILURE), ("false", Status.SUCCESS)])
-def test_aborted_teleoperation_fails_only_as_a_recovery(bench: ClientBench, recovery: str, result) -> None:
+def test_aborted_teleoperation_fails_only_as_a_recovery(
+    bench: ClientBench, recovery: str, result: Status
+) -> None:
     ports = f'is_recovery="{recovery}" server_name="abort/assisted_teleop" error_code_id="{{code}}"'
     tree = bench.tree(f"<AssistedTeleop {ports}/>")
     assert bench.run(tree) is result
@@ -355,7 +358,9 @@ def test_a_refused_cancellation_is_logged(bench: ClientBench, caplog: pytest.Log
         ("<ReinitializeGlobalLocalization/>", "reinitialize_global_localization", {}),
     ],
 )
-def test_a_service_receives_its_request(bench: ClientBench, leaf: str, service: str, expected) -> None:
+def test_a_service_receives_its_request(
+    bench: ClientBench, leaf: str, service: str, expected: dict[str, Any]
+) -> None:
     tree = bench.tree(leaf)
     assert bench.run(tree) is Status.SUCCESS
     assert bench.session.wait_for(lambda: bench.received, LIMIT)
@@ -372,7 +377,7 @@ def test_clearing_counts_as_a_recovery_once(bench: ClientBench) -> None:
 
 @pytest.mark.parametrize("node", ["IsPathValid", "ValidatePath"])
 @pytest.mark.parametrize(("length", "result"), [(2, Status.SUCCESS), (3, Status.FAILURE)])
-def test_a_path_is_checked(bench: ClientBench, node: str, length: int, result) -> None:
+def test_a_path_is_checked(bench: ClientBench, node: str, length: int, result: Status) -> None:
     tree = bench.tree(f'<{node} path="{{path}}" max_cost="200"/>', path=NavPath(PATH.poses[:length], 0))
     assert bench.run(tree) is result
     assert bench.session.wait_for(lambda: bench.received, LIMIT)
@@ -440,7 +445,7 @@ def test_the_pose_comes_from_tf(bench: ClientBench) -> None:
 
 
 def test_the_pose_is_new_after_a_jump_of_the_clock() -> None:
-    def transform(second, x, child="base_footprint", parent="odom"):
+    def transform(second: int, x: float, child: str = "base_footprint", parent: str = "odom"):
         frame = TransformStamped(child_frame_id=child)
         frame.header.frame_id, frame.header.stamp.sec = parent, second
         frame.transform.translation.x = x
@@ -454,7 +459,7 @@ def test_the_pose_is_new_after_a_jump_of_the_clock() -> None:
         static.publish(TFMessage(transforms=[transform(0, 10.0, "odom", "map")]))
         listener = PoseListener(session)
 
-        def is_at(x, *frames):
+        def is_at(x: float, *frames):
             publisher.publish(TFMessage(transforms=frames))
             return session.wait_for(lambda: listener.pose() == Pose2D(x, 0.0, 0.0), LIMIT)
 

@@ -226,7 +226,9 @@ def test_the_result_has_the_error_code_of_the_server_that_failed(client: Client,
     ("text", "code", "message"),
     [("<root", 9001, "tree.xml"), (BROKEN, 9000, "missing"), (None, 9001, "tree.xml")],
 )
-def test_unusable_tree_aborts_the_goal(client: Client, tmp_path: Path, text, code: int, message: str) -> None:
+def test_unusable_tree_aborts_the_goal(
+    client: Client, tmp_path: Path, text: str | None, code: int, message: str
+) -> None:
     file = tmp_path / "tree.xml"
     if text is not None:
         file.write_text(text)

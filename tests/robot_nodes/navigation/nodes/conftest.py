@@ -55,7 +55,7 @@ class TransformLocaliser:
 class Bench:
     """A robot, its servers, and trees of Nav2's nodes and of leaves with planned results."""
 
-    def __init__(self, course) -> None:
+    def __init__(self, course: NavigationRig) -> None:
         self.course = course
         self.robot = course.robot
         self.journal = CallLog()

@@ -3,10 +3,11 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from btcore import Status
+from btcore import Status, Tree
 from btcore.clock import NS_PER_S
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
@@ -20,7 +21,7 @@ AHEAD = Pose2D(2.0, 0.0, 0.0)
 WALL = (1.0, -4.0, 1.4, 4.0)
 
 
-def recoveries(tree) -> int:
+def recoveries(tree: Tree) -> int:
     found = tree.blackboard.find("number_recoveries")
     return found.value if found is not None and found.value is not None else 0
 
@@ -344,7 +345,7 @@ def test_cancelling_an_idle_server_is_a_success(bench: Bench) -> None:
 # --- costmaps, localisation and selectors
 
 
-def observe_scan(bench, age: float) -> None:
+def observe_scan(bench: Bench, age: float) -> None:
     """Add the laser's scan to both costmaps, in the global costmap as a scan of *age* (s)."""
     bench.wait(0.3)
     scan = replace(bench.robot.scan(), stamp=bench.robot.clock.now() - round(age * NS_PER_S))
@@ -353,7 +354,7 @@ def observe_scan(bench, age: float) -> None:
 
 
 @pytest.fixture
-def seen(among: Callable[..., Bench]):
+def seen(among: Callable[..., Bench]) -> None:
     bench = among((0.7, -0.3, 0.9, 0.3), (0.8, 1.2, 1.2, 1.4))
     observe_scan(bench, OBSTACLE_MEMORY + 1.0)
     assert boxes_on(bench.costmap) == (True, True)
@@ -361,13 +362,13 @@ def seen(among: Callable[..., Bench]):
     return bench
 
 
-def boxes_on(costmap) -> tuple[bool, bool]:
+def boxes_on(costmap: Any) -> tuple[bool, bool]:
     """Return whether *costmap* contains the box ahead, and the box to the left."""
     return costmap.cost(0.75, 0.0) >= 253, costmap.cost(0.9, 1.25) >= 253
 
 
 @pytest.mark.parametrize(("name", "left"), [("global", "local"), ("local", "global")])
-def test_clear_entire_costmap_removes_observed_obstacles(seen, name: str, left: str) -> None:
+def test_clear_entire_costmap_removes_observed_obstacles(seen: Bench, name: str, left: str) -> None:
     tree = seen.tree(f'<ClearEntireCostmap service_name="{name}_costmap/clear_entirely_{name}_costmap"/>')
     assert seen.letters(tree, 1) == "S"
     costmaps = {"global": seen.costmap, "local": seen.servers.local_costmap}
@@ -376,7 +377,7 @@ def test_clear_entire_costmap_removes_observed_obstacles(seen, name: str, left: 
     assert recoveries(tree) == 1
 
 
-def test_the_global_costmap_keeps_obstacles_that_were_observed_a_short_time_ago(seen) -> None:
+def test_the_global_costmap_keeps_obstacles_that_were_observed_a_short_time_ago(seen: Bench) -> None:
     observe_scan(seen, OBSTACLE_MEMORY - 1.0)
     for node in (
         '<ClearEntireCostmap service_name="global"/>',
@@ -387,7 +388,7 @@ def test_the_global_costmap_keeps_obstacles_that_were_observed_a_short_time_ago(
         assert boxes_on(seen.costmap) == (True, True)
 
 
-def test_clear_entire_costmap_keeps_the_map(seen) -> None:
+def test_clear_entire_costmap_keeps_the_map(seen: Bench) -> None:
     seen.letters(seen.tree('<ClearEntireCostmap service_name="global_costmap"/>'), 1)
     assert seen.costmap.cost(4.99, 0.0) == 254
 
@@ -400,7 +401,7 @@ def test_clear_entire_costmap_keeps_the_map(seen) -> None:
         ('<ClearCostmapAroundPose service_name="global" pose="1;1.3" reset_distance="1"/>', (True, False)),
     ],
 )
-def test_parts_of_a_costmap_can_be_cleared(seen, node: str, left) -> None:
+def test_parts_of_a_costmap_can_be_cleared(seen: Bench, node: str, left: tuple[bool, bool]) -> None:
     tree = seen.tree(node)
     assert seen.letters(tree, 1) == "S"
     assert boxes_on(seen.costmap) == left

@@ -54,7 +54,7 @@ def test_global_updated_goal_succeeds_at_first_and_remembers_across_halts(bench:
 class Bumped:
     """The odometry of a robot that bumps into something."""
 
-    def __init__(self, bench) -> None:
+    def __init__(self, bench: Bench) -> None:
         self.bench = bench
 
     def at(self, v: float) -> None:
@@ -233,7 +233,7 @@ def test_are_error_codes_present(bench: Bench) -> None:
         ("WouldARouteRecoveryHelp", {400, 404, 405}),
     ],
 )
-def test_would_a_recovery_help(bench: Bench, node: str, codes) -> None:
+def test_would_a_recovery_help(bench: Bench, node: str, codes: set[int]) -> None:
     tree, helped = bench.tree(f'<{node} error_code="{{code}}"/>'), set()
     for code in range(1000):
         tree.blackboard["code"] = code

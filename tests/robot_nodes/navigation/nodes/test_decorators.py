@@ -15,7 +15,7 @@ from tests.robot_nodes.navigation.nodes.conftest import Bench
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
 
 
-def starts(bench) -> int:
+def starts(bench: Bench) -> int:
     return bench.journal.take().count("a:start")
 
 
@@ -238,7 +238,7 @@ def test_single_trigger_is_ready_again_after_a_halt(bench: Bench, plan: Callable
 NEAR_END = '<PathLongerOnApproach path="{path}">{}</PathLongerOnApproach>'
 
 
-def detour(path, length: float) -> NavPath:
+def detour(path: Callable[..., NavPath], length: float) -> NavPath:
     """Return a path of *length* (m) to the end of the straight path of 1 m."""
     return path((0, 0), (0.5, (length**2 - 1) ** 0.5 / 2), (1, 0))
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from btcore import Status
+from btcore import Status, Tree
 from btcore_navigation.navigate_goal import WaypointState, WaypointStatus
 from btcore_navigation.path import NavPath
 from btcore_robot.robot import Pose2D
@@ -20,7 +20,7 @@ def at(x: float, y: float = 0.0, yaw: float = 0.0) -> Pose2D:
 
 
 @pytest.fixture
-def seen(among: Callable[..., Bench]):
+def seen(among: Callable[..., Bench]) -> None:
     """A bench whose global costmap contains a box on the floor."""
     bench = among(BOX)
     bench.wait(0.2)
@@ -70,7 +70,7 @@ def test_truncate_path_accepts_an_empty_path(bench: Bench) -> None:
 LOCAL = '<TruncatePathLocal input_path="{path}" output_path="{cut}" %s/>'
 
 
-def span(tree) -> tuple[float, float]:
+def span(tree: Tree) -> tuple[float, float]:
     points = tree.blackboard["cut"].points
     return round(float(points[0, 0]), 2), round(float(points[-1, 0]), 2)
 
@@ -89,7 +89,7 @@ def test_truncate_path_local_keeps_8_m_ahead_and_4_back(bench: Bench, path: Call
     ],
 )
 def test_truncate_path_local_keeps_the_given_distances(
-    bench: Bench, path: Callable[..., NavPath], ports: str, kept
+    bench: Bench, path: Callable[..., NavPath], ports: str, kept: tuple[float, float]
 ) -> None:
     tree = bench.tree(LOCAL % ports, path=path((-10, 0), (20, 0)))
     bench.letters(tree, 1)
@@ -138,14 +138,14 @@ def test_truncate_path_local_searches_only_given_distance(bench: Bench, path: Ca
 
 @pytest.mark.parametrize(("y", "letter"), [(0.0, "F"), (0.45, "F"), (1.0, "S")])
 def test_validate_path_uses_the_obstacles_of_the_global_costmap(
-    seen, path: Callable[..., NavPath], y: float, letter: str
+    seen: Bench, path: Callable[..., NavPath], y: float, letter: str
 ) -> None:
     tree = seen.tree('<ValidatePath path="{path}" collision_poses="{bad}"/>', path=path((0, y), (4, y)))
     assert seen.letters(tree, 1) == letter
     assert bool(tree.blackboard["bad"]) is (letter == "F")
 
 
-def test_validate_path_reports_the_first_collision_or_all(seen, path: Callable[..., NavPath]) -> None:
+def test_validate_path_reports_the_first_collision_or_all(seen: Bench, path: Callable[..., NavPath]) -> None:
     text = '<ValidatePath path="{path}" collision_poses="{bad}" stop_at_first_collision="%s"/>'
     one = seen.tree(text % "true", path=path((0, 0), (4, 0)))
     every = seen.tree(text % "false", path=path((0, 0), (4, 0)))
@@ -156,14 +156,14 @@ def test_validate_path_reports_the_first_collision_or_all(seen, path: Callable[.
     assert len(every.blackboard["bad"]) > 5
 
 
-def test_validate_path_checks_only_ahead_of_the_robot(seen, path: Callable[..., NavPath]) -> None:
+def test_validate_path_checks_only_ahead_of_the_robot(seen: Bench, path: Callable[..., NavPath]) -> None:
     tree = seen.tree('<ValidatePath path="{path}"/>', path=path((0, 0), (4, 0)))
     seen.robot.boxes.clear()
     seen.move(3.0)
     assert seen.letters(tree, 1) == "S"
 
 
-def test_validate_path_checks_only_the_given_distance(seen, path: Callable[..., NavPath]) -> None:
+def test_validate_path_checks_only_the_given_distance(seen: Bench, path: Callable[..., NavPath]) -> None:
     tree = seen.tree('<ValidatePath path="{path}" max_lookahead_distance="1"/>', path=path((0, 0), (4, 0)))
     assert seen.letters(tree, 1) == "S"
 
@@ -175,7 +175,7 @@ def test_validate_path_takes_unknown_cells_as_free(bench: Bench, path: Callable[
     assert bench.letters(bench.tree(text % "true", path=unknown), 1) == "F"
 
 
-def test_validate_path_compares_costs_with_the_maximum_cost(seen, path: Callable[..., NavPath]) -> None:
+def test_validate_path_compares_costs_with_maximum_cost(seen: Bench, path: Callable[..., NavPath]) -> None:
     text = '<ValidatePath path="{path}" max_cost="%s"/>'
     beside = path((0, 0.6), (4, 0.6))
     assert seen.letters(seen.tree(text % 254, path=beside), 1) == "S"
@@ -188,7 +188,7 @@ def test_validate_path_fails_without_a_path(bench: Bench) -> None:
 
 @pytest.mark.parametrize(("y", "letter"), [(0.0, "F"), (1.0, "S")])
 def test_is_path_valid_is_validate_path_as_a_condition(
-    seen, path: Callable[..., NavPath], y: float, letter: str
+    seen: Bench, path: Callable[..., NavPath], y: float, letter: str
 ) -> None:
     tree = seen.tree('<Condition ID="IsPathValid" path="{path}"/>', path=path((0, y), (4, y)))
     assert seen.letters(tree, 1) == letter
@@ -215,7 +215,7 @@ def test_smooth_path_cuts_a_detour(bench: Bench, path: Callable[..., NavPath]) -
     ],
 )
 def test_smooth_path_through_obstacles_and_with_an_unknown_smoother(
-    bench: Bench, path: Callable[..., NavPath], ports: str, points, code: int
+    bench: Bench, path: Callable[..., NavPath], ports: str, points: list[tuple[float, float]], code: int
 ) -> None:
     text = '<SmoothPath unsmoothed_path="{path}" was_completed="{done}" error_code_id="{code}" '
     tree = bench.tree(f"{text}{ports}/>", path=path(*points))
@@ -236,7 +236,7 @@ GOALS = [at(0.3), at(0.6), at(2.0)]
 @pytest.mark.parametrize(
     ("radius", "left"), [(0.2, GOALS), (0.5, GOALS[1:]), (0.7, GOALS[2:]), (9.0, GOALS[2:])]
 )
-def test_remove_passed_goals_keeps_the_last_goal(bench: Bench, radius: float, left) -> None:
+def test_remove_passed_goals_keeps_the_last_goal(bench: Bench, radius: float, left: list[Pose2D]) -> None:
     text = f'<RemovePassedGoals radius="{radius}" input_goals="{{goals}}" output_goals="{{goals}}"/>'
     tree = bench.tree(text, goals=list(GOALS))
     assert bench.letters(tree, 1) == "S"
@@ -270,7 +270,7 @@ def test_remove_passed_goals_marks_them_completed(bench: Bench) -> None:
     assert states == [WaypointState.COMPLETED, WaypointState.PENDING, WaypointState.PENDING]
 
 
-def test_remove_in_collision_goals_marks_them_skipped(seen) -> None:
+def test_remove_in_collision_goals_marks_them_skipped(seen: Bench) -> None:
     goals = [at(2.0), at(0.0, 2.0), at(1.5), at(4.3, 4.3)]
     tree = seen.tree(
         f'<RemoveInCollisionGoals {STATUSES} input_goals="{{goals}}" output_goals="{{left}}"/>',
@@ -293,7 +293,9 @@ def test_remove_in_collision_goals_marks_them_skipped(seen) -> None:
         ("4.3;4.3", 'consider_unknown_as_obstacle="true"', "S"),
     ],
 )
-def test_check_pose_occupancy_succeeds_at_an_occupied_pose(seen, place: str, ports: str, letter: str) -> None:
+def test_check_pose_occupancy_succeeds_at_an_occupied_pose(
+    seen: Bench, place: str, ports: str, letter: str
+) -> None:
     assert seen.letters(seen.tree(f'<CheckPoseOccupancy pose="{place}" {ports}/>'), 1) == letter
 
 
@@ -352,7 +354,7 @@ def test_append_goal_pose_to_goals(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("count", "left"), [(2, GOALS[:2]), (5, GOALS)])
-def test_get_next_few_goals(bench: Bench, count: int, left) -> None:
+def test_get_next_few_goals(bench: Bench, count: int, left: list[Pose2D]) -> None:
     text = f'<GetNextFewGoals num_goals="{count}" input_goals="{{goals}}" output_goals="{{few}}"/>'
     tree = bench.tree(text, goals=list(GOALS))
     assert bench.letters(tree, 1) == "S"
