@@ -30,17 +30,6 @@ def test_all_errors_are_reported_together_in_document_order(nodes: Registry, doc
     ]  # fmt: skip
 
 
-def test_exponentially_growing_trees_are_refused(nodes: Registry, document: Write) -> None:
-    doubling = {
-        f"T{n}": f'<Sequence><SubTree ID="T{n + 1}"/><SubTree ID="T{n + 1}"/></Sequence>' for n in range(60)
-    }
-    text = document('<SubTree ID="T0"/>', doubling | {"T60": "<AlwaysSuccess/>"})
-    with pytest.raises(
-        TreeError, match=r"t\.xml:2:21: E117 with all its subtrees the tree has more than 65,535 nodes"
-    ):
-        instantiate(plan_document(parse_text(text, "t.xml"), nodes))
-
-
 # --- warnings
 
 
