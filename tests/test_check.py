@@ -212,9 +212,7 @@ TWO_TESTS = TEST + "\n\n" + TEST.replace("test_it", "test_two")
 
 
 @pytest.mark.parametrize("has_several_processes", [False, True])
-def test_tests_that_were_not_started_make_the_check_incomplete(
-    project: Path, has_several_processes: bool
-) -> None:
+def test_tests_not_started_make_the_check_incomplete(project: Path, has_several_processes: bool) -> None:
     """The tests of the closest file are started nevertheless."""
     script = project / "tests/check.py"
     text = script.read_text(encoding="utf-8").replace("str(os.cpu_count() or 1)", '"1"')

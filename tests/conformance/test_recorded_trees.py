@@ -347,9 +347,7 @@ def test_command_reads_an_uncompressed_file(tmp_path: Path, capsys: pytest.Captu
     assert capsys.readouterr().out == "1 passed, 0 failed\n"
 
 
-def test_the_command_shows_the_first_ten_differences(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_shows_first_ten_differences(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = write_cases(
         tmp_path / "many.jsonl.gz", [altered(one, other_status) for one in recorded("v4_control")[:12]]
     )

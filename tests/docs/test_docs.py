@@ -433,9 +433,7 @@ def test_a_later_file_replaces_an_earlier_file_for_the_commands_below_it(tmp_pat
         ("$ python -c 'import btcore, sys; sys.exit(3)' || echo $?\n3", True),
     ],
 )
-def test_a_command_must_print_what_is_shown_or_succeed_if_nothing_is_shown(
-    shown: str, fine: bool, tmp_path: Path
-) -> None:
+def test_command_must_print_what_is_shown_or_succeed(shown: str, fine: bool, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     assert (run_commands(f"```console\n{shown}\n```\n", tmp_path) == []) is fine
 

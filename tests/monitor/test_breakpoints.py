@@ -100,7 +100,7 @@ def observed_tree(*names: str) -> ObservedTree:
         ("odd[1]", ["odd[1]"]),
     ],
 )
-def test_a_pattern_is_a_path_a_name_or_a_glob(pattern: str, found) -> None:
+def test_a_pattern_is_a_path_a_name_or_a_glob(pattern: str, found: list[str]) -> None:
     nodes = find_nodes(observed_tree("Move/left", "Move/right", "Turn/left", "odd[1]"), pattern)
     assert [one.path for one in nodes] == found
 
@@ -135,9 +135,7 @@ def test_a_release_can_set_the_nodes_status(robot: Robot) -> None:
         assert breaks.status("choose") == "RUNNING"
 
 
-def test_disabled_hooks_do_not_stop_the_robot_and_stay_listed(
-    robot: Robot, until: Callable[..., None]
-) -> None:
+def test_disabled_hooks_do_not_stop_robot_and_stay_listed(robot: Robot, until: Callable[..., None]) -> None:
     with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left")
         robot.start()
@@ -306,7 +304,7 @@ def test_the_command_watches_breakpoints_until_the_last_is_released(robot: Robot
         (["1", "inject", "left", "RUNNING"], "'RUNNING' is not one of"),
     ],
 )
-def test_a_usage_error_is_reported_with_exit_code_2(arguments, message: str) -> None:
+def test_a_usage_error_is_reported_with_exit_code_2(arguments: list[str], message: str) -> None:
     result = hook(*arguments)
     assert result.exit_code == 2
     assert isinstance(result.exception, SystemExit)

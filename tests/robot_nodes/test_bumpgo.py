@@ -47,9 +47,7 @@ def tick(tree: Tree, body: SimulatedRobot, seconds: float) -> None:
 @pytest.mark.parametrize(
     ("name", "body"), [("bumpgo", "arena"), ("bumpgo_wide", "arena_boxes")], indirect=["body"]
 )
-def test_the_robot_drives_for_a_minute_without_collisions(
-    name: str, body: SimulatedRobot, nodes: Registry
-) -> None:
+def test_robot_drives_for_minute_without_collisions(name: str, body: SimulatedRobot, nodes: Registry) -> None:
     tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[body], clock=body.clock)
     tree.start_tick_counts()
     tick(tree, body, 60)
@@ -59,9 +57,7 @@ def test_the_robot_drives_for_a_minute_without_collisions(
 
 
 @pytest.mark.parametrize("body", ["arena_boxes"], indirect=True)
-def test_the_robot_stops_within_a_second_of_a_laser_failure_in_any_leaf(
-    body: SimulatedRobot, nodes: Registry
-) -> None:
+def test_robot_stops_within_1_s_of_laser_failure_in_any_leaf(body: SimulatedRobot, nodes: Registry) -> None:
     tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[body], clock=body.clock)
     for leaf in ("Forward", "Back", "TurnToFree"):
         node = next(node for node in tree.nodes if node.id == leaf)

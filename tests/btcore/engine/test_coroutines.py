@@ -101,9 +101,7 @@ def test_await_sleep_lasts_by_the_clock_of_the_tree(make_tree: MakeTree, clock: 
     assert tree.tick_exactly_once() is Status.SUCCESS
 
 
-def test_sleep_wakes_the_tree_at_its_deadline_not_a_period_later(
-    make_tree: MakeTree, clock: SimClock
-) -> None:
+def test_sleep_wakes_tree_at_deadline_not_period_later(make_tree: MakeTree, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0.25)
         return True

@@ -124,9 +124,7 @@ def test_observers_are_notified_of_an_error_before_the_tree_is_halted(make_tree:
     assert received == [("boom", 500_000_000, ["all", "a", "i"])]
 
 
-def test_error_of_the_following_halt_does_not_hide_the_first_error(
-    make_tree: MakeTree, journal: CallLog
-) -> None:
+def test_error_of_following_halt_does_not_hide_first_error(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree(
         '<Parallel success_count="4"><Cling name="c"/><PlanAction name="a" plan="R"/><Cling name="d"/>'
         '<Explode name="boom"/></Parallel>',
@@ -173,9 +171,7 @@ def test_leaf_that_raises_when_halted_is_named_and_becomes_idle(make_tree: MakeT
     assert tree.status is Status.IDLE
 
 
-def test_other_leaves_are_halted_too_and_the_first_error_is_raised(
-    make_tree: MakeTree, journal: CallLog
-) -> None:
+def test_other_leaves_are_halted_too_and_first_error_is_raised(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree(
         '<Parallel><PlanAction name="a" plan="R"/><Cling name="c1"/><PlanAction name="b" plan="R"/>'
         '<Inverter><Cling name="c2"/></Inverter><PlanAction name="d" plan="R"/></Parallel>',

@@ -192,9 +192,7 @@ def test_resource_may_be_requested_by_a_protocol(make_tree: MakeTree) -> None:
     assert tree.blackboard["expected_message"] == "ahooga"
 
 
-def test_clock_and_blackboard_of_the_tree_are_always_available_resources(
-    make_tree: MakeTree, clock: SimClock
-) -> None:
+def test_clock_and_blackboard_are_always_available_resources(make_tree: MakeTree, clock: SimClock) -> None:
     given: list[object] = []
 
     @action

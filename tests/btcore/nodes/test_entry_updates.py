@@ -117,7 +117,7 @@ def test_two_nodes_check_independently(make_tree: MakeTree) -> None:
     assert tree.tick_once() is S
 
 
-def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_check(
+def test_was_entry_updated_succeeds_if_entry_was_written_since_last_check(
     make_tree: MakeTree,
 ) -> None:
     tree = make_tree('<WasEntryUpdated entry="{x}"/>')

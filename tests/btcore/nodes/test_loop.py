@@ -71,9 +71,7 @@ def test_empty_queue_returns_if_empty(written: str, make_tree: MakeTree) -> None
     assert tree.tick_once() is Status[written]
 
 
-def test_failure_ends_the_loop_and_drops_the_rest_of_a_literal_list(
-    make_tree: MakeTree, journal: CallLog
-) -> None:
+def test_failure_ends_loop_and_drops_rest_of_literal_list(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree('<LoopInt queue="1;2;3" value="{v}"><PlanSync name="p" plan="SFSSS"/></LoopInt>')
     assert ticks(tree, 2) == [R, F]
     assert tree.blackboard["v"] == 2
@@ -124,9 +122,7 @@ def test_failure_leaves_the_rest_in_a_deque(make_tree: MakeTree) -> None:
 
 
 @pytest.mark.parametrize("given", [[1, 2], "1;2"])
-def test_list_or_text_entry_is_read_at_each_activation_and_left_unchanged(
-    given: object, make_tree: MakeTree, sink: Sink
-) -> None:
+def test_list_or_text_is_read_at_activation_and_kept(given: object, make_tree: MakeTree, sink: Sink) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     tree.blackboard["q"] = given
     ticks(tree, 1)

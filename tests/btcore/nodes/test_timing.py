@@ -63,9 +63,7 @@ def test_negative_or_missing_duration_is_refused(make_tree: MakeTree) -> None:
 # --- Delay
 
 
-def test_delay_ticks_its_child_only_after_its_time(
-    make_tree: MakeTree, clock: SimClock, journal: CallLog
-) -> None:
+def test_delay_ticks_child_only_after_time(make_tree: MakeTree, clock: SimClock, journal: CallLog) -> None:
     tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RS"/></Delay>')
     assert after(tree, clock, 0, 99) == [R, R]
     assert journal.calls == []
@@ -179,9 +177,7 @@ def test_child_not_running_at_the_limit_is_not_halted_and_has_no_limit(
     assert "a:halted" not in journal.calls
 
 
-def test_in_format_3_a_halt_does_not_stop_the_time(
-    make_tree: MakeTree, clock: SimClock, journal: CallLog
-) -> None:
+def test_in_format_3_halt_does_not_stop_time(make_tree: MakeTree, clock: SimClock, journal: CallLog) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="R"/></Timeout>', format=3)
     after(tree, clock, 0, 60)
     tree.halt()

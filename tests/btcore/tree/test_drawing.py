@@ -58,9 +58,7 @@ def drawing(tree: Tree) -> list[str]:
     return [line.lstrip("└├─│ ") for line in str(tree).split("\n")[1:]]
 
 
-def test_printed_tree_shows_the_statuses_and_the_last_results(
-    tree: Tree, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_printed_tree_shows_statuses_and_last_results(tree: Tree, capsys: pytest.CaptureFixture[str]) -> None:
     print(tree)
     assert capsys.readouterr().out == RUNNING + "\n"
     tree.draw()

@@ -257,9 +257,7 @@ def test_period_of_zero_advances_a_clock_that_stands_still_to_the_next_deadline(
     assert tree.ticks == 3
 
 
-def test_waiting_node_is_ticked_on_time_and_the_period_continues(
-    make_tree: MakeTree, clock: SimClock
-) -> None:
+def test_waiting_node_is_ticked_on_time_and_period_continues(make_tree: MakeTree, clock: SimClock) -> None:
     ticked: list[int] = []
 
     class Watch(btcore.Observer):
@@ -387,9 +385,7 @@ def test_node_is_found_by_its_path_or_by_a_unique_name(make_tree: MakeTree) -> N
 
 
 @pytest.mark.parametrize("path", ["Deep/wave", "Main/Deep/wave", "Deep::9/wave", "elsewhere/wave"])
-def test_path_without_the_number_of_its_subtree_gets_the_full_path_as_a_suggestion(
-    make_tree: MakeTree, path: str
-) -> None:
+def test_path_without_number_of_subtree_gets_full_path_as_suggestion(make_tree: MakeTree, path: str) -> None:
     deep = '<BehaviorTree ID="Deep"><Sequence><AlwaysSuccess name="wave"/></Sequence></BehaviorTree>'
     tree = make_tree('<Sequence><Inverter><SubTree ID="Deep"/></Inverter></Sequence>', others=deep)
     with pytest.raises(BtcoreError, match="did you mean 'Deep::3/wave'"):

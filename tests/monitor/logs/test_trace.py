@@ -165,9 +165,7 @@ def test_direct_change_between_results_is_recorded(small: Callable[..., Tree], t
     assert [event["args"]["status"] for event in instants] == ["SUCCESS", "FAILURE"]
 
 
-def test_slice_that_outlives_its_parent_is_cut_and_continued(
-    small: Callable[..., Tree], tmp_path: Path
-) -> None:
+def test_slice_that_outlives_parent_is_cut_and_continued(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small('<Inverter name="a"><Inverter name="b"><AlwaysSuccess name="c"/></Inverter></Inverter>')
     running, success, idle = Status.RUNNING, Status.SUCCESS, Status.IDLE
     steps = [(1, idle, running), (2, idle, running), (3, idle, running), (1, running, success)]

@@ -97,9 +97,7 @@ class Edited:
          '<Sequence _skipIf="true"><AlwaysSuccess/></Sequence>'),
     ],
 )  # fmt: skip
-def test_a_fix_removes_the_mistake(
-    tmp_path: Path, code: str, before: str, title: str, after: str | None
-) -> None:
+def test_fix_removes_mistake(tmp_path: Path, code: str, before: str, title: str, after: str | None) -> None:
     edited = Edited(tmp_path / "größe.xml", MAIN.format(before))
     count = edited.codes().count(code)
     text = edited.fixes(code)[title]

@@ -52,10 +52,10 @@ class TransformLocaliser:
         self.searches += 1
 
 
-class Bench:
+class NodeRig:
     """A robot, its servers, and trees of Nav2's nodes and of leaves with planned results."""
 
-    def __init__(self, course) -> None:
+    def __init__(self, course: NavigationRig) -> None:
         self.course = course
         self.robot = course.robot
         self.journal = CallLog()
@@ -122,14 +122,14 @@ class Bench:
 
 
 @pytest.fixture
-def bench(floor: Callable[..., NavigationRig]) -> Bench:
-    return Bench(floor())
+def rig(floor: Callable[..., NavigationRig]) -> NodeRig:
+    return NodeRig(floor())
 
 
 @pytest.fixture
-def among(floor: Callable[..., NavigationRig]) -> Callable[..., Bench]:
-    """Return the function `among(*boxes)`, which returns a bench with boxes on the floor."""
-    return lambda *boxes: Bench(floor(*boxes))
+def among(floor: Callable[..., NavigationRig]) -> Callable[..., NodeRig]:
+    """Return the function `among(*boxes)`, which returns a rig with boxes on the floor."""
+    return lambda *boxes: NodeRig(floor(*boxes))
 
 
 def plan(name: str, letters: str) -> str:
