@@ -45,7 +45,9 @@ def wheel(name: str, folder: Path, environment: dict[str, str]) -> Path:
         shutil.copytree(ROOT / package, checkout / package, ignore=unwanted)
     for file in FILES:
         shutil.copy2(ROOT / file, checkout)
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", dist, checkout]
+    # Our environment contains what the build needs.
+    options = ["--quiet", "--no-build-isolation", "--no-deps", "--wheel-dir", dist]
+    command = [sys.executable, "-m", "pip", "wheel", *options, checkout]
     subprocess.run(command, env=os.environ | environment, check=True, capture_output=True)
     return next(dist.iterdir())
 
