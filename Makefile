@@ -50,6 +50,9 @@ VULKAN := mesa-vulkan-drivers libvulkan1
 # What the demo runs, and for how long (s of the robot's time).
 DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
 
+# Targets that `make test` builds beside the tests of ROS 2, which often wait.
+BESIDE ?=
+
 # How many seeds each acceptance run is made with.
 SEEDS ?= 200
 PATROLS ?= --seeds 10
@@ -183,7 +186,7 @@ demo: .venv/ready vulkan
 
 test: .venv/ready
 	@$(MAKE) -s -j 2 environments lint-and-pure
-	@$(MAKE) -s -j 2 --output-sync compiled test-ros2
+	@$(MAKE) -s -j 3 --output-sync compiled test-ros2 $(BESIDE)
 
 check: .venv/ready
 	@.venv/bin/python tests/check.py $(if $(LIMIT),--limit $(LIMIT)) $(FILES)
@@ -244,7 +247,6 @@ accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
 	@$(if $(STARVED),.venv/bin/python tests/acceptance/attacks.py --starved $(STARVED) --seconds 3)
-	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
 
 accept-tools: .venv/ready
 	@$(if $(EDITS),BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) --dist worksteal \
@@ -254,6 +256,7 @@ accept-tools: .venv/ready
 	@.venv/bin/python tests/acceptance/preview.py --trials $(PREVIEWS)
 	@.venv/bin/python tests/acceptance/proofs.py --trees $(PROOFS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/typed_files.py --files $(TYPED) --jobs $(CORES)
+	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
 
 accept-ros2: .venv-ros/ready
 	@.venv-ros/bin/python tests/acceptance/ros2_schedules.py --schedules $(SCHEDULES)
