@@ -3,7 +3,7 @@
 `python tests/acceptance/installs.py WHEEL` makes a wheel for each way in which compiling can fail, and
 expects the complete pure build, without compiled files. It installs a pure wheel and the compiled wheel WHEEL
 in new environments, and runs a tree there. It prints what it finds, and exits with 1 if something is wrong.
-Each pure wheel takes some 15 s of processor time, and each installation 4 s.
+Each pure wheel takes some 10 s of processor time, and each installation 4 s.
 """
 
 import argparse
