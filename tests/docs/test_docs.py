@@ -301,10 +301,13 @@ def run_commands(page: str, folder: Path, server: CommandServer | None = None) -
             if len(texts) > written[file]:
                 (folder / "empty" / file).write_text(texts[-1], encoding="utf-8")
                 written[file] = len(texts)
-        plain = command.removesuffix(" || true")
+        parts = re.fullmatch(r"(.*?)( \|\| true|; test \$\? = (\d+))?", command)
+        assert parts is not None
+        plain, end, expected = parts.groups()
         if server is not None and needs_no_shell(plain):
             done = server.run(plain, folder / "empty")
-            done.returncode *= plain == command
+            if end is not None:
+                done.returncode = int(expected is not None and done.returncode != int(expected))
         else:
             done = subprocess.run(
                 ["bash", "-c", command],
@@ -445,6 +448,8 @@ def test_command_must_print_what_is_shown_or_succeed(shown: str, fine: bool, tmp
         ("$ btcore --version\nother", False),
         ("$ btcore validate a.xml", False),
         ("$ btcore validate a.xml || true", True),
+        ("$ btcore validate a.xml; test $? = 2", True),
+        ("$ btcore --version; test $? = 1", False),
         ("$ btcore validate a.xml\nerror: there is no file 'a.xml';…", True),
         ("$ btcore nodes 'Inverter'\n…\n…Inverter…", True),
         ("$ btcore nodes --no-such-option || echo failed\n…\nfailed", True),
