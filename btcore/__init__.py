@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from btcore.clock import SystemClock as SystemClock
     from btcore.diagnostics import Diagnostic as Diagnostic
     from btcore.diagnostics import LiteralProblem as LiteralProblem
-    from btcore.engine.context import TreeState as TreeState
+    from btcore.engine.context import TreeResource as TreeResource
     from btcore.engine.control import ControlNode as ControlNode
     from btcore.engine.control import DecoratorNode as DecoratorNode
     from btcore.engine.coroutine import running as running
@@ -88,7 +88,7 @@ _HOMES = {
     "btcore.blackboard.ports": ("Direction", "Port"),
     "btcore.clock": ("Clock", "SimClock", "SystemClock"),
     "btcore.diagnostics": ("Diagnostic", "LiteralProblem"),
-    "btcore.engine.context": ("TreeState",),
+    "btcore.engine.context": ("TreeResource",),
     "btcore.engine.control": ("ControlNode", "DecoratorNode"),
     "btcore.engine.coroutine": ("running", "sleep"),
     "btcore.engine.functions": ("action", "condition"),

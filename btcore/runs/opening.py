@@ -255,9 +255,9 @@ class OpenedProviders:
         yield from self._unavailable_notes()
         if any(getattr(type, "__module__", "builtins") != "builtins" for type in unknown):
             yield (
-                "a run does not create objects of your own classes: derive the class from btcore.TreeState, "
-                "or write a provider of the object: see 'Your own resources'; a program may pass the object "
-                "in Run(provided=[…])"
+                "a run does not create objects of your own classes: derive the class from "
+                "btcore.TreeResource, or write a provider of the object: see 'Your own resources'; a program "
+                "may pass the object in Run(provided=[…])"
             )
 
     def _unavailable_notes(self) -> list[str]:

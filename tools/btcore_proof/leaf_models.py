@@ -16,7 +16,7 @@ from btcore.engine.leaf import Condition, SyncAction
 from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import declared_fields
 from btcore.errors import BtcoreError, ConversionError
-from btcore.registry.manifest import Manifest, is_tree_state
+from btcore.registry.manifest import Manifest, is_tree_resource
 from btcore.registry.mock_nodes import MockCondition
 from btcore.status import ANY_RESULT, FAILURE, SKIPPED, SUCCESS, NodeType, Status
 from btcore.suggestions import did_you_mean, join_names
@@ -141,7 +141,7 @@ def resources_of(manifest: Manifest) -> frozenset[str]:
         resource_type.__name__
         for resource_type in types
         if isinstance(resource_type, type)
-        and not is_tree_state(resource_type)
+        and not is_tree_resource(resource_type)
         and resource_type not in (Clock, Blackboard)
     )
 

@@ -27,7 +27,7 @@ from btcore import (
     ThreadedAction,
     Tree,
     TreeError,
-    TreeState,
+    TreeResource,
     action,
     condition,
 )
@@ -207,7 +207,7 @@ def test_clock_and_blackboard_are_always_available_resources(make_tree: MakeTree
 
 
 def test_tree_state_is_shared_within_a_tree_and_separate_between_trees(make_tree: MakeTree) -> None:
-    class Laps(TreeState):
+    class Laps(TreeResource):
         def __init__(self) -> None:
             self.count = 0
 

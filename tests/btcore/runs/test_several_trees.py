@@ -35,7 +35,7 @@ class Radio(list[str]):
     """What the leaves of all trees have sent."""
 
 
-class Steps(btcore.TreeState):
+class Steps(btcore.TreeResource):
     """How often the leaf of a tree was ticked."""
 
     def __init__(self) -> None:

@@ -81,7 +81,7 @@ def test_a_missing_object_of_an_own_class_is_explained(cli: Cli, tree_file: Tree
     result = cli("run", tree_file("<Weigh/>"), "--plugin", tmp_path / "weighing.py")
     assert result.exit_code == 2
     assert "E118 <Weigh> needs a Scale" in result.stderr
-    assert "derive the class from btcore.TreeState" in result.stderr
+    assert "derive the class from btcore.TreeResource" in result.stderr
 
 
 def test_a_leaf_that_fails_with_an_object_that_exists_has_no_hint_about_objects(
