@@ -8,7 +8,7 @@ import pytest
 
 from btcore import In, NodeExecutionError, Put, SimClock, Status, Tree, action, running, sleep
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog
+from tests.conformance.recorded_cases import Journal
 
 
 def statuses(tree: Tree, ticks: int) -> str:
@@ -124,7 +124,7 @@ def test_sleep_of_zero_is_running_for_one_tick(make_tree: MakeTree, clock: SimCl
 # --- halting
 
 
-def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: MakeTree, journal: CallLog) -> None:
+def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: MakeTree, journal: Journal) -> None:
     @action
     async def drive() -> bool:
         journal.record("drive", "start")

@@ -20,7 +20,7 @@ from btcore import (
     TreeNode,
 )
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog
+from tests.conformance.recorded_cases import Journal
 
 
 class Endless(SyncAction):
@@ -194,7 +194,7 @@ def test_interrupted_tree_continues_where_it_was(body: str, make_tree: MakeTree)
 
 @pytest.mark.parametrize("kind", ["Sequence", "SequenceWithMemory", "Fallback"])
 def test_after_an_error_only_a_sequence_with_memory_resumes_at_the_raising_child(
-    kind: str, make_tree: MakeTree, journal: CallLog
+    kind: str, make_tree: MakeTree, journal: Journal
 ) -> None:
     plan = "F" if kind == "Fallback" else "S"
     tree = make_tree(

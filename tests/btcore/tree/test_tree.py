@@ -21,7 +21,7 @@ from btcore import (
 from btcore.clock import NS_PER_S
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog, PlanAction, conformance_registry
+from tests.conformance.recorded_cases import Journal, PlanAction, conformance_registry
 
 THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
 
@@ -295,7 +295,7 @@ def test_another_thread_wakes_a_sleeping_tree() -> None:
 
 def test_another_thread_ends_the_wait_between_two_ticks() -> None:
     xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><PlanAction plan="RS"/></BehaviorTree></root>'
-    journal = CallLog()
+    journal = Journal()
     tree = btcore.loads(xml, nodes=conformance_registry(), resources=[journal])
     result: list[Status] = []
     driver = threading.Thread(target=lambda: result.append(tree.tick_while_running(period=200.0)))
@@ -340,7 +340,7 @@ def counter() -> Blackboard:
     return board
 
 
-def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTree, journal: CallLog) -> None:
+def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
         '<Parallel><PlanAction name="a" plan="RR"/><PlanAction name="b" plan="S"/>'
         '<Inverter><PlanAction name="c" plan="RR"/></Inverter></Parallel>'
@@ -355,7 +355,7 @@ def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTr
 
 @pytest.mark.parametrize(("value", "handled"), [("true", True), ("{missing}", False), ("{empty}", False)])
 def test_a_halt_ticks_the_handler_of_a_try_catch_if_its_port_is_true(
-    value: str, handled: bool, make_tree: MakeTree, journal: CallLog
+    value: str, handled: bool, make_tree: MakeTree, journal: Journal
 ) -> None:
     body = '<PlanAction name="a" plan="R"/><PlanSync name="handler" plan="S"/>'
     tree = make_tree(f'<TryCatch catch_on_halt="{value}">{body}</TryCatch>')
@@ -364,7 +364,7 @@ def test_a_halt_ticks_the_handler_of_a_try_catch_if_its_port_is_true(
     assert journal.calls == ["a:start", "a:halted", *(["handler:tick"] if handled else [])]
 
 
-def test_tree_is_a_context_manager_that_halts_it(make_tree: MakeTree, journal: CallLog) -> None:
+def test_tree_is_a_context_manager_that_halts_it(make_tree: MakeTree, journal: Journal) -> None:
     with make_tree('<PlanAction name="a" plan="R"/>') as tree:
         tree.tick_once()
     assert journal.calls == ["a:start", "a:halted"]

@@ -16,7 +16,7 @@ from btcore_navigation.smoother import SmootherServer
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import TransformTree
-from tests.conformance.recorded_cases import CallLog, PlanAction
+from tests.conformance.recorded_cases import Journal, PlanAction
 from tests.robot_nodes.navigation.conftest import NavigationRig
 
 HALF = 5.0  # m from the middle of the hall to its walls
@@ -58,7 +58,7 @@ class NodeRig:
     def __init__(self, course: NavigationRig) -> None:
         self.course = course
         self.robot = course.robot
-        self.journal = CallLog()
+        self.journal = Journal()
         self.localiser = TransformLocaliser(course.tree)
         self.costmap = GlobalCostmap(hall())
         self.compute_path = PlannerServer(Planner(self.costmap), self.localiser.pose)
