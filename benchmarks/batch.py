@@ -185,15 +185,15 @@ def rounds(trees: Sequence[btcore.Tree], swarm: BatchTree, count: int) -> Iterat
 
 def compare(report: Report, agents: int) -> None:
     """Measure both engines with *agents* agents, and add a row to *report*."""
-    given = initial_values(agents)
-    trees, swarm = ordinary(given[:MAX_TREES]), batched(given)
-    taken = measure_rounds(rounds(trees, swarm, report.pairs))
-    cached = taken.ratio("cached", "batch").times(agents / CACHED_TREES)
+    values = initial_values(agents)
+    trees, swarm = ordinary(values[:MAX_TREES]), batched(values)
+    measured = measure_rounds(rounds(trees, swarm, report.pairs))
+    cached = measured.ratio("cached", "batch").times(agents / CACHED_TREES)
     figures = {
-        "a tick of all": f"{taken.time('batch').median / TICKS / NS_PER_US:,.0f} µs",
+        "a tick of all": f"{measured.time('batch').median / TICKS / NS_PER_US:,.0f} µs",
         f"{CACHED_TREES} trees / batch": f"{cached.median:.3g}",
     }
-    ratio = taken.ratio("ordinary", "batch").times(agents / len(trees))
+    ratio = measured.ratio("ordinary", "batch").times(agents / len(trees))
     target = THROUGHPUT if agents >= TARGET_AGENTS else None
     report.add(f"{agents:,} agents: ordinary / batch", ratio, target, figures)
 
@@ -202,14 +202,14 @@ def main() -> None:
     """Run the benchmark."""
     parser = arguments(__doc__ or "")
     parser.add_argument("--agents", type=int, nargs="+", default=[100, 1_000, 10_000, 100_000])
-    given = parser.parse_args()
+    options = parser.parse_args()
     check_same_results(50)
     nodes = len(ordinary(initial_values(1))[0].nodes)
     question = f"How much faster a batch is than a tree of {nodes} nodes for each agent"
-    report = Report("batch", question, given.pairs)
-    for agents in [100] if given.quick else given.agents:
+    report = Report("batch", question, options.pairs)
+    for agents in [100] if options.quick else options.agents:
         compare(report, agents)
-    report.output(given.json)
+    report.output(options.json)
 
 
 if __name__ == "__main__":

@@ -111,17 +111,17 @@ def compare(report: Report, sizes: Sequence[int]) -> None:
             middle = text.index(CALL.format(text.count("<SubTree ") // 2))
             requests = editor.requests_at(text, text.index("{limit}", middle) + 1, "limit")
             works |= {f"{name} {lines}": work for name, work in requests.items()}
-    taken = measure_rounds([works] * (report.pairs + 1))
+    measured = measure_rounds([works] * (report.pairs + 1))
     for name in ("diagnostics", "completion", "hover") if editor is not None else ("diagnostics",):
         for lines in sizes:
             ours, peer = f"{name} {lines}", f"schema {lines}"
             figures = {
-                "btcore": f"{taken.time(ours).median / NS_PER_MS:.0f} ms",
-                "lxml": f"{taken.time(peer).median / NS_PER_MS:.1f} ms",
+                "btcore": f"{measured.time(ours).median / NS_PER_MS:.0f} ms",
+                "lxml": f"{measured.time(peer).median / NS_PER_MS:.1f} ms",
             }
-            report.add(f"{name}, {lines:,} lines / lxml's schema", taken.ratio(ours, peer), None, figures)
+            report.add(f"{name}, {lines:,} lines / lxml's schema", measured.ratio(ours, peer), None, figures)
     both = [f"{name} {SMALL}" for name in ("diagnostics", "hover") if f"{name} {SMALL}" in works]
-    total = [sum(times) / NS_PER_MS for times in zip(*(taken.rounds[name] for name in both), strict=True)]
+    total = [sum(times) / NS_PER_MS for times in zip(*(measured.rounds[name] for name in both), strict=True)]
     spread = Spread.of(total)
     figures = {"btcore": f"{spread.median:.0f} ms"}
     report.add(
@@ -129,7 +129,7 @@ def compare(report: Report, sizes: Sequence[int]) -> None:
     )
     first, last = sizes[0], sizes[-1]
     if first != last:
-        growth = taken.ratio(f"diagnostics {last}", f"diagnostics {first}").times(first / last)
+        growth = measured.ratio(f"diagnostics {last}", f"diagnostics {first}").times(first / last)
         report.add(f"diagnostics of a line, in {last:,} lines / in {first:,} lines", growth, GROWTH)
 
 
@@ -137,12 +137,12 @@ def main() -> None:
     """Run the benchmark."""
     parser = arguments(__doc__ or "")
     parser.add_argument("--lines", type=int, nargs="+", default=LINES)
-    given = parser.parse_args()
-    report = Report("editing", "The requests of an editor, compared with lxml's validation", given.pairs)
+    options = parser.parse_args()
+    report = Report("editing", "The requests of an editor, compared with lxml's validation", options.pairs)
     if editor is None:
         report.remarks.append(describe_missing("pygls"))
-    compare(report, (200,) if given.quick else given.lines)
-    report.output(given.json)
+    compare(report, (200,) if options.quick else options.lines)
+    report.output(options.json)
 
 
 if __name__ == "__main__":

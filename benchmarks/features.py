@@ -143,8 +143,8 @@ def evaluating() -> Work:
 
 def main() -> None:
     """Run the benchmark."""
-    given = arguments(__doc__ or "").parse_args()
-    report = Report("features", "The cost of a node's ports, scripts, conditions and subtrees", given.pairs)
+    options = arguments(__doc__ or "").parse_args()
+    report = Report("features", "The cost of a node's ports, scripts, conditions and subtrees", options.pairs)
     works: dict[str, Work] = {name: grow(child).tick_once for name, child in TREES.items()}
     works["eval"] = evaluating()
     if peers is None:
@@ -152,12 +152,12 @@ def main() -> None:
     else:
         works["py_trees reads"] = peers.row_of(peers.Reads, WIDTH).tick_once
         works["py_trees writes"] = peers.row_of(peers.Writes, WIDTH).tick_once
-    taken = measure(works, report.pairs, slice_ns=1 if given.quick else SLICE)
-    for what, dividend, divisor in COMPARISONS:
+    measured = measure(works, report.pairs, slice_ns=1 if options.quick else SLICE)
+    for label, dividend, divisor in COMPARISONS:
         if dividend in works and divisor in works:
-            own, peer = (in_short(taken.time(name).median / WIDTH) for name in (dividend, divisor))
-            report.add(what, taken.ratio(dividend, divisor), figures={"ns": own, "beside": peer})
-    report.output(given.json)
+            own, peer = (in_short(measured.time(name).median / WIDTH) for name in (dividend, divisor))
+            report.add(label, measured.ratio(dividend, divisor), figures={"ns": own, "beside": peer})
+    report.output(options.json)
 
 
 if __name__ == "__main__":

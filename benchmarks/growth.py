@@ -38,11 +38,11 @@ LOADED_AT_LEAST = 1_000
 def bushy(size: int) -> str:
     """Return an XML document whose tree has *size* nodes: Sequences of up to 10 children, and leaves."""
 
-    def grow(room: int) -> str:
-        if room == 1:
+    def grow(nodes: int) -> str:
+        if nodes == 1:
             return "<Succeed/>"
-        shares = min(BRANCHES, room - 1)
-        share, more = divmod(room - 1, shares)
+        shares = min(BRANCHES, nodes - 1)
+        share, more = divmod(nodes - 1, shares)
         inside = (grow(share + (index < more)) for index in range(shares))
         return f"<Sequence>{''.join(inside)}</Sequence>"
 
@@ -160,42 +160,46 @@ def with_nodes(report: Report, sizes: Sequence[int], slice_ns: int) -> None:
 
 
 def with_depth(
-    report: Report, what: str, depths: Sequence[int], grow: Callable[[int], Tree], slice_ns: int
+    report: Report, label: str, depths: Sequence[int], grow: Callable[[int], Tree], slice_ns: int
 ) -> None:
     """Add rows about the time for ticking a level of a deep tree."""
     works: dict[str, Work] = {str(depth): grow(depth).tick_once for depth in depths}
-    taken = measure(works, report.pairs, 4, slice_ns)
-    add(report, "level ticked, {}", {f"{depth:,} {what}": depth for depth in depths}, taken, "ns")
+    measured = measure(works, report.pairs, 4, slice_ns)
+    add(report, "level ticked, {}", {f"{depth:,} {label}": depth for depth in depths}, measured, "ns")
 
 
-def add(report: Report, what: str, sizes: Mapping[str, int], taken: Measured, unit: str) -> None:
+def add(report: Report, label: str, sizes: Mapping[str, int], measured: Measured, unit: str) -> None:
     """Add a row for each of *sizes*: the time per node or level.
 
     Args:
         report: The report.
-        what: The name of the rows, with ``{}`` for the text in *sizes*.
+        label: The name of the rows, with ``{}`` for the text in *sizes*.
         sizes: The number of nodes or levels, by the text for the row.
-        taken: The measured times, by the number of nodes or levels (as text).
+        measured: The measured times, by the number of nodes or levels (as text).
         unit: The unit of the time per node or level.
     """
     ns = {"ns": 1, "µs": 1000}[unit]
     first = next(iter(sizes.values()))
     for name, size in sizes.items():
-        ratio = taken.ratio(str(size), str(first)).times(first / size)
-        each = taken.time(str(size)).median / size / ns
-        report.add(what.format(name), ratio, None, {"one": f"{in_short(each)} {unit}"})
+        ratio = measured.ratio(str(size), str(first)).times(first / size)
+        each = measured.time(str(size)).median / size / ns
+        report.add(label.format(name), ratio, None, {"one": f"{in_short(each)} {unit}"})
 
 
 def with_entries(report: Report, sizes: Sequence[int], slice_ns: int) -> None:
     """Add rows about the time for reading and writing an entry of a blackboard, and of a dict."""
-    works = {f"{kind.__name__} {size}": kind(size) for size in sizes for kind in (board, plain_dict)}
-    taken = measure(works, report.pairs, slice_ns=slice_ns)
+    works = {
+        f"{board_class.__name__} {size}": board_class(size)
+        for size in sizes
+        for board_class in (board, plain_dict)
+    }
+    measured = measure(works, report.pairs, slice_ns=slice_ns)
     for size in sizes:
         figures = {
-            column: f"{in_short(taken.time(f'{kind} {size}').median)} ns"
-            for column, kind in (("one", "board"), ("a dict's", "plain_dict"))
+            column: f"{in_short(measured.time(f'{board_name} {size}').median)} ns"
+            for column, board_name in (("one", "board"), ("a dict's", "plain_dict"))
         }
-        ratio = taken.ratio(f"board {size}", f"board {sizes[0]}")
+        ratio = measured.ratio(f"board {size}", f"board {sizes[0]}")
         report.add(f"entry read and written, {size:,} entries", ratio, None, figures)
 
 
@@ -205,16 +209,16 @@ def main() -> None:
     parser.add_argument("--nodes", type=int, nargs="+", default=NODES)
     parser.add_argument("--depths", type=int, nargs="+", default=DEPTHS)
     parser.add_argument("--entries", type=int, nargs="+", default=ENTRIES)
-    given = parser.parse_args()
-    report = Report("growth", "How costs grow with the size of trees and of blackboards", given.pairs)
+    options = parser.parse_args()
+    report = Report("growth", "How costs grow with the size of trees and of blackboards", options.pairs)
     slice_ns = SLICE
-    if given.quick:
-        given.nodes, given.depths, given.entries, slice_ns = (10, 100), (10, 100), (10, 100), 1
-    with_nodes(report, given.nodes, slice_ns)
-    with_depth(report, "nested subtrees", given.depths, nested, slice_ns)
-    with_depth(report, "Inverters built in code", given.depths, built, slice_ns)
-    with_entries(report, given.entries, slice_ns)
-    report.output(given.json)
+    if options.quick:
+        options.nodes, options.depths, options.entries, slice_ns = (10, 100), (10, 100), (10, 100), 1
+    with_nodes(report, options.nodes, slice_ns)
+    with_depth(report, "nested subtrees", options.depths, nested, slice_ns)
+    with_depth(report, "Inverters built in code", options.depths, built, slice_ns)
+    with_entries(report, options.entries, slice_ns)
+    report.output(options.json)
 
 
 if __name__ == "__main__":

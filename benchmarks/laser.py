@@ -51,7 +51,7 @@ def peer_rays(world: World, place: Point, angles: Floats, reach: float) -> Calla
 def scans(world: World, count: int) -> Iterator[Mapping[str, Work]]:
     """Yield *count* pairs of the reference and a scan, after a pair for the warm-up."""
     info = load_robot_description().laser.info
-    still = RayCaster.of([thing for thing in world.description.objects if thing.is_static])
+    still = RayCaster.of([item for item in world.description.objects if item.is_static])
     moved = MovableObstacles(world.client, {body: world.bodies[body] for body in world.movable})
     laser = Laser(info, still, np.random.default_rng(0), moved)
     angles = info.angle_min + info.angle_increment * np.arange(info.rays, dtype=np.float64)
@@ -63,8 +63,8 @@ def scans(world: World, count: int) -> Iterator[Mapping[str, Work]]:
         own = laser.distances(x, y, HEIGHT, 0.0)
         own[own > reach] = math.inf
         theirs = np.array([hit[2] * reach if hit[0] >= 0 else math.inf for hit in cast()])
-        same = np.isclose(own, theirs, atol=TOLERANCE)
-        assert same.mean() > 0.95, "the distances must be equal, except for rays that graze an edge"
+        is_close = np.isclose(own, theirs, atol=TOLERANCE)
+        assert is_close.mean() > 0.95, "the distances must be equal, except for rays that graze an edge"
         yield {"peer": cast, "scan": partial(laser.sweep, x, y, HEIGHT, 0.0, 0)}
 
 
@@ -72,24 +72,24 @@ def main() -> None:
     """Run the benchmark."""
     parser = arguments(__doc__ or "", pairs=15)
     parser.add_argument("--worlds", nargs="+", default=["house", "aws_house"])
-    given = parser.parse_args()
+    options = parser.parse_args()
     info = load_robot_description().laser.info
     period = 1000 / info.rate
     question = f"The time for a scan of {info.rays} rays, compared with pybullet's rays"
-    report = Report("laser", question, given.pairs)
-    for name in given.worlds[: 1 if given.quick else None]:
+    report = Report("laser", question, options.pairs)
+    for name in options.worlds[: 1 if options.quick else None]:
         world = World(load_world_description(name))
-        taken = measure_rounds(scans(world, given.pairs))
-        peer, scan = taken.time("peer").median / NS_PER_MS, taken.time("scan").median / NS_PER_MS
+        measured = measure_rounds(scans(world, options.pairs))
+        peer, scan = measured.time("peer").median / NS_PER_MS, measured.time("scan").median / NS_PER_MS
         figures = {
             "things": f"{len(world.bodies)}",
             "rayTestBatch": f"{peer:.2f} ms",
             "scan": f"{scan:.2f} ms",
             f"of {period:g} ms": f"{100 * scan / period:.1f} %",
         }
-        report.add(f"{name}: scan / rayTestBatch", taken.ratio("scan", "peer"), None, figures)
+        report.add(f"{name}: scan / rayTestBatch", measured.ratio("scan", "peer"), None, figures)
         world.close()
-    report.output(given.json)
+    report.output(options.json)
 
 
 if __name__ == "__main__":

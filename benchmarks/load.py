@@ -62,12 +62,12 @@ def near(distance: In[float], limit: In[float]) -> bool:
 
 def leaf(number: int) -> str:
     """Return the XML element of leaf *number*. Its name is unique, and so are most of its port values."""
-    kind = number % 4
-    if kind == 0:
+    remainder = number % 4
+    if remainder == 0:
         return f'<Drive name="drive {number}" goal="{{goal_{number}}}" speed="0.5"/>'
-    if kind == 1:
+    if remainder == 1:
         return f'<Measure name="measure {number}" sensor="{number}" distance="{{distance_{number}}}"/>'
-    if kind == 2:
+    if remainder == 2:
         return f'<Near name="near {number}" distance="{{distance_{number - 1}}}" limit="0.{number % 50}"/>'
     return f'<SetBlackboard name="set {number}" value="{number}" output_key="goal"/>'
 
@@ -75,23 +75,23 @@ def leaf(number: int) -> str:
 def document(nodes: int) -> str:
     """Return an XML document of about *nodes* nodes: a Sequence of Fallbacks of Sequences of leaves."""
     lines: list[str] = ['<root BTCPP_format="4">', '<BehaviorTree ID="Main">']
-    made = 0
+    node_count = 0
 
     def control(tag: str, indent: str) -> str:
-        nonlocal made
-        made += 1
-        return f'{indent}<{tag} name="{tag} {made}" _uid="{made}" _note="group {made}">'
+        nonlocal node_count
+        node_count += 1
+        return f'{indent}<{tag} name="{tag} {node_count}" _uid="{node_count}" _note="group {node_count}">'
 
     lines.append(control("Sequence", "  "))
-    while made < nodes:
+    while node_count < nodes:
         lines.append(control("Fallback", "    "))
         for _ in range(CONTROLS_A_GROUP):
             lines.append(control("Sequence", "      "))
             for _ in range(LEAVES_A_CONTROL):
-                lines.append("        " + leaf(made))
-                made += 1
+                lines.append("        " + leaf(node_count))
+                node_count += 1
             lines.append("      </Sequence>")
-            if made >= nodes:
+            if node_count >= nodes:
                 break
         lines.append("    </Fallback>")
     return "\n".join([*lines, "  </Sequence>", "</BehaviorTree>", "</root>"])
@@ -108,31 +108,31 @@ def main() -> None:
     """Run the benchmark."""
     parser = arguments(__doc__ or "")
     parser.add_argument("--nodes", type=int, nargs="+", default=SIZES)
-    given = parser.parse_args()
+    options = parser.parse_args()
     nodes = registry()
     report = Report(
-        "load", "The time for loading a tree, compared with lxml's parser, and its memory", given.pairs
+        "load", "The time for loading a tree, compared with lxml's parser, and its memory", options.pairs
     )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tree.xml"
-        for wanted in SIZES[:1] if given.quick else given.nodes:
-            path.write_text(document(wanted), encoding="utf-8")
+        for size in SIZES[:1] if options.quick else options.nodes:
+            path.write_text(document(size), encoding="utf-8")
             count = len(btcore.load(path, nodes=nodes).nodes)
             works = {
                 "parse": partial(etree.parse, path),
                 "load": partial(btcore.load, path, nodes=nodes),
             }
-            taken = measure_rounds([works] * (given.pairs + 1), loading_time)
-            parse, load = taken.time("parse").median, taken.time("load").median
+            measured = measure_rounds([works] * (options.pairs + 1), loading_time)
+            parse, load = measured.time("parse").median, measured.time("load").median
             figures = {
                 "parse": f"{parse / NS_PER_MS:.2f} ms",
                 "load": f"{load / NS_PER_MS:.1f} ms",
                 "a node": f"{in_short(load / count / NS_PER_US)} µs",
                 "its memory": f"{allocated_bytes(works['load']) / count:,.0f} B",
             }
-            ratio = taken.ratio("load", "parse")
-            report.add(f"{wanted:,} nodes: load / parse", ratio, TARGETS.get(wanted), figures)
-    report.output(given.json)
+            ratio = measured.ratio("load", "parse")
+            report.add(f"{size:,} nodes: load / parse", ratio, TARGETS.get(size), figures)
+    report.output(options.json)
 
 
 if __name__ == "__main__":

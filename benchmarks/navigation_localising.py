@@ -97,43 +97,43 @@ def main() -> None:
     parser = arguments(__doc__ or "", pairs=15)
     parser.add_argument("--particles", type=int, nargs="+", default=[500, 1000, 2000])
     parser.add_argument("--beams", type=int, default=60)
-    given = parser.parse_args()
+    options = parser.parse_args()
     field_map = rasterise(load_world_description("house"))
     field, naive = LikelihoodField(field_map), NaiveField(field_map)
-    points = beam_ends(field_map, given.beams)
+    points = beam_ends(field_map, options.beams)
     height, width = field_map.cells.shape
-    question = f"The time for localising in the house, {width} × {height} cells, with {given.beams} beams"
-    report = Report("navigation_localising", question, given.pairs)
-    for count in given.particles[: 1 if given.quick else None]:
+    question = f"The time for localising in the house, {width} × {height} cells, with {options.beams} beams"
+    report = Report("navigation_localising", question, options.pairs)
+    for count in options.particles[: 1 if options.quick else None]:
         spread = np.diag([0.3, 0.3, 0.2]) ** 2
         particles = sample_particles(POSE, spread, count, np.random.default_rng(0))
-        same = np.isclose(field.weights(particles, points), naive.weights(particles, points), rtol=1e-3)
-        assert same.mean() > 0.95, "the weights must be equal, except for beams on the edge of a cell"
+        is_close = np.isclose(field.weights(particles, points), naive.weights(particles, points), rtol=1e-3)
+        assert is_close.mean() > 0.95, "the weights must be equal, except for beams on the edge of a cell"
         works = {
             "update": partial(update, field, particles, points),
             "naive": partial(update, naive, particles, points),
         }
-        taken = measure_rounds([works] * (given.pairs + 1))
-        duration = taken.time("update").median / NS_PER_MS
+        measured = measure_rounds([works] * (options.pairs + 1))
+        duration = measured.time("update").median / NS_PER_MS
         figures = {
-            "naive": f"{taken.time('naive').median / NS_PER_MS:.2f} ms",
+            "naive": f"{measured.time('naive').median / NS_PER_MS:.2f} ms",
             "update": f"{duration:.2f} ms",
             "of 100 ms": f"{100 * duration / PERIOD:.1f} %",
         }
-        ratio = taken.ratio("update", "naive")
+        ratio = measured.ratio("update", "naive")
         report.add(f"{count:,} particles: update / naive update", ratio, None, figures)
     faces, space = SignedDistanceField(field_map), SearchSpace(field_map)
-    dense = beam_ends(field_map, 2 * given.beams)
+    dense = beam_ends(field_map, 2 * options.beams)
     search = f"{HEADINGS_A_STEP} of {HEADINGS} headings of a search"
     parts = {
         "check of a scan": lambda: faces.fit(POSE, points),
         "pose by matching": lambda: faces.match(POSE, dense, LASER_POSITION, deviation=(0.05, 0.05)),
         search: lambda: GlobalSearch(space, points).advance(HEADINGS_A_STEP),
     }
-    for what, work in parts.items():
-        duration = measure_rounds([{what: work}] * (given.pairs + 1)).time(what).median / NS_PER_MS
-        report.remarks.append(f"{what}: {duration:.2f} ms, {100 * duration / PERIOD:.1f} % of 100 ms")
-    report.output(given.json)
+    for label, work in parts.items():
+        duration = measure_rounds([{label: work}] * (options.pairs + 1)).time(label).median / NS_PER_MS
+        report.remarks.append(f"{label}: {duration:.2f} ms, {100 * duration / PERIOD:.1f} % of 100 ms")
+    report.output(options.json)
 
 
 if __name__ == "__main__":

@@ -118,37 +118,37 @@ def observe_and_update(
 
 def add(report: Report, name: str, pairs: Iterable[Pair], hertz: float) -> None:
     """Measure *pairs*, and add a row with the share of a core at *hertz* calls per second (Hz)."""
-    taken = measure_rounds(pairs, warm_up=0)
-    peer, own = taken.time("peer").median / NS_PER_MS, taken.time("own").median / NS_PER_MS
+    measured = measure_rounds(pairs, warm_up=0)
+    peer, own = measured.time("peer").median / NS_PER_MS, measured.time("own").median / NS_PER_MS
     figures = {
-        "pairs": f"{len(taken.rounds['own'])}",
+        "pairs": f"{len(measured.rounds['own'])}",
         "peer": f"{peer:.2f} ms",
         "own": f"{own:.2f} ms",
         "share of a core": f"{own * hertz / 10:.2f} % at {hertz:g} Hz",
     }
-    report.add(f"{name}: own / peer", taken.ratio("own", "peer"), None, figures)
+    report.add(f"{name}: own / peer", measured.ratio("own", "peer"), None, figures)
 
 
 def main() -> None:
     """Run the benchmark."""
     parser = arguments(__doc__ or "", pairs=15)
     parser.add_argument("--world", default="house")
-    given = parser.parse_args()
+    options = parser.parse_args()
     cv2.setNumThreads(1)  # processor time is the sum of all threads
     random = np.random.default_rng(0)
-    description = load_world_description(given.world)
+    description = load_world_description(options.world)
     map = rasterise(description)
     places = [Pose2D(x, y, 0.0) for x, y in (description.waypoints[f"wp{number}"] for number in (1, 2, 3))]
-    legs = [(places[index], places[(index + 1) % 3]) for index in range(1 if given.quick else 3)]
+    legs = [(places[index], places[(index + 1) % 3]) for index in range(1 if options.quick else 3)]
     still = GlobalCostmap(map)
-    question = f"The time for planning in {given.world}, {map.height} × {map.width} cells"
-    report = Report("navigation_planning", question, given.pairs)
-    add(report, "plan, first", first_plans(still, legs * given.pairs), 1.0)
+    question = f"The time for planning in {options.world}, {map.height} × {map.width} cells"
+    report = Report("navigation_planning", question, options.pairs)
+    add(report, "plan, first", first_plans(still, legs * options.pairs), 1.0)
     add(report, "plan, again", plans_again(map, legs, random), 1.0)
-    add(report, "global costmap", updates(map, GlobalCostmap(map), given.pairs, random), 1.0)
+    add(report, "global costmap", updates(map, GlobalCostmap(map), options.pairs, random), 1.0)
     local = LocalCostmap(keepout=map.keepout)
-    add(report, "local costmap", updates(map, local, given.pairs, random), 5.0)
-    report.output(given.json)
+    add(report, "local costmap", updates(map, local, options.pairs, random), 5.0)
+    report.output(options.json)
 
 
 if __name__ == "__main__":

@@ -56,9 +56,9 @@ CASES: list[tuple[str, str, str, bool, int, Target | None]] = [
 
 def main() -> None:
     """Run the benchmark."""
-    given = arguments(__doc__ or "").parse_args()
-    report = Report("observers", "The cost of an observer that records every transition", given.pairs)
-    for what, control, child, function, changes, target in CASES:
+    options = arguments(__doc__ or "").parse_args()
+    report = Report("observers", "The cost of an observer that records every transition", options.pairs)
+    for label, control, child, function, changes, target in CASES:
         plain, observed = (grow(control, child, function) for _ in range(2))
         observed.tick_once()
         recorder = Recorder()
@@ -67,10 +67,10 @@ def main() -> None:
         count = sum(map(len, recorder.ticks))
         assert changes <= count <= changes + 3, f"{count} transitions in a tick"
         works: dict[str, Work] = {"alone": plain.tick_once, "observed": observed.tick_once}
-        taken = measure(works, given.pairs, slice_ns=1 if given.quick else SLICE)
-        figures = {f"{name}, ns a node": in_short(taken.time(name).median / (WIDTH + 1)) for name in works}
-        report.add(f"{what}: observed / alone", taken.ratio("observed", "alone"), target, figures)
-    report.output(given.json)
+        measured = measure(works, options.pairs, slice_ns=1 if options.quick else SLICE)
+        figures = {f"{name}, ns a node": in_short(measured.time(name).median / (WIDTH + 1)) for name in works}
+        report.add(f"{label}: observed / alone", measured.ratio("observed", "alone"), target, figures)
+    report.output(options.json)
 
 
 if __name__ == "__main__":

@@ -56,8 +56,8 @@ def document() -> str:
     # A group consists of a Parallel, two nodes for each leaf that changes, and leaves that stay RUNNING.
     inside += [running] * ((NODES - 1) // groups - 1 - 2 * len(inside))
     group = f'<Parallel success_count="-1" failure_count="1">{"".join(inside)}</Parallel>'
-    made = groups * (1 + 2 * (CHANGING // groups) + inside.count(running))
-    body = group * groups + running * (NODES - 1 - made)
+    transitions = groups * (1 + 2 * (CHANGING // groups) + inside.count(running))
+    body = group * groups + running * (NODES - 1 - transitions)
     return (
         '<root BTCPP_format="4"><BehaviorTree ID="Main">'
         f'<Parallel success_count="-1" failure_count="1">{body}</Parallel></BehaviorTree></root>'
@@ -174,11 +174,11 @@ def lateness(report: Report, port: int, seconds: float, count: int) -> None:
             with clients(connected, port), published(tree, port, connected):
                 late = percentile(run(tree, seconds).lateness, 0.99)
                 (together if connected else alone).append(late)
-    what = f"lateness, 99th percentile: {count} client{'s' * (count > 1)} / none + a period"
-    add(report, what, together, alone, 1e3 * PERIOD)
+    label = f"lateness, 99th percentile: {count} client{'s' * (count > 1)} / none + a period"
+    add(report, label, together, alone, 1e3 * PERIOD)
 
 
-def add(report: Report, what: str, published: list[float], alone: list[float], budget: float) -> None:
+def add(report: Report, label: str, published: list[float], alone: list[float], budget: float) -> None:
     """Add a row: the times *published* divided by *alone* of the same pair plus *budget* (all in ms)."""
     pairs = list(zip(published, alone, strict=True))
     figures = {
@@ -187,7 +187,7 @@ def add(report: Report, what: str, published: list[float], alone: list[float], b
         "added": f"{statistics.median(with_it - without for with_it, without in pairs):.3f} ms",
     }
     ratio = Spread.of([with_it / (without + budget) for with_it, without in pairs])
-    report.add(what, ratio, WITHIN, figures)
+    report.add(label, ratio, WITHIN, figures)
 
 
 def main() -> None:
@@ -195,19 +195,19 @@ def main() -> None:
     parser = arguments(__doc__ or "", pairs=5)
     parser.add_argument("--seconds", type=float, default=2.0, help="duration of a run")
     parser.add_argument("--clients", type=int, default=5, help="number of clients for the lateness")
-    given = parser.parse_args()
+    options = parser.parse_args()
     nodes = len(btcore.loads(document()).nodes)
-    if given.quick:
-        given.seconds, given.clients = 0.1, 1
+    if options.quick:
+        options.seconds, options.clients = 0.1, 1
     question = (
         f"The cost of publishing: {nodes:,} nodes at {1 / PERIOD:g} Hz, {CHANGING} change in each tick; "
-        f"1 client, for the lateness {given.clients}"
+        f"1 client, for the lateness {options.clients}"
     )
-    report = Report("publishing", question, given.pairs)
+    report = Report("publishing", question, options.pairs)
     port = free_port()  # the same for all runs, since clients may outlive a publisher
-    cost(report, port, given.seconds)
-    lateness(report, port, given.seconds, given.clients)
-    report.output(given.json)
+    cost(report, port, options.seconds)
+    lateness(report, port, options.seconds, options.clients)
+    report.output(options.json)
 
 
 if __name__ == "__main__":

@@ -90,32 +90,35 @@ def rounds(
         yield {"direct": direct.take_all, "executor": executor.take_all}
 
 
-def add(report: Report, what: str, taken: Measured, limit: float) -> None:
-    """Add the rows for *taken* to *report*; the session may take *limit* (ms)."""
-    session, executor = taken.time("direct").times(1 / NS_PER_MS), taken.time("executor").times(1 / NS_PER_MS)
+def add(report: Report, label: str, measured: Measured, limit: float) -> None:
+    """Add the rows for *measured* to *report*; the session may take *limit* (ms)."""
+    session, executor = (
+        measured.time("direct").times(1 / NS_PER_MS),
+        measured.time("executor").times(1 / NS_PER_MS),
+    )
     figures = {"executor": f"{executor.median:.3f} ms", "session": f"{session.median:.3f} ms"}
-    report.add(f"{what}: session / executor", taken.ratio("direct", "executor"), None, figures)
-    report.add(f"{what}: session / {limit:g} ms", session.times(1 / limit), WITHIN)
+    report.add(f"{label}: session / executor", measured.ratio("direct", "executor"), None, figures)
+    report.add(f"{label}: session / {limit:g} ms", session.times(1 / limit), WITHIN)
 
 
 def main() -> None:
     """Run the benchmark."""
-    given = arguments(__doc__ or "", pairs=15).parse_args()
+    options = arguments(__doc__ or "", pairs=15).parse_args()
     isolate_ros()
-    report = Report("ros2", "The time to take what has arrived for ten subscriptions", given.pairs)
+    report = Report("ros2", "The time to take what has arrived for ten subscriptions", options.pairs)
     with RosSession("direct") as first, RosSession("executor") as second, RosSession("publisher") as third:
         spinning = SingleThreadedExecutor(context=second.context)
         spinning.add_node(second.node)
         spin_once = partial(spinning.spin_once, timeout_sec=0.0)
         direct, executor = Subscriber(first, first.drain), Subscriber(second, spin_once)
-        slices = 2 if given.quick else 12
-        idle = measure({"direct": first.drain, "executor": spin_once}, given.pairs, slices)
+        slices = 2 if options.quick else 12
+        idle = measure({"direct": first.drain, "executor": spin_once}, options.pairs, slices)
         add(report, "no message", idle, IDLE)
-        count = given.pairs * (1 if given.quick else ROUNDS_PER_PAIR)
+        count = options.pairs * (1 if options.quick else ROUNDS_PER_PAIR)
         busy = measure_rounds(rounds(third, direct, executor, count + 1), thread_time)
         add(report, "10 messages", busy, TEN_MESSAGES)
         spinning.shutdown()
-    report.output(given.json)
+    report.output(options.json)
 
 
 if __name__ == "__main__":

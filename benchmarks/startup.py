@@ -44,14 +44,14 @@ def processor_time(program: str) -> float:
 
 def main() -> None:
     """Run the benchmark."""
-    given = arguments(__doc__ or "").parse_args()
-    report = Report("startup", "The cost of a start, in excess of a Python that does nothing", given.pairs)
+    options = arguments(__doc__ or "").parse_args()
+    report = Report("startup", "The cost of a start, in excess of a Python that does nothing", options.pairs)
     rounds: list[dict[str, float]] = []
     for program in PROGRAMS.values():
         processor_time(program)  # compiles the sources
-    for _ in range(given.pairs):
+    for _ in range(options.pairs):
         times = dict.fromkeys(PROGRAMS, float("inf"))
-        for _ in range(1 if given.quick else RUNS):
+        for _ in range(1 if options.quick else RUNS):
             for name, program in PROGRAMS.items():
                 times[name] = min(times[name], processor_time(program))
         rounds.append({name: time - times["bare"] for name, time in times.items()})
@@ -63,7 +63,7 @@ def main() -> None:
         ratio = Spread.of([times[name] / times[peer] for times in rounds])
         took = Spread.of([times[name] for times in rounds]).median
         report.add(f"{name} / {peer}", ratio, target, {"took": f"{took * 1e3:.0f} ms"})
-    report.output(given.json)
+    report.output(options.json)
 
 
 if __name__ == "__main__":

@@ -91,16 +91,16 @@ def main() -> None:
         "--tree", choices=list(benchmark_trees.TREES), action="append", help="default: all trees"
     )
     parser.add_argument("--leaves", choices=benchmark_trees.KINDS, action="append", help="default: all kinds")
-    given = parser.parse_args()
-    report = Report("ticking", "The cost of a tick, in ns for each node that it executes", given.pairs)
+    options = parser.parse_args()
+    report = Report("ticking", "The cost of a tick, in ns for each node that it executes", options.pairs)
     if peers is None:
         report.remarks.append(NO_PY_TREES)
-    for name in given.tree or benchmark_trees.TREES:
+    for name in options.tree or benchmark_trees.TREES:
         shape = benchmark_trees.TREES[name]()
         for kind in benchmark_trees.kinds_of(shape):
-            if kind in (given.leaves or benchmark_trees.KINDS):
-                compare(report, name, shape, kind, quick=given.quick)
-    report.output(given.json)
+            if kind in (options.leaves or benchmark_trees.KINDS):
+                compare(report, name, shape, kind, quick=options.quick)
+    report.output(options.json)
 
 
 def compare(report: Report, name: str, shape: Shape, kind: str, quick: bool) -> None:
@@ -114,10 +114,10 @@ def compare(report: Report, name: str, shape: Shape, kind: str, quick: bool) -> 
         works["a loop"] = bare_loop(tree, kind)
     taken = measure(works, report.pairs, slice_ns=1 if quick else SLICE)
 
-    def add(what: str, ratio: Spread, target: Target | None) -> None:
+    def add(label: str, ratio: Spread, target: Target | None) -> None:
         figures = {engine: in_short(taken.time(engine).median / nodes) for engine in works}
         target = target if kind != "built-in" else None
-        report.add(f"{name}, {kind} leaves: {what}", ratio, target, figures)
+        report.add(f"{name}, {kind} leaves: {label}", ratio, target, figures)
 
     if "py_trees" in works:
         add("py_trees / btcore", taken.ratio("py_trees", "btcore"), AS_FAST_AS_CPP[name])

@@ -58,9 +58,9 @@ class Clock(Protocol):
         ...
 
 
-def is_clock(thing: object) -> TypeGuard[Clock]:
-    """Return whether *thing* has the methods of a clock."""
-    return hasattr(thing, "now") and hasattr(thing, "wait_until")
+def is_clock(value: object) -> TypeGuard[Clock]:
+    """Return whether *value* has the methods of a clock."""
+    return hasattr(value, "now") and hasattr(value, "wait_until")
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -47,8 +47,8 @@ class EntryPoint(NamedTuple):
     def load(self) -> Any:
         """Import and return the module or the object."""
         module, _, attribute = self.value.partition("[")[0].replace(" ", "").partition(":")
-        found = import_module(module)
-        return attrgetter(attribute)(found) if attribute else found
+        loaded = import_module(module)
+        return attrgetter(attribute)(loaded) if attribute else loaded
 
 
 class UnavailableEntryPoint(NamedTuple):
@@ -86,7 +86,7 @@ def names_by_remedy(unavailable: Iterable[UnavailableEntryPoint]) -> dict[str, s
     names: dict[str, list[str]] = {}
     for point in unavailable:
         names.setdefault(point.remedy, []).append(f"'{point.name}'")
-    return {remedy: join_names(found) for remedy, found in names.items()}
+    return {remedy: join_names(texts) for remedy, texts in names.items()}
 
 
 def unsearched_libraries(unavailable: Iterable[UnavailableEntryPoint]) -> list[str]:
@@ -139,13 +139,16 @@ def _find_installed(group: str) -> list[EntryPoint]:
     distributions in zip files or eggs, or if other finders than Python's own find distributions.
     """
     path = [os.fspath(folder) for folder in sys.path]
-    finders = [one for one in sys.meta_path if hasattr(one, "find_distributions")]
+    finders = [finder for finder in sys.meta_path if hasattr(finder, "find_distributions")]
     has_files = any(name.endswith(".egg") or os.path.isfile(name) for name in path)  # noqa: PTH113
     if finders != [PathFinder] or has_files:
         from importlib.metadata import entry_points
 
-        found = entry_points(group=group)
-        return [EntryPoint(one.name, one.value, one.dist.name if one.dist else "unknown") for one in found]
+        points = entry_points(group=group)
+        return [
+            EntryPoint(point.name, point.value, point.dist.name if point.dist else "unknown")
+            for point in points
+        ]
     folders: dict[str, str] = {}
     for folder in path:
         with suppress(OSError):
@@ -163,13 +166,13 @@ def _read_points(folder: str, group: str) -> Iterator[EntryPoint]:
     if heading not in lines:
         return
     header = _read_file(f"{folder}/METADATA") or _read_file(f"{folder}/PKG-INFO")
-    found = re.search("^Name: *(.+)", header, re.MULTILINE)
+    name_match = re.search("^Name: *(.+)", header, re.MULTILINE)
     for line in lines[lines.index(heading) + 1 :]:
         if line.startswith("["):
             return
         name, equals, value = line.partition("=")
         if equals and not name.startswith("#"):
-            yield EntryPoint(name.strip(), value.strip(), "unknown" if found is None else found[1])
+            yield EntryPoint(name.strip(), value.strip(), "unknown" if name_match is None else name_match[1])
 
 
 def _read_file(path: str) -> str:
@@ -202,11 +205,11 @@ def load(group: str, name: str | None = None) -> tuple[list[LoadedEntryPoint], l
     for point in find(group):
         if name is not None and point.name != name:
             continue
-        found = load_point(point)
-        if isinstance(found, LoadedEntryPoint):
-            loaded.append(found)
+        result = load_point(point)
+        if isinstance(result, LoadedEntryPoint):
+            loaded.append(result)
         else:
-            unavailable.append(found)
+            unavailable.append(result)
     return loaded, unavailable
 
 

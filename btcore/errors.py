@@ -101,9 +101,9 @@ class NodeExecutionError(BtcoreError):
         super().__init__(path, node_id, str(cause))
 
     def __str__(self) -> str:
-        kind = type(self.cause).__name__
+        class_name = type(self.cause).__name__
         message = str(self.cause)
-        text = f"node '{self.path}' <{self.node_id}> raised while {self.doing}: {kind}"
+        text = f"node '{self.path}' <{self.node_id}> raised while {self.doing}: {class_name}"
         if message:
             text += f": {message}"
         if self.where:

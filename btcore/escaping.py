@@ -49,7 +49,7 @@ def to_json(data: object, indent: int | None = None, ensure_ascii: bool = False)
     import json  # not at the start of every program
 
     text = json.dumps(data, ensure_ascii=ensure_ascii, indent=indent)
-    return re.sub(_EXCEPT_C0, lambda found: f"\\u{ord(found[0]):04x}", text)
+    return re.sub(_EXCEPT_C0, lambda match: f"\\u{ord(match[0]):04x}", text)
 
 
 def escape_xml(text: str) -> str:
@@ -60,7 +60,7 @@ def escape_xml(text: str) -> str:
         >>> escape_xml(f'<Sequence name="{chr(155)}"/>')
         '<Sequence name="&#x9b;"/>'
     """
-    return re.sub(_EXCEPT_C0, lambda found: f"&#x{ord(found[0]):x};", text)
+    return re.sub(_EXCEPT_C0, lambda match: f"&#x{ord(match[0]):x};", text)
 
 
 def escape_text(text: str) -> str:
@@ -76,6 +76,6 @@ def escape_text(text: str) -> str:
     return text.translate(_IN_XML)
 
 
-def _escape(found: re.Match[str]) -> str:
-    code = ord(found[0])
+def _escape(match: re.Match[str]) -> str:
+    code = ord(match[0])
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"

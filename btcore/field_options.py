@@ -42,7 +42,7 @@ class FieldOption(click.Option):
     """The option of a field of *struct*, and how a sweep treats it."""
 
     def __init__(self, struct: type[Options], field: FieldInfo) -> None:
-        kind, meta, details = describe_field(field)
+        field_type, meta, details = describe_field(field)
         self.struct = struct
         self.vary = details.vary
         self.one_run_only = details.one_run_only
@@ -50,15 +50,15 @@ class FieldOption(click.Option):
         arguments: dict[str, Any] = {"help": meta.description, "metavar": details.metavar}
         if details.bare_value is not None:
             arguments |= {"is_flag": False, "flag_value": details.bare_value}
-        if kind is bool:
+        if field_type is bool:
             arguments |= {"is_flag": True, "default": bool(default)}
         else:
-            if get_origin(kind) is tuple:
-                kind = get_args(kind)[0]
+            if get_origin(field_type) is tuple:
+                field_type = get_args(field_type)[0]
                 arguments["multiple"] = True
             elif default is not None:
                 arguments |= {"default": default, "show_default": True}
-            arguments["type"] = _click_type(kind, meta)
+            arguments["type"] = _click_type(field_type, meta)
         super().__init__([option_name(field), field.name], shell_complete=details.complete, **arguments)
 
     def get_help_extra(self, ctx: click.Context) -> Any:
@@ -116,19 +116,20 @@ def pass_options(options: type[Options], parameter: str) -> Callable[[Function],
     return decorate
 
 
-def _click_type(kind: Any, meta: msgspec.Meta) -> "click.ParamType[Any]":
+def _click_type(field_type: Any, meta: msgspec.Meta) -> "click.ParamType[Any]":
     least: Any = meta.ge if meta.gt is None else meta.gt
     most: Any = meta.le
-    if kind is float:
+    if field_type is float:
         return FiniteRange(least, most, min_open=meta.gt is not None)
-    if kind is int:
+    if field_type is int:
         return click.IntRange(least, most, min_open=meta.gt is not None)
-    if kind is Path:
+    if field_type is Path:
         return click.Path(dir_okay=False, path_type=Path)
-    if get_origin(kind) is Literal:
-        return click.Choice(get_args(kind), case_sensitive=False)
-    if kind is str:
+    if get_origin(field_type) is Literal:
+        return click.Choice(get_args(field_type), case_sensitive=False)
+    if field_type is str:
         return click.STRING
     raise TypeError(
-        f"an option cannot have the type {kind}: use str, bool, int, float, Path, Literal or tuple[str, ...]"
+        f"an option cannot have the type {field_type}: "
+        "use str, bool, int, float, Path, Literal or tuple[str, ...]"
     )

@@ -21,7 +21,7 @@ ENLARGE: Final = (
 """The end of an error message about a file that is too large."""
 
 _UNITS: Final = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9}
-_KINDS: Final = {
+_FILE_TYPES: Final = {
     stat.S_IFIFO: "a named pipe",
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
@@ -44,13 +44,13 @@ def read_file(path: str | os.PathLike[str], count: int | None = None) -> bytes:
     """
     limit = max_size()
     with open(path, "rb", opener=_open) as file:
-        state = os.fstat(file.fileno())
-        if not stat.S_ISREG(state.st_mode):
-            kind = _KINDS.get(stat.S_IFMT(state.st_mode), "something else")
-            raise OSError(errno.EINVAL, f"it is {kind}, not a regular file", os.fspath(path))
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
+            file_type = _FILE_TYPES.get(stat.S_IFMT(status.st_mode), "something else")
+            raise OSError(errno.EINVAL, f"it is {file_type}, not a regular file", os.fspath(path))
         # Files in /proc have content, but the size 0.
-        data = file.read(min(count or limit, state.st_size or limit, limit) + (count is None))
-    if max(state.st_size, len(data)) > limit:
+        data = file.read(min(count or limit, status.st_size or limit, limit) + (count is None))
+    if max(status.st_size, len(data)) > limit:
         raise _too_large(limit, os.fspath(path))
     return data
 

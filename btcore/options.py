@@ -138,8 +138,8 @@ def arguments(options: Options) -> list[str]:
         value = getattr(options, field.name)
         if value is None or value is False:
             continue
-        for one in value if isinstance(value, tuple) else (value,):
-            words += [option_name(field)] if one is True else [option_name(field), str(one)]
+        for item in value if isinstance(value, tuple) else (value,):
+            words += [option_name(field)] if item is True else [option_name(field), str(item)]
     return words
 
 
@@ -166,8 +166,8 @@ def describe_field(field: FieldInfo) -> tuple[Any, msgspec.Meta, OptionDetails]:
     if get_origin(annotation) in (Union, UnionType):
         annotation = next(part for part in get_args(annotation) if part is not NoneType)
     if get_origin(annotation) is Annotated:
-        kind, *metadata = get_args(annotation)
+        field_type, *metadata = get_args(annotation)
         for meta in metadata:
             if isinstance(meta, msgspec.Meta) and _DETAILS in (meta.extra or {}):
-                return kind, meta, (meta.extra or {})[_DETAILS]
+                return field_type, meta, (meta.extra or {})[_DETAILS]
     raise TypeError(f"the type {annotation} is not an option: write Annotated[…, option(…)]")

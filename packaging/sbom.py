@@ -23,9 +23,9 @@ def bill_of_materials(name: str, distributions: Iterable[Mapping[str, Any]]) -> 
         distributions: This distribution and all that it requires, as in the reports of `pip install` and
             `pip inspect`.
     """
-    found = {_normalized(each["metadata"]["name"]): each for each in distributions}
-    references = {key: _package_url(key, each) for key, each in found.items()}
-    components = {key: _component(key, each, references[key]) for key, each in found.items()}
+    by_name = {_normalized(each["metadata"]["name"]): each for each in distributions}
+    references = {key: _package_url(key, each) for key, each in by_name.items()}
+    components = {key: _component(key, each, references[key]) for key, each in by_name.items()}
     main = components.pop(_normalized(name))
     return {
         "bomFormat": "CycloneDX",
@@ -35,8 +35,11 @@ def bill_of_materials(name: str, distributions: Iterable[Mapping[str, Any]]) -> 
         "metadata": {"timestamp": datetime.now(UTC).isoformat(timespec="seconds"), "component": main},
         "components": [components[key] for key in sorted(components)],
         "dependencies": [
-            {"ref": references[key], "dependsOn": sorted({references[one] for one in _required(each, found)})}
-            for key, each in sorted(found.items())
+            {
+                "ref": references[key],
+                "dependsOn": sorted({references[required] for required in _required(each, by_name)}),
+            }
+            for key, each in sorted(by_name.items())
         ],
     }
 
@@ -58,8 +61,8 @@ def _component(key: str, distribution: Mapping[str, Any], reference: str) -> dic
     return component
 
 
-def _required(distribution: Mapping[str, Any], found: Iterable[str]) -> set[str]:
-    """Return the requirements of *distribution* among *found*, without those of extras of other packages."""
+def _required(distribution: Mapping[str, Any], by_name: Iterable[str]) -> set[str]:
+    """Return the requirements of *distribution* in *by_name*, without those of extras of other packages."""
     metadata = distribution["metadata"]
     requirements = [
         requirement
@@ -67,7 +70,7 @@ def _required(distribution: Mapping[str, Any], found: Iterable[str]) -> set[str]
         if "extra ==" not in requirement or _normalized(metadata["name"]) == "btcore"
     ]
     names = {_normalized(re.split(r"[^\w.-]", requirement, maxsplit=1)[0]) for requirement in requirements}
-    return names.intersection(found) - {_normalized(metadata["name"])}
+    return names.intersection(by_name) - {_normalized(metadata["name"])}
 
 
 def _package_url(key: str, distribution: Mapping[str, Any]) -> str:

@@ -36,7 +36,7 @@ def main() -> None:
         for row in data["rows"]:
             group = faster if row["what"].endswith(FASTER) else slower
             group.setdefault(row["what"], {})[data["build"]] = row
-    slower = {what: rows for what, rows in slower.items() if any("target" in row for row in rows.values())}
+    slower = {label: rows for label, rows in slower.items() if any("target" in row for row in rows.values())}
     charts = [
         ("times as fast as py_trees (batch: as a tree for each agent), longer is better", faster),
         ("times as long as the peer, shorter is better", slower),
@@ -65,7 +65,7 @@ def draw(axis: Axes, title: str, lines: Mapping[str, Mapping[str, Row]]) -> None
             if build in rows:
                 height = place + (number - (len(builds) - 1) / 2) * bar
                 _bar(axis, height, bar, build, rows[build])
-    names = [what.removesuffix(": py_trees / btcore") for what in lines]
+    names = [label.removesuffix(": py_trees / btcore") for label in lines]
     axis.set_yticks(range(len(lines)), names, fontsize=8)
     axis.invert_yaxis()
     axis.set_xscale("log")

@@ -77,7 +77,7 @@ class Report:
 
     def add(
         self,
-        what: str,
+        label: str,
         ratio: Spread,
         target: Target | None = None,
         figures: Mapping[str, str] | None = None,
@@ -85,13 +85,13 @@ class Report:
         """Add a row.
 
         Args:
-            what: The two things that are compared.
+            label: The two things that are compared.
             ratio: The ratio of the two things.
             target: The target of the ratio.
             figures: The texts of further columns, such as absolute times on this machine, by heading.
         """
         build = builds.active_build()
-        row = {"what": what, **asdict(ratio), "figures": dict(figures or {})}
+        row = {"what": label, **asdict(ratio), "figures": dict(figures or {})}
         if target is not None and build in target.by_build:
             row["target"] = target.text(build)
             row["limit"] = target.by_build[build]

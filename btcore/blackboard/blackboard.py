@@ -496,12 +496,12 @@ def _convert_to_type(key: str, value: object, result_type: Any) -> object:
     if type(value) is result_type:
         return value
     # A Python int has no size: only ports restrict it to 32 bits.
-    wanted = INT64 if result_type is int else TypeRegistry().of(result_type)
+    value_type = INT64 if result_type is int else TypeRegistry().of(result_type)
     try:
-        if isinstance(value, str) and not isinstance(wanted, UserType):
-            return wanted.from_text(value)
-        return wanted.cast(value)
+        if isinstance(value, str) and not isinstance(value_type, UserType):
+            return value_type.from_text(value)
+        return value_type.cast(value)
     except ConversionError as error:
         raise BlackboardError(
-            f"the entry '{key}' holds {reprlib.repr(value)}, not {wanted.name}: {error}"
+            f"the entry '{key}' holds {reprlib.repr(value)}, not {value_type.name}: {error}"
         ) from error

@@ -344,13 +344,13 @@ class PortAttribute(property):
         return self.direction is port.direction
 
 
-def _resolve(thing: Any, thing_name: str, names: Mapping[str, Any]) -> dict[str, Any]:
+def _resolve(owner: Any, name: str, names: Mapping[str, Any]) -> dict[str, Any]:
     try:
-        return typing.get_type_hints(thing, localns=dict(names), include_extras=True)
+        return typing.get_type_hints(owner, localns=dict(names), include_extras=True)
     except NameError as unknown:
         raise RegistrationError(
-            f"{thing_name} is annotated with '{unknown.name}', which can't be found: define or import it "
+            f"{name} is annotated with '{unknown.name}', which can't be found: define or import it "
             "where the leaf is defined (not under TYPE_CHECKING)"
         ) from unknown
     except TypeError as error:
-        raise RegistrationError(f"the annotations of {thing_name} can't be read: {error}") from error
+        raise RegistrationError(f"the annotations of {name} can't be read: {error}") from error

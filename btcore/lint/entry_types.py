@@ -340,4 +340,5 @@ def _rejection(reader: EntryUse, port: Port, manifest: Manifest, text: str, form
     if error is not None:
         return str(error)
     problems = manifest.cls.check_literals({**valid_literals(reader.node), port.name: text})
-    return next((one.message for one in problems if one.port == port.name and not one.is_unchecked), "")
+    own = (problem for problem in problems if problem.port == port.name and not problem.is_unchecked)
+    return next((problem.message for problem in own), "")

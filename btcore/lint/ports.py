@@ -79,11 +79,11 @@ def check_missing_ports(node: NodePlan, document: Document, reporter: LintReport
     manifest = node.manifest
     if manifest is None or node.subtree_call is not None or is_mock(manifest.cls):
         return
-    given = {binding.name for binding in node.bindings}
+    set_names = {binding.name for binding in node.bindings}
     if any(is_port_name(key) and key not in manifest.ports for key in node.element.attributes):
         return  # reported as an unknown port, which is probably a misspelt required port
     missing = [
-        port for port in manifest.ports.values() if port.name not in given and is_required(manifest, port)
+        port for port in manifest.ports.values() if port.name not in set_names and is_required(manifest, port)
     ]
     if not missing:
         return

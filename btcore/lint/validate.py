@@ -103,11 +103,11 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
         check_unused_trees(plans, main, reporter)
     harmless = _HARMLESS_IN_FORMAT_3 if plans.dialect.format == 3 else _HARMLESS
     if all(error.code in harmless for error in collector.errors):
-        room = MAX_REPEATED_NODES + sum(tree.size for tree in plans.trees.values())
+        nodes_left = MAX_REPEATED_NODES + sum(tree.size for tree in plans.trees.values())
         for root in roots:
             if root is not main:
-                room -= plans.sizes[root.id].nodes
-                if room < 0:
+                nodes_left -= plans.sizes[root.id].nodes
+                if nodes_left < 0:
                     break
             dry_run = DryRun(plans)
             for error in dry_run.run(root):

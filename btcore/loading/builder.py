@@ -108,22 +108,22 @@ class Builder:
     def __getitem__(self, id: str) -> Callable[..., NodeDraft]:
         return self._maker(id, _caller())
 
-    def node(self, thing: Any, *children: NodeDraft, **ports: object) -> NodeDraft:
+    def node(self, implementation: Any, *children: NodeDraft, **ports: object) -> NodeDraft:
         """Return a draft of a node, given its function or class.
 
         Args:
-            thing: The registered function or class.
+            implementation: The registered function or class.
             *children: Drafts of the children.
             **ports: Ports and other attributes.
 
         Raises:
-            UnknownNodeError: *thing* is not registered.
+            UnknownNodeError: *implementation* is not registered.
         """
         where = _caller()
         for manifest in self._nodes:
-            if thing in (manifest.function, manifest.cls):
+            if implementation in (manifest.function, manifest.cls):
                 return self._describe(manifest, children, ports, where)
-        message = f"{getattr(thing, '__qualname__', thing)!r} is not registered"
+        message = f"{getattr(implementation, '__qualname__', implementation)!r} is not registered"
         raise UnknownNodeError(
             [Diagnostic(UNKNOWN_NODE, message, *where, hint="add it to the registry: nodes.add(…)")]
         )

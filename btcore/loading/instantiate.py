@@ -309,10 +309,10 @@ class NodeCreator:
         if not isinstance(error, NodeError):
             self._report(INCONVERTIBLE_TEXT, str(error), node_plan, draft)
             return
-        given = {binding.name for binding in node_plan.bindings}
+        set_names = {binding.name for binding in node_plan.bindings}
         ports = node_plan.manifest.ports.values() if node_plan.manifest is not None else ()
         # If a node can't be created and lacks an input port, the message names the port.
-        missing = [port for port in ports if port.reads and port.name not in given]
+        missing = [port for port in ports if port.reads and port.name not in set_names]
         code = MISSING_PORT if missing else NODE_NOT_CREATED
         written: list[str] = []
         for port in missing:

@@ -112,15 +112,15 @@ def _find(path: Path, extension: str) -> LogFormat | None:
     if extension in FORMATS:
         return FORMATS[extension]
     found, unavailable = entry_points.load(entry_points.LOGS_GROUP, extension.removeprefix("."))
-    for each in unavailable:
-        raise LogError(f"{path}: the format {extension} cannot be loaded: {each.remedy}")
+    for point in unavailable:
+        raise LogError(f"{path}: the format {extension} cannot be loaded: {point.remedy}")
     return found[0].value if found else None
 
 
-def _unknown(path: Path, field: str, what: str) -> LogError:
+def _unknown(path: Path, field: str, participle: str) -> LogError:
     installed, _ = entry_points.load(entry_points.LOGS_GROUP)
-    formats = FORMATS | {f".{each.name}": each.value for each in installed}
+    formats = FORMATS | {f".{point.name}": point.value for point in installed}
     choices = [extension for extension, format in formats.items() if getattr(format, field) is not None]
     guess = nearest_name(path.suffix, choices) or choices[0]
     hint = suggestion(path.with_suffix(guess)) if path.name else f"for example run{guess}"
-    return LogError(f"{path}: logs that can be {what} end in {join_names(choices, 'or')}; {hint}")
+    return LogError(f"{path}: logs that can be {participle} end in {join_names(choices, 'or')}; {hint}")

@@ -16,7 +16,7 @@ STATUSES: Final = {int(status): status for status in Status}
 
 _NOT_PORTS: Final = frozenset({"name", "ID", "_uid", "_fullpath"})
 _TYPES: Final[dict[str, NodeType]] = {
-    tag: kind for kind, tag in TAG_OF.items() if kind is not NodeType.UNDEFINED
+    tag: node_type for node_type, tag in TAG_OF.items() if node_type is not NodeType.UNDEFINED
 }
 
 
@@ -191,15 +191,15 @@ def _walk(
             # prevents an endless loop.
             below = _elements(open_trees.pop(path)) if path in open_trees else []
             name = path.removeprefix(prefix).removesuffix(f"::{uid}")
-            kind = NodeType.SUBTREE
+            node_type = NodeType.SUBTREE
         else:
             name, inside = str(element.get("name", tag)), subtree
             path = f"{prefix}{name}::{uid}" if name == tag else prefix + name
             below = _elements(element)
-            kind = types.get(tag, NodeType.UNDEFINED)
+            node_type = types.get(tag, NodeType.UNDEFINED)
         children = tuple(_uid(child, source) for child in below)
         ports = {str(key): str(value) for key, value in element.attrib.items() if key not in _NOT_PORTS}
-        yield RecordedNode(uid, name, tag, kind, path, children, ports)
+        yield RecordedNode(uid, name, tag, node_type, path, children, ports)
         waiting += ((child, inside) for child in reversed(below))
 
 

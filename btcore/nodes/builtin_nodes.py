@@ -14,9 +14,9 @@ def node_classes() -> Iterator[type[TreeNode]]:
     stems = sorted(file.stem for file in Path(__file__).parent.glob("*.py") if file.stem != "__init__")
     for module in (f"btcore.nodes.{stem}" for stem in stems):
         if module != __name__:
-            for thing in vars(import_module(module)).values():
-                if isinstance(thing, type) and thing.__module__ == module and issubclass(thing, TreeNode):
-                    yield thing
+            for cls in vars(import_module(module)).values():
+                if isinstance(cls, type) and cls.__module__ == module and issubclass(cls, TreeNode):
+                    yield cls
 
 
 BUILTIN_NODES: Final[dict[int, dict[str, type[TreeNode]]]] = {

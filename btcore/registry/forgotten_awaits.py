@@ -20,13 +20,13 @@ _PAUSES: Final = (running, sleep)
 _NAMES: Final = frozenset(function.__name__ for function in _PAUSES)
 
 
-def check_awaits(ID: str, thing: Any) -> None:
+def check_awaits(ID: str, leaf: Any) -> None:
     """Check that a leaf awaits each `sleep()` and `running()`.
 
     The check includes the coroutines and generators that the code of the leaf names. It does not find calls
     whose result is stored in a container or passed to another function.
     """
-    pending = _methods(thing) if isinstance(thing, type) else [thing]
+    pending = _methods(leaf) if isinstance(leaf, type) else [leaf]
     seen = set()
     while pending:
         function = inspect.unwrap(pending.pop())
@@ -77,25 +77,27 @@ def _is_coroutine(value: object) -> bool:
 
 
 def _check_code(ID: str, function_name: str, code: CodeType, names: Mapping[str, object]) -> None:
-    instructions = [found for found in dis.get_instructions(code) if found.opname != "EXTENDED_ARG"]
+    instructions = [
+        instruction for instruction in dis.get_instructions(code) if instruction.opname != "EXTENDED_ARG"
+    ]
     used = {
         name
-        for found in instructions
-        if "LOAD_FAST" in found.opname
-        for name in (found.argval if isinstance(found.argval, tuple) else (found.argval,))
+        for instruction in instructions
+        if "LOAD_FAST" in instruction.opname
+        for name in (instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,))
     }
     # The pauses whose name begins at a place; the place of a call is the same.
     pauses: dict[tuple[int, int], str] = {}
-    for found, following in pairwise(instructions):
-        place = _place(found)
+    for instruction, following in pairwise(instructions):
+        place = _place(instruction)
         if place is None:
             continue
-        pause = names.get(found.argval) if found.opname in ("LOAD_GLOBAL", "LOAD_DEREF") else None
+        pause = names.get(instruction.argval) if instruction.opname in ("LOAD_GLOBAL", "LOAD_DEREF") else None
         if following.argval in _NAMES and following.opname in ("LOAD_ATTR", "LOAD_METHOD"):
             pause = getattr(pause, following.argval, None)
         if pause in _PAUSES:
             pauses[place] = pause.__name__
-        if not found.opname.startswith("CALL") or place not in pauses:
+        if not instruction.opname.startswith("CALL") or place not in pauses:
             continue
         target = following.argval[0] if isinstance(following.argval, tuple) else following.argval
         is_stored = following.opname.startswith("STORE_FAST")

@@ -123,12 +123,12 @@ class Manifest:
     @property
     def origin(self) -> str:
         """`name (file:line)` of the class or function."""
-        thing: Any = self.function or self.cls
+        implementation: Any = self.function or self.cls
         try:
-            line = inspect.getsourcelines(thing)[1]
-            return f"{thing.__qualname__} ({inspect.getsourcefile(thing)}:{line})"
+            line = inspect.getsourcelines(implementation)[1]
+            return f"{implementation.__qualname__} ({inspect.getsourcefile(implementation)}:{line})"
         except (OSError, TypeError):
-            return f"{thing.__qualname__} of {self.distribution}"
+            return f"{implementation.__qualname__} of {self.distribution}"
 
     def make(
         self,
@@ -206,8 +206,8 @@ class Manifest:
         if value is UNSET:
             from btcore.suggestions import with_article  # for this message alone
 
-            wanted = with_article(parameter.type_name)
-            message = f"<{self.id}> needs {wanted} for its parameter '{parameter.name}': "
+            needed = with_article(parameter.type_name)
+            message = f"<{self.id}> needs {needed} for its parameter '{parameter.name}': "
             name_hint = name_or_config_hint(parameter.name) if self.function is None else ""
             message += name_hint or resources._namesake_hint(parameter) or resources.remedy
             if parameter.looks_like_port and not name_hint:
@@ -240,13 +240,13 @@ class Resources(list[object]):
         remedy: What to do if an object is missing, for messages.
     """
 
-    def __init__(self, given: Iterable[object] = ()) -> None:
-        super().__init__(given)
+    def __init__(self, resources: Iterable[object] = ()) -> None:
+        super().__init__(resources)
         self.remedy = "pass it in resources=[…]"
         self._chosen: dict[Any, object] = {}
-        if isinstance(given, Resources):
-            self.remedy = given.remedy
-            self._chosen |= given._chosen
+        if isinstance(resources, Resources):
+            self.remedy = resources.remedy
+            self._chosen |= resources._chosen
         self._cache: dict[Parameter, object] = {}
 
     def choose(self, resource_type: Any, resource: object) -> None:
@@ -284,24 +284,24 @@ class Resources(list[object]):
 
         A file that is both imported and loaded as a plugin exists as two modules, each with its own classes.
         """
-        wanted = parameter.resource_type
+        resource_type = parameter.resource_type
         for cls in map(type, self):
-            if isinstance(wanted, type) and cls.__qualname__ == wanted.__qualname__:
+            if isinstance(resource_type, type) and cls.__qualname__ == resource_type.__qualname__:
                 module = cls.__module__
-                if wanted.__module__ == f"{PLUGIN_FILE_PREFIX}{module}":
+                if resource_type.__module__ == f"{PLUGIN_FILE_PREFIX}{module}":
                     return (
                         f"resources contains a {cls.__qualname__} of the imported module '{module}', but "
                         f'add_plugin loaded {module}.py a second time: write add_plugin("{module}")'
                     )
                 return (
                     f"resources contains a {cls.__qualname__} of the module '{module}', "
-                    f"but the leaf needs the class of '{wanted.__module__}'"
+                    f"but the leaf needs the class of '{resource_type.__module__}'"
                 )
         return ""
 
 
-def find_resource(resources: Sequence[object], wanted: Any, parameter: str) -> object:
-    """Return the first resource that fits a parameter of type *wanted*, or UNSET.
+def find_resource(resources: Sequence[object], resource_type: Any, parameter: str) -> object:
+    """Return the first resource that fits a parameter of type *resource_type*, or UNSET.
 
     Args:
         resources: The resources; a resource may be listed twice.
@@ -311,7 +311,7 @@ def find_resource(resources: Sequence[object], wanted: Any, parameter: str) -> o
         NodeError: Other resources of the same class fit, too: the choice between them would be arbitrary.
         TypeError: isinstance() does not support the type.
     """
-    fitting = [resource for resource in resources if isinstance(resource, wanted)]
+    fitting = [resource for resource in resources if isinstance(resource, resource_type)]
     if not fitting:
         return UNSET
     first = fitting[0]
@@ -324,9 +324,9 @@ def find_resource(resources: Sequence[object], wanted: Any, parameter: str) -> o
     return first
 
 
-def is_tree_resource(wanted: object) -> TypeGuard[type[TreeResource]]:
-    """Return whether *wanted* is a subclass of TreeResource, of which every tree creates its own instance."""
-    return isinstance(wanted, type) and issubclass(wanted, TreeResource)
+def is_tree_resource(resource_type: object) -> TypeGuard[type[TreeResource]]:
+    """Return whether a type is a subclass of TreeResource, of which every tree creates its own instance."""
+    return isinstance(resource_type, type) and issubclass(resource_type, TreeResource)
 
 
 def takes_children(manifest: Manifest | None) -> bool:
@@ -348,7 +348,7 @@ class _MissingInput(Input):
 
 def create_manifest(
     ID: str,
-    thing: type[TreeNode] | Callable[..., object],
+    implementation: type[TreeNode] | Callable[..., object],
     types: TypeRegistry,
     names: Mapping[str, Any],
     distribution: str,
@@ -363,31 +363,31 @@ def create_manifest(
         format: The XML format whose rules for port names apply.
     """
     check_id(ID)
-    check_awaits(ID, thing)
-    if isinstance(thing, type):
-        ports = class_ports(thing, types, names)
+    check_awaits(ID, implementation)
+    if isinstance(implementation, type):
+        ports = class_ports(implementation, types, names)
         check_ports(ID, ports, format)
-        check_class(ID, thing)
-        check_methods(ID, thing)
-        attributes = class_resources(thing, names)
+        check_class(ID, implementation)
+        check_methods(ID, implementation)
+        attributes = class_resources(implementation, names)
         # After all checks, because it changes the class.
-        bind_class(thing, ports)
-        bind_resources(thing, attributes)
+        bind_class(implementation, ports)
+        bind_resources(implementation, attributes)
         parameters = []
-        if _has_own_init(thing):
-            parameters = function_parameters(_initialiser(thing), types, names, skip_first=True)
-        return Manifest(ID, thing, ports, parameters, distribution, resource_attributes=attributes)
-    if inspect.isasyncgenfunction(thing):
+        if _has_own_init(implementation):
+            parameters = function_parameters(_initialiser(implementation), types, names, skip_first=True)
+        return Manifest(ID, implementation, ports, parameters, distribution, resource_attributes=attributes)
+    if inspect.isasyncgenfunction(implementation):
         raise RegistrationError(
-            f"{thing.__qualname__} is an async def that yields; await running() instead of the yield, "
-            "or make it a plain generator"
+            f"{implementation.__qualname__} is an async def that yields; await running() instead of the "
+            "yield, or make it a plain generator"
         )
-    parameters = function_parameters(thing, types, names)
+    parameters = function_parameters(implementation, types, names)
     outputs = [item.name for item in parameters if item.port is not None and not item.port.reads]
-    check_outputs_are_called(ID, thing, outputs)
+    check_outputs_are_called(ID, implementation, outputs)
     ports = [parameter.port for parameter in parameters if parameter.port is not None]
     check_ports(ID, ports, format)
-    return Manifest(ID, leaf_class(thing), ports, parameters, distribution, thing)
+    return Manifest(ID, leaf_class(implementation), ports, parameters, distribution, implementation)
 
 
 def _class_metadata(cls: type) -> dict[str, str]:

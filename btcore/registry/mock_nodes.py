@@ -220,8 +220,8 @@ class Outcomes:
         """
         starts = {name: parse_outcomes(text) for name, text in self.leaves.items()}
         outputs = {
-            name: [port for start in given for outcome in start for port, _ in outcome.outputs]
-            for name, given in starts.items()
+            name: [port for start in outcomes for outcome in start for port, _ in outcome.outputs]
+            for name, outcomes in starts.items()
         }
         check_outputs(outputs, ports)
 

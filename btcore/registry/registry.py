@@ -184,41 +184,41 @@ class Registry:
 
     # --- adding and removing
 
-    def add(self, *things: Any, ID: str | None = None, format: int | None = None) -> None:
+    def add(self, *implementations: Any, ID: str | None = None, format: int | None = None) -> None:
         """Register nodes: functions as leaves, and node classes.
 
         Args:
-            things: The functions and classes.
-            ID: The tag in the XML, for a single thing. By default the ID given to the decorator, else the
+            implementations: The functions and classes.
+            ID: The tag in the XML, for a single node. By default the ID given to the decorator, else the
                 name of the class, or the name of the function in CamelCase.
             format: 3 or 4 = register for trees of this XML format only; None = for both formats. Format 3
                 allows more port names.
 
         Raises:
-            RegistrationError: A thing cannot be registered, or its ID is registered already.
+            RegistrationError: A node cannot be registered, or its ID is registered already.
         """
         names = _names_of_caller()
-        if ID is not None and len(things) != 1:
-            raise RegistrationError(f"ID='{ID}' names one thing, but {len(things)} are given")
+        if ID is not None and len(implementations) != 1:
+            raise RegistrationError(f"ID='{ID}' names one node, but {len(implementations)} are given")
         if format not in (None, 3, 4):
             raise RegistrationError(f"format={format!r} is not supported: use 3 or 4")
-        for thing in things:
-            self._add(thing, ID, names, library_of(thing), format)
+        for implementation in implementations:
+            self._add(implementation, ID, names, library_of(implementation), format)
 
     def replace(self, **nodes: Any) -> None:
-        """Register `ID=thing` in place of the node that is registered as *ID*.
+        """Register `ID=implementation` in place of the node that is registered as *ID*.
 
         Raises:
-            RegistrationError: *ID* is not registered, or the thing cannot be registered; the registry is then
-                unchanged for this ID.
+            RegistrationError: *ID* is not registered, or the implementation cannot be registered; the
+                registry is then unchanged for this ID.
         """
         names = _names_of_caller()
-        for ID, thing in nodes.items():
+        for ID, implementation in nodes.items():
             tables = [table for table in (self._shared, *self._of_format.values()) if ID in table]
             before = [table[ID] for table in tables]
             self.remove(ID)
             try:
-                self._add(thing, ID, names, library_of(thing))
+                self._add(implementation, ID, names, library_of(implementation))
             except RegistrationError:
                 for table, manifest in zip(tables, before, strict=True):
                     table[ID] = manifest
@@ -235,18 +235,20 @@ class Registry:
             hint = did_you_mean(ID, self.manifests)
             raise RegistrationError(f"no node is registered as '{ID}'{hint}")
 
-    def add_type(self, python_type: type, from_text: Callable[[str], Any] | None = None, **more: Any) -> None:
+    def add_type(
+        self, python_type: type, from_text: Callable[[str], Any] | None = None, **arguments: Any
+    ) -> None:
         """Register a class as a type that ports can have.
 
         Args:
             python_type: The class of the values.
             from_text: Converts the text in the XML to a value.
-            more: The arguments *to_text* and *name* of TypeRegistry.add().
+            arguments: The arguments *to_text* and *name* of TypeRegistry.add().
 
         Raises:
             RegistrationError: The class has a text form already, or another type has this name.
         """
-        self.types.add(python_type, from_text, **more)
+        self.types.add(python_type, from_text, **arguments)
 
     @overload
     def add_enum(self, enum: type[Enum] | Mapping[str, int]) -> None: ...
@@ -333,9 +335,14 @@ class Registry:
         return rule.replacement_manifest(config, children, self.manifests_of(config.format))
 
     def _add(
-        self, thing: Any, ID: str | None, names: Mapping[str, Any], distribution: str, only: int | None = None
+        self,
+        implementation: Any,
+        ID: str | None,
+        names: Mapping[str, Any],
+        distribution: str,
+        only: int | None = None,
     ) -> None:
-        manifest = self._manifest_of(thing, ID, names, distribution, only or 4)
+        manifest = self._manifest_of(implementation, ID, names, distribution, only or 4)
         for format in (3, 4) if only is None else (only,):
             known = self.get(manifest.id, format)
             if known is not None and known.is_overridable and not self._installing:
@@ -360,28 +367,33 @@ class Registry:
             self._libraries.append(distribution)
 
     def _manifest_of(
-        self, thing: Any, ID: str | None, names: Mapping[str, Any], distribution: str, format: int = 4
+        self,
+        implementation: Any,
+        ID: str | None,
+        names: Mapping[str, Any],
+        distribution: str,
+        format: int = 4,
     ) -> Manifest:
-        if inspect.isclass(thing):
-            if not issubclass(thing, TreeNode):
+        if inspect.isclass(implementation):
+            if not issubclass(implementation, TreeNode):
                 raise RegistrationError(
-                    f"{thing.__qualname__} is not a node: derive it from StatefulAction, SyncAction, "
-                    "Condition, ControlNode or DecoratorNode"
+                    f"{implementation.__qualname__} is not a node: derive it from StatefulAction, "
+                    "SyncAction, Condition, ControlNode or DecoratorNode"
                 )
-            ID = ID or thing.__name__
-        elif isinstance(thing, TreeNode):
-            name = type(thing).__name__
+            ID = ID or implementation.__name__
+        elif isinstance(implementation, TreeNode):
+            name = type(implementation).__name__
             raise RegistrationError(
                 f"an object of the class {name} is given: register the class, nodes.add({name}); a tree "
                 "creates an object for each of its nodes"
             )
-        elif callable(thing):
-            mark = getattr(thing, MARK, None)
-            ID = ID or (mark.ID if mark else None) or camel_case(getattr(thing, "__name__", ""))
+        elif callable(implementation):
+            mark = getattr(implementation, MARK, None)
+            ID = ID or (mark.ID if mark else None) or camel_case(getattr(implementation, "__name__", ""))
         else:
-            hint = ": nodes.add(first, second)" if isinstance(thing, (list, tuple, set)) else ""
-            raise RegistrationError(f"{thing!r} is neither a function nor a node class{hint}")
-        return create_manifest(ID, thing, self.types, names, distribution, format)
+            hint = ": nodes.add(first, second)" if isinstance(implementation, (list, tuple, set)) else ""
+            raise RegistrationError(f"{implementation!r} is neither a function nor a node class{hint}")
+        return create_manifest(ID, implementation, self.types, names, distribution, format)
 
     # --- node libraries
 
@@ -458,8 +470,8 @@ class Registry:
                         "it has no nodes: no function register(nodes), no node class of its own, and no "
                         "function marked as @action or @condition"
                     )
-                for thing in leaves:
-                    self._add(thing, None, vars(module), name)
+                for implementation in leaves:
+                    self._add(implementation, None, vars(module), name)
         except RegistrationError as error:
             raise RegistrationError(f"plugin '{name}': {error}") from error
         except Exception as error:
@@ -492,18 +504,18 @@ def import_plugin(library: str | Path, name: str | None = None) -> Plugin:
 
 
 def _leaves_in(module: ModuleType) -> Iterable[Any]:
-    for thing in list(vars(module).values()):
-        if getattr(thing, "__module__", None) != module.__name__:
+    for implementation in list(vars(module).values()):
+        if getattr(implementation, "__module__", None) != module.__name__:
             continue
-        if inspect.isclass(thing):
+        if inspect.isclass(implementation):
             if (
-                issubclass(thing, TreeNode)
-                and not inspect.isabstract(thing)
-                and not thing.__name__.startswith("_")
+                issubclass(implementation, TreeNode)
+                and not inspect.isabstract(implementation)
+                and not implementation.__name__.startswith("_")
             ):
-                yield thing
-        elif hasattr(thing, MARK):
-            yield thing
+                yield implementation
+        elif hasattr(implementation, MARK):
+            yield implementation
 
 
 def _import(library: str, name: str | None) -> ModuleType:
@@ -569,9 +581,9 @@ def _plugin_error(library: str, error: BaseException, doing: str = "it was impor
     return RegistrationError(message)
 
 
-def library_of(thing: Any) -> str:
-    """Return the name of the library or program that defines the class or function *thing*."""
-    module = getattr(thing, "__module__", None) or "?"
+def library_of(implementation: Any) -> str:
+    """Return the name of the library or program that defines the class or function *implementation*."""
+    module = getattr(implementation, "__module__", None) or "?"
     return module.removeprefix(PLUGIN_FILE_PREFIX).partition(".")[0]
 
 

@@ -151,8 +151,8 @@ class _Watch(Observer):
             self.known[key].results.update(results)
 
 
-def _share(part: int, whole: int) -> float:
-    return part / whole if whole else 1.0
+def _share(part: int, total: int) -> float:
+    return part / total if total else 1.0
 
 
 def _format_results(node: NodeCoverage) -> str:

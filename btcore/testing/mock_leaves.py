@@ -34,26 +34,26 @@ _MAX_DEPTH: Final = 4
 """The maximum number of classes and lists inside each other; a class may contain itself."""
 
 
-def _draw_value(kind: ValueType, source: Random, depth: int = _MAX_DEPTH) -> object:
+def _draw_value(value_type: ValueType, source: Random, depth: int = _MAX_DEPTH) -> object:
     """Return a random value of a type, or None if values of the type cannot be drawn.
 
     Values can be drawn for bool, numbers, texts, enums, and for lists, dataclasses and named tuples of these.
     """
-    if kind is BOOL:
+    if value_type is BOOL:
         return source.random() < 0.5
-    if isinstance(kind, IntegerType):
-        return source.randint(max(kind.low, -_MAX_NUMBER), min(kind.high, _MAX_NUMBER))
-    if isinstance(kind, RealType):
+    if isinstance(value_type, IntegerType):
+        return source.randint(max(value_type.low, -_MAX_NUMBER), min(value_type.high, _MAX_NUMBER))
+    if isinstance(value_type, RealType):
         return round(source.uniform(-_MAX_NUMBER, _MAX_NUMBER), 3)
-    if kind is STRING:
+    if value_type is STRING:
         return "".join(source.choices(_LETTERS, k=source.randint(0, 5)))
-    if isinstance(kind, EnumType):
-        return source.choice(kind.members) if kind.members else None
-    if depth and isinstance(kind, VectorType):
-        items = [_draw_value(kind.item, source, depth - 1) for _ in range(source.randint(0, 3))]
+    if isinstance(value_type, EnumType):
+        return source.choice(value_type.members) if value_type.members else None
+    if depth and isinstance(value_type, VectorType):
+        items = [_draw_value(value_type.item, source, depth - 1) for _ in range(source.randint(0, 3))]
         return None if None in items else items
-    if depth and isinstance(kind, UserType):
-        return _draw_record(kind.python_type, source, depth - 1)
+    if depth and isinstance(value_type, UserType):
+        return _draw_record(value_type.python_type, source, depth - 1)
     return None
 
 
@@ -83,9 +83,9 @@ def _draw_record(cls: type[Any], source: Random, depth: int) -> object:
 def _draw_output(leaf: MockAction, output: Output) -> object:
     """Return the given value of an output port, else a random value of its type, or None."""
     for name in (leaf.name, leaf.config.id):
-        given = leaf.given_outputs.get(name, {})
-        if output.name in given:
-            return given[output.name]
+        values = leaf.given_outputs.get(name, {})
+        if output.name in values:
+            return values[output.name]
     return _draw_value(output.type, leaf.tree_outcomes.source)
 
 
@@ -146,8 +146,8 @@ def with_mock_leaves(nodes: Registry, outputs: GivenOutputs | None = None) -> Re
         if ID not in copy:
             copy.add(type(ID, (leaf,), members), ID=ID)
     mocks = {
-        kind: type(mock.__name__, (mock,), members)
-        for kind, mock in ((NodeType.ACTION, MockAction), (NodeType.CONDITION, MockCondition))
+        node_type: type(mock.__name__, (mock,), members)
+        for node_type, mock in ((NodeType.ACTION, MockAction), (NodeType.CONDITION, MockCondition))
     }
     for ID, values in (outputs or {}).items():
         manifest = nodes.get(ID) or nodes.get(ID, 3)

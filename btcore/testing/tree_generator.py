@@ -171,19 +171,19 @@ class TreeGenerator:
             depth: The level of the element, from 1.
         """
         self.budget -= 1
-        room = self.budget if depth < self.options.max_depth else 0
-        kinds: list[Callable[[int], Element]] = []
-        if room >= 1:
-            kinds += [self.decorator] * bool(self.decorators)
-            kinds += [self.control] * bool(self.controls_of(1))
-        if room >= 3:
+        nodes_left = self.budget if depth < self.options.max_depth else 0
+        drawers: list[Callable[[int], Element]] = []
+        if nodes_left >= 1:
+            drawers += [self.decorator] * bool(self.decorators)
+            drawers += [self.control] * bool(self.controls_of(1))
+        if nodes_left >= 3:
             # Control nodes are drawn more often if there is room for several children.
-            kinds += [self.control] * bool(self.controls_of(1))
-            kinds += [self.branch] * bool(self.branches)
-        if not (top and kinds):
-            kinds.insert(0, self.leaf)
-        kind = kinds[self.draw(cached_integers(0, len(kinds) - 1))]
-        return self.with_conditions(kind(depth))
+            drawers += [self.control] * bool(self.controls_of(1))
+            drawers += [self.branch] * bool(self.branches)
+        if not (top and drawers):
+            drawers.insert(0, self.leaf)
+        drawer = drawers[self.draw(cached_integers(0, len(drawers) - 1))]
+        return self.with_conditions(drawer(depth))
 
     def controls_of(self, count: int) -> list[str]:
         """Return the control nodes that accept *count* children."""
@@ -213,9 +213,10 @@ class TreeGenerator:
         tag = self.pick(self.controls_of(len(children)))
         if tag == "ReactiveSequence":
             # A ReactiveSequence allows only one asynchronous child.
-            other = "Sequence" if "Sequence" in self.manifests else tag
+            synchronous = "Sequence" if "Sequence" in self.manifests else tag
             children = [
-                child._replace(tag=other) if child.tag == "AsyncSequence" else child for child in children
+                child._replace(tag=synchronous) if child.tag == "AsyncSequence" else child
+                for child in children
             ]
         return Element(tag, self.ports(tag, len(children)), children)
 
@@ -281,9 +282,9 @@ class TreeGenerator:
 
 
 @cache
-def cached_sampled_from(things: Sequence[Any]) -> SearchStrategy[Any]:
-    """Return a strategy of the elements of *things*, a tuple of hashable objects."""
-    return st.sampled_from(things)
+def cached_sampled_from(elements: Sequence[Any]) -> SearchStrategy[Any]:
+    """Return a strategy of *elements*, a tuple of hashable objects."""
+    return st.sampled_from(elements)
 
 
 @cache

@@ -133,11 +133,11 @@ class ValueType:
         return f"<type {self.name}>"
 
 
-def mismatch(value: object, wanted: ValueType) -> ConversionError:
-    """Return the error for a *value* that does not fit *wanted*; None stands for an unwritten entry."""
+def mismatch(value: object, value_type: ValueType) -> ConversionError:
+    """Return the error for a *value* that does not fit *value_type*; None stands for an unwritten entry."""
     if value is None:
         return ConversionError("there is no value: the entry was never written")
-    return ConversionError(f"{value!r} is not a valid {wanted.name}")
+    return ConversionError(f"{value!r} is not a valid {value_type.name}")
 
 
 def number_of(value: object) -> int | float | None:

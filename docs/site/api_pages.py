@@ -52,7 +52,9 @@ def public_names(module: griffe.Module) -> list[str]:
     if module.exports is not None:
         return [str(name) for name in module.exports]
     members = module.members.items()
-    return [name for name, it in members if not (name.startswith("_") or it.is_alias or it.is_module)]
+    return [
+        name for name, member in members if not (name.startswith("_") or member.is_alias or member.is_module)
+    ]
 
 
 def summary(described: griffe.Object | griffe.Alias) -> str:
@@ -77,8 +79,8 @@ def constants(described: griffe.Object, title: str) -> list[str]:
     assert described.docstring is not None
     public = public_names(described) if described.is_module else list(described.members)
     listed = re.findall(r"^ {4}(\w+):", described.docstring.value, re.MULTILINE)
-    found = [described.members[name] for name in public if name.isupper() and name not in listed]
-    rows = [f"| `{it.name}` | `{it.value}` |" for it in found if it.docstring is None]
+    constants = [described.members[name] for name in public if name.isupper() and name not in listed]
+    rows = [f"| `{member.name}` | `{member.value}` |" for member in constants if member.docstring is None]
     return ["", f"## {title}", "", "| name | value |", "|---|---|", *rows] if rows else []
 
 
@@ -88,15 +90,20 @@ def inherited(cls: griffe.Class, public: dict[str, str]) -> list[str]:
     seen = set(cls.members)
     for base in cls.mro():
         members = {
-            name: it
-            for name, it in base.members.items()
-            if not name.startswith("_") and not it.is_alias and it.docstring is not None and name not in seen
+            name: member
+            for name, member in base.members.items()
+            if not name.startswith("_")
+            and not member.is_alias
+            and member.docstring is not None
+            and name not in seen
         }
         seen |= set(base.members)
         if members and base.path in public:
             target = public[base.path]
             lines += ["", f"## Inherited from {base.name}", ""]
-            lines += [f"- [`{name}`][{target}.{name}] – {summary(it)}" for name, it in members.items()]
+            lines += [
+                f"- [`{name}`][{target}.{name}] – {summary(member)}" for name, member in members.items()
+            ]
     return lines
 
 

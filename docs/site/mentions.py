@@ -25,6 +25,6 @@ def links_to_mentions(mentions: dict[str, int]) -> list[str]:
     Args:
         mentions: The number of mentions, by page.
     """
-    found = [page for page, number in mentions.items() if number]
-    most = sorted(found, key=lambda page: -mentions[page])[:MOST_LINKS]
+    pages = [page for page, number in mentions.items() if number]
+    most = sorted(pages, key=lambda page: -mentions[page])[:MOST_LINKS]
     return [f"- [{title_of(page)}](../../{page})" for page in most]

@@ -65,8 +65,8 @@ class NodeExample:
         self.format = format
         self.fields: dict[str, Any] = fields or {"xml": _usage(id, format, nodes)}
         self.nodes = nodes.copy()
-        for kind, leaf in (("actions", MockAction), ("conditions", MockCondition)):
-            for name in self.fields.get(kind, ()):
+        for field, leaf in (("actions", MockAction), ("conditions", MockCondition)):
+            for name in self.fields.get(field, ()):
                 self.nodes.add(leaf, ID=name)
 
     @property
@@ -163,8 +163,10 @@ def changed_meanings(example: NodeExample) -> dict[DiagnosticCode, str]:
     tags = re.finditer(rf"<{example.id}\b[^>]*>", text)
     spans = [(text.count("\n", 0, tag.start()) + 1, text.count("\n", 0, tag.end()) + 1) for tag in tags]
     changes = convert(parse_text(text), example.nodes).changes
-    found = [change for change in changes if any(first <= change.line <= last for first, last in spans)]
-    return {change.code: change.message for change in reversed(found) if not change.code.startswith("C1")}
+    own_changes = [change for change in changes if any(first <= change.line <= last for first, last in spans)]
+    return {
+        change.code: change.message for change in reversed(own_changes) if not change.code.startswith("C1")
+    }
 
 
 def _with_depth(node: btcore.TreeNode, depth: int = 0) -> Iterator[tuple[btcore.TreeNode, int]]:
@@ -193,8 +195,10 @@ def _wrapped(line: str) -> str:
         return line
     indent = " " * (len(line) - len(line.lstrip()))
     tag, _, attributes = line.strip().partition(" ")
-    first, *others = attributes.replace('" ', '"\n').split("\n")
-    return "\n".join([f"{indent}{tag} {first}", *(f"{indent}{' ' * len(tag)} {it}" for it in others)])
+    first, *further = attributes.replace('" ', '"\n').split("\n")
+    return "\n".join(
+        [f"{indent}{tag} {first}", *(f"{indent}{' ' * len(tag)} {attribute}" for attribute in further)]
+    )
 
 
 def _usage(id: str, format: int, nodes: Registry) -> str:

@@ -27,7 +27,7 @@ from btcore_batch.node_classes import BATCH_CLASSES
 UP: Final = "../.."
 LEAVES: Final = (NodeType.CONDITION, NodeType.ACTION)
 NAV2: Final = "btcore_navigation.nodes"
-KINDS: Final = {
+NODE_TYPE_TITLES: Final = {
     NodeType.CONTROL: "Control nodes",
     NodeType.DECORATOR: "Decorators",
     NodeType.CONDITION: "Conditions",
@@ -84,8 +84,8 @@ def write_node_pages(folder: Path) -> None:
     for group in GROUPS:
         index += [f"## {group}", ""]
         navigation.append(f"- {group}")
-        for kind, title in KINDS.items():
-            section = [page for page in pages if (page.group, page.newest.type) == (group, kind)]
+        for node_type, title in NODE_TYPE_TITLES.items():
+            section = [page for page in pages if (page.group, page.newest.type) == (group, node_type)]
             if section:
                 index += [f"**{title}**", "", "| node | |", "|---|---|"]
                 navigation.append(f"    - {title}")
@@ -229,10 +229,10 @@ def possible_statuses(manifest: Manifest, format: int) -> list[Status]:
     """Return the statuses that a tick of a node may return, as its class declares them."""
     low, high = manifest.spec.child_count
     results = manifest.cls.possible_results([UNKNOWN_RESULTS] * (high or max(low, 2)), {})
-    found = results.results - ({SKIPPED} if format == 3 else set())  # format 3 has no SKIPPED
+    node_results = results.results - ({SKIPPED} if format == 3 else set())  # format 3 has no SKIPPED
     if manifest.spec.node_type in LEAVES and manifest.spec.results == ANY_RESULT:
-        found -= {SKIPPED}  # declared by default, but no leaf of btcore or btcore_robot returns it
-    return sorted(found) + [RUNNING] * results.may_run
+        node_results -= {SKIPPED}  # declared by default, but no leaf of btcore or btcore_robot returns it
+    return sorted(node_results) + [RUNNING] * results.may_run
 
 
 def _child_count(manifest: Manifest) -> str:
@@ -248,8 +248,8 @@ def _ports(heading: str, manifest: Manifest) -> list[str]:
         return []
     lines = [heading, "", "| port | type | |", "|---|---|---|"]
     for port in manifest.ports.values():
-        kind = f"{DIRECTIONS[port.direction]} `{_type(port)}`{_default(port)}"
-        lines.append(f"| `{port.name}` | {kind} | {_cell(port.description)} |")
+        declaration = f"{DIRECTIONS[port.direction]} `{_type(port)}`{_default(port)}"
+        lines.append(f"| `{port.name}` | {declaration} | {_cell(port.description)} |")
     return [*lines, ""]
 
 
@@ -310,9 +310,9 @@ def _listed(words: list[str]) -> str:
 
 def _mentions(ids: list[str]) -> dict[str, dict[str, int]]:
     """Return how often each page of docs/ mentions each node, in code or as a tag."""
-    found: dict[str, dict[str, int]] = {id: {} for id in ids}
+    values: dict[str, dict[str, int]] = {id: {} for id in ids}
     for page, text in PAGES.items():
         for pair in re.findall(r"<(\w+)[\s/>]|`(\w+)`", text):
-            for id in found.keys() & set(pair):
-                found[id][page] = found[id].get(page, 0) + 1
-    return found
+            for id in values.keys() & set(pair):
+                values[id][page] = values[id].get(page, 0) + 1
+    return values

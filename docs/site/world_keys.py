@@ -26,10 +26,10 @@ def tables() -> str:
         *_table({"required": ["position"], "properties": common}),
     ]
     for kind, reference in world["properties"]["objects"]["items"]["discriminator"]["mapping"].items():
-        thing = named[reference.rpartition("/")[2]]
-        keys = thing["properties"].items()
+        entry = named[reference.rpartition("/")[2]]
+        keys = entry["properties"].items()
         own = {key: value for key, value in keys if key != "kind" and value != common.get(key)}
-        parts += [f"### {kind}", thing["description"], *_table({**thing, "properties": own})]
+        parts += [f"### {kind}", entry["description"], *_table({**entry, "properties": own})]
     return "\n\n".join(parts)
 
 

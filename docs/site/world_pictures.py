@@ -99,10 +99,10 @@ def draw(description: WorldDescription, size: tuple[int, int], span: float, up: 
         up: The angle (rad) of the view above the horizon.
     """
     leaves = {
-        name: door.placed(_thing(description, name), HALF_OPEN) for name, door in description.doors.items()
+        name: door.placed(_object(description, name), HALF_OPEN) for name, door in description.doors.items()
     }
-    things = tuple(leaves.get(thing.name, thing) for thing in description.objects)
-    world = World(replace(description, objects=things, doors={}))
+    objects = tuple(leaves.get(item.name, item) for item in description.objects)
+    world = World(replace(description, objects=objects, doors={}))
     body = SimulatedRobot(world, camera=None)
     visible = VisibleFaces(world, body.physics_body)
     width, height = (FINER * side for side in size)
@@ -142,8 +142,8 @@ def plans(names: Sequence[str]) -> NDArray[np.uint8]:
     return np.vstack([np.hstack(drawn[row : row + 2]) for row in range(0, len(drawn), 2)])
 
 
-def _thing(description: WorldDescription, name: str) -> Any:
-    return next(thing for thing in description.objects if thing.name == name)
+def _object(description: WorldDescription, name: str) -> Any:
+    return next(item for item in description.objects if item.name == name)
 
 
 def kinds() -> NDArray[np.uint8]:

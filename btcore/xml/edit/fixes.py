@@ -53,11 +53,11 @@ class FixMaker:
             return []
         start = self.lines.offset(diagnostic.line, max(1, diagnostic.column))
         problem = _Problem(self._editor, start, start + diagnostic.width)
-        found: dict[str, TextFix] = {}
+        fixes: dict[str, TextFix] = {}
         for fix in diagnostic.fixes:
             for title, edits in _OPERATIONS[fix.operation](problem, *fix.arguments):
-                found.setdefault(title, TextFix(title, tuple(edits), fix.is_safe))
-        return list(found.values())[:MAX_FIXES]
+                fixes.setdefault(title, TextFix(title, tuple(edits), fix.is_safe))
+        return list(fixes.values())[:MAX_FIXES]
 
 
 def fix_text(text: str, diagnostics: Iterable[Diagnostic]) -> tuple[str, list[DiagnosticCode]]:
@@ -78,8 +78,8 @@ def fix_text(text: str, diagnostics: Iterable[Diagnostic]) -> tuple[str, list[Di
     return apply_edits(text, edits), fixed
 
 
-def _overlap(one: Edit, other: Edit) -> bool:
-    return one.start <= other.end and other.start <= one.end
+def _overlap(first: Edit, second: Edit) -> bool:
+    return first.start <= second.end and second.start <= first.end
 
 
 class _Problem:
@@ -166,10 +166,10 @@ def _escape(problem: _Problem) -> _TitledEdits:
     """Escape all markup characters in the marked value."""
     attribute = problem.place.attribute
     if attribute is not None:
-        found = BARE_MARKUP_CHARACTER.finditer(
+        matches = BARE_MARKUP_CHARACTER.finditer(
             problem.editor.text, attribute.value_start, attribute.value_end
         )
-        edits = [Edit(*match.span(), escape_value(match[0])) for match in found]
+        edits = [Edit(*match.span(), escape_value(match[0])) for match in matches]
         names = " and ".join(dict.fromkeys(edit.text for edit in edits))
         yield f"Write {names}", edits
 

@@ -94,9 +94,9 @@ def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
     return uses
 
 
-def iter_subexpressions(whole: Expression) -> Iterator[Expression]:
-    """Yield *whole* and all expressions in it, except for the names that it assigns to."""
-    pending = [whole]
+def iter_subexpressions(expression: Expression) -> Iterator[Expression]:
+    """Yield *expression* and all expressions in it, except for the names that it assigns to."""
+    pending = [expression]
     while pending:
         part = pending.pop()
         yield part

@@ -175,14 +175,14 @@ def reachable_trees(
         tree: The tree to start with.
         known: IDs of trees that are left out, with the trees that they call.
     """
-    found: dict[str, TreePlan] = {}
+    reached: dict[str, TreePlan] = {}
     pending = [tree.id]
     while pending:
         id = pending.pop()
-        if id not in found and id not in known and id in trees:
-            found[id] = trees[id]
+        if id not in reached and id not in known and id in trees:
+            reached[id] = trees[id]
             pending += [call.tree_id for call in reversed(trees[id].calls)]
-    return list(found.values())
+    return list(reached.values())
 
 
 def root_trees(trees: Mapping[str, TreePlan], main_tree: TreePlan | None) -> list[TreePlan]:
@@ -193,9 +193,9 @@ def root_trees(trees: Mapping[str, TreePlan], main_tree: TreePlan | None) -> lis
         main_tree: The main tree, or None.
     """
     used = set() if main_tree is None else {tree.id for tree in reachable_trees(trees, main_tree)}
-    others = [tree for tree in trees.values() if tree.id not in used]
-    called = {call.tree_id for tree in others for call in tree.calls}
-    roots = [tree for tree in others if tree.id not in called]
+    unreached = [tree for tree in trees.values() if tree.id not in used]
+    called = {call.tree_id for tree in unreached for call in tree.calls}
+    roots = [tree for tree in unreached if tree.id not in called]
     return roots if main_tree is None else [main_tree, *roots]
 
 

@@ -348,8 +348,8 @@ class TreePlanner:
                 other_attributes = self._select_attributes(node, known.manifest, other_attributes)
             node.attributes = other_attributes
         if known.defaults and len(bindings) < len(known.ports):
-            given = {binding.port for binding in bindings}
-            bindings += [binding for binding in known.defaults if binding.port not in given]
+            set_ports = {binding.port for binding in bindings}
+            bindings += [binding for binding in known.defaults if binding.port not in set_ports]
         node.bindings = bindings
 
     def _select_attributes(

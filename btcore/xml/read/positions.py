@@ -132,13 +132,13 @@ class SourceMap:
         start, end = scanned.start, scanned.tag_end
         if self._text[end] == ">":
             end += 1
-        found = scanned.attribute(attribute) if attribute else None
-        if found is not None and part == "name":
-            start, end = found.start, found.name_end
-        elif found is not None:
-            start, end = found.value_start, found.value_end
+        attribute_place = scanned.attribute(attribute) if attribute else None
+        if attribute_place is not None and part == "name":
+            start, end = attribute_place.start, attribute_place.name_end
+        elif attribute_place is not None:
+            start, end = attribute_place.value_start, attribute_place.value_end
             if within:
-                start = self._character(found, within)
+                start = self._character(attribute_place, within)
                 end = start + 1
             elif start == end:  # an empty value: show its quotes
                 start, end = start - 1, end + 1

@@ -347,8 +347,8 @@ def read(
         if shared is not document and not (shared.file and real_path(shared.file) in seen):
             _add_with_includes(shared, collector, packages, documents, seen, [])
     _add_with_includes(document, collector, packages, documents, seen, [])
-    for each in documents:
-        for warning in each.warnings:
+    for read_document in documents:
+        for warning in read_document.warnings:
             collector.add(warning)
     return Sources(tuple(documents), shared_documents, collector.diagnostics)
 

@@ -183,7 +183,7 @@ class Scan:
         self.elements = elements
         self.opaque = [(start, end) for start, end, kind, _, _ in markup if kind == "comment"]
         self._markup = markup
-        self._starts = [each.start for each in markup]
+        self._starts = [part.start for part in markup]
 
     @property
     def comments(self) -> list[tuple[int, int]]:
@@ -312,9 +312,9 @@ class _Scanner:
             return self._read_end_tag(end_tag)
         for opening, closing in (*OPAQUE, ("<!", ">")):
             if text.startswith(opening, at):
-                found = text.find(closing, at + len(opening))
-                end = len(text) if found < 0 else found + len(closing)
-                self._markup.append(_Markup(at, end, "comment", found >= 0, None))
+                closed_at = text.find(closing, at + len(opening))
+                end = len(text) if closed_at < 0 else closed_at + len(closing)
+                self._markup.append(_Markup(at, end, "comment", closed_at >= 0, None))
                 return end
         self._markup.append(_Markup(at, at + 1, "bare", False, None))
         return at + 1

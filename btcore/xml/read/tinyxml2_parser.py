@@ -304,7 +304,7 @@ class _Parser:
         bare = BARE_MARKUP_CHARACTER.search(text, start, end)
         if bare is not None:
             escaped = BARE_MARKUP_CHARACTER.sub(
-                lambda found: "&lt;" if found[0] == "<" else "&amp;", attribute[group]
+                lambda match: "&lt;" if match[0] == "<" else "&amp;", attribute[group]
             )
             message = f"unescaped '{bare[0]}' in an attribute value is read as text"
             written = f"{text[attribute.start() : start]}{escaped}{text[end]}"

@@ -117,7 +117,7 @@ def test_id_may_be_given_to_add() -> None:
 
 def test_id_for_several_nodes_is_refused() -> None:
     expected_message = refused(Registry.standard().add, Wave, bow, ID="Both")
-    assert expected_message == "ID='Both' names one thing, but 2 are given"
+    assert expected_message == "ID='Both' names one node, but 2 are given"
 
 
 def test_duplicate_id_is_refused_with_both_places() -> None:
