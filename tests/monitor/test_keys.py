@@ -120,9 +120,7 @@ def test_robot_allows_at_least_one_client_and_client_knows_one_robot(tmp_path: P
         ClientKeys(secret, tmp_path / "two")
 
 
-def test_zeromq_without_curve_is_reported(
-    tmp_path: Path, secret: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_zeromq_without_curve_is_named(tmp_path: Path, secret: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(keys.zmq, "has", lambda name: name != "curve")
     for use in (lambda: create_keys(tmp_path / "new"), lambda: RobotKeys(secret, [PUBLIC])):
         with pytest.raises(KeyFileError, match="has no CURVE, which keys need: pip install"):

@@ -73,9 +73,7 @@ def test_results_before_the_connection_arrive_from_a_robot_without_run_channel(t
     assert state.results == {1: 2, 2: 2, 3: 2, 4: 2, 5: 2, 6: 3}
 
 
-def test_breakpoint_stops_at_one_of_two_nodes_with_the_same_name(
-    tree: btcore.Tree, connection: RobotConnection
-) -> None:
+def test_breakpoint_stops_at_one_of_two_equal_names(tree: btcore.Tree, connection: RobotConnection) -> None:
     until(connection, lambda state: state.nodes)
     connection.set_breakpoints([3])
     ticking = threading.Thread(target=tree.tick_once, daemon=True)

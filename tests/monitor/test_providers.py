@@ -412,9 +412,7 @@ def test_a_usage_error_is_reported_once_before_the_run_starts(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
-def test_monitor_without_a_display_is_refused_before_the_run(
-    tree_file: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_monitor_without_display_is_refused_first(tree_file: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     done = run(tree_file, "--monitor", "--fast", "--duration", "1")
@@ -425,9 +423,7 @@ def test_monitor_without_a_display_is_refused_before_the_run(
     )
 
 
-def test_a_port_in_use_is_recognised_by_the_name_of_its_setting(
-    sample: btcore.Tree, tree_file: str, free_port: int
-) -> None:
+def test_port_in_use_is_recognised_by_setting(sample: btcore.Tree, tree_file: str, free_port: int) -> None:
     with serve(sample, groot2_port=free_port):
         settings = MonitorSettings(publish=("groot2",), port=free_port)
         with pytest.raises(SettingsError, match=f"port {free_port} is in use") as caught:

@@ -57,9 +57,7 @@ def test_completed_tree_is_idle_and_has_no_running_leaves(planned: tuple[Tree, O
     outcomes(),
     st.integers(1, 10),
 )
-def test_every_node_is_idle_after_completion_without_memory_and_skips(
-    tree: Tree, plan: Outcomes, ticks: int
-) -> None:
+def test_nodes_are_idle_after_end_without_memory_and_skips(tree: Tree, plan: Outcomes, ticks: int) -> None:
     plan.attach(tree)
     for _ in range(ticks):
         if tree.tick_exactly_once() in DONE:

@@ -42,9 +42,7 @@ def turning(robot: RecordingRobot, text: str = "<TurnToFree/>") -> Tree:
 
 
 @pytest.mark.parametrize(("left", "right", "side"), [(5.0, 1.0, 1), (1.0, 5.0, -1)])
-def test_the_robot_turns_to_the_side_with_more_room(
-    robot: RecordingRobot, left: float, right: float, side: int
-) -> None:
+def test_robot_turns_to_the_freer_side(robot: RecordingRobot, left: float, right: float, side: int) -> None:
     around(robot, left, 0.5, right)
     assert turning(robot).tick_once() is Status.RUNNING
     assert robot.commands == [(0.0, side * TURN_SPEED)]

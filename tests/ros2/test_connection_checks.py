@@ -124,9 +124,7 @@ def test_connections_that_work_are_not_reported(session: RosSession) -> None:
     assert session.reports == {}
 
 
-def test_message_is_logged_again_only_when_it_changes(
-    session: RosSession, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_changed_message_is_logged_again(session: RosSession, caplog: pytest.LogCaptureFixture) -> None:
     for message in ("late", "late", "lost", "", "", "lost"):
         session.report("topic /scan", message)
     assert [record.getMessage() for record in caplog.records] == ["late", "lost", "lost"]

@@ -103,9 +103,7 @@ def test_a_middleware_that_is_not_installed_is_refused(tmp_path: Path) -> None:
     )
 
 
-def test_a_session_refuses_a_mixture_before_ros_is_loaded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_session_refuses_mixture_before_loading_ros(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from btcore_ros2.session import RosSession
 
     own, other = make_ros(tmp_path / "venv", wheels=True), make_ros(tmp_path / "jazzy")

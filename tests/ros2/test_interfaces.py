@@ -90,9 +90,7 @@ class TestWithMessages:
             ("Nothing", "srv", "the form is package/srv/Name, for example std_srvs/srv/Trigger"),
         ],
     )
-    def test_unknown_name_is_an_error_with_a_suggestion(
-        self, name: str, kind: InterfaceKind, problem: str
-    ) -> None:
+    def test_unknown_name_has_suggestion(self, name: str, kind: InterfaceKind, problem: str) -> None:
         with pytest.raises(InterfaceError) as caught:
             load_interface(name, kind)
         assert problem in str(caught.value)

@@ -515,9 +515,7 @@ def test_background_work_is_called_after_a_drain_until_it_ends(session: RosSessi
     assert calls == ["called"]
 
 
-def test_rclpy_without_the_undocumented_parts_gets_the_executor(
-    monkeypatch: pytest.MonkeyPatch, other: RosSession
-) -> None:
+def test_rclpy_without_hidden_parts_gets_executor(monkeypatch: pytest.MonkeyPatch, other: RosSession) -> None:
     monkeypatch.delattr(direct_take.Executor, "_take_timer")
     with pytest.warns(UserWarning, match=r"lacks Executor\._take_timer: .* uses rclpy's executor"):
         session = RosSession("test")

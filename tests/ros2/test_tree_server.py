@@ -239,9 +239,7 @@ def test_second_goal_waits_for_the_first(server: ServerProcess, client: ClientPr
     assert ended(client, second)[1] is Status.SUCCESS
 
 
-def test_goal_that_arrives_twice_runs_once(
-    server: ServerProcess, client: ClientProcess, session: RosSession
-) -> None:
+def test_repeated_goal_runs_once(server: ServerProcess, client: ClientProcess, session: RosSession) -> None:
     """As over a bridge: the second request has the same ID."""
     from rclpy.action import ActionClient
     from unique_identifier_msgs.msg import UUID
@@ -295,9 +293,7 @@ def test_parameters(server: ServerProcess, client: ClientProcess) -> None:
     assert port["integer_value"] == 1667
 
 
-def test_changed_file_is_used_by_the_next_goal(
-    server: ServerProcess, client: ClientProcess, folder: Path
-) -> None:
+def test_changed_file_is_used_by_new_goal(server: ServerProcess, client: ClientProcess, folder: Path) -> None:
     file = folder / "trees" / "more.xml"
     file.write_text(OTHER_TREES.replace("AlwaysSuccess", "AlwaysFailure"))
     try:

@@ -440,9 +440,7 @@ def test_a_person_is_in_the_scan_and_keeps_away_from_a_standing_robot(meet: Call
 
 
 @pytest.mark.parametrize("side", range(8))
-def test_a_person_who_walks_into_the_robot_is_a_collision_from_every_side(
-    meet: Callable[..., Any], side: int
-) -> None:
+def test_person_walking_into_robot_is_collision_from_every_side(meet: Callable[..., Any], side: int) -> None:
     body, _ = meet("aws_house", "kidnap:1000", people=1)
     (number,) = body.world.kinematic_bodies("person_")
     begun = body.world.now()

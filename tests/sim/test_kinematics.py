@@ -155,9 +155,7 @@ def test_a_sensor_has_a_frame_even_without_a_description_of_it(tmp_path: Path) -
         ({"name": "hat", "parent": "hat"}, "'hat' is fixed to itself"),
     ],
 )
-def test_a_frame_with_an_invalid_name_or_parent_raises(
-    tmp_path: Path, frame: dict[str, str], message: str
-) -> None:
+def test_frame_with_invalid_name_or_parent_fails(tmp_path: Path, frame: dict[str, str], message: str) -> None:
     with pytest.raises(SimError, match=message):
         Kinematics(described(tmp_path, lambda data: data["frames"].append(frame)))
 

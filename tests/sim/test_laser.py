@@ -41,9 +41,7 @@ def things(draw: st.DrawFn) -> list[WorldObject]:
 
 
 @given(things(), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(-3.0, 3.0))
-def test_geometry_agrees_with_the_engines_rays(
-    description: list[WorldObject], x: float, y: float, yaw: float
-) -> None:
+def test_geometry_agrees_with_rays(description: list[WorldObject], x: float, y: float, yaw: float) -> None:
     world = World(
         WorldDescription("test", "", tuple(description), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), GREY)
     )

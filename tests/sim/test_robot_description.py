@@ -115,9 +115,7 @@ def test_an_error_in_a_description_raises(tmp_path: Path, change: Any, message: 
         (lambda d: d["laser"].update(link="base"), "no link 'base': .*; did you mean 'base_link'"),
     ],
 )
-def test_a_name_that_the_urdf_does_not_have_raises(
-    tmp_path: Path, robot_at: Any, change: Any, message: str
-) -> None:
+def test_name_missing_in_the_urdf_raises(tmp_path: Path, robot_at: Any, change: Any, message: str) -> None:
     with pytest.raises(SimError, match=message):
         robot_at(description=load_robot_description(write(tmp_path, change)))
 

@@ -55,9 +55,7 @@ def test_the_outer_sonars_point_to_the_rear_corners(
     assert set(found.values()) == {math.inf}
 
 
-def test_a_table_top_that_the_laser_cannot_see_is_measured(
-    robot_at: Stand, box: Callable[..., WorldObject]
-) -> None:
+def test_table_top_hidden_from_laser_is_measured(robot_at: Stand, box: Callable[..., WorldObject]) -> None:
     top = replace(box(-0.9, 0.0, (0.6, 1.0, 0.05)), position=(-0.9, 0.0, 0.3))
     assert ranges_of(robot_at(top))["sonar_02"] < 0.45
 

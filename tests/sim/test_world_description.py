@@ -178,9 +178,7 @@ BOX = {"name": "a", "kind": "box", "size": [1, 1, 1], "position": [3, 3]}
         ),
     ],
 )
-def test_an_error_in_a_world_is_reported_with_its_place(
-    tmp_path: Path, changes: dict[str, object], message: str
-) -> None:
+def test_error_in_world_has_its_place(tmp_path: Path, changes: dict[str, object], message: str) -> None:
     with pytest.raises(SimError, match=message) as caught:
         load_world_description(write(tmp_path, **changes))
     assert "mine.json:1: " in str(caught.value)

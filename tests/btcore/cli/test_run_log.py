@@ -11,9 +11,7 @@ from btcore.logs import read_log
 from tests.btcore.cli.conftest import Cli, TreeFile
 
 
-def test_every_requested_log_is_complete_down_to_the_last_halt(
-    cli: Cli, tree_file: TreeFile, tmp_path: Path
-) -> None:
+def test_every_log_is_complete_down_to_last_halt(cli: Cli, tree_file: TreeFile, tmp_path: Path) -> None:
     tree = tree_file('<Sleep name="nap" msec="60000"/>')
     names = ["run.btlog", "run.db3", "run.json", "-"]
     logs = [part for name in names for part in ("--log", name)]

@@ -56,9 +56,7 @@ def test_format_3_converts_the_value_by_its_own_rules(cli: Cli, tmp_path: Path) 
     assert cli("run", tree, "--fast", "--set", "charge=21").exit_code == 1
 
 
-def test_key_may_be_in_braces_and_an_unused_key_is_reported(
-    cli: Cli, tree_file: TreeFile, library: Path
-) -> None:
+def test_key_may_be_in_braces_and_unused_key_reported(cli: Cli, tree_file: TreeFile, library: Path) -> None:
     tree = tree_file('<Walk steps="{far}"/>')
     assert cli("run", tree, "--plugin", library, "--fast", "--set", "{far}=2").exit_code == 0
     mistyped = cli("run", tree, "--plugin", library, "--fast", "--set", "fat=2")

@@ -56,9 +56,7 @@ def work(request: pytest.FixtureRequest, make_tree: MakeTree) -> Callable[[str],
 
 
 @pytest.mark.parametrize(("attribute", "status"), [("_failureIf", F), ("_successIf", S), ("_skipIf", K)])
-def test_condition_before_the_start_decides_the_result(
-    attribute: str, status: Status, work: Callable[[str], Tree]
-) -> None:
+def test_early_condition_decides_result(attribute: str, status: Status, work: Callable[[str], Tree]) -> None:
     tree = work(f'{attribute}="busy" _onSuccess="s := 1" _onFailure="f := 1" _post="p := 1"')
     tree.blackboard["busy"] = True
     assert tree.tick_once() is status

@@ -505,9 +505,7 @@ class ForgetsInAThread(ThreadedAction):
         (ForgetsInAThread, ForgetsInAThread.work),
     ],
 )
-def test_a_leaf_that_returns_none_is_named_with_its_function_and_file(
-    make_tree: MakeTree, leaf: Any, function: Any
-) -> None:
+def test_leaf_returning_none_is_named_with_file(make_tree: MakeTree, leaf: Any, function: Any) -> None:
     tree = make_tree(f"<{camel_case(leaf.__name__)}/>", leaf)
     with pytest.raises(NodeExecutionError) as caught:
         tree.tick_while_running()

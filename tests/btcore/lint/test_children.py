@@ -233,9 +233,7 @@ def test_valid_reactive_nodes_are_not_reported(check: Checker, body: str) -> Non
     assert check(body) == ""
 
 
-def test_asynchronous_leaf_may_declare_that_it_may_complete_on_start(
-    check: Checker, palette: Registry
-) -> None:
+def test_asynchronous_leaf_may_declare_that_it_may_end_on_start(check: Checker, palette: Registry) -> None:
     class WaitForScan(StatefulAction):
         spec = NodeSpec(may_complete_on_start=True)
 

@@ -25,9 +25,7 @@ def test_message(check: Checker, document: Callable[..., str], case: str) -> Non
 
 
 @pytest.mark.parametrize("case", [title for title in CASES if title.endswith("(raises)")])
-def test_tree_with_a_warning_raises_when_ticked(
-    palette: Registry, document: Callable[..., str], case: str
-) -> None:
+def test_tree_with_warning_raises_in_tick(palette: Registry, document: Callable[..., str], case: str) -> None:
     tree = btcore.loads(document_of(CASES[case][0], document), nodes=palette, clock=SimClock())
     tree.blackboard["a"] = 1
     with pytest.raises(NodeExecutionError):

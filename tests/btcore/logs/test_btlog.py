@@ -89,9 +89,7 @@ def test_the_same_tree_makes_the_same_transitions(captures: Path, sample: Tree, 
     assert ours.xml == tree_to_xml(sample)
 
 
-def test_stamps_are_wall_time_at_the_start_plus_the_elapsed_tree_time(
-    small: Callable[..., Tree], tmp_path: Path
-) -> None:
+def test_stamps_are_wall_time_at_start_plus_tree_time(small: Callable[..., Tree], tmp_path: Path) -> None:
     clock = SimClock(5_000_000_000)
     tree = small('<Sleep msec="250"/>', clock=clock)
     clock.advance(1.0)

@@ -95,9 +95,7 @@ def test_written_transitions_are_read_back(
 
 @given(rows=runs(), data=st.data())
 @shared_folder
-def test_btlog_cut_at_any_byte_gives_its_beginning(
-    tmp_path: Path, xml: str, rows: Written, data: st.DataObject
-) -> None:
+def test_btlog_cut_at_any_byte_is_read(tmp_path: Path, xml: str, rows: Written, data: st.DataObject) -> None:
     path = tmp_path / "run.btlog"
     write_btlog(path, xml, rows)
     whole = path.read_bytes()

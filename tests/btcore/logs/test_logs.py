@@ -123,9 +123,7 @@ def test_nothing_is_written_before_end_of_tick(small: Callable[..., Tree], tmp_p
 
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3"])
-def test_halt_between_two_ticks_is_written_immediately(
-    small: Callable[..., Tree], tmp_path: Path, name: str
-) -> None:
+def test_halt_between_ticks_is_written_at_once(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
     tree = small('<Sequence><Sleep msec="100"/></Sequence>')
     with open_log(tree, tmp_path / name):
         tree.tick_once()

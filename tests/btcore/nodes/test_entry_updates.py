@@ -35,16 +35,6 @@ def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_running_child_is_ticked_without_a_check(
-    tag: str, otherwise: Status, make_tree: MakeTree, journal: Journal
-) -> None:
-    tree = make_tree(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="RRS"/></{tag}>')
-    tree.blackboard["x"] = 1
-    assert [tree.tick_once() for _ in range(4)] == [R, R, S, otherwise]
-    assert journal.calls == ["a:start", "a:running", "a:running"]
-
-
-@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_halt_halts_the_child_and_keeps_the_last_seen_write(
     tag: str, otherwise: Status, make_tree: MakeTree, journal: Journal
 ) -> None:
@@ -64,16 +54,6 @@ def test_the_entry_may_be_named_without_braces(tag: str, otherwise: Status, make
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_missing_entry_counts_as_not_updated(
-    tag: str, otherwise: Status, make_tree: MakeTree, journal: Journal
-) -> None:
-    tree = make_tree(f'<{tag} entry="x"><PlanSync name="p" plan="S"/></{tag}>')
-    assert tree.blackboard.find("x") is None
-    assert tree.tick_once() is otherwise
-    assert journal.calls == []
-
-
-@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_number_of_writes_is_compared(tag: str, otherwise: Status, make_tree: MakeTree) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
     tree.blackboard["x"] = 1
@@ -84,16 +64,6 @@ def test_number_of_writes_is_compared(tag: str, otherwise: Status, make_tree: Ma
     assert tree.tick_once() is otherwise
     tree.blackboard["x"] = 2
     assert tree.tick_once() is S
-
-
-@pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_result_of_the_child_is_returned(tag: str, otherwise: Status, make_tree: MakeTree) -> None:
-    tree = make_tree(f'<{tag} entry="{{x}}"><PlanSync plan="KFS"/></{tag}>')
-    statuses = []
-    for value in range(3):
-        tree.blackboard["x"] = value
-        statuses.append(tree.tick_once())
-    assert statuses == [K, F, S]
 
 
 @pytest.mark.parametrize("entry", ["", 'entry=""'])
@@ -135,10 +105,6 @@ def test_was_entry_updated_follows_the_remapping_of_a_subtree(make_tree: MakeTre
     assert tree.tick_once() is F
     tree.blackboard["outside"] = 1
     assert [tree.tick_once(), tree.tick_once()] == [S, F]
-
-
-def test_missing_entry_makes_was_entry_updated_fail(make_tree: MakeTree) -> None:
-    assert make_tree('<WasEntryUpdated entry="x"/>').tick_once() is F
 
 
 def test_was_entry_updated_keeps_the_last_seen_write_after_a_halt(make_tree: MakeTree) -> None:

@@ -59,40 +59,13 @@ def test_loop_emits_no_wake_up(make_tree: MakeTree, sink: Sink) -> None:
     assert tree.ticks == 1
 
 
-def test_literal_list_restarts_with_the_node(make_tree: MakeTree, sink: Sink) -> None:
-    tree = make_tree('<LoopInt queue="1;2" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
-    assert ticks(tree, 6) == [R, R, S, R, R, S]
-    assert sink.got == [1, 2, 1, 2]
-
-
 @pytest.mark.parametrize("written", ["SUCCESS", "FAILURE", "SKIPPED"])
 def test_empty_queue_returns_if_empty(written: str, make_tree: MakeTree) -> None:
     tree = make_tree(f'<LoopInt queue="" if_empty="{written}" value="{{v}}"><AlwaysSuccess/></LoopInt>')
     assert tree.tick_once() is Status[written]
 
 
-def test_failure_ends_loop_and_drops_rest_of_literal_list(make_tree: MakeTree, journal: Journal) -> None:
-    tree = make_tree('<LoopInt queue="1;2;3" value="{v}"><PlanSync name="p" plan="SFSSS"/></LoopInt>')
-    assert ticks(tree, 2) == [R, F]
-    assert tree.blackboard["v"] == 2
-    assert ticks(tree, 4) == [R, R, R, S]
-
-
-def test_skipped_child_consumes_its_element_and_the_loop_continues(make_tree: MakeTree) -> None:
-    tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanSync plan="K"/></LoopInt>')
-    assert ticks(tree, 3) == [R, R, S]
-
-
-def test_running_child_keeps_its_element(make_tree: MakeTree, journal: Journal) -> None:
-    tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="RRS"/></LoopInt>')
-    assert ticks(tree, 3) == [R, R, R]
-    assert tree.blackboard["v"] == 1
-    assert ticks(tree, 1) == [R]
-    assert tree.blackboard["v"] == 2
-    assert journal.calls == ["a:start", "a:running", "a:running", "a:start"]
-
-
-def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: MakeTree, journal: Journal) -> None:
+def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: MakeTree, journal: CallLog) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="S|RR|S"/></LoopInt>')
     ticks(tree, 2)
     assert tree.blackboard["v"] == 2

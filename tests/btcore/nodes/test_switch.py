@@ -57,22 +57,6 @@ def test_changed_choice_halts_the_running_child(format: int, make_tree: MakeTree
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-@pytest.mark.parametrize("format", FORMATS)
-def test_halt_halts_the_running_child(format: int, make_tree: MakeTree, journal: Journal) -> None:
-    tree = make_tree(switch(5, "R"), format=format)
-    tree.blackboard["v"] = "1"
-    tree.tick_once()
-    tree.halt()
-    assert journal.calls == ["c1:start", "c1:halted"]
-
-
-@pytest.mark.parametrize("format", FORMATS)
-def test_switch_returns_the_failure_of_its_child(format: int, make_tree: MakeTree) -> None:
-    tree = make_tree(switch(6, "F"), format=format)
-    tree.blackboard["v"] = "1"
-    assert tree.tick_once() is F
-
-
 def test_switch_is_skipped_with_its_child(make_tree: MakeTree) -> None:
     tree = make_tree(switch(4, "K"))
     tree.blackboard["v"] = "1"
@@ -97,15 +81,6 @@ def test_missing_case_is_ignored(make_tree: MakeTree, journal: Journal) -> None:
     )
     tree.tick_once()
     assert journal.calls == ["c:tick"]
-
-
-def test_first_of_two_equal_cases_is_chosen(make_tree: MakeTree, journal: Journal) -> None:
-    tree = make_tree(
-        '<Switch2 variable="b" case_1="b" case_2="b"><PlanSync name="a" plan="S"/>'
-        '<PlanSync name="b" plan="S"/><PlanSync name="c" plan="S"/></Switch2>'
-    )
-    tree.tick_once()
-    assert journal.calls == ["a:tick"]
 
 
 class Colour(enum.Enum):

@@ -71,9 +71,7 @@ def test_delay_ticks_child_only_after_time(make_tree: MakeTree, clock: SimClock,
     assert journal.calls == ["a:start", "a:running"]
 
 
-def test_running_child_is_not_delayed_again_but_a_completed_child_is(
-    make_tree: MakeTree, clock: SimClock
-) -> None:
+def test_running_child_is_not_delayed_again_but_ended_child_is(make_tree: MakeTree, clock: SimClock) -> None:
     tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RS|F"/></Delay>')
     assert after(tree, clock, 0, 100, 0, 0, 99, 1) == [R, R, S, R, R, F]
 

@@ -476,9 +476,7 @@ def test_user_registration_overrides_an_installed_plugin(library: Path) -> None:
     assert "registered already" in refused(nodes.add, Linger)
 
 
-def test_a_resource_of_a_file_that_is_loaded_twice_is_explained(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_resource_of_file_loaded_twice_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "weighing.py").write_text(
         "from btcore import action\n\n\nclass Scale: ...\n\n\n"
         "@action\ndef weigh(scale: Scale) -> bool:\n    return True\n"
@@ -549,9 +547,7 @@ def test_two_types_with_the_same_name_are_refused() -> None:
     nodes.add_type(second, name="OtherPose")
 
 
-def test_a_type_of_the_user_overrides_the_type_of_an_installed_library(
-    library: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_user_type_overrides_type_of_library(library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("gestures", "gestures", "gestures")
     monkeypatch.setattr("btcore.entry_points.find", lambda group, own: [point])
     library.write_text(

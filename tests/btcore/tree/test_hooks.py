@@ -135,9 +135,7 @@ def test_status_injected_after_the_tick_replaces_the_result(rig: HookRig) -> Non
 
 @pytest.mark.parametrize("status", [Status.SKIPPED, Status.RUNNING, Status.IDLE])
 @pytest.mark.parametrize("position", list(HookPosition))
-def test_only_success_and_failure_can_be_injected(
-    rig: HookRig, status: Status, position: HookPosition
-) -> None:
+def test_only_success_and_failure_are_injected(rig: HookRig, status: Status, position: HookPosition) -> None:
     rig.inject("first", status, position)
     assert rig.tree.tick_once() is Status.SUCCESS
     assert rig.worked == ["first", "second"]

@@ -72,9 +72,7 @@ def read(make_tree: MakeTree, tag: str, written: str, format: int = 4) -> object
         ("Pose", 'json:{"__type": "Pose", "x": 1, "y": 2.5}', Pose(1, 2.5)),
     ],
 )
-def test_a_list_or_a_record_may_be_written_as_json(
-    tag: str, written: str, value: object, make_tree: MakeTree
-) -> None:
+def test_list_or_record_may_be_json(tag: str, written: str, value: object, make_tree: MakeTree) -> None:
     assert read(make_tree, tag, written) == value
 
 

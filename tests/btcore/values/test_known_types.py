@@ -29,9 +29,7 @@ def nodes() -> Registry:
 
 
 @pytest.mark.parametrize(("text", "status"), [("DRIVE", S), ("3", S), ("PARK", F), ("0", F)])
-def test_enum_is_given_by_name_or_by_number(
-    text: str, status: Status, nodes: Registry, make_tree: MakeTree
-) -> None:
+def test_enum_is_name_or_number(text: str, status: Status, nodes: Registry, make_tree: MakeTree) -> None:
     assert make_tree(f'<Drives gear="{text}"/>', nodes=nodes).tick_once() is status
 
 
@@ -51,9 +49,7 @@ def test_script_may_set_an_enum_by_a_registered_name(nodes: Registry, make_tree:
 
 
 @pytest.mark.parametrize("value", ["7", 7])
-def test_number_without_a_member_is_an_error_unlike_in_cpp(
-    value: object, nodes: Registry, make_tree: MakeTree
-) -> None:
+def test_number_without_member_is_error(value: object, nodes: Registry, make_tree: MakeTree) -> None:
     tree = make_tree('<Drives gear="{g}"/>', nodes=nodes)
     entry = tree.blackboard.find("g")
     assert entry is not None

@@ -51,9 +51,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ids=["no robot key", "no own key", "wrong mode", "secret robot key", "two robot keys"],
 )
 @pytest.mark.parametrize("command", ["monitor", "record", "hook"])
-def test_missing_and_wrong_keys_are_usage_errors(
-    folder: Path, command: str, options: list[str], message: str
-) -> None:
+def test_bad_keys_are_usage_errors(folder: Path, command: str, options: list[str], message: str) -> None:
     arguments = {
         "monitor": ["monitor", ":1", "--no-view", "--save", "run.rrd"],
         "record": ["record", ":1", "-o", "run.btlog"],

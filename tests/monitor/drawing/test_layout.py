@@ -132,7 +132,7 @@ def test_children_keep_their_order_to_the_right_or_downwards(drawing: tuple[list
 
 
 @given(drawings())
-def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(
+def test_every_line_joins_parent_and_child_and_crosses_no_pill(
     drawing: tuple[list[Box], TreeLayout],
 ) -> None:
     boxes, layout = drawing

@@ -120,9 +120,7 @@ def test_concurrent_nodes_have_separate_lanes(small: Callable[..., Tree], tmp_pa
     ]
 
 
-def test_log_attached_to_running_nodes_shows_them_from_their_next_start(
-    small: Callable[..., Tree], tmp_path: Path
-) -> None:
+def test_log_attached_to_running_nodes_shows_next_start(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small('<Sleep msec="100"/>')
     tree.tick_once()
     with TraceLog(tree, tmp_path / "run.json"):
@@ -133,9 +131,7 @@ def test_log_attached_to_running_nodes_shows_them_from_their_next_start(
 
 
 @given(text=xml_documents(raising=True, timed=True), ticks=st.integers(1, 6), halt=st.booleans())
-def test_slices_are_nested_and_ended_in_every_tree(
-    text: str, ticks: int, halt: bool, tmp_path_factory: Any
-) -> None:
+def test_slices_are_nested_and_end_in_trees(text: str, ticks: int, halt: bool, tmp_path_factory: Any) -> None:
     path = tmp_path_factory.mktemp("trace") / "run.json"
     tree = btcore.loads(text, nodes=NODES, resources=[Journal()], clock=SimClock(), format=4)
     with TraceLog(tree, path):

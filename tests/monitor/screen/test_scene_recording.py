@@ -210,9 +210,7 @@ def test_bounding_boxes_stay_until_a_list_without_them(show: Callable[..., Any])
 
 
 @pytest.mark.parametrize(("kind", "archetype"), [("jpeg", "EncodedImage"), ("rgb8", "Image")])
-def test_a_picture_without_a_successor_fades_and_shows_its_time(
-    show: Callable[..., Any], kind: str, archetype: str
-) -> None:
+def test_picture_without_successor_fades(show: Callable[..., Any], kind: str, archetype: str) -> None:
     picture = Picture(name="camera", size=(2, 1), format=kind, data=b"\x01\x02\x03\x04\x05\x06")
     taken = {0.5: {"pictures": [picture]}, 1.0: {"pictures": [picture]}, 5.0: {"pictures": [picture]}}
     recording = show({at / 2: {} for at in range(1, 12)} | taken)

@@ -161,9 +161,7 @@ def test_legend_is_below_tree_in_colours_of_palette(recorded: Callable[..., Any]
 
 
 @pytest.mark.parametrize("count", [1, 5, 60, 400])
-def test_the_view_contains_the_tree_and_does_not_magnify_small_trees(
-    big_tree: Callable[..., Any], count: int
-) -> None:
+def test_view_contains_tree_and_does_not_magnify_small_tree(big_tree: Callable[..., Any], count: int) -> None:
     view = TreeView(RowBuffer(rr.RecordingStream("test")), big_tree(count), GROOT, ROOM)
     x0, y0, x1, y1 = view.bounds()
     width, height = view.layout.size

@@ -44,9 +44,7 @@ def test_both_protocols_work_after_junk_at_any_port(
                 assert len(asking.recv_multipart()[-1]) > 0
 
 
-def test_a_request_without_the_empty_delimiter_frame_is_dropped(
-    endless: btcore.Tree, no_threads_left: None
-) -> None:
+def test_request_without_empty_delimiter_is_dropped(endless: btcore.Tree, no_threads_left: None) -> None:
     """A REP socket drops a request without the empty frame, and the next request is answered."""
     with serve(endless, groot2_port=0, groot1_port=0) as publisher, zmq.Context() as context:
         assert publisher.groot1_port is not None

@@ -156,9 +156,7 @@ def test_a_client_of_zmtp_2_gets_a_reply(endless: btcore.Tree, no_threads_left: 
             assert receive(client, 4)[:2] == b"\1\0"
 
 
-def test_a_client_of_zmtp_3_0_receives_what_it_subscribes_to(
-    endless: btcore.Tree, no_threads_left: None
-) -> None:
+def test_client_of_zmtp_3_0_receives_its_subscriptions(endless: btcore.Tree, no_threads_left: None) -> None:
     with serve(endless, groot2_port=0) as publisher:
         client = socket.create_connection(("127.0.0.1", publisher.port + 2), timeout=60)
         with client:

@@ -83,9 +83,7 @@ class Windows:
         return Window(publisher, socket)
 
 
-def test_statuses_equal_the_originals_bytes_before_during_and_after_a_run(
-    sample: btcore.Tree, window: Windows
-) -> None:
+def test_statuses_equal_original_bytes_before_in_and_after_run(sample: btcore.Tree, window: Windows) -> None:
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         assert groot.ask("S") == captured("v4_status_before_first_tick")
@@ -210,9 +208,7 @@ def test_an_invalid_request_gets_an_error_of_two_frames(
         assert window(publisher).send(*frames) == [b"error", sentence.encode()]
 
 
-def test_the_protocol_byte_is_not_checked_and_extra_frames_are_ignored(
-    sample: btcore.Tree, window: Windows
-) -> None:
+def test_protocol_byte_is_ignored_and_extra_frames_too(sample: btcore.Tree, window: Windows) -> None:
     with serve(sample, groot2_port=0) as publisher:
         reply = window(publisher).send(b"\x07S\x01\x00\x00\x00", b"extra")
         assert reply[0][:6] == b"\x02S\x01\x00\x00\x00"
@@ -318,9 +314,7 @@ def test_without_run_channel_its_port_stays_free(sample: btcore.Tree) -> None:
         other.bind(f"tcp://127.0.0.1:{first.port + 2}")
 
 
-def test_two_trees_are_published_by_one_process(
-    sample: btcore.Tree, endless: btcore.Tree, window: Windows
-) -> None:
+def test_one_process_publishes_two_trees(sample: btcore.Tree, endless: btcore.Tree, window: Windows) -> None:
     with serve(sample, groot2_port=0) as first, serve(endless, groot2_port=0) as second:
         assert abs(first.port - second.port) >= 3
         assert first.address == f"tcp://127.0.0.1:{first.port}"

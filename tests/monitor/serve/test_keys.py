@@ -322,9 +322,7 @@ def test_groot_1_watches_without_keys_if_allowed(
             assert groot.recv()
 
 
-def test_a_watch_port_in_use_is_reported(
-    endless: btcore.Tree, sample: btcore.Tree, robot_keys: RobotKeys
-) -> None:
+def test_watch_port_in_use_is_named(endless: btcore.Tree, sample: btcore.Tree, robot_keys: RobotKeys) -> None:
     with (
         serve(sample, groot2_port=0) as other,
         pytest.raises(

@@ -66,9 +66,7 @@ def test_a_reply_has_the_routing_envelope_of_its_request(dealer: Callable[..., A
     [[b""], [b"", b""], [b"", b"", b""], [b"", b"\x02S1234", b"", b"more"], [b"", b"\x02B1234"]],
     ids=["nothing", "an empty request", "two empty frames", "an additional frame", "a missing frame"],
 )
-def test_an_invalid_request_does_not_affect_other_clients(
-    dealer: Callable[..., Any], frames: list[bytes]
-) -> None:
+def test_bad_request_does_not_affect_other_clients(dealer: Callable[..., Any], frames: list[bytes]) -> None:
     odd, client = dealer(), dealer()
     odd.send_multipart(frames)
     client.send_multipart([b"", request(b"S", 1)])

@@ -243,9 +243,7 @@ def test_a_tree_is_unchanged_after_encoding_and_decoding(tree: WireTree) -> None
 
 
 @given(st.dictionaries(uids, st.integers(0, 3)), st.lists(changes, max_size=5))
-def test_an_update_is_unchanged_after_encoding_and_decoding(
-    statuses: Any, changed: list[WireTransition]
-) -> None:
+def test_update_is_unchanged_after_coding(statuses: Any, changed: list[WireTransition]) -> None:
     assert decode_update(encode_update(statuses.items(), changed)) == Update(statuses, tuple(changed))
 
 

@@ -105,9 +105,7 @@ class CheckSensor(DecoratorNode):
 
 
 @pytest.mark.parametrize("format", [3, 4])
-def test_cpp_573_an_earlier_child_that_starts_running_halts_the_later_child(
-    format: int, make_tree: TreeFactory
-) -> None:
+def test_cpp_573_earlier_child_that_starts_halts_later_child(format: int, make_tree: TreeFactory) -> None:
     tree = make_tree(
         '<ReactiveSequence><CheckSensor name="check" bad="{bad}"><PlanAction name="repair" plan="RRS"/>'
         '</CheckSensor><PlanAction name="work" plan="R"/></ReactiveSequence>',

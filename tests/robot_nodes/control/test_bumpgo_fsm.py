@@ -146,9 +146,7 @@ def test_back_has_priority_over_stop(robot: RecordingRobot) -> None:
 
 
 @pytest.mark.parametrize(("index", "side"), [(6, -1.0), (2, 1.0)])
-def test_exercise_the_robot_turns_to_the_diagonal_with_more_room(
-    robot: RecordingRobot, index: int, side: float
-) -> None:
+def test_exercise_robot_turns_to_freer_diagonal(robot: RecordingRobot, index: int, side: float) -> None:
     bumping = Bumping(robot, Diagonals)
     bumping.ranges[index] = 0.4
     bumping.run(3.0)

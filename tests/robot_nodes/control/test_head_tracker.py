@@ -152,9 +152,7 @@ def test_the_detector_process_requires_six_numbers_in_hsv_ranges(robot: Recordin
 @pytest.mark.parametrize(
     ("x", "y", "pan", "tilt"), [(320, 240, 0, 0), (640, 240, 1, 0), (0, 480, -1, 1), (480, 120, 0.5, -0.5)]
 )
-def test_a_command_is_the_position_in_the_picture_from_minus_one_to_one(
-    x: int, y: int, pan: float, tilt: float
-) -> None:
+def test_command_is_position_in_picture_from_minus_1_to_1(x: int, y: int, pan: float, tilt: float) -> None:
     detection = Detection(0, 0, 1, 1, x, y, (640, 480), 7)
     assert command_from_detection(detection) == PanTiltCommand(pan, tilt, 7)
 
@@ -177,9 +175,7 @@ def active(robot: RecordingRobot, **settings) -> HeadTracker:
 @pytest.mark.parametrize(
     ("left", "top", "pan", "tilt"), [(600, 220, -1, 0), (0, 220, 1, 0), (300, 440, 0, -1), (300, 0, 0, 1)]
 )
-def test_the_head_turns_towards_the_object(
-    watching: RecordingRobot, left: int, top: int, pan: int, tilt: int
-) -> None:
+def test_head_turns_to_object(watching: RecordingRobot, left: int, top: int, pan: int, tilt: int) -> None:
     """An object to the right needs a smaller pan angle, and an object below a smaller tilt angle."""
     active(watching)
     watching.shown = picture((left, top, 40, 40), stamp=100_000_000)

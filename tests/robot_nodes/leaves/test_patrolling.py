@@ -240,9 +240,7 @@ def test_battery_checker_fails_below_threshold(robot: RecordingRobot, ports: str
 
 
 @pytest.mark.parametrize(("v", "w", "a_second"), [(0.0, 0.0, 0.01), (0.3, 0.0, 0.16), (0.3, 0.4, 0.26)])
-def test_battery_drains_by_the_commanded_velocity(
-    robot: RecordingRobot, v: float, w: float, a_second: float
-) -> None:
+def test_battery_drains_by_velocity(robot: RecordingRobot, v: float, w: float, a_second: float) -> None:
     tree = tree_of('<Condition ID="BatteryChecker"/>', robot)
     tree.tick_once()
     robot.drive(v, w)

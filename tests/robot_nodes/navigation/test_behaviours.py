@@ -104,7 +104,7 @@ def test_back_up_uses_the_sonars(floor: Callable[..., NavigationRig]) -> None:
     assert course.robot.pose.x > -0.05
 
 
-def test_assisted_teleop_drives_by_the_commands_and_stops_before_a_wall(
+def test_assisted_teleop_drives_by_commands_and_stops_at_wall(
     floor: Callable[..., NavigationRig],
 ) -> None:
     course = floor((2.0, -1.0, 2.2, 1.0))

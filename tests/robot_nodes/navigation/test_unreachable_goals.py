@@ -152,9 +152,7 @@ def test_a_goal_is_reached_when_the_obstacle_goes_away(
     assert rooms.handle.status is GoalStatus.SUCCEEDED
 
 
-def test_the_navigator_ends_the_goal_of_a_tree_that_never_gives_up(
-    two_rooms: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_navigator_ends_goal_of_tree_that_never_ends(two_rooms: Callable[..., Any], tmp_path: Path) -> None:
     file = tmp_path / "tree.xml"
     file.write_text(
         '<root BTCPP_format="4"><BehaviorTree ID="T"><RetryUntilSuccessful num_attempts="-1">'

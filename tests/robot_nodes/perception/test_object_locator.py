@@ -144,9 +144,7 @@ def test_nearest_box_has_place_and_height_of_furniture(body: SimulatedRobot, loc
     assert counter.centre[2] + counter.size[2] / 2 == pytest.approx(0.9, abs=0.03)
 
 
-def test_boxes_are_detected_only_while_the_locator_is_active(
-    body: SimulatedRobot, locator: ObjectLocator
-) -> None:
+def test_boxes_are_detected_only_by_an_active_locator(body: SimulatedRobot, locator: ObjectLocator) -> None:
     body.move_head(-1.2, -0.15)
     wait(body, 2.0)
     assert locator.boxes == ()

@@ -306,9 +306,7 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
         ("launch:\n- include: {file: none.yaml}\n", "none.yaml: no such file"),
     ],
 )
-def test_an_error_in_a_launch_file_is_reported_with_its_line(
-    desk: Desk, tmp_path: Path, text: str, output: str
-) -> None:
+def test_error_in_launch_file_has_its_line(desk: Desk, tmp_path: Path, text: str, output: str) -> None:
     (tmp_path / "f.yaml").write_text(text)
     with pytest.raises(LaunchError, match=output):
         launch_processes(read_launch(tmp_path / "f.yaml"), desk.context)

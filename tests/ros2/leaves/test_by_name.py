@@ -171,9 +171,7 @@ def test_entry_that_does_not_fit_is_an_error_with_its_path(session: RosSession) 
         ('name="/count"', 'name="Count to 3"', "'Count to 3' is not a valid ROS name"),
     ],
 )
-def test_invalid_literal_is_an_error_when_the_tree_is_loaded(
-    session: RosSession, old: str, new: str, problem: str
-) -> None:
+def test_bad_literal_is_error_when_tree_loads(session: RosSession, old: str, new: str, problem: str) -> None:
     with pytest.raises(TreeError) as caught:
         tree_of(COUNT.replace(old, new), session)
     assert problem in str(caught.value)

@@ -223,9 +223,7 @@ def test_two_leaves_on_one_server(server: ServerProcess, session: RosSession) ->
 # --- names
 
 
-def test_name_of_a_blackboard_entry_is_read_when_the_leaf_starts(
-    server: ServerProcess, session: RosSession
-) -> None:
+def test_name_of_entry_is_read_when_leaf_starts(server: ServerProcess, session: RosSession) -> None:
     tree = load(session, f'<Planned action_name="{{name}}" order="{Plan().order}"/>', name="planned")
     assert tree.tick_while_running(period=0.01) is S
     tree.blackboard["name"] = "elsewhere"
@@ -339,9 +337,7 @@ def test_goal_whose_acceptance_was_lost_is_cancelled(
     assert session.wait_for(lambda: message in caplog.messages, LIMIT_S)
 
 
-def test_cancellation_of_a_goal_that_the_server_does_not_know_yet(
-    server: ServerProcess, session: RosSession
-) -> None:
+def test_cancellation_of_goal_unknown_to_the_server(server: ServerProcess, session: RosSession) -> None:
     tag = next(TAGS)
     # The answer arrives after the goal was first cancelled by its ID.
     status, _ = run(session, Plan(answer_slots=100, end=End.NEVER, tag=tag), "ShortTimeout")

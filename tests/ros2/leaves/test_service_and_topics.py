@@ -190,9 +190,7 @@ def test_message_is_published(session: RosSession, other: RosSession) -> None:
 
 
 @pytest.mark.parametrize(("tag", "again"), [("Hear", F), ("HearAgain", S)])
-def test_newest_message_since_the_last_tick(
-    session: RosSession, other: RosSession, tag: str, again: Status
-) -> None:
+def test_newest_message_per_tick(session: RosSession, other: RosSession, tag: str, again: Status) -> None:
     tree = load(session, f'<{tag} heard="{{heard}}"/>')
     publisher = other.node.create_publisher(String, "speech", 10)
     assert other.wait_for(publisher.get_subscription_count, LIMIT_S)

@@ -199,9 +199,7 @@ def test_stopped_world_goes_on_where_it_was(world: SimProcess, monkeypatch: pyte
         assert times[-1] == clock.now()
 
 
-def test_client_that_did_not_wait_for_a_response_may_request_the_next_step(
-    world: SimProcess, client: Client
-) -> None:
+def test_client_that_did_not_wait_for_response_may_request_next(world: SimProcess, client: Client) -> None:
     state = json.loads(client.call(Trigger, "/sim/sync").message)
     times = [state["time"] + number * TENTH for number in range(3)]
     steps = client.node.create_client(SetParametersAtomically, "/sim/step")

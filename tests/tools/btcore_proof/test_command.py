@@ -307,9 +307,7 @@ def test_saved_log_shows_the_counterexample(prove: Callable[..., Result], tmp_pa
     assert names["Stop"] == "RUNNING"
 
 
-def test_saved_tests_pass_ruff_and_name_all_that_the_tree_needs(
-    prove: Callable[..., Result], tmp_path: Path
-) -> None:
+def test_saved_tests_pass_ruff_and_name_what_tree_needs(prove: Callable[..., Result], tmp_path: Path) -> None:
     pytest.importorskip("ruff", reason="the compiled build is tested without ruff")
     (tmp_path / "spot.py").write_text(
         "from btcore import action\n\n\n@action\ndef wave() -> bool:\n    return True\n", encoding="utf-8"

@@ -100,9 +100,7 @@ def test_outcomes_of_a_counterexample_repeat_it(file: Path) -> None:
         ({}, "every leaf is ticked, and can succeed and fail", "not a question about a single run"),
     ],
 )
-def test_invalid_outcomes_are_refused(
-    file: Path, leaves: dict[str, str], question: str, message: str
-) -> None:
+def test_bad_outcomes_are_refused(file: Path, leaves: dict[str, str], question: str, message: str) -> None:
     file.write_text(SEQUENCE.format(kind="Sequence"))
     with pytest.raises(OutcomesError, match=message):
         assert_holds_in_run(file, question, [(0.0, leaves)], models=[file])

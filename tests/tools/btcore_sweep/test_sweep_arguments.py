@@ -168,9 +168,7 @@ def test_engine_and_command_line_do_not_import_the_extra() -> None:
     assert done.stdout == "set()\n"
 
 
-def test_error_in_the_tree_is_reported_with_a_suggestion(
-    sweep: Callable[..., Result], tree: Callable[[str], str]
-) -> None:
+def test_error_in_tree_has_a_suggestion(sweep: Callable[..., Result], tree: Callable[[str], str]) -> None:
     result = sweep(tree("<AlwaysSucess/>"), "--seeds", "3")
     assert result.exit_code == 2
     assert "did you mean <AlwaysSuccess>?" in result.stderr

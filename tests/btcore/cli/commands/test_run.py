@@ -66,9 +66,7 @@ def test_json_is_the_last_line_and_counts_the_results_of_every_node(
     assert data["nodes"]["AlwaysFailure::6"]["failure"] == 1
 
 
-def test_nodes_with_the_same_path_are_distinguished_by_uid(
-    cli: Cli, tree_file: TreeFile, last_json: LastJson
-) -> None:
+def test_nodes_with_same_path_differ_by_uid(cli: Cli, tree_file: TreeFile, last_json: LastJson) -> None:
     tree = tree_file('<Sequence name="top"><AlwaysSuccess name="a"/><AlwaysSuccess name="a"/></Sequence>')
     assert list(last_json(cli("run", tree, "--fast", "--json"))["nodes"]) == ["top", "a#2", "a#3"]
 
@@ -286,9 +284,7 @@ def test_signal_halts_the_tree_completes_the_log_and_exits_with_its_code(
 
 
 @pytest.mark.parametrize("format", [3, 4])
-def test_first_ctrl_c_ends_an_endless_tick_between_two_nodes(
-    tree_file: TreeFile, library: Path, format: int
-) -> None:
+def test_first_ctrl_c_ends_endless_tick_at_a_node(tree_file: TreeFile, library: Path, format: int) -> None:
     tree = tree_file(
         '<Sequence><Say/><Repeat num_cycles="-1"><AlwaysSuccess name="endless"/></Repeat></Sequence>'
     )
@@ -347,9 +343,7 @@ def test_table_shows_tree_and_results_of_each_node(cli: Cli, tree_file: TreeFile
     assert row.split()[-5:] == ["3", "1", "·", "·", "·"]
 
 
-def test_summary_does_not_wrap_at_80_columns(
-    cli: Cli, tree_file: TreeFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_long_summary_is_not_wrapped(cli: Cli, tree_file: TreeFile, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     leaf = '<AlwaysSuccess name="a long name of a leaf that is deep in the tree"/>'
     tree = tree_file("<Inverter>" * 20 + leaf + "</Inverter>" * 20)

@@ -101,9 +101,7 @@ def test_node_of_an_installed_library(document: Write) -> None:
     )
 
 
-def test_library_that_cannot_be_loaded(
-    document: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_library_that_is_not_loaded(document: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     information = tmp_path / "arm-1.0.dist-info"
     information.mkdir()
     (information / "METADATA").write_text("Metadata-Version: 2.1\nName: arm\nVersion: 1.0\n")

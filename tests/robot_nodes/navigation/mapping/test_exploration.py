@@ -154,9 +154,7 @@ def test_a_robot_with_a_low_battery_recharges_before_it_explores(flat: Path) -> 
     assert [node["ticks"] > 10 for node in reported["nodes"].values() if node["id"] == "Explore"] == [True]
 
 
-def test_an_exploration_with_an_empty_battery_fails_with_this_cause(
-    flat: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_exploration_with_empty_battery_fails(flat: Path, caplog: pytest.LogCaptureFixture) -> None:
     result = explore(flat, "empty.yaml", "--battery", "1", tree=str(flat / "explore.xml"))
     reported = json.loads(result.stdout.splitlines()[-1])
     assert reported["status"] == "FAILURE"

@@ -160,9 +160,7 @@ def test_follow_path_drives_to_the_end(rig: NodeRig, path: Callable[..., NavPath
     assert tree.blackboard["code"] == 0
 
 
-def test_follow_path_switches_to_another_path_without_a_stop(
-    rig: NodeRig, path: Callable[..., NavPath]
-) -> None:
+def test_follow_path_switches_to_another_path_at_once(rig: NodeRig, path: Callable[..., NavPath]) -> None:
     tree = rig.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
     rig.run(tree, 3.0)
     first = rig.servers.follow_path.current
@@ -177,9 +175,7 @@ def test_follow_path_switches_to_another_path_without_a_stop(
     assert slowest == pytest.approx(0.3, abs=0.01)
 
 
-def test_follow_path_keeps_its_goal_while_the_same_path_is_truncated_again(
-    rig: NodeRig, path: Callable[..., NavPath]
-) -> None:
+def test_follow_path_keeps_goal_while_path_is_truncated(rig: NodeRig, path: Callable[..., NavPath]) -> None:
     tree = rig.tree(
         '<PipelineSequence><TruncatePath input_path="{path}" output_path="{cut}"/>'
         '<FollowPath path="{cut}"/></PipelineSequence>',

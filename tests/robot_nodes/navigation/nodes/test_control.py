@@ -68,9 +68,7 @@ def test_pipeline_starts_at_the_first_child_after_a_halt(
     assert rig.journal.take() == ["a:start"]
 
 
-def test_pipeline_is_skipped_only_when_all_children_are(
-    rig: NodeRig, plan: Callable[[str, str], str]
-) -> None:
+def test_pipeline_is_skipped_only_with_all_children(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
     assert rig.letters(rig.tree("<PipelineSequence>" + plan("a", "K") * 2 + "</PipelineSequence>"), 1) == "S"
     tree = rig.tree(f"<PipelineSequence>{plan('a', 'K')}{plan('b', 'S')}</PipelineSequence>")
     assert tree.tick_exactly_once() is Status.SUCCESS

@@ -19,9 +19,7 @@ def starts(rig: NodeRig) -> int:
     return rig.journal.take().count("a:start")
 
 
-def test_rate_controller_ticks_its_child_at_first_and_then_at_its_rate(
-    rig: NodeRig, plan: Callable[[str, str], str]
-) -> None:
+def test_rate_controller_ticks_child_first_and_at_rate(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
     tree = rig.tree(f'<RateController hz="2">{plan("a", "S")}</RateController>')
     assert rig.letters(tree, 11, every=0.1) == "SRRRRSRRRRS"
     assert starts(rig) == 3
@@ -40,9 +38,7 @@ def test_rate_controller_ticks_running_child_each_tick(rig: NodeRig, plan: Calla
     assert rig.journal.take() == ["a:start", "a:running", "a:running"]
 
 
-def test_rate_controller_counts_from_the_childs_last_success(
-    rig: NodeRig, plan: Callable[[str, str], str]
-) -> None:
+def test_rate_controller_counts_from_last_success(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
     tree = rig.tree(f'<RateController hz="1">{plan("a", "RRRRRRS")}</RateController>')
     assert rig.letters(tree, 7, every=0.1) == "RRRRRRS"
     starts(rig)
@@ -105,9 +101,7 @@ def test_distance_controller_ticks_a_running_child_in_every_tick(
     assert rig.letters(tree, 4) == "RRSR"
 
 
-def test_distance_controller_fails_when_the_pose_is_unknown(
-    rig: NodeRig, plan: Callable[[str, str], str]
-) -> None:
+def test_distance_controller_fails_with_unknown_pose(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
     tree = rig.tree(f"<DistanceController>{plan('a', 'S')}</DistanceController>")
     rig.localiser.confident = False
     assert rig.letters(tree, 1) == "F"
@@ -280,9 +274,7 @@ def test_path_longer_on_approach_does_not_compare_paths_to_different_goals(
     assert rig.letters(tree, 1) == "S"
 
 
-def test_path_longer_on_approach_succeeds_without_an_earlier_path(
-    rig: NodeRig, plan: Callable[[str, str], str]
-) -> None:
+def test_path_longer_on_approach_accepts_first_path(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
     tree = rig.tree(NEAR_END.replace("{}", plan("a", "F")))
     assert tree.tick_exactly_once() is Status.SUCCESS
 

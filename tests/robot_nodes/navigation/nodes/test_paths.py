@@ -31,9 +31,7 @@ def seen(among: Callable[..., NodeRig]) -> None:
     return rig
 
 
-def test_truncate_path_ends_a_metre_before_the_goal_and_faces_it(
-    rig: NodeRig, path: Callable[..., NavPath]
-) -> None:
+def test_truncate_path_ends_1_m_before_goal_and_faces_it(rig: NodeRig, path: Callable[..., NavPath]) -> None:
     tree = rig.tree(
         '<TruncatePath input_path="{path}" output_path="{cut}"/>', path=path((0, 0), (0, 3), yaw=2)
     )
@@ -293,9 +291,7 @@ def test_remove_in_collision_goals_marks_them_skipped(seen: NodeRig) -> None:
         ("4.3;4.3", 'consider_unknown_as_obstacle="true"', "S"),
     ],
 )
-def test_check_pose_occupancy_succeeds_at_an_occupied_pose(
-    seen: NodeRig, place: str, ports: str, letter: str
-) -> None:
+def test_check_pose_occupancy_finds_occupied_pose(seen: NodeRig, place: str, ports: str, letter: str) -> None:
     assert seen.letters(seen.tree(f'<CheckPoseOccupancy pose="{place}" {ports}/>'), 1) == letter
 
 
