@@ -184,7 +184,7 @@ def test_other_leaves_are_halted_too_and_first_error_is_raised(make_tree: MakeTr
     assert idle(tree)
 
 
-def test_leaf_halted_by_parent_in_tick_raises_error_of_tick(make_tree: MakeTree, journal: CallLog) -> None:
+def test_leaf_halted_by_parent_in_tick_raises_error_of_tick(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
         '<ReactiveSequence><PlanCondition name="q" plan="SF"/><Cling name="c"/></ReactiveSequence>', Cling
     )
