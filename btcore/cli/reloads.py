@@ -8,12 +8,11 @@ from btcore.cli.tree_source import TreeSource
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.loading.hot_reload import FileWatcher, rebuild_tree
 from btcore.runs.providers import fits
-from btcore.runs.tick_loop import LoopEnd, TickLoop
 from btcore.status import Status
 
 
 class Reloads:
-    """Ticks the tree of a run, replaces it when its file is saved, and prints what happens.
+    """Replaces the tree of a run when its file is saved, and prints what happens.
 
     Args:
         source: The file of the tree.
@@ -32,31 +31,15 @@ class Reloads:
         self._progress = progress
         self._count = 0
 
-    def tick(self, loop: TickLoop) -> LoopEnd:
-        """Tick the tree, and those that replace it, until the run ends; return the reason.
-
-        After the end of a tree, also by an exception of a leaf, wait for the next save. The exception is
-        raised at the end of the run, unless another tree has replaced that tree.
-        """
+    def show_end(self) -> None:
+        """Print the exception of a leaf, if it has ended the tree, and show that the run waits for a save."""
         run = self._run
-        loop.reload = self._reload
-        while True:
-            end: LoopEnd | None = "done"
-            try:
-                end = loop.run()
-            except NodeExecutionError as error:
-                run.error = error
-                self._print_leaf_error(error)
-            if end == "done":
-                status = None if run.error is not None else run.status
-                self._progress.show_waiting(status, self._source.path.name)
-                end = loop.wait_for_reload()
-            if end is not None:
-                if run.error is not None:
-                    raise run.error
-                return end
+        if run.error is not None:
+            self._print_leaf_error(run.error)
+        status = None if run.error is not None else run.status
+        self._progress.show_waiting(status, self._source.path.name)
 
-    def _reload(self) -> bool:
+    def reload(self) -> bool:
         """Replace the tree by that in its file, if the file was saved and has no errors; return whether."""
         if not self._files.was_saved():
             return False

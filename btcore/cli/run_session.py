@@ -16,7 +16,7 @@ from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, find_source
 from btcore.errors import NodeExecutionError
 from btcore.options import option
 from btcore.runs.run import Run
-from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
+from btcore.runs.tick_loop import Until
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
 
@@ -115,17 +115,17 @@ class RunSession:
             on_tree: Called with the tree before its first tick.
         """
         run, console, settings = self.run, terminal.stderr_console(), self.run.run_settings
-        tick: Callable[[TickLoop], LoopEnd] = TickLoop.run
         with log_to_console(console), run:
             on_tree(run.tree)
             with closing(Progress(console, run.tree, self.summary.name, settings.duration)) as progress:
+                reload = on_end = None
                 if self._files is not None:
                     from btcore.cli.reloads import Reloads  # most runs do not need it
 
                     self._reloads = Reloads(run, self._source, self._files, progress)
-                    tick = self._reloads.tick
+                    reload, on_end = self._reloads.reload, self._reloads.show_end
                 with suppress(NodeExecutionError):  # it is printed after the summary
-                    run.tick_to_end(self._until, on_tick=progress.on_tick, tick=tick)
+                    run.tick_to_end(self._until, on_tick=progress.on_tick, reload=reload, on_end=on_end)
             if count := run.skipped_ticks:
                 skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
                 terminal.print_warning(
