@@ -15,7 +15,7 @@ class Reloads:
     """Replaces the tree of a run when its file is saved, and prints what happens.
 
     Args:
-        source: The file of the tree.
+        tree_source: The file of the tree.
         files: Detects that the file, or one that it includes, was saved.
         progress: The status line of the run.
 
@@ -23,10 +23,12 @@ class Reloads:
         printed_error: The last exception of a leaf, which was printed; None without one.
     """
 
-    def __init__(self, run: CommandRun, source: TreeSource, files: FileWatcher, progress: Progress) -> None:
+    def __init__(
+        self, run: CommandRun, tree_source: TreeSource, files: FileWatcher, progress: Progress
+    ) -> None:
         self.printed_error: NodeExecutionError | None = None
         self._run = run
-        self._source = source
+        self._tree_source = tree_source
         self._files = files
         self._progress = progress
         self._count = 0
@@ -37,7 +39,7 @@ class Reloads:
         if run.error is not None:
             self._print_leaf_error(run.error)
         status = None if run.error is not None else run.status
-        self._progress.show_waiting(status, self._source.path.name)
+        self._progress.show_waiting(status, self._tree_source.path.name)
 
     def reload(self) -> bool:
         """Replace the tree by that in its file, if the file was saved and has no errors; return whether."""
@@ -45,7 +47,7 @@ class Reloads:
             return False
         run, tree = self._run, self._run.tree
         try:
-            plans = self._source.read_plans()
+            plans = self._tree_source.read_plans()
             try:
                 new_tree = rebuild_tree(tree, plans, run.resources)
             except BtcoreError as error:
@@ -59,7 +61,9 @@ class Reloads:
             with self._progress.suspend():
                 terminal.print_btcore_error(error)
                 action = "continues" if tree.status is Status.RUNNING else "is kept"
-                terminal.print_warning(f"{self._source.path.name} has errors: the previous tree {action}")
+                terminal.print_warning(
+                    f"{self._tree_source.path.name} has errors: the previous tree {action}"
+                )
             return False
         try:
             tree.halt()
@@ -70,7 +74,7 @@ class Reloads:
         run.report["reloads"] = self._count
         with self._progress.suspend():
             terminal.print_diagnostics(plans.diagnostics.warnings)
-            terminal.print_labelled("reloaded", str(self._source.path))
+            terminal.print_labelled("reloaded", str(self._tree_source.path))
         self._progress.set_tree(new_tree)
         run.replace_tree(new_tree)
         return True
