@@ -122,6 +122,8 @@ class NodeLibraries:
     def read(self, document: Document) -> tuple[Sources, Registry]:
         """Read the includes of *document*, and load further libraries if it uses a node that is unknown.
 
+        Loading replaces `nodes`: nodes and rules for a single tree are added to the returned registry.
+
         Returns:
             The documents, and the nodes for their trees. With models the nodes include those that explicit
             tags, such as `<Action ID="Move"/>`, declare. Without models unknown nodes remain errors.

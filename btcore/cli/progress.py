@@ -22,12 +22,6 @@ if TYPE_CHECKING:
 
 _LIVE_INTERVAL_S: Final = 0.1  # real time between two updates of the live line
 _PLAIN_INTERVAL_S: Final = 10.0  # real time between two lines if stderr is not a terminal
-_LEVELS: Final = (
-    (logging.ERROR, "error: ", "bold red"),
-    (logging.WARNING, "warning: ", "bold yellow"),
-    (logging.NOTSET, "", ""),
-)
-"""The prefix of log messages and its style, by the lowest level that it is used for."""
 
 
 class Progress:
@@ -45,8 +39,8 @@ class Progress:
         self.duration = duration
         self.console = console
         self.live: Live | None = None
-        self.start = tree.clock.now()
-        self.began = self.updated = time.perf_counter()
+        self._start_ns = tree.clock.now()
+        self._wall_start_s = self._updated_s = time.perf_counter()
         self.line = Text()
         self._breakpoint_hook = sys.breakpointhook
         self._open()
@@ -62,10 +56,10 @@ class Progress:
     def on_tick(self, status: Status) -> None:
         """Update the line after a tick that returned *status*, unless the last update is too recent."""
         now = time.perf_counter()
-        if now - self.updated < (_LIVE_INTERVAL_S if self.live is not None else _PLAIN_INTERVAL_S):
+        if now - self._updated_s < (_LIVE_INTERVAL_S if self.live is not None else _PLAIN_INTERVAL_S):
             return
-        self.updated = now
-        self._show(self._format_line(status, now - self.began))
+        self._updated_s = now
+        self._show(self._format_line(status, now - self._wall_start_s))
 
     def set_tree(self, tree: Tree) -> None:
         """Show *tree*, which replaces the previous tree of the run."""
@@ -119,11 +113,11 @@ class Progress:
             return pdb.Pdb().set_trace(sys._getframe().f_back)
         return self._breakpoint_hook(*arguments, **options)
 
-    def _format_line(self, status: Status, wall: float) -> Text:
-        elapsed = (self.tree.clock.now() - self.start) / NS_PER_S
+    def _format_line(self, status: Status, wall_s: float) -> Text:
+        elapsed = (self.tree.clock.now() - self._start_ns) / NS_PER_S
         line = Text.assemble(terminal.format_status(status), "  ", (self.name, "bold"), f"  {elapsed:.1f}")
         line.append(" s" if self.duration is None else f" / {self.duration:g} s")
-        line.append(f"  tick {self.tree.ticks}  ×{elapsed / max(wall, 1e-9):.1f}", style="dim")
+        line.append(f"  tick {self.tree.ticks}  ×{elapsed / max(wall_s, 1e-9):.1f}", style="dim")
         # Escaped before the line is truncated.
         leaves = [
             escape_controls(node.name, one_line=True)
@@ -148,8 +142,13 @@ class ConsoleLogHandler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Print *record*. Errors in formatting or printing are reported by `logging.Handler.handleError`."""
         try:
-            word, style = next((word, style) for level, word, style in _LEVELS if record.levelno >= level)
-            self.console.print(Text.assemble((word, style), self.format(record)), soft_wrap=True)
+            text = self.format(record)
+            if record.levelno >= logging.ERROR:
+                terminal.print_error(text, self.console)
+            elif record.levelno >= logging.WARNING:
+                terminal.print_warning(text, self.console)
+            else:
+                self.console.print(Text(text), soft_wrap=True)
         except Exception:
             self.handleError(record)
 

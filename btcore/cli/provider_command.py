@@ -215,6 +215,7 @@ class CommandRun(Run):
             prepare=prepare,
             **arguments,
         )
+        self.report.print_warning = terminal.print_warning
         self._ctx = ctx
         self._used = frozenset(used)
 

@@ -8,15 +8,14 @@ from btcore.cli.tree_source import TreeSource
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.loading.hot_reload import FileWatcher, rebuild_tree
 from btcore.runs.providers import fits
-from btcore.runs.tick_loop import LoopEnd, TickLoop
 from btcore.status import Status
 
 
 class Reloads:
-    """Ticks the tree of a run, replaces it when its file is saved, and prints what happens.
+    """Replaces the tree of a run when its file is saved, and prints what happens.
 
     Args:
-        source: The file of the tree.
+        tree_source: The file of the tree.
         files: Detects that the file, or one that it includes, was saved.
         progress: The status line of the run.
 
@@ -24,45 +23,31 @@ class Reloads:
         printed_error: The last exception of a leaf, which was printed; None without one.
     """
 
-    def __init__(self, run: CommandRun, source: TreeSource, files: FileWatcher, progress: Progress) -> None:
+    def __init__(
+        self, run: CommandRun, tree_source: TreeSource, files: FileWatcher, progress: Progress
+    ) -> None:
         self.printed_error: NodeExecutionError | None = None
         self._run = run
-        self._source = source
+        self._tree_source = tree_source
         self._files = files
         self._progress = progress
         self._count = 0
 
-    def tick(self, loop: TickLoop) -> LoopEnd:
-        """Tick the tree, and those that replace it, until the run ends; return the reason.
-
-        After the end of a tree, also by an exception of a leaf, wait for the next save. The exception is
-        raised at the end of the run, unless another tree has replaced that tree.
-        """
+    def show_end(self) -> None:
+        """Print the exception of a leaf, if it has ended the tree, and show that the run waits for a save."""
         run = self._run
-        loop.reload = self._reload
-        while True:
-            end: LoopEnd | None = "done"
-            try:
-                end = loop.run()
-            except NodeExecutionError as error:
-                run.error = error
-                self._print_leaf_error(error)
-            if end == "done":
-                status = None if run.error is not None else run.status
-                self._progress.show_waiting(status, self._source.path.name)
-                end = loop.wait_for_reload()
-            if end is not None:
-                if run.error is not None:
-                    raise run.error
-                return end
+        if run.error is not None:
+            self._print_leaf_error(run.error)
+        status = None if run.error is not None else run.status
+        self._progress.show_waiting(status, self._tree_source.path.name)
 
-    def _reload(self) -> bool:
+    def reload(self) -> bool:
         """Replace the tree by that in its file, if the file was saved and has no errors; return whether."""
         if not self._files.was_saved():
             return False
         run, tree = self._run, self._run.tree
         try:
-            plans = self._source.read_plans()
+            plans = self._tree_source.read_plans()
             try:
                 new_tree = rebuild_tree(tree, plans, run.resources)
             except BtcoreError as error:
@@ -76,7 +61,9 @@ class Reloads:
             with self._progress.suspend():
                 terminal.print_btcore_error(error)
                 action = "continues" if tree.status is Status.RUNNING else "is kept"
-                terminal.print_warning(f"{self._source.path.name} has errors: the previous tree {action}")
+                terminal.print_warning(
+                    f"{self._tree_source.path.name} has errors: the previous tree {action}"
+                )
             return False
         try:
             tree.halt()
@@ -87,7 +74,7 @@ class Reloads:
         run.report["reloads"] = self._count
         with self._progress.suspend():
             terminal.print_diagnostics(plans.diagnostics.warnings)
-            terminal.print_labelled("reloaded", str(self._source.path))
+            terminal.print_labelled("reloaded", str(self._tree_source.path))
         self._progress.set_tree(new_tree)
         run.replace_tree(new_tree)
         return True

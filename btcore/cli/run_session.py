@@ -12,11 +12,12 @@ from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.provider_command import CommandRun, command_providers
 from btcore.cli.run_report import RunSummary, print_leaf_error
+from btcore.cli.tree_changes import TreeChanges
 from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, find_source
 from btcore.errors import NodeExecutionError
 from btcore.options import option
 from btcore.runs.run import Run
-from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
+from btcore.runs.tick_loop import Until
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
 
@@ -85,7 +86,7 @@ class RunSession:
     """The run of a tree from the command line.
 
     Args:
-        source: The file of the tree.
+        tree_source: The file of the tree.
         until: The result that ends the run.
         files: Detects that the tree's file, or one that it includes, was saved; None without `--watch`.
 
@@ -96,12 +97,17 @@ class RunSession:
     """
 
     def __init__(
-        self, run: CommandRun, source: TreeSource, plans: Plans, until: Until, files: "FileWatcher | None"
+        self,
+        run: CommandRun,
+        tree_source: TreeSource,
+        plans: Plans,
+        until: Until,
+        files: "FileWatcher | None",
     ) -> None:
         self.run = run
         self.plans = plans
-        self.summary = RunSummary(source.name, run)
-        self._source = source
+        self.summary = RunSummary(tree_source.name, run)
+        self._tree_source = tree_source
         self._until: Until = until
         self._files = files
         self._reloads: Reloads | None = None
@@ -115,17 +121,17 @@ class RunSession:
             on_tree: Called with the tree before its first tick.
         """
         run, console, settings = self.run, terminal.stderr_console(), self.run.run_settings
-        tick: Callable[[TickLoop], LoopEnd] = TickLoop.run
         with log_to_console(console), run:
             on_tree(run.tree)
             with closing(Progress(console, run.tree, self.summary.name, settings.duration)) as progress:
+                reload = on_end = None
                 if self._files is not None:
                     from btcore.cli.reloads import Reloads  # most runs do not need it
 
-                    self._reloads = Reloads(run, self._source, self._files, progress)
-                    tick = self._reloads.tick
+                    self._reloads = Reloads(run, self._tree_source, self._files, progress)
+                    reload, on_end = self._reloads.reload, self._reloads.show_end
                 with suppress(NodeExecutionError):  # it is printed after the summary
-                    run.tick_to_end(self._until, on_tick=progress.on_tick, tick=tick)
+                    run.tick_to_end(self._until, on_tick=progress.on_tick, reload=reload, on_end=on_end)
             if count := run.skipped_ticks:
                 skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
                 terminal.print_warning(
@@ -146,22 +152,18 @@ class RunSession:
 
 
 def create_session(
-    ctx: click.Context, source: str, options: RunOptions, installed: NodeLibraries | None = None
+    ctx: click.Context, tree_name: str, options: RunOptions, installed: NodeLibraries | None = None
 ) -> RunSession:
-    """Return the session of the tree *source*, before its providers are opened.
+    """Return the session of a tree, before its providers are opened.
 
     Args:
         ctx: The context of the command, with the settings of providers.
-        source: The tree, as the user named it.
+        tree_name: The tree, as the user named it.
         installed: The installed nodes, for a process that loads them once for many runs. They are not
             changed.
     """
-    changes = None
-    if options.outcomes or options.substitute or options.set:
-        from btcore.cli.tree_changes import TreeChanges  # most runs do not need it
-
-        changes = TreeChanges(options.outcomes, options.substitute, options.set)
-    path = find_source(source)
+    changes = TreeChanges(options.outcomes, options.substitute, options.set)
+    path = find_source(tree_name)
     if options.watch and path == STDIN:
         raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
     # The watcher looks at the files before they are read: a save in between is not missed.
@@ -171,21 +173,16 @@ def create_session(
 
         file_watcher = FileWatcher(path, options.confined)
     libraries = _load_libraries(ctx, options, installed)
-    tree_source = TreeSource(path, options, libraries)
-    if changes is not None:
-        changes.add_rules(libraries.nodes)
+    tree_source = TreeSource(path, options, libraries, changes.with_rules)
     plans = tree_source.read_plans()
-    if changes is not None:
-        changes.check(plans)
+    changes.check(plans)
 
     def prepare(run: Run) -> None:
         run.tree.start_tick_counts()  # before the first tick: the report contains the counts
         terminal.print_diagnostics(plans.diagnostics.warnings)
-        if changes is not None:
-            changes.prepare(run.tree, plans)
+        changes.prepare(run.tree, plans)
 
-    provided = () if changes is None else changes.provided
-    command_run = CommandRun(ctx, plans, prepare, provided=provided, tick_limit=options.tick_limit)
+    command_run = CommandRun(ctx, plans, prepare, provided=changes.provided, tick_limit=options.tick_limit)
     return RunSession(command_run, tree_source, plans, options.until, file_watcher)
 
 

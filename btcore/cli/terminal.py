@@ -2,7 +2,8 @@
 
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from itertools import accumulate
 from typing import Final
 
@@ -173,14 +174,30 @@ def print_diagnostics(diagnostics: Iterable[Diagnostic], console: Console | None
         console.print(Text(f"\n{sentence}", style="bold"), soft_wrap=True)
 
 
-def print_error(message: str) -> None:
-    """Print an error on stderr."""
-    stderr_console().print(Text.assemble(("error: ", "bold red"), message), soft_wrap=True)
+def print_error(message: str, console: Console | None = None) -> None:
+    """Print an error on stderr, or on *console*."""
+    (console or stderr_console()).print(Text.assemble(("error: ", "bold red"), message), soft_wrap=True)
 
 
-def print_warning(message: str) -> None:
-    """Print a warning on stderr."""
-    stderr_console().print(Text.assemble(("warning: ", "bold yellow"), message), soft_wrap=True)
+def print_warning(message: str, console: Console | None = None) -> None:
+    """Print a warning on stderr, or on *console*."""
+    for warnings in _collected_warnings:
+        warnings.append(message)
+    (console or stderr_console()).print(Text.assemble(("warning: ", "bold yellow"), message), soft_wrap=True)
+
+
+_collected_warnings: Final[list[list[str]]] = []
+
+
+@contextmanager
+def collect_warnings() -> Iterator[list[str]]:
+    """Return a context with a list, to which all warnings are added that are printed by any thread."""
+    warnings: list[str] = []
+    _collected_warnings.append(warnings)
+    try:
+        yield warnings
+    finally:
+        _collected_warnings.remove(warnings)
 
 
 def print_labelled(word: str, rest: str) -> None:

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -11,13 +11,15 @@ from btcore.blackboard.ports import Port, remapped_key
 from btcore.cli import terminal
 from btcore.errors import BlackboardError, ConversionError
 from btcore.json_text import too_deep_at
-from btcore.registry.mock_nodes import MockAction, Outcomes, parse_outcomes
-from btcore.registry.registry import Registry
+from btcore.registry.registry import Registry, SubstitutionRule
 from btcore.suggestions import did_you_mean, join_names
 from btcore.tree.tree import Tree
 from btcore.values import ValueType
 from btcore.values.numbers import read_json
 from btcore.xml.plan.plan import Plans, reachable_trees
+
+if TYPE_CHECKING:
+    from btcore.registry.mock_nodes import Outcomes
 
 _NAMED_OUTCOMES: Final = re.compile(r"(.+?)=([^=]*|[RSFKX|]*\(.*)", re.DOTALL)
 """Names may contain `=`, and so may the outputs of outcomes."""
@@ -36,31 +38,24 @@ class TreeChanges:
     """
 
     def __init__(self, outcomes: Sequence[str], substitute: Sequence[Path], set: Sequence[str]) -> None:
-        self._outcomes = _parse_outcomes(outcomes)
-        self._rule_files = substitute
+        self._outcomes = _parse_outcomes(outcomes) if outcomes else None
+        self._rules = _load_rules(substitute) if substitute else {}
         self._entries = _parse_entries(set)
-        self.provided = [self._outcomes] if outcomes else []
+        self.provided = [] if self._outcomes is None else [self._outcomes]
 
-    def add_rules(self, nodes: Registry) -> None:
-        """Add the substitution rules to a registry."""
-        if not self._rule_files:
-            return
-        from btcore.testing.substitution_rules import SubstitutionError, load_substitution_rules
-
-        for file in self._rule_files:
-            try:
-                load_substitution_rules(nodes, file)
-            except OSError as error:
-                raise click.UsageError(
-                    f"--substitute {file}: cannot read the file: {error.strerror}."
-                ) from error
-            except SubstitutionError as error:
-                raise click.UsageError(f"--substitute {file}: {error}.") from error
+    def with_rules(self, nodes: Registry) -> Registry:
+        """Return *nodes*, or a copy with the substitution rules."""
+        if self._rules:
+            nodes = nodes.copy()
+            nodes.substitutions.update(self._rules)
+        return nodes
 
     def check(self, plans: Plans) -> None:
         """Check that each `--outcomes` applies to a leaf of the tree that has no code."""
+        if self._outcomes is None:
+            return
         try:
-            self._outcomes.check(_ports_of_mock_leaves(plans) if self._outcomes.leaves else {})
+            self._outcomes.check(_ports_of_mock_leaves(plans))
         except ValueError as error:
             raise click.UsageError(f"--outcomes: {error}. Mock leaves are leaves from a --model.") from error
 
@@ -80,11 +75,28 @@ class TreeChanges:
                 board.set(key, _convert_value(text, declared, tree.format), declared)
             except (BlackboardError, ConversionError) as error:
                 raise click.UsageError(f"--set {key}={text}: {error}.") from error
-        _warn_unused_rules(tree)
+        if self._rules:
+            _warn_unused_rules(tree, self._rules.values())
 
 
-def _parse_outcomes(texts: Sequence[str]) -> Outcomes:
+def _load_rules(files: Iterable[Path]) -> dict[str, SubstitutionRule]:
+    from btcore.testing.substitution_rules import SubstitutionError, load_substitution_rules
+
+    nodes = Registry()
+    for file in files:
+        try:
+            load_substitution_rules(nodes, file)
+        except OSError as error:
+            raise click.UsageError(f"--substitute {file}: cannot read the file: {error.strerror}.") from error
+        except SubstitutionError as error:
+            raise click.UsageError(f"--substitute {file}: {error}.") from error
+    return nodes.substitutions
+
+
+def _parse_outcomes(texts: Sequence[str]) -> "Outcomes":
     """Return the outcomes in texts of the form NAME=OUTCOMES."""
+    from btcore.registry.mock_nodes import Outcomes, parse_outcomes  # most runs do not need it
+
     leaves: dict[str, str] = {}
     for text in texts:
         match = _NAMED_OUTCOMES.fullmatch(text)
@@ -104,6 +116,8 @@ def _parse_outcomes(texts: Sequence[str]) -> Outcomes:
 
 
 def _ports_of_mock_leaves(plans: Plans) -> dict[str, Mapping[str, Port]]:
+    from btcore.registry.mock_nodes import MockAction
+
     leaves: dict[str, Mapping[str, Port]] = {}
     assert plans.main_tree is not None
     for tree in reachable_trees(plans.trees, plans.main_tree):
@@ -114,9 +128,8 @@ def _ports_of_mock_leaves(plans: Plans) -> dict[str, Mapping[str, Port]]:
     return leaves
 
 
-def _warn_unused_rules(tree: Tree) -> None:
-    rules = tree.registry.substitutions.values()
-    configs = [node.config for node in tree.nodes] if rules else []
+def _warn_unused_rules(tree: Tree, rules: Iterable[SubstitutionRule]) -> None:
+    configs = [node.config for node in tree.nodes]
     unused = [rule.filter for rule in rules if not any(rule.matches(config) for config in configs)]
     if not unused:
         return

@@ -115,14 +115,22 @@ class TreeSource:
         path: The XML file, or `STDIN`.
         options: The options that select the tree.
         libraries: The available nodes; by default those that *options* name, as far as the tree needs them.
+        substitute: Returns the nodes to use instead of the available nodes; None = use these.
     """
 
-    def __init__(self, path: Path, options: TreeOptions, libraries: NodeLibraries | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        options: TreeOptions,
+        libraries: NodeLibraries | None = None,
+        substitute: Callable[[Registry], Registry] | None = None,
+    ) -> None:
         self.path = path
         self.options = options
         self.libraries = libraries or load_libraries(
             options.plugins, options.models, options.confined, own_packages=False
         )
+        self.substitute = substitute
 
     @property
     def name(self) -> str:
@@ -130,20 +138,13 @@ class TreeSource:
         name = "stdin" if self.path == STDIN else self.path.stem
         return name if self.options.tree is None else f"{name}:{self.options.tree}"
 
-    def read_plans(self, substitute: Callable[[Registry], Registry] | None = None) -> Plans:
-        """Read and check the file, and return the plans of its tree.
-
-        Args:
-            substitute: Returns the nodes to use instead of the available nodes; None = use these.
-
-        Returns:
-            The plans of the tree, without errors.
-        """
+    def read_plans(self) -> Plans:
+        """Read and check the file, and return the plans of its tree, which have no errors."""
         try:
             document = parse_source(self.path, self.options.confined)
             sources, nodes = self.libraries.read(document)
-            if substitute is not None:
-                nodes = substitute(nodes)
+            if self.substitute is not None:
+                nodes = self.substitute(nodes)
             plans = define_and_plan(sources, nodes, self.options.tree, self.options.format)
             plans.diagnostics.raise_errors()
         except TreeError as error:

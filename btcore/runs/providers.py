@@ -30,6 +30,7 @@ from typing import Any, Final, Literal, NamedTuple, Union, get_args, get_origin,
 
 from btcore.clock import Clock
 from btcore.errors import ProviderError
+from btcore.escaping import escape_controls
 from btcore.options import required_option_names
 from btcore.registry.manifest import Resources
 from btcore.runs.settings import Settings
@@ -50,9 +51,17 @@ class Report(dict[str, object]):
 
     Attributes:
         end_reason: Why the run ended; None before its end.
+        print_warning: Prints the warnings, by default on stderr.
     """
 
-    end_reason: EndReason | None = None
+    def __init__(self) -> None:
+        super().__init__()
+        self.end_reason: EndReason | None = None
+        self.print_warning = _print_warning
+
+    def warn(self, message: str) -> None:
+        """Print a warning."""
+        self.print_warning(message)
 
     def __setitem__(self, heading: str, values: object) -> None:
         """Set the results under *heading*.
@@ -75,6 +84,10 @@ class Report(dict[str, object]):
         """
         before = self.get(heading)
         self[heading] = {**before, **values} if isinstance(before, dict) else values
+
+
+def _print_warning(message: str) -> None:
+    print(f"warning: {escape_controls(message)}", file=sys.stderr)
 
 
 TYPES_OF_RUN: Final = (Clock, Tree, Report, Resources)

@@ -33,7 +33,7 @@ from btcore.runs.choice import Choice
 from btcore.runs.opening import OpenedProviders
 from btcore.runs.providers import EndReason, Provider, Report
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
-from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
+from btcore.runs.tick_loop import TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -117,7 +117,6 @@ class Run:
         settings: The settings by their classes.
         run_settings: The `RunSettings`.
         report: The results that providers have added; complete after the end.
-        error: The exception that a leaf raised, or None.
         elapsed_s: The duration of the ticking by the run's clock (s).
         wall_s: The duration of the ticking in real time (s).
 
@@ -167,7 +166,6 @@ class Run:
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
         self.run_settings = self.settings.find(RunSettings) or RunSettings()
         self.report = Report()
-        self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
@@ -282,7 +280,8 @@ class Run:
         until: Until = "done",
         *,
         on_tick: Callable[[Status], None] | None = None,
-        tick: Callable[[TickLoop], LoopEnd] = TickLoop.run,
+        reload: Callable[[], bool] | None = None,
+        on_end: Callable[[], None] | None = None,
     ) -> Status:
         """Tick at the rate of the run until the end, halt the trees, and return the status of the last tick.
 
@@ -292,20 +291,22 @@ class Run:
         Args:
             until: The result that ends a tree; the run ends when all trees have ended.
             on_tick: Called with the `status` after every tick.
-            tick: Runs the loop to its end, and returns the reason. `btcore run --watch` also replaces the
-                tree meanwhile.
+            reload: Called between ticks; it may call `replace_tree`, and returns whether it did. After the
+                end of all trees, also by an exception of a leaf, the run waits until it does. The exception
+                is raised at the end, unless another tree has replaced that tree.
+            on_end: Called before this wait.
 
         Raises:
             NodeExecutionError: A leaf raised an exception; it is also the attribute `error`.
         """
         self._check_open()
         loop = self._loop
-        loop.start(until, on_tick)
+        loop.start(until, on_tick, reload, on_end)
         began = time.perf_counter()
         try:
             with self._leaf_error_kept():
                 with self._ended_by_signals(loop.stop):
-                    self.report.end_reason = tick(loop)
+                    self.report.end_reason = loop.run()
                 self._halt()
         finally:
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
@@ -354,7 +355,6 @@ class Run:
 
     def replace_tree(self, tree: Tree) -> None:
         """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
-        self.error = None
         self._loop.replace_tree(tree)
         self._opened.replace_tree(tree)
 
@@ -363,7 +363,7 @@ class Run:
         try:
             yield
         except NodeExecutionError as error:
-            self.error = error
+            self._loop.error = error
             self.report.end_reason = "raised"
             raise
 
@@ -445,6 +445,11 @@ class Run:
         text = "; ".join(map(str, self.closing_errors))
         are_outputs = all(isinstance(error, OutputError) for error in self.closing_errors)
         return OutputError(text) if are_outputs else ProviderError(text)
+
+    @property
+    def error(self) -> NodeExecutionError | None:
+        """The exception that a leaf raised, or None."""
+        return self._loop.error
 
     @property
     def status(self) -> Status:

@@ -10,14 +10,14 @@ from collections.abc import Callable, Sequence
 from typing import Final, Literal
 
 from btcore.clock import NS_PER_S, Clock
-from btcore.errors import EndOfTimeError
+from btcore.errors import EndOfTimeError, NodeExecutionError
 from btcore.runs.settings import RunSettings
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
 _CHECK_INTERVAL_S: Final = 0.05
-"""The longest time (s) between two calls of `TickLoop.reload`, or checks whether a pause has ended."""
+"""The longest time (s) between two calls of `reload`, or checks whether a pause has ended."""
 
 LoopEnd = Literal["done", "duration", "end_of_time", "interrupted"]
 """Why a loop ended: all trees are done, the duration is over, the time of the clock has ended (as that of a
@@ -47,9 +47,9 @@ class TickLoop:
 
     Attributes:
         trees: The trees, in the order in which they are ticked; they have the same clock.
-        reload: Called between ticks; it may replace the first tree, and returns whether it did.
         is_paused: Whether no tick takes place.
         status: The joint status of the trees after the last tick.
+        error: The exception that a leaf raised, or None. `replace_tree` clears it.
         skipped_ticks: The number of ticks that were skipped because an earlier tick was still in progress.
     """
 
@@ -60,28 +60,41 @@ class TickLoop:
         self._end_ns: int | None = None
         self._end_statuses: tuple[Status, ...] = ()
         self._on_tick: Callable[[Status], None] | None = None
+        self._reload: Callable[[], bool] | None = None
+        self._on_end: Callable[[], None] | None = None
         self._running: list[Tree] = []
         self._wake_event = threading.Event()
         self._is_stopping = False
         self._is_waiting = False
         self.trees: list[Tree] = []
-        self.reload: Callable[[], bool] | None = None
         self.is_paused = False
         self.status: Status = IDLE
+        self.error: NodeExecutionError | None = None
         self.skipped_ticks = 0
 
-    def start(self, until: Until, on_tick: Callable[[Status], None] | None = None) -> None:
+    def start(
+        self,
+        until: Until,
+        on_tick: Callable[[Status], None] | None = None,
+        reload: Callable[[], bool] | None = None,
+        on_end: Callable[[], None] | None = None,
+    ) -> None:
         """Begin the time of the loop; all trees are ticked, also those that have ended before.
 
         Args:
             until: The result that ends a tree; the loop ends when all trees have ended.
             on_tick: Called with the status after every tick.
+            reload: Called between ticks; it may replace the first tree, and returns whether it did. After the
+                end of all trees, also by an exception of a leaf, the loop waits until it does.
+            on_end: Called before this wait.
         """
         self._start_ns = self.clock.now()
         duration = self._settings.duration
         self._end_ns = None if duration is None else self._start_ns + round(duration * NS_PER_S)
         self._end_statuses = _STATUSES_THAT_END[until]
         self._on_tick = on_tick
+        self._reload = reload
+        self._on_end = on_end
         self._running = self.trees
         self._is_stopping = False
         self.status = IDLE
@@ -100,7 +113,29 @@ class TickLoop:
         return self.clock.now() - self._start_ns
 
     def run(self) -> LoopEnd:
-        """Tick until the loop ends, and return the reason."""
+        """Tick until the loop ends, and return the reason.
+
+        Raises:
+            NodeExecutionError: A leaf raised an exception, and its tree was not replaced afterwards.
+        """
+        while True:
+            end: LoopEnd | None = "done"
+            error: NodeExecutionError | None = None
+            try:
+                end = self._tick_to_end()
+            except NodeExecutionError as raised:
+                self.error = error = raised
+            if end == "done" and self._reload is not None:
+                if self._on_end is not None:
+                    self._on_end()
+                end = self._wait_for_reload()
+            if end is not None:
+                if error is not None:
+                    raise error
+                return end
+
+    def _tick_to_end(self) -> LoopEnd:
+        """Tick until the trees have ended, or the loop ends for another reason; return the reason."""
         reason = self._wait_for_end_of_pause()
         if reason is not None:
             return reason
@@ -124,7 +159,8 @@ class TickLoop:
                 self.skipped_ticks += missed
                 due += (missed + 1) * self._period_ns
             try:
-                woken, is_reloaded = self._wait_until(due if self._end_ns is None else min(due, self._end_ns))
+                deadline = due if self._end_ns is None else min(due, self._end_ns)
+                woken, is_reloaded = self._wait_for_wake_up_or_reload(deadline)
             except EndOfTimeError:
                 return "end_of_time"
             end = self._find_end()
@@ -157,6 +193,7 @@ class TickLoop:
 
     def replace_tree(self, tree: Tree) -> None:
         """Tick *tree* in place of the first."""
+        self.error = None
         first, *others = self.trees
         self.trees = [tree, *others]
         self._running = [tree, *(other for other in self._running if other is not first)]
@@ -172,7 +209,7 @@ class TickLoop:
             self.trees[0].context.wait_real_time(_CHECK_INTERVAL_S)
         return None
 
-    def wait_for_reload(self) -> LoopEnd | None:
+    def _wait_for_reload(self) -> LoopEnd | None:
         """Wait without ticking until a reload, and return None; or the reason why the loop ends before.
 
         In real time the clock, and a simulator that owns the clock, keep running. In simulated time nothing
@@ -183,7 +220,7 @@ class TickLoop:
             end = self._find_end()
             if end is not None:
                 return end
-            if self._is_reloaded():
+            if self._reload_if_saved():
                 return None
             self._is_waiting = True
             # Checked again, because a `stop` before `_is_waiting` was set does not end the wait.
@@ -195,8 +232,9 @@ class TickLoop:
             finally:
                 self._is_waiting = False
 
-    def _is_reloaded(self) -> bool:
-        return self.reload is not None and self._find_end() is None and self.reload()
+    def _reload_if_saved(self) -> bool:
+        """Let `reload` replace the first tree, unless the loop ends; return whether it did."""
+        return self._reload is not None and self._find_end() is None and self._reload()
 
     def _wait_poll_interval(self) -> None:
         context = self.trees[0].context
@@ -208,36 +246,36 @@ class TickLoop:
         else:
             context.wait_real_time(_CHECK_INTERVAL_S)
 
-    def _wait_until(self, deadline: int) -> tuple[list[Tree], bool]:
+    def _wait_for_wake_up_or_reload(self, deadline: int) -> tuple[list[Tree], bool]:
         """Wait until *deadline*, a wake-up, a stop or a reload. Return woken trees, and if it reloaded."""
-        woken: list[Tree] = []
-        is_reloaded = self._is_reloaded()
-        self._is_waiting = True
-        try:
-            while not (self._is_stopping or is_reloaded):
-                step = deadline
-                if self.reload is not None:
-                    step = min(deadline, self.clock.now() + round(_CHECK_INTERVAL_S * NS_PER_S))
-                woken = self._wait_for_wake_up(step)
-                if woken or step == deadline:
-                    break
-                is_reloaded = self._is_reloaded()
-        finally:
-            self._is_waiting = False
-        return woken, is_reloaded
+        while not self._is_stopping:
+            if self._reload_if_saved():
+                return [], True
+            step = deadline
+            if self._reload is not None:
+                step = min(deadline, self.clock.now() + round(_CHECK_INTERVAL_S * NS_PER_S))
+            woken = self._wait_for_wake_up(step)
+            if woken or step == deadline:
+                return woken, False
+        return [], False
 
     def _wait_for_wake_up(self, deadline: int) -> list[Tree]:
         """Wait until *deadline*, a stop, or a wake-up of trees that have not ended; return these trees."""
-        while True:
-            woken = self._woken()
-            if woken or self._is_stopping:
-                return woken
-            first = min([tree.context.first_deadline(deadline) for tree in self._running])
-            if not self.clock.wait_until(first, self._wake_event):
-                return self._woken()
-            if not self._wake_event.is_set():
-                return self._running  # the clock has ended the wait, as that of a simulation in lockstep may
-            self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
+        self._is_waiting = True
+        try:
+            while True:
+                woken = self._woken()
+                if woken or self._is_stopping:
+                    return woken
+                first = min([tree.context.first_deadline(deadline) for tree in self._running])
+                if not self.clock.wait_until(first, self._wake_event):
+                    return self._woken()
+                if not self._wake_event.is_set():
+                    # The clock has ended the wait, as that of a simulation in lockstep may.
+                    return self._running
+                self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
+        finally:
+            self._is_waiting = False
 
     def _woken(self) -> list[Tree]:
         """Consume the wake-ups of the trees that have not ended, and return the trees that had one."""

@@ -6,11 +6,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
-import click
-
 from btcore import Report, RunSettings, Settings, option, provider
 from btcore.errors import SettingsError
-from btcore.escaping import escape_controls
 
 if TYPE_CHECKING:
     import numpy as np
@@ -127,6 +124,7 @@ def navigation(
     places: "WorldPlaces | None",
     settings: NavigationSettings,
     run_settings: RunSettings,
+    report: Report,
 ) -> "tuple[Navigation, Servers]":
     """Return the navigation of the robot on the map, and its servers.
 
@@ -137,6 +135,7 @@ def navigation(
         places: The start pose of the robot, unless the parameters contain another pose.
         settings: The settings of the navigation.
         run_settings: The settings of the run.
+        report: Gets warnings about the parameters.
 
     Raises:
         SettingsError: The map cannot be used.
@@ -150,7 +149,7 @@ def navigation(
     for cells, missing in ((map.free, "free floor"), (map.occupied, "wall")):
         if not cells.any():
             raise SettingsError(f"there is no {missing} on the map, so navigation is not possible")
-    parameters = _load_parameters(settings.nav_params, places)
+    parameters = _load_parameters(settings.nav_params, places, report)
     with _report_plugin_errors(settings):
         navigation = Navigation(robot, map, _random(run_settings), folder(), parameters, waypoints)
     return navigation, navigation.servers
@@ -210,7 +209,7 @@ def exploration(
     from btcore_navigation.mapping.exploration import Exploration
 
     keepout = () if map is None else map.keepout
-    parameters = _load_parameters(settings.nav_params, places)
+    parameters = _load_parameters(settings.nav_params, places, report)
     with _report_plugin_errors(settings):
         exploration = Exploration(robot, _random(run_settings), folder(), parameters, keepout)
     file = MapFile(own.save_map)
@@ -218,7 +217,7 @@ def exploration(
         yield exploration, exploration.servers, exploration.mapper, file
     finally:
         if file.path is not None and not file.saved:
-            _save(exploration, file.path)
+            _save(exploration, file.path, report)
         if exploration.saved_quality is not None:
             report.add("map", asdict(exploration.saved_quality))
 
@@ -265,7 +264,9 @@ def _report_plugin_errors(settings: NavigationSettings) -> Iterator[None]:
         raise SettingsError(f"--nav-params {settings.nav_params}: {error}") from error
 
 
-def _load_parameters(file: Path | None, places: "WorldPlaces | None") -> "NavigationParameters | None":
+def _load_parameters(
+    file: Path | None, places: "WorldPlaces | None", report: Report
+) -> "NavigationParameters | None":
     """Return the parameters in *file* with the start pose in *places*, unless the file has another pose.
 
     If the start pose is known to be unknown, the file has no effect on it.
@@ -279,7 +280,7 @@ def _load_parameters(file: Path | None, places: "WorldPlaces | None") -> "Naviga
         parameters = load_parameters(file)
         missing = [f"{file}: {tree}" for tree in missing_trees(parameters.navigator, folder())]
         for warning in (*parameters.warnings, *missing):
-            click.echo(f"warning: {escape_controls(warning)}", err=True)
+            report.warn(warning)
     start = None if places is None else places.start
     if places is None or (start is not None and _has_initial_pose(file)):
         return parameters
@@ -310,10 +311,10 @@ def _random(run_settings: RunSettings) -> "np.random.Generator":
     return np.random.default_rng([run_settings.seed, 4])
 
 
-def _save(exploration: "Exploration", path: Path) -> None:
+def _save(exploration: "Exploration", path: Path, report: Report) -> None:
     from btcore_robot.occupancy_map import MapError
 
     try:
         exploration.save(path)
     except MapError as error:
-        click.echo(f"warning: {escape_controls(str(error))}", err=True)
+        report.warn(str(error))

@@ -5,8 +5,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
-import click
-
 from btcore import Report, Resources, RunSettings, Settings, option, provider
 from btcore.clock import Clock
 from btcore.errors import SettingsError
@@ -232,7 +230,7 @@ def bag_robot(
             yield recorded
         finally:
             if recorded.warning:
-                click.echo(f"warning: {recorded.warning}", err=True)
+                report.warn(recorded.warning)
             report.add("commands", recorded.compare_commands())
 
 
@@ -242,19 +240,20 @@ def bag_robot(
         "btcore_navigation.navigation_servers.NavigationServers",
     )
 )
-def nav2_client(session: "RosSession", settings: Nav2Settings) -> "Nav2Client":
+def nav2_client(session: "RosSession", settings: Nav2Settings, report: Report) -> "Nav2Client":
     """Return the client of a running Nav2, after waiting for the robot's pose.
 
     Args:
         session: The session.
         settings: Without them the provider is not used.
+        report: Gets a warning if the pose remains unknown.
     """
     from btcore_ros2.nav2.client import Nav2Client
     from btcore_ros2.nav2.pose_listener import POSE_IS_UNKNOWN
 
     client = Nav2Client(session)
     if not session.wait_for(client.pose, POSE_WAIT_S):
-        click.echo(f"warning: --nav2: {POSE_IS_UNKNOWN}", err=True)
+        report.warn(f"--nav2: {POSE_IS_UNKNOWN}")
     return client
 
 

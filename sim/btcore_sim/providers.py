@@ -5,8 +5,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
 
-import click
-
 from btcore import Report, Resources, RunSettings, Settings, SettingsError, option, provider
 from btcore.clock import Clock
 from btcore.options import Plural
@@ -171,7 +169,7 @@ def simulator(
     try:
         yield simulated.robot, simulated
         for event in simulated.events.pending if simulated.events is not None else ():
-            click.echo(f"warning: event '{event}' did not happen: the run ended before", err=True)
+            report.warn(f"event '{event}' did not happen: the run ended before")
     finally:
         simulated.robot.stop()
         for heading, results in simulated.report().items():

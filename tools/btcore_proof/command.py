@@ -159,9 +159,9 @@ def prove(
     declared = (
         Declarations() if path == STDIN and declarations is None else declarations_of(path, declarations)
     )
-    plans = TreeSource(path, options, libraries).read_plans(
-        lambda nodes: with_model_leaves(nodes, declared.leaves)
-    )
+    plans = TreeSource(
+        path, options, libraries, lambda nodes: with_model_leaves(nodes, declared.leaves)
+    ).read_plans()
     questions = [*(f"never {text}" for text in never), *asked]
     prover = prover_of(plans, questions, declared, given, instant_leaves)
     if init:

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import click
 
+from btcore.cli import terminal
 from btcore.cli.commands.run import parse_run
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.engine.observers import Observer
@@ -40,14 +41,19 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
     Returns:
         A dict. `code`: the exit code; `report`: the object that `--json` prints, or None if the run
         could not start; `failed_at`: the path of the node that made the tree fail or that raised an
-        exception, or None; `warnings`: the messages of the first warnings; `fault`: why the run could not
+        exception, or None; `warnings`: the first lines of the first warnings; `fault`: why the run could not
         start or continue, or None (code 2: an error of the user, 70: an internal error); `began`: True if
         the run could not continue, otherwise missing; `wall_s`: the duration (s of real time).
     """
-    stderr = io.StringIO()
     result: Result
-    # A worker has no terminal: stdout is dropped, and warnings are returned.
-    with _LOCK, redirect_stdout(io.StringIO()), redirect_stderr(stderr):
+    # A worker has no terminal: its output is dropped, and warnings are returned.
+    output = io.StringIO()
+    with (
+        _LOCK,
+        terminal.collect_warnings() as warnings,
+        redirect_stdout(output),
+        redirect_stderr(output),
+    ):
         began = time.perf_counter()
         try:
             with chdir(folder):
@@ -67,7 +73,8 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
             result = _not_started(ExitCode.USER_ERROR, "\n".join([str(error), *notes]))
         except (Exception, SystemExit) as error:
             result = _internal_error(error)
-    result["warnings"] = _warnings(stderr.getvalue())
+    lines = [warning.partition("\n")[0] for warning in warnings]
+    result["warnings"] = list(dict.fromkeys(lines))[:_MAX_WARNINGS]
     result["wall_s"] = round(time.perf_counter() - began, 4)
     return result
 
@@ -110,12 +117,6 @@ def _internal_error(error: BaseException) -> Result:
 
 def _not_started(code: ExitCode, message: str) -> Result:
     return {"code": code, "report": None, "failed_at": None, "fault": message}
-
-
-def _warnings(text: str) -> list[str]:
-    """Return the first warnings in *text*, without duplicates."""
-    warnings = [line.removeprefix("warning: ") for line in text.splitlines() if line.startswith("warning: ")]
-    return list(dict.fromkeys(warnings))[:_MAX_WARNINGS]
 
 
 class FailureCause(Observer):

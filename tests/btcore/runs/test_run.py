@@ -17,7 +17,6 @@ from btcore.field_options import create_options
 from btcore.logs import read_log
 from btcore.runs.core_providers import LogSettings
 from btcore.runs.run import TreelessProgram
-from btcore.runs.tick_loop import LoopEnd, TickLoop
 from btcore.signals import delayed_signals
 
 FAST = RunSettings(fast=True)
@@ -231,12 +230,8 @@ def test_a_tree_that_was_reloaded_is_ticked_at_once() -> None:
         run.replace_tree(program(ticks=2).make_tree(run.clock))
         return True
 
-    def tick(loop: TickLoop) -> LoopEnd:
-        loop.reload = reload
-        return loop.run()
-
-    with Run(program(ticks=9), settings=[FAST]) as run:
-        run.tick_to_end(on_tick=lambda _: times.append(run.clock.now() / 1e9), tick=tick)
+    with Run(program(ticks=9), settings=[RunSettings(fast=True, duration=9.0)]) as run:
+        run.tick_to_end(on_tick=lambda _: times.append(run.clock.now() / 1e9), reload=reload)
     assert run.status is btcore.SUCCESS
     assert times == pytest.approx([0.0, 0.05, 0.15])
 
