@@ -77,13 +77,3 @@ class ConsoleLog(Log):
 
 def _word(status: Status, colours: bool) -> str:
     return f"\x1b[{_COLOURS[status]}m{status.name}\x1b[0m" if colours else status.name
-
-
-def format_transition(since: int, path: str, previous: Status, status: Status, width: int = 0) -> str:
-    """Return a transition as a line of text.
-
-    Args:
-        since: The time since the start (ns).
-        width: The minimum width of the column for *path*.
-    """
-    return f"{since / NS_PER_S:12.6f}  {path:<{width}}  {previous.name:>7} → {status.name}"

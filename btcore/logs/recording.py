@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 from lxml import etree
 
+from btcore.clock import NS_PER_S
 from btcore.logs.files import LogError
 from btcore.status import IDLE, NodeType, Status
 from btcore.xml.models.tree_nodes_model import TAG_OF
@@ -212,3 +213,13 @@ def _uid(element: etree._Element, source: str) -> int:
     if not (text.isascii() and text.isdigit() and len(text) <= 10):
         raise LogError(f"{source}: the node <{element.tag}> in this log has the invalid _uid '{text}'")
     return int(text)
+
+
+def format_transition(since: int, path: str, previous: Status, status: Status, width: int = 0) -> str:
+    """Return a transition as a line of text.
+
+    Args:
+        since: The time since the start (ns).
+        width: The minimum width of the column for *path*.
+    """
+    return f"{since / NS_PER_S:12.6f}  {path:<{width}}  {previous.name:>7} → {status.name}"

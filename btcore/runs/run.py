@@ -96,10 +96,12 @@ class Run:
     not ticked again. The run ends when all trees have ended, with FAILURE if one of them failed. A provider
     with a parameter of the type `Tree`, such as a publisher or a log, gets the first tree.
 
-    From its entry to its exit, a run handles Ctrl-C, SIGTERM and SIGHUP (the terminal was closed): the first
-    of them ends `tick_to_end` or `serve` as usual, or the waits of providers that are closed. If it arrives
-    at another time, or is the second, KeyboardInterrupt is raised, which leaves the run as SystemExit if the
-    signal is not Ctrl-C.
+    From its entry to its exit, a run handles Ctrl-C, SIGTERM and SIGHUP (the terminal was closed):
+
+    - The first signal ends `tick_to_end` or `serve` as usual. While providers are closed, it ends their
+      waits.
+    - A second signal, or a signal at another time, raises KeyboardInterrupt. If the signal is not Ctrl-C, the
+      exception leaves the run as SystemExit.
 
     Args:
         source: The path of an XML file, the plans of a tree, or a program; or a list of them.

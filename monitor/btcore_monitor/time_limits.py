@@ -21,8 +21,9 @@ PICTURE_TIMEOUT_S: Final = VIEWER_START_TIMEOUT_S + 600.0
 """Further time of a `btcore monitor` that then opens another viewer and draws a picture."""
 
 GRACE_S: Final = 30.0
-"""Until foreign clients have received the end of the stream. One that reads gets it at once, but on a busy
-machine it may need many seconds."""
+"""The time limit until foreign clients have received the end of the stream. A client that reads gets it at
+once, but on a busy machine it may need many seconds."""
 
 INTERRUPTED_GRACE_S: Final = 2.0
-"""The same after Ctrl-C or an exception of the program; under `btcore run` not after that of a leaf."""
+"""The time limit for the same after Ctrl-C, or after an exception of the program. Under `btcore run`, GRACE_S
+applies after an exception of a leaf."""

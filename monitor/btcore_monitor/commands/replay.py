@@ -10,7 +10,7 @@ import click
 from btcore.clock import NS_PER_S
 from btcore.escaping import escape_controls
 from btcore.logs import Recording, read_log
-from btcore.logs.console import format_transition
+from btcore.logs.recording import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import did_you_mean
 from btcore_monitor.console import print_line, print_message

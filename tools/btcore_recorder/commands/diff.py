@@ -9,7 +9,7 @@ from btcore.cli import terminal
 from btcore.clock import NS_PER_S
 from btcore.exit_codes import ExitCode
 from btcore.logs import Recording, read_log
-from btcore.logs.console import format_transition
+from btcore.logs.recording import format_transition
 from btcore.suggestions import join_names
 from btcore_recorder.divergence import Divergence, Step, find_divergence, steps
 
