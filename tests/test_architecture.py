@@ -386,7 +386,7 @@ def test_documented_imports_of_the_packages_are_those_of_the_source() -> None:
 
 
 def test_documented_generic_names_are_refused() -> None:
-    sentence = re.search(r"No module is called ([\w, ]+)\.", Path("CONTRIBUTING.md").read_text("utf-8"))
+    sentence = re.search(r"No module is called ([\w, ]+)\.", (ROOT / "CONTRIBUTING.md").read_text("utf-8"))
     assert sentence is not None
     assert set(re.split(r", | or ", sentence[1])) <= GENERIC_NAMES
 
