@@ -162,23 +162,23 @@ class ConnectionChecks:
         now = time.monotonic_ns()
         return now - self._nameless.setdefault(gid, now) > NAME_WAIT_NS
 
-    def _server_problem(self, kind: str, name: str, own_type: str) -> str:
+    def _server_problem(self, noun: str, name: str, own_type: str) -> str:
         """Return which ROS node offers *name* with a type other than *own_type*; "" if none does."""
         node = self._node
-        for other, namespace in node.get_node_names_and_namespaces():
+        for ros_node, namespace in node.get_node_names_and_namespaces():
             try:
-                if kind == "service":
-                    offered = node.get_service_names_and_types_by_node(other, namespace)
+                if noun == "service":
+                    offered = node.get_service_names_and_types_by_node(ros_node, namespace)
                 else:
-                    offered = get_action_server_names_and_types_by_node(node, other, namespace)
+                    offered = get_action_server_names_and_types_by_node(node, ros_node, namespace)
             except NodeNameNonExistentError:  # ended since the list was made
                 continue
-            for found, types in offered:
-                if found == name and own_type not in types:
+            for offered_name, types in offered:
+                if offered_name == name and own_type not in types:
                     return (
-                        f"{kind} {name}: the ROS node {full_name(other, namespace)} offers it with the type "
-                        f"{types[0]}, this program uses the type {own_type}; use the type or the name of the "
-                        f"{kind} that you mean"
+                        f"{noun} {name}: the ROS node {full_name(ros_node, namespace)} offers it with the "
+                        f"type {types[0]}, this program uses the type {own_type}; use the type or the name "
+                        f"of the {noun} that you mean"
                     )
         return ""
 

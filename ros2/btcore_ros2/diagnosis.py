@@ -48,7 +48,7 @@ class Finding:
 def examine_machine(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     """Yield the findings about the installation and the environment variables. ROS 2 is not imported."""
     installation = find_installation(environment)
-    yield _installation(installation)
+    yield _check_installation(installation)
     yield Finding("ok", "Python", platform.python_version())
     yield _domain(environment.get("ROS_DOMAIN_ID") or "0")
     yield _discovery(environment)
@@ -78,13 +78,13 @@ def examine_network(seconds: float, ros_args: str | None) -> Iterator[Finding]:
         yield from _visible(session.node)
 
 
-def _installation(found: Installation) -> Finding:
-    if found.problem:
-        return Finding("error", "installation", found.problem, found.remedy)
-    name = f" {found.distribution}" if found.distribution else ""
-    if found.kind == "wheels":
-        return Finding("ok", "installation", f"wheels in {found.folders[0]}")
-    return Finding("ok", "installation", f"sourced ROS 2{name} in {found.sourced[0]}")
+def _check_installation(installation: Installation) -> Finding:
+    if installation.problem:
+        return Finding("error", "installation", installation.problem, installation.remedy)
+    name = f" {installation.distribution}" if installation.distribution else ""
+    if installation.kind == "wheels":
+        return Finding("ok", "installation", f"wheels in {installation.folders[0]}")
+    return Finding("ok", "installation", f"sourced ROS 2{name} in {installation.sourced[0]}")
 
 
 def _domain(domain: str) -> Finding:
@@ -98,17 +98,17 @@ def _domain(domain: str) -> Finding:
 
 def _discovery(environment: Mapping[str, str]) -> Finding:
     allowed = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
-    given = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET"
+    range_setting = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET"
     peers = environment.get("ROS_STATIC_PEERS", "")
-    text = given + (f", peers {peers}" if peers else "")
-    if given not in allowed:
+    text = range_setting + (f", peers {peers}" if peers else "")
+    if range_setting not in allowed:
         remedy = f"ROS_AUTOMATIC_DISCOVERY_RANGE must be one of {', '.join(allowed)}"
         return Finding("warning", "discovery", text, remedy)
     if environment.get("ROS_LOCALHOST_ONLY") == "1":
         remedy = "ROS_LOCALHOST_ONLY is deprecated: set ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST instead"
         return Finding("warning", "discovery", "this machine only", remedy)
-    if given in ("LOCALHOST", "OFF"):
-        reach = "this machine only" if given == "LOCALHOST" else "no automatic discovery"
+    if range_setting in ("LOCALHOST", "OFF"):
+        reach = "this machine only" if range_setting == "LOCALHOST" else "no automatic discovery"
         return Finding("ok", "discovery", f"{text}: {reach}")
     return Finding("ok", "discovery", text)
 

@@ -98,10 +98,10 @@ def interface_names(package: str, kind: InterfaceKind) -> list[str]:
 
 def message_packages() -> list[str]:
     """Return the names of the installed packages with messages, services or actions."""
-    found: set[str] = set()
+    packages: set[str] = set()
     for entry in sys.path:
-        found |= {file.parent.name for file in Path(entry or ".").glob(f"*/{_TYPE_SUPPORT}")}
-    return sorted(found)
+        packages |= {file.parent.name for file in Path(entry or ".").glob(f"*/{_TYPE_SUPPORT}")}
+    return sorted(packages)
 
 
 def package_remedy(package: str, installation: Installation) -> str:

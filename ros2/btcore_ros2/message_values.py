@@ -127,18 +127,18 @@ def message_fields(message_type: Any) -> Mapping[str, FieldType]:
 
 def _field_type(slot: Any) -> FieldType:
     """Return the type that *slot*, an object of rosidl_parser.definition, describes."""
-    kind = type(slot).__name__  # instead of the classes, which cannot be imported without ROS
-    if kind == "BasicType":
+    class_name = type(slot).__name__  # instead of the classes, which cannot be imported without ROS
+    if class_name == "BasicType":
         return FieldType(_SHORT_NAMES.get(slot.typename, slot.typename), slot.typename)
-    if kind.endswith("String"):
-        basic = "wstring" if "W" in kind else "string"
+    if class_name.endswith("String"):
+        basic = "wstring" if "W" in class_name else "string"
         limit = getattr(slot, "maximum_size", None)
         return FieldType(basic if limit is None else f"{basic}<={limit}", basic, max_length=limit)
-    if kind == "NamespacedType":
+    if class_name == "NamespacedType":
         message = getattr(import_module(".".join(slot.namespaces)), slot.name)
         return FieldType(f"{slot.namespaces[0]}/{slot.name}", message=message)
     item = _field_type(slot.value_type)
-    if kind == "Array":
+    if class_name == "Array":
         return FieldType(f"{item.name}[{slot.size}]", item=item, size=slot.size)
     limit = getattr(slot, "maximum_size", None)
     name = f"{item.name}[]" if limit is None else f"{item.name}[<={limit}]"
@@ -296,11 +296,11 @@ class _Reader:
         if len(self.problems) < MAX_PROBLEMS:
             self.problems.append(FieldProblem(path, message, hint, is_name))
 
-    def message(self, kind: Any, value: object, path: tuple[str | int, ...]) -> Any:
+    def message(self, message_class: Any, value: object, path: tuple[str | int, ...]) -> Any:
         value = self._resolved(value)
-        if isinstance(value, kind):
+        if isinstance(value, message_class):
             return value
-        message = kind()
+        message = message_class()
         if value is _UNKNOWN:
             return message
         if isinstance(value, str) and value.startswith(PREFIX):
@@ -309,23 +309,25 @@ class _Reader:
             except ConversionError as error:
                 self._report(path, str(error))
                 return message
-        if interface_name(kind) in _TIMES:
-            moment = self._moment(kind, value, path)
+        if interface_name(message_class) in _TIMES:
+            moment = self._moment(message_class, value, path)
             if moment is not None:
                 return moment
         if not isinstance(value, Mapping):
-            self._report(path, f"{_shown(value)} is not a {_short_name(kind)}", _message_hint(kind))
+            self._report(
+                path, f"{_shown(value)} is not a {_short_name(message_class)}", _message_hint(message_class)
+            )
             return message
-        fields = message_fields(kind)
-        for key, given in value.items():
+        fields = message_fields(message_class)
+        for key, member in value.items():
             place = (*path, str(key))
             field = fields.get(key)
             if field is None:
                 hint = did_you_mean(str(key), fields).removeprefix("; ")
                 hint = hint or f"fields: {join_names(fields) or 'none'}"
-                self._report(place, f"{_short_name(kind)} has no field '{key}'", hint, is_name=True)
+                self._report(place, f"{_short_name(message_class)} has no field '{key}'", hint, is_name=True)
                 continue
-            read = self._field(field, given, place, kind)
+            read = self._field(field, member, place, message_class)
             if len(self.problems) >= MAX_PROBLEMS:
                 break
             if read is not _UNKNOWN:
@@ -336,18 +338,18 @@ class _Reader:
         key = referenced_key(value) if self._resolve is not None else None
         return value if key is None or self._resolve is None else self._resolve(key)
 
-    def _moment(self, kind: Any, value: object, path: tuple[str | int, ...]) -> Any:
+    def _moment(self, message_class: Any, value: object, path: tuple[str | int, ...]) -> Any:
         """Return a Time or Duration from a number of seconds or the text `now`; None for other values."""
-        if value == "now" and kind.__name__ == "Time":
-            return self._now() if self._now is not None else kind()
+        if value == "now" and message_class.__name__ == "Time":
+            return self._now() if self._now is not None else message_class()
         number = None if isinstance(value, bool) else number_of(to_builtin_number(value))
         if number is None:
             return None
         if not math.isfinite(number) or not -(2**31) <= number < 2**31:
-            self._report(path, f"{number!r} s is out of range for a {_short_name(kind)}")
-            return kind()
+            self._report(path, f"{number!r} s is out of range for a {_short_name(message_class)}")
+            return message_class()
         sec, nanosec = divmod(round(number * _NS), _NS)
-        return kind(sec=sec, nanosec=nanosec)
+        return message_class(sec=sec, nanosec=nanosec)
 
     def _field(self, field: FieldType, value: object, path: tuple[str | int, ...], owner: Any) -> object:
         """Return *value* as the field of a message of class *owner* stores it, or _UNKNOWN."""
@@ -426,8 +428,8 @@ def _packed(item: FieldType, data: Any) -> object:
         return data
     if isinstance(data, bytes | bytearray | memoryview):
         return array.array(code, data) if code == "B" else None
-    kind = getattr(getattr(data, "dtype", None), "kind", "")
-    if kind not in ("i", "u", "f") or (kind == "f" and item.basic not in _REALS):
+    item_kind = getattr(getattr(data, "dtype", None), "kind", "")
+    if item_kind not in ("i", "u", "f") or (item_kind == "f" and item.basic not in _REALS):
         return None
     import numpy as np
 
@@ -521,15 +523,15 @@ def _named_value(field: FieldType, text: str, owner: Any) -> object:
     raise ValueError(f"'{text[:60]}' is not a number\nthe type is {field.name}")
 
 
-def _short_name(kind: Any) -> str:
-    package, _, name = interface_name(kind).split("/")
+def _short_name(message_class: Any) -> str:
+    package, _, name = interface_name(message_class).split("/")
     return f"{package}/{name}"
 
 
-def _message_hint(kind: Any) -> str:
-    if interface_name(kind) in _TIMES:
-        return "write a number of seconds" + (', or "now"' if kind.__name__ == "Time" else "")
-    fields = message_fields(kind)
+def _message_hint(message_class: Any) -> str:
+    if interface_name(message_class) in _TIMES:
+        return "write a number of seconds" + (', or "now"' if message_class.__name__ == "Time" else "")
+    fields = message_fields(message_class)
     return f'write {{"{next(iter(fields))}": …}}' if fields else "write {}"
 
 
@@ -589,10 +591,10 @@ def field_type(message_type: Any, path: str) -> FieldType:
     Raises:
         RosError: There is no such field.
     """
-    kind = FieldType(_short_name(message_type), message=message_type)
+    field_type = FieldType(_short_name(message_type), message=message_type)
     for part, before in _steps(path):
-        kind = _next_type(kind, part, before)
-    return kind
+        field_type = _next_type(field_type, part, before)
+    return field_type
 
 
 def read_field(message: Any, path: str) -> object:
@@ -607,9 +609,9 @@ def read_field(message: Any, path: str) -> object:
         RosError: There is no such field.
     """
     value: Any = message
-    kind = FieldType("", message=type(message))
+    field_type = FieldType("", message=type(message))
     for part, before in _steps(path):
-        kind = _next_type(kind, part, before)
+        field_type = _next_type(field_type, part, before)
         if isinstance(part, str):
             value = getattr(value, part)
         elif part < len(value):
@@ -617,22 +619,22 @@ def read_field(message: Any, path: str) -> object:
         else:
             count = f"{len(value)} items" if len(value) != 1 else "1 item"
             raise MissingItemError(f"'{path}': the list '{before}' has {count}")
-    read: Any = field_value(kind, value)
-    return read.item() if kind.basic and hasattr(read, "item") else read  # a number of numpy
+    read: Any = field_value(field_type, value)
+    return read.item() if field_type.basic and hasattr(read, "item") else read  # a number of numpy
 
 
-def _next_type(kind: FieldType, part: str | int, before: str) -> FieldType:
-    owner = f"'{before}'" if before else kind.name
+def _next_type(field_type: FieldType, part: str | int, before: str) -> FieldType:
+    owner = f"'{before}'" if before else field_type.name
     if isinstance(part, int):
-        if kind.item is None:
-            raise RosError(f"{owner} is not a list, but has the type {kind.name}")
-        return kind.item
-    if kind.message is None:
-        raise RosError(f"{owner} has no fields: its type is {kind.name}")
-    fields = message_fields(kind.message)
+        if field_type.item is None:
+            raise RosError(f"{owner} is not a list, but has the type {field_type.name}")
+        return field_type.item
+    if field_type.message is None:
+        raise RosError(f"{owner} has no fields: its type is {field_type.name}")
+    fields = message_fields(field_type.message)
     if part not in fields:
         near = did_you_mean(part, fields) or f"; fields: {join_names(fields) or 'none'}"
-        raise RosError(f"{_short_name(kind.message)} has no field '{part}'{near}")
+        raise RosError(f"{_short_name(field_type.message)} has no field '{part}'{near}")
     return fields[part]
 
 

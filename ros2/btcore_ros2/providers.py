@@ -218,7 +218,7 @@ def bag_robot(
     from btcore_ros2.robot.description import load_robot
     from btcore_ros2.session import RosSession
 
-    if any(isinstance(one, RosSession) for one in resources):
+    if any(isinstance(resource, RosSession) for resource in resources):
         raise SettingsError("--bag does not belong here: this command serves on ROS 2")
     excluded = {"--nav2": nav2 is not None, "--lockstep": ros.lockstep, "--ros-args": ros.ros_args}
     for name, is_given in excluded.items():

@@ -39,7 +39,7 @@ class TransformListener:
     def __init__(self, session: RosSession) -> None:
         from rclpy.qos import DurabilityPolicy, QoSProfile
 
-        kind = load_interface(TF_MESSAGE, "msg")
+        message_class = load_interface(TF_MESSAGE, "msg")
         self.transforms = TransformTree()
         self._session = session
         self._arrivals: dict[str, int] = {}
@@ -48,10 +48,14 @@ class TransformListener:
         node, group = session.node, session.callback_group
         self.parts = (
             node.create_subscription(
-                kind, "/tf", lambda message: self._take(message, False), 100, callback_group=group
+                message_class, "/tf", lambda message: self._take(message, False), 100, callback_group=group
             ),
             node.create_subscription(
-                kind, "/tf_static", lambda message: self._take(message, True), latched, callback_group=group
+                message_class,
+                "/tf_static",
+                lambda message: self._take(message, True),
+                latched,
+                callback_group=group,
             ),
         )
 

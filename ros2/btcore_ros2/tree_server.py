@@ -113,7 +113,9 @@ class TreeServer:
         self._nodes = nodes if nodes is not None else Registry.standard()
         self._resources = Resources(resources)
         self._resources.insert(0, session)
-        self._robot = next((each for each in resources if isinstance(each, RecoverableRobot)), None)
+        self._robot = next(
+            (resource for resource in resources if isinstance(resource, RecoverableRobot)), None
+        )
         self._clock = clock if clock is not None else session.clock
         self.blackboard = Blackboard(clock=self._clock)
         self._trees = LoadedTrees(files, self._nodes)
@@ -292,8 +294,8 @@ class TreeServer:
             finally:
                 tree.halt()
         except Exception as error:  # the methods of a subclass may raise any exception
-            kind = "" if isinstance(error, BtcoreError) else f"{type(error).__name__}: "
-            status, message, end = Status.IDLE, f"{kind}{error}", goal.abort
+            prefix = "" if isinstance(error, BtcoreError) else f"{type(error).__name__}: "
+            status, message, end = Status.IDLE, f"{prefix}{error}", goal.abort
         except BaseException:
             goal.abort(self._result(Status.IDLE, STOPPED))
             raise

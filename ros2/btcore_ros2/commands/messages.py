@@ -81,7 +81,7 @@ def _check_environment() -> None:
 
 def _require(missing: Sequence[str]) -> None:
     if missing:
-        lines = "".join(f"\n  {one}" for one in missing)
+        lines = "".join(f"\n  {line}" for line in missing)
         raise click.ClickException(f"message packages cannot be built here:{lines}")
 
 

@@ -200,10 +200,10 @@ class RosAction(ServerLeaf):
         return bool(client.server_is_ready())
 
     def _unreachable(self, name: str) -> tuple[enum.Enum, str]:
-        kind = interface_name(self.action_type)
+        type_name = interface_name(self.action_type)
         return (
             ActionErrorCode.SERVER_UNREACHABLE,
-            f"no action server '{name}' ({kind}): {hint_for_action(self.session.node, name, kind)}",
+            f"no action server '{name}' ({type_name}): {hint_for_action(self.session.node, name, type_name)}",
         )
 
     def _transmit(self, client: Any, message: Any) -> None:

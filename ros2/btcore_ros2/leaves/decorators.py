@@ -302,9 +302,9 @@ def _leaf_class(
     if takes_message:
         first = parameters.pop(0) if parameters else None
         if first is None or first.kind is first.KEYWORD_ONLY or _port_mark(hints.get(first.name)):
-            found = f"is '{first.name}'" if first else "is missing"
+            problem = f"is '{first.name}'" if first else "is missing"
             raise RegistrationError(
-                f"the first parameter of {name} {found}: write a parameter for the message before it, "
+                f"the first parameter of {name} {problem}: write a parameter for the message before it, "
                 f"def {function.__name__}(message, …), which is None while there is no message"
             )
     ports: dict[str, Any] = {}

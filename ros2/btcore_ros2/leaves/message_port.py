@@ -205,7 +205,7 @@ def _find_child(text: str, at: int, part: str | int) -> tuple[int | None, int | 
     opening = text[at : at + 1]
     if (opening, type(part)) not in (("{", str), ("[", int)):
         return None, None
-    found: tuple[int | None, int | None] = (None, None)
+    place: tuple[int | None, int | None] = (None, None)
     at = _skip_space(text, at + 1)
     number = 0
     while text[at] not in "}]":
@@ -216,12 +216,12 @@ def _find_child(text: str, at: int, part: str | int) -> tuple[int | None, int | 
             key, at = _DECODER.raw_decode(text, at)
             at = _skip_space(text, _skip_space(text, at) + 1)  # after the colon
         if key == part:
-            found = name, at  # the last of several members with the same name counts
+            place = name, at  # the last of several members with the same name counts
         at = _skip_space(text, _end(text, at))
         if text[at] == ",":
             at = _skip_space(text, at + 1)
         number += 1
-    return found
+    return place
 
 
 def _end(text: str, at: int) -> int:

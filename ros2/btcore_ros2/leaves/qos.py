@@ -78,13 +78,13 @@ def profile_of(qos: Qos, depth: int, reliability: Reliability, durability: Durab
     )
 
 
-def why_silent(node: Any, name: str, kind: str, profile: "QoSProfile") -> str:
+def why_silent(node: Any, name: str, message_type: str, profile: "QoSProfile") -> str:
     """Return the probable reason why no message of the topic *name* has arrived, and what to do.
 
     Args:
         node: The ROS node.
         name: The name of the topic.
-        kind: The ROS name of the message that is expected.
+        message_type: The ROS name of the message that is expected.
         profile: The quality of service of the subscription.
     """
     from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
@@ -93,7 +93,7 @@ def why_silent(node: Any, name: str, kind: str, profile: "QoSProfile") -> str:
     publishers = node.get_publishers_info_by_topic(name)
     if not publishers:
         return f"nothing publishes it{_similar(node, name)}"
-    if others := _other_types(publishers, kind):
+    if others := _other_types(publishers, message_type):
         return others
     offers = [info.qos_profile for info in publishers]
     best_effort = all(offer.reliability == ReliabilityPolicy.BEST_EFFORT for offer in offers)
@@ -105,26 +105,29 @@ def why_silent(node: Any, name: str, kind: str, profile: "QoSProfile") -> str:
     return "its publishers have sent nothing"
 
 
-def why_unheard(node: Any, name: str, kind: str) -> str:
+def why_unheard(node: Any, name: str, message_type: str) -> str:
     """Return the probable reason why no subscriber gets the messages of this program on the topic *name*.
 
     Args:
         node: The ROS node.
         name: The name of the topic.
-        kind: The ROS name of the message that is published.
+        message_type: The ROS name of the message that is published.
     """
     name = node.resolve_topic_name(name)
     subscriptions = node.get_subscriptions_info_by_topic(name)
     if not subscriptions:
         return f"nothing subscribes to it{_similar(node, name)}"
-    return _other_types(subscriptions, kind) or "the quality of service of its subscribers is incompatible"
+    return (
+        _other_types(subscriptions, message_type)
+        or "the quality of service of its subscribers is incompatible"
+    )
 
 
 def _similar(node: Any, name: str) -> str:
     return did_you_mean(name, [topic for topic, _ in node.get_topic_names_and_types() if topic != name])
 
 
-def _other_types(endpoints: Iterable[Any], kind: str) -> str:
-    """Return which types *endpoints* of a topic have; "" if the type of one of them is *kind*."""
+def _other_types(endpoints: Iterable[Any], message_type: str) -> str:
+    """Return which types *endpoints* of a topic have; "" if the type of one of them is *message_type*."""
     types = {info.topic_type for info in endpoints}
-    return "" if kind in types else f"its type is {join_names(sorted(types))}"
+    return "" if message_type in types else f"its type is {join_names(sorted(types))}"

@@ -70,12 +70,12 @@ class ServerLeaf(StatefulAction):
 
         *invalid* is the code of the failure without a message.
         """
-        kind = part.lower()
+        noun = part.lower()
         if message is None:
-            return self._fail(invalid, f"make_{kind}() returned None: no {kind} was sent")
+            return self._fail(invalid, f"make_{noun}() returned None: no {noun} was sent")
         if not isinstance(message, getattr(interface, part)):
             raise NodeError(
-                f"make_{kind}() must return a {interface.__name__}.{part} or None, "
+                f"make_{noun}() must return a {interface.__name__}.{part} or None, "
                 f"not a {type(message).__name__}"
             )
         self._unsent = message

@@ -138,10 +138,10 @@ class RosService(ServerLeaf):
         return bool(client.service_is_ready())
 
     def _unreachable(self, name: str) -> tuple[enum.Enum, str]:
-        kind = interface_name(self.service_type)
+        type_name = interface_name(self.service_type)
         return (
             ServiceErrorCode.SERVICE_UNREACHABLE,
-            f"no service '{name}' ({kind}): {hint_for_service(self.session.node, name, kind)}",
+            f"no service '{name}' ({type_name}): {hint_for_service(self.session.node, name, type_name)}",
         )
 
     def _transmit(self, client: Any, message: Any) -> None:

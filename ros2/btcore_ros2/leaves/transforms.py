@@ -265,13 +265,13 @@ class _StaticTransforms:
 
     def __init__(self, publisher: "Publisher[Any]") -> None:
         self.parts = (publisher,)
-        self._kind = publisher.msg_type
+        self._message_class = publisher.msg_type
         self._transforms: dict[str, Any] = {}
 
     def publish(self, transform: Any) -> None:
         """Publish *transform* together with the earlier ones."""
         self._transforms[transform.child_frame_id] = transform
-        self.parts[0].publish(self._kind(transforms=list(self._transforms.values())))
+        self.parts[0].publish(self._message_class(transforms=list(self._transforms.values())))
 
 
 class RosTransformPublish(_TransformLeaf, SyncAction):
@@ -312,7 +312,7 @@ class RosTransformPublish(_TransformLeaf, SyncAction):
         self.session = session
         self._pose_port = MessagePort(self, "pose", load_interface(POSE, "msg"), session)
         try:
-            self._kind = load_interface(TF_MESSAGE, "msg")
+            self._message_class = load_interface(TF_MESSAGE, "msg")
         except InterfaceError as error:
             raise NodeError(str(error)) from None
         if self.config.input("static").key is None:
@@ -345,8 +345,10 @@ class RosTransformPublish(_TransformLeaf, SyncAction):
             latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
             transforms: _StaticTransforms = self.shared(
                 "tf_static publisher",
-                lambda: _StaticTransforms(node.create_publisher(self._kind, "/tf_static", latched)),
+                lambda: _StaticTransforms(node.create_publisher(self._message_class, "/tf_static", latched)),
             )
             return transforms.publish
-        publisher = self.shared("tf publisher", lambda: node.create_publisher(self._kind, "/tf", 100))
-        return lambda transform: publisher.publish(self._kind(transforms=[transform]))
+        publisher = self.shared(
+            "tf publisher", lambda: node.create_publisher(self._message_class, "/tf", 100)
+        )
+        return lambda transform: publisher.publish(self._message_class(transforms=[transform]))

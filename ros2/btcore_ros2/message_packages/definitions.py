@@ -59,7 +59,7 @@ class MessagePackage:
     @property
     def needs(self) -> set[str]:
         """The names of the other packages whose messages it contains."""
-        return {package for one in self.interfaces for package, _ in one.needs} - {self.name}
+        return {package for interface in self.interfaces for package, _ in interface.needs} - {self.name}
 
 
 def bundled_packages() -> list[str]:
@@ -176,15 +176,15 @@ def select(packages: Sequence[MessagePackage], only: Collection[str]) -> list[Me
     """
     if not only:
         return list(packages)
-    names = {one.name for package in packages for one in package.interfaces}
+    names = {interface.name for package in packages for interface in package.interfaces}
     for name in only:
         if name not in names:
             raise RosError(f"--only {name}: no definition of that name{did_you_mean(name, names)}")
     kept = {
-        (package.name, one.kind, one.name)
+        (package.name, interface.kind, interface.name)
         for package in packages
-        for one in package.interfaces
-        if one.name in only
+        for interface in package.interfaces
+        if interface.name in only
     }
     before = -1
     while len(kept) != before:
@@ -192,14 +192,18 @@ def select(packages: Sequence[MessagePackage], only: Collection[str]) -> list[Me
         kept |= {
             (needed, "msg", message)
             for package in packages
-            for one in package.interfaces
-            if (package.name, one.kind, one.name) in kept
-            for needed, message in one.needs
+            for interface in package.interfaces
+            if (package.name, interface.kind, interface.name) in kept
+            for needed, message in interface.needs
         }
     reduced = (
         replace(
             package,
-            interfaces=tuple(one for one in package.interfaces if (package.name, one.kind, one.name) in kept),
+            interfaces=tuple(
+                interface
+                for interface in package.interfaces
+                if (package.name, interface.kind, interface.name) in kept
+            ),
         )
         for package in packages
     )
@@ -225,13 +229,13 @@ def leave_out_incomplete(
     incomplete: dict[tuple[str, str], Sequence[tuple[str, str]]] = {}
     complete = list(packages)
     while True:
-        known = {(package.name, one.name) for package in complete for one in package.interfaces}
+        known = {(package.name, interface.name) for package in complete for interface in package.interfaces}
         known |= set(installed)
         missing = {
-            (package.name, one.name): sorted(one.needs - known)
+            (package.name, interface.name): sorted(interface.needs - known)
             for package in complete
-            for one in package.interfaces
-            if not one.needs <= known
+            for interface in package.interfaces
+            if not interface.needs <= known
         }
         if not missing:
             return _in_order([package for package in complete if package.interfaces]), incomplete
@@ -240,7 +244,9 @@ def leave_out_incomplete(
             replace(
                 package,
                 interfaces=tuple(
-                    one for one in package.interfaces if (package.name, one.name) not in missing
+                    interface
+                    for interface in package.interfaces
+                    if (package.name, interface.name) not in missing
                 ),
             )
             for package in complete

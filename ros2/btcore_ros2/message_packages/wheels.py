@@ -178,7 +178,7 @@ def wheel_version(package: MessagePackage, needed: Mapping[str, str]) -> str:
         Path(__file__).read_text(encoding="utf-8"),
         *(f"{name} {installed_version(name)}" for name in GENERATORS),
         *(f"{name} {needed.get(name) or installed_version(name)}" for name in sorted(package.needs)),
-        *(f"{one.kind}/{one.name}\n{one.text}" for one in package.interfaces),
+        *(f"{interface.kind}/{interface.name}\n{interface.text}" for interface in package.interfaces),
     ]
     digest = hashlib.sha256(json.dumps(sources).encode()).hexdigest()[:12]
     release = re.match(r"[0-9]+(\.[0-9]+)*", package.version)
@@ -293,12 +293,15 @@ class Build:
 
     def describe(self) -> None:
         """Write the definitions as .idl files, and their type descriptions with type hashes."""
-        for one in self.package.interfaces:
-            file = self.share / one.kind / f"{one.name}.{one.kind}"
+        for interface in self.package.interfaces:
+            file = self.share / interface.kind / f"{interface.name}.{interface.kind}"
             file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(one.text, encoding="utf-8", newline="\n")
+            file.write_text(interface.text, encoding="utf-8", newline="\n")
         tuples = self.folder / "definitions.json"
-        files = [f"{self.share}:{one.kind}/{one.name}.{one.kind}" for one in self.package.interfaces]
+        files = [
+            f"{self.share}:{interface.kind}/{interface.name}.{interface.kind}"
+            for interface in self.package.interfaces
+        ]
         tuples.write_text(json.dumps({"non_idl_tuples": files}), encoding="utf-8", newline="\n")
         adapter = [sys.executable, "-m", "rosidl_adapter", "--package-name", self.name]
         outputs = ["--output-dir", str(self.share), "--output-file", str(self.folder / "idl.txt")]
@@ -316,8 +319,8 @@ class Build:
     def generate(self) -> None:
         """Write the sources in C, C++ and Python."""
         descriptions = [
-            f"{one.kind}/{one.name}.idl:{self.share / one.kind / one.name}.json"
-            for one in self.package.interfaces
+            f"{interface.kind}/{interface.name}.idl:{self.share / interface.kind / interface.name}.json"
+            for interface in self.package.interfaces
         ]
         impl = "rosidl_typesupport_c"
         self._run(
@@ -327,7 +330,8 @@ class Build:
                 self.headers,
                 type_description_tuples=descriptions,
                 ros_interface_files=[
-                    str(self.share / one.kind / f"{one.name}.{one.kind}") for one in self.package.interfaces
+                    str(self.share / interface.kind / f"{interface.name}.{interface.kind}")
+                    for interface in self.package.interfaces
                 ],
             ),
             self._generator("rosidl_typesupport_fastrtps_c", self.headers),
@@ -351,7 +355,9 @@ class Build:
             "package_name": self.name,
             "output_dir": str(output),
             "template_dir": str(self.prefix / "share" / name / "resource"),
-            "idl_tuples": [f"{self.share}:{one.kind}/{one.name}.idl" for one in self.package.interfaces],
+            "idl_tuples": [
+                f"{self.share}:{interface.kind}/{interface.name}.idl" for interface in self.package.interfaces
+            ],
             "target_dependencies": [],
             **more,
         }
@@ -448,9 +454,9 @@ class Build:
         contents: dict[str, bytes] = {
             f"{data}/share/ament_index/resource_index/packages/{self.name}": b"",
             f"{data}/share/ament_index/resource_index/rosidl_interfaces/{self.name}": "\n".join(
-                f"{one.kind}/{one.name}.{suffix}"
-                for one in self.package.interfaces
-                for suffix in ("idl", one.kind)
+                f"{interface.kind}/{interface.name}.{suffix}"
+                for interface in self.package.interfaces
+                for suffix in ("idl", interface.kind)
             ).encode(),
         }
         for root, parent, suffixes in (
@@ -495,7 +501,7 @@ def _groups(package: MessagePackage) -> list[tuple[str, Sequence[str]]]:
     """
     groups: list[tuple[str, Sequence[str]]] = []
     for kind in KINDS:
-        stems = [_snake_case(one.name) for one in package.interfaces if one.kind == kind]
+        stems = [_snake_case(interface.name) for interface in package.interfaces if interface.kind == kind]
         groups += [(kind, stems[first : first + _GROUP]) for first in range(0, len(stems), _GROUP)]
     return groups
 

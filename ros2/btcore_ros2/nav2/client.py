@@ -85,13 +85,13 @@ class Nav2Client(NavigationServers):
         try:
             if converter is None:
                 raise RosError(f"there is no client of the action {action}")
-            kind = converter.type
-            named = self._clients.get((kind, server))
+            action_type = converter.type
+            named = self._clients.get((action_type, server))
             if named is None:
                 client = ActionClient(
-                    self._session.node, kind, server, callback_group=self._session.callback_group
+                    self._session.node, action_type, server, callback_group=self._session.callback_group
                 )
-                named = self._clients[kind, server] = NamedClient(
+                named = self._clients[action_type, server] = NamedClient(
                     client, server, client.server_is_ready, self.discovery_ns
                 )
             handle: AnyGoalHandle = Nav2GoalHandle(self._session, named, goal, converter)
@@ -114,17 +114,17 @@ class Nav2Client(NavigationServers):
     def request(self, request: object, service_name: str = "") -> AnyGoalHandle:
         """Send a request to a service; see `NavigationServers.request`."""
         try:
-            kind, default = service_of(request)
+            service_type, default = service_of(request)
             name = service_name or default
             if not name:
-                raise RosError(f"{kind.__name__} has no default name: set the port service_name")
-            message = kind.Request()
+                raise RosError(f"{service_type.__name__} has no default name: set the port service_name")
+            message = service_type.Request()
             write_request(request, message)
         except RosError as error:
             handle: AnyGoalHandle = GoalHandle(request)
             handle.abort(0, str(error))
             return handle
-        return self._call(kind, name, request, message)
+        return self._call(service_type, name, request, message)
 
     def pose(self) -> Pose2D | None:
         """Return the robot's newest pose in the frame map by tf; None if unknown."""
@@ -153,16 +153,16 @@ class Nav2Client(NavigationServers):
 
         return cast("Battery | None", self._newest(topic, BatteryState, _read_battery))
 
-    def latest(self, topic: str, kind: type[Message]) -> Message | None:
+    def latest(self, topic: str, message_type: type[Message]) -> Message | None:
         """Return the newest message of *topic*; see `NavigationServers.latest`.
 
         The type of the messages is std_msgs/String (latched), geometry_msgs/PoseStamped, or nav_msgs/Goals.
         """
-        if kind is str:
+        if message_type is str:
             from std_msgs.msg import String
 
             return cast("Message | None", self._newest(topic, String, _read_text, latched=True))
-        if kind is list:
+        if message_type is list:
             from nav_msgs.msg import Goals
 
             return cast(
@@ -194,27 +194,31 @@ class Nav2Client(NavigationServers):
         """False: Nav2's localisation does not report that."""
         return False
 
-    def _call(self, kind: Any, name: str, request: object, message: Any) -> AnyGoalHandle:
+    def _call(self, service_type: Any, name: str, request: object, message: Any) -> AnyGoalHandle:
         self._session.refresh()
-        named = self._clients.get((kind, name))
+        named = self._clients.get((service_type, name))
         if named is None:
-            client = self._session.node.create_client(kind, name, callback_group=self._session.callback_group)
-            named = self._clients[kind, name] = NamedClient(
+            client = self._session.node.create_client(
+                service_type, name, callback_group=self._session.callback_group
+            )
+            named = self._clients[service_type, name] = NamedClient(
                 client, name, client.service_is_ready, self.discovery_ns
             )
         return Nav2RequestHandle(self._session, named, request, message)
 
     def _newest(
-        self, topic: str, kind: Any, read: Callable[[Any], object], *, latched: bool = False
+        self, topic: str, message_class: Any, read: Callable[[Any], object], *, latched: bool = False
     ) -> object | None:
         """Return the newest message of *topic*, converted by *read*; the first call subscribes to it."""
         if topic not in self._messages:
             self._messages[topic] = None
-            self._subscribe(topic, kind, read, latched)
+            self._subscribe(topic, message_class, read, latched)
         self._session.refresh()
         return self._messages[topic]
 
-    def _subscribe(self, topic: str, kind: Any, read: Callable[[Any], object], latched: bool) -> None:
+    def _subscribe(
+        self, topic: str, message_class: Any, read: Callable[[Any], object], latched: bool
+    ) -> None:
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
         def take(message: Any) -> None:
@@ -231,7 +235,7 @@ class Nav2Client(NavigationServers):
             # Receives from publishers of both reliabilities.
             profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._session.node.create_subscription(
-            kind, topic, take, profile, callback_group=self._session.callback_group
+            message_class, topic, take, profile, callback_group=self._session.callback_group
         )
 
 

@@ -121,9 +121,9 @@ class Nav2GoalHandle(_SessionHandle):
         if named.is_ready():
             self._send()
         elif not named.is_visible():
-            kind = f"nav2_msgs/action/{converter.type_name}"
-            hint = hint_for_action(session.node, self._name, kind)
-            self.missing_acceptance = f"no action server '{self._name}' ({kind}): {hint}"
+            type_name = f"nav2_msgs/action/{converter.type_name}"
+            hint = hint_for_action(session.node, self._name, type_name)
+            self.missing_acceptance = f"no action server '{self._name}' ({type_name}): {hint}"
         self.watch()
 
     def cancel(self) -> None:
@@ -200,9 +200,9 @@ class Nav2RequestHandle(_SessionHandle):
             self._send()
         elif not named.is_visible():
             service_type = self._client.srv_type
-            kind = f"{service_type.__module__.partition('.')[0]}/srv/{service_type.__name__}"
-            hint = hint_for_service(session.node, self._name, kind)
-            self.missing_acceptance = f"no service '{self._name}' ({kind}): {hint}"
+            type_name = f"{service_type.__module__.partition('.')[0]}/srv/{service_type.__name__}"
+            hint = hint_for_service(session.node, self._name, type_name)
+            self.missing_acceptance = f"no service '{self._name}' ({type_name}): {hint}"
         self.watch()
 
     def cancel(self) -> None:

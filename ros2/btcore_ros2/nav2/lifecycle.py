@@ -126,4 +126,4 @@ def _transition(state: LifecycleState, number: int, label: str) -> LifecycleTran
         return LifecycleTransition.__members__.get(label.upper())
     if number in _SHUTDOWNS:
         return SHUTDOWN if _SHUTDOWNS[number] is state else None
-    return next((each for each in LifecycleTransition if each == number), None)
+    return next((transition for transition in LifecycleTransition if transition == number), None)

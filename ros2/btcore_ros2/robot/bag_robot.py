@@ -218,8 +218,10 @@ class BagRobot(TopicRobot):
                 receive = partial(self._receive_trajectory, control.topic)
                 self._take("head or torso", control.topic, (_TRAJECTORY,), receive)
 
-    def _watch(self, key: str, source: TopicSource, kind: str, receive: Callable[[Any], None]) -> None:
-        self._take(key, source.topic, (kind,), receive, required=True)
+    def _watch(
+        self, key: str, source: TopicSource, message_type: str, receive: Callable[[Any], None]
+    ) -> None:
+        self._take(key, source.topic, (message_type,), receive, required=True)
         if source.timeout is not None:
             self._timeouts[_resolved(source.topic)] = source.timeout
 
@@ -227,22 +229,24 @@ class BagRobot(TopicRobot):
         self,
         key: str,
         topic: str,
-        kinds: tuple[str, ...],
+        message_types: tuple[str, ...],
         receive: Callable[[Any], None],
         *,
         required: bool = False,
     ) -> None:
         """Let *receive* take the messages on *topic*; note a problem for the *key* of the description."""
         topics, topic = self._reader.topics, _resolved(topic)
-        kind = topics.get(topic)
-        if kind in kinds:
+        topic_type = topics.get(topic)
+        if topic_type in message_types:
             self._receivers[topic] = receive
-        elif kind is not None:
-            self._problems.append(f"{key}: {topic} is {kind}, but {' or '.join(kinds)} is expected")
+        elif topic_type is not None:
+            self._problems.append(
+                f"{key}: {topic} is {topic_type}, but {' or '.join(message_types)} is expected"
+            )
         elif required:
-            others = ", ".join(sorted(name for name, other in topics.items() if other in kinds))
-            found = f"; topics of {kinds[0]}: {others}" if others else ""
-            self._problems.append(f"{key}: the bag has no topic {topic}{found}")
+            others = ", ".join(sorted(name for name, other in topics.items() if other in message_types))
+            alternatives = f"; topics of {message_types[0]}: {others}" if others else ""
+            self._problems.append(f"{key}: the bag has no topic {topic}{alternatives}")
 
     def _read_camera_info(self, topic: str) -> None:
         """Read the first `CameraInfo`, which a tree may need at its start."""

@@ -170,9 +170,9 @@ def depth_of(message: Any, far: float) -> NDArray[np.float32]:
     return depth
 
 
-def _pixels(message: Any, kind: np.dtype[Any], channels: int) -> NDArray[Any]:
+def _pixels(message: Any, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
     """Return the pixels, shape `(height, width, channels)`; rows may be padded."""
-    row = message.width * channels * kind.itemsize
+    row = message.width * channels * dtype.itemsize
     step = message.step or row
     data = np.frombuffer(message.data, dtype=np.uint8)
     if step < row or len(data) < step * message.height:
@@ -181,7 +181,7 @@ def _pixels(message: Any, kind: np.dtype[Any], channels: int) -> NDArray[Any]:
             f"{len(data)} bytes"
         )
     rows = data[: step * message.height].reshape(message.height, step)[:, :row]
-    return np.ascontiguousarray(rows).view(kind).reshape(message.height, message.width, channels)
+    return np.ascontiguousarray(rows).view(dtype).reshape(message.height, message.width, channels)
 
 
 def camera_info_of(message: Any, source: CameraSource) -> CameraInfo:

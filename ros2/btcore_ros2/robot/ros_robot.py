@@ -42,7 +42,7 @@ class _Watch:
 
     Attributes:
         topic: The name of the topic.
-        kind: The class of the messages.
+        message_class: The class of the messages.
         timeout: The longest time (s) without a new message; None = no limit.
         arrival: The time (ns) at which the last new message arrived.
         stamp: The stamp of that message.
@@ -50,7 +50,7 @@ class _Watch:
     """
 
     topic: str
-    kind: type
+    message_class: type
     timeout: float | None
     arrival: int = -1
     stamp: Any = None
@@ -334,7 +334,7 @@ class RosRobot(TopicRobot):
 
     def _subscribe(
         self,
-        kind: type,
+        message_class: type,
         source: TopicSource,
         receive: Callable[[Any], None],
         *,
@@ -348,7 +348,7 @@ class RosRobot(TopicRobot):
             reliability=ReliabilityPolicy[source.reliability.upper()],
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
-        watch = _Watch(self._node.resolve_topic_name(source.topic), kind, source.timeout)
+        watch = _Watch(self._node.resolve_topic_name(source.topic), message_class, source.timeout)
         self._watches.append(watch)
 
         def received(message: Any) -> None:
@@ -362,7 +362,7 @@ class RosRobot(TopicRobot):
             watch.note(message, self._time.now())
 
         self._node.create_subscription(
-            kind, source.topic, received, qos, callback_group=self._session.callback_group
+            message_class, source.topic, received, qos, callback_group=self._session.callback_group
         )
 
     def _watch_camera(self) -> None:
@@ -425,15 +425,15 @@ class RosRobot(TopicRobot):
     def _has_mismatch(self) -> bool:
         """Return whether the robot uses another type for one of the topics."""
         node = self._node
-        return any(has_other_type(node, watch.topic, watch.kind) for watch in self._watches) or (
-            has_other_type(node, self._velocity.topic, self._publishers.kind, published=False)
+        return any(has_other_type(node, watch.topic, watch.message_class) for watch in self._watches) or (
+            has_other_type(node, self._velocity.topic, self._publishers.message_class, published=False)
         )
 
     def _missing(self) -> list[str]:
         """Return the keys of the description for which something has not arrived yet."""
         missing = super()._missing()
         # Asked last, since a look at the graph is slow.
-        if not (missing or takes(self._node, self._velocity.topic, self._publishers.kind)):
+        if not (missing or takes(self._node, self._velocity.topic, self._publishers.message_class)):
             missing.append("velocity")
         return missing
 
@@ -441,18 +441,20 @@ class RosRobot(TopicRobot):
         description, node = self.description, self._node
         lines = []
         missing = self._missing()
-        topic, kind = node.resolve_topic_name(self._velocity.topic), self._publishers.kind
-        if "velocity" not in missing and not takes(node, topic, kind):
+        topic, message_class = node.resolve_topic_name(self._velocity.topic), self._publishers.message_class
+        if "velocity" not in missing and not takes(node, topic, message_class):
             missing.append("velocity")
         for key in missing:
             if key == "velocity":
-                lines.append(f"velocity: {topic}: {topic_problem(node, topic, kind, published=False)}")
+                lines.append(
+                    f"velocity: {topic}: {topic_problem(node, topic, message_class, published=False)}"
+                )
             elif key in ("frames", "head", "torso"):
                 lines.append(self._missing_reason(key))
             else:
                 source = description.scan if key == "scan" else description.odometry
                 watch = next(w for w in self._watches if w.topic == node.resolve_topic_name(source.topic))
-                lines.append(f"{key}: {watch.topic}: {topic_problem(node, watch.topic, watch.kind)}")
+                lines.append(f"{key}: {watch.topic}: {topic_problem(node, watch.topic, watch.message_class)}")
         hint = f"correct {description.path}" if sees_others(node) else DOMAIN_HINT
         details = "".join(f"\n  {line}" for line in lines)
         return f"the robot '{description.name}' is not available:{details}\n  {hint}"
@@ -488,9 +490,11 @@ class RosRobot(TopicRobot):
         from sensor_msgs.msg import CameraInfo as InfoMessage
         from sensor_msgs.msg import Image
 
-        name, kind = (source.image.topic, Image) if self._raw_image is None else (source.info, InfoMessage)
+        name, message_class = (
+            (source.image.topic, Image) if self._raw_image is None else (source.info, InfoMessage)
+        )
         topic = self._node.resolve_topic_name(name)
-        problem = topic_problem(self._node, topic, kind)
+        problem = topic_problem(self._node, topic, message_class)
         _log.warning("there are no pictures: %s: %s; leaves that look for objects find none", topic, problem)
 
     def _silent(self, now: int, part: float) -> list[_Watch]:

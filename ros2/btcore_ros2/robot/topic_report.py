@@ -12,46 +12,46 @@ CLOCK_REMEDY = (
 )
 
 
-def type_name(kind: type) -> str:
+def type_name(message_class: type) -> str:
     """Return the name of a message class, for example `sensor_msgs/msg/LaserScan`."""
-    return f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
+    return f"{message_class.__module__.partition('.')[0]}/msg/{message_class.__name__}"
 
 
-def has_other_type(node: Any, topic: str, kind: type, *, published: bool = True) -> bool:
+def has_other_type(node: Any, topic: str, message_class: type, *, published: bool = True) -> bool:
     """Return whether a topic is visible, but with another type only.
 
     Args:
         node: The ROS node.
         topic: The topic.
-        kind: The expected message class.
+        message_class: The expected message class.
         published: Whether to look at publishers; otherwise at subscriptions.
     """
     types = {info.topic_type for info in _endpoints(node, topic, published)}
-    return bool(types) and type_name(kind) not in types
+    return bool(types) and type_name(message_class) not in types
 
 
-def takes(node: Any, topic: str, kind: type) -> bool:
-    """Return whether another ROS node subscribes to *topic* with the message class *kind*."""
-    name = type_name(kind)
+def takes(node: Any, topic: str, message_class: type) -> bool:
+    """Return whether another ROS node subscribes to *topic* with the message class *message_class*."""
+    name = type_name(message_class)
     return any(info.topic_type == name for info in _endpoints(node, topic, published=False))
 
 
-def topic_problem(node: Any, topic: str, kind: type, *, published: bool = True) -> str:
+def topic_problem(node: Any, topic: str, message_class: type, *, published: bool = True) -> str:
     """Return a sentence about a topic on which nothing arrives, or to which nothing listens.
 
     Args:
         node: The ROS node.
         topic: The topic.
-        kind: The expected message class.
+        message_class: The expected message class.
         published: Whether a publisher is missing; otherwise a subscription.
     """
-    name = type_name(kind)
+    name = type_name(message_class)
     endpoints = _endpoints(node, topic, published)
     word = "publisher" if published else "subscription"
     if not endpoints:
         others = _topics_of(node, name, published)
-        found = f"; topics with a {word} of {name}: {', '.join(others)}" if others else ""
-        return f"no {word} is visible{found}"
+        alternatives = f"; topics with a {word} of {name}: {', '.join(others)}" if others else ""
+        return f"no {word} is visible{alternatives}"
     types = sorted({info.topic_type for info in endpoints})
     if name not in types:
         return f"the robot uses {', '.join(types)}, but {name} is expected"

@@ -372,12 +372,12 @@ class TopicRobot(Robot):
             urdf = Urdf((), (), ())
         self._model_joints = urdf.joints
         self._shapes = [
-            replace(each, frame=FOOTPRINT) if each.frame == base else each for each in urdf.shapes
+            replace(part, frame=FOOTPRINT) if part.frame == base else part for part in urdf.shapes
         ]
 
     def _drawn_frames(self) -> list[Frame]:
         """Return the frames, and the links of the model whose poses are on no topic, such as wheels."""
-        frames = [Frame(each.child, each.parent, each.position, each.quaternion) for each in self.frames()]
+        frames = [Frame(link.child, link.parent, link.position, link.quaternion) for link in self.frames()]
         placed = {frame.child for frame in frames} | {FOOTPRINT, self.description.base_frame}
         for joint in self._model_joints:
             if joint.child not in placed:

@@ -129,18 +129,18 @@ class VelocityPublishers:
     ) -> None:
         from geometry_msgs.msg import Twist, TwistStamped
 
-        self.kind: type = TwistStamped if topics.type == "TwistStamped" else Twist
+        self.message_class: type = TwistStamped if topics.type == "TwistStamped" else Twist
         self._stamped = topics.type == "TwistStamped"
         self._frame = frame
         self._time = stamp
         self._publishers = {
-            topic: session.node.create_publisher(self.kind, topic, 10) for topic in topics.topics
+            topic: session.node.create_publisher(self.message_class, topic, 10) for topic in topics.topics
         }
         self._used: set[str] = set()
 
     def publish(self, topic: str, twist: Twist2D) -> None:
         """Publish *twist* on *topic*."""
-        message: Any = self.kind()
+        message: Any = self.message_class()
         velocity = message.twist if self._stamped else message
         velocity.linear.x, velocity.angular.z = twist.v, twist.w
         if self._stamped:

@@ -299,11 +299,17 @@ class LockstepClock(SimulatedSchedule):
 
     def _await_messages(self) -> None:
         """Take messages until the newest one of each subscription has arrived."""
-        due = [(each, self._published.get(each.topic_name, 0)) for each in self._arrived]
-        due = [(each, number) for each, number in due if each not in self._silent]
+        due = [
+            (subscription, self._published.get(subscription.topic_name, 0)) for subscription in self._arrived
+        ]
+        due = [(subscription, number) for subscription, number in due if subscription not in self._silent]
 
         def late() -> list[str]:
-            return [each.topic_name for each, number in due if self._arrived.get(each, number) < number]
+            return [
+                subscription.topic_name
+                for subscription, number in due
+                if self._arrived.get(subscription, number) < number
+            ]
 
         limit = time.monotonic() + ARRIVAL
         while not self._session.wait_for(lambda: not late(), LOSS):
@@ -316,9 +322,9 @@ class LockstepClock(SimulatedSchedule):
     def _unconnected(self) -> list[Any]:
         """Return the subscriptions that have received nothing from the world yet."""
         return [
-            each
-            for each, number in self._arrived.items()
-            if not number and each.topic_name in self._published and each not in self._silent
+            subscription
+            for subscription, number in self._arrived.items()
+            if not number and subscription.topic_name in self._published and subscription not in self._silent
         ]
 
     def _connect(self) -> None:
@@ -340,10 +346,12 @@ class LockstepClock(SimulatedSchedule):
         """
         subscriptions = set(self._session.node.subscriptions)
         if subscriptions != self._arrived.keys():
-            for each in subscriptions:
-                if each not in self._arrived:
-                    each.callback = self._noting(each)
-            self._arrived = {each: self._arrived.get(each, 0) for each in subscriptions}
+            for subscription in subscriptions:
+                if subscription not in self._arrived:
+                    subscription.callback = self._noting(subscription)
+            self._arrived = {
+                subscription: self._arrived.get(subscription, 0) for subscription in subscriptions
+            }
             self._silent &= self._arrived.keys()
         now = time.monotonic_ns()
         if now - self._synced > _SYNC_INTERVAL_NS and self._unconnected():
@@ -400,12 +408,12 @@ def _numbers(parameters: Any) -> dict[str, int]:
     """Return the parameters of a request: times in ns, and numbers of messages by topic."""
     numbers: dict[str, int] = {}
     for parameter in parameters:
-        name, kind, value = parameter.name, parameter.value.type, parameter.value
+        name, parameter_type, value = parameter.name, parameter.value.type, parameter.value
         if name not in ("until", "from") and not name.startswith("/"):
             raise ValueError(f"unknown parameter '{name}': use until, from, or the name of a topic")
-        if kind == ParameterType.PARAMETER_INTEGER:
+        if parameter_type == ParameterType.PARAMETER_INTEGER:
             numbers[name] = value.integer_value
-        elif kind == ParameterType.PARAMETER_DOUBLE and name == "until":
+        elif parameter_type == ParameterType.PARAMETER_DOUBLE and name == "until":
             numbers[name] = round(value.double_value * NS_PER_S)
         else:
             raise ValueError(f"'{name}' has to be an integer; only 'until' may be a double, in s")

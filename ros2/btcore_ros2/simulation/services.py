@@ -31,7 +31,7 @@ def offer_services(session: RosSession, simulated: Simulation) -> None:
     robot, events = simulated.robot, simulated.events
     assert events is not None
 
-    def offer(kind: Any, name: str, action: Callable[[Any], str]) -> None:
+    def offer(service_type: Any, name: str, action: Callable[[Any], str]) -> None:
         def answer(request: Any, response: Any) -> Any:
             try:
                 response.message = action(request)
@@ -40,7 +40,7 @@ def offer_services(session: RosSession, simulated: Simulation) -> None:
                 response.message = str(error)
             return response
 
-        session.node.create_service(kind, f"sim/{name}", answer)
+        session.node.create_service(service_type, f"sim/{name}", answer)
 
     def recharge(_: Trigger.Request) -> str:
         robot.recharge()

@@ -59,7 +59,7 @@ class Topic:
 
     Args:
         node: The ROS node.
-        kind: The class of the messages.
+        message_class: The class of the messages.
         name: The name of the topic, relative to the namespace of the ROS node.
         qos: The quality of service.
 
@@ -68,8 +68,8 @@ class Topic:
         published: The number of messages so far.
     """
 
-    def __init__(self, node: Any, kind: type, name: str, qos: QoSProfile) -> None:
-        self._publisher = node.create_publisher(kind, name, qos)
+    def __init__(self, node: Any, message_class: type, name: str, qos: QoSProfile) -> None:
+        self._publisher = node.create_publisher(message_class, name, qos)
         self.name: str = self._publisher.topic_name
         self.published = 0
 
@@ -115,10 +115,10 @@ class RobotTopics:
         self._topics: list[Topic] = []
         node = session.node
 
-        def topic(kind: type, name: str, qos: QoSProfile = RELIABLE) -> Topic:
-            made = Topic(node, kind, name, qos)
-            self._topics.append(made)
-            return made
+        def topic(message_class: type, name: str, qos: QoSProfile = RELIABLE) -> Topic:
+            created = Topic(node, message_class, name, qos)
+            self._topics.append(created)
+            return created
 
         self._clock = topic(Clock, "/clock") if ros_time is None else None
         self._scan = topic(LaserScan, scan, BEST_EFFORT)
@@ -287,7 +287,7 @@ class RobotTopics:
         self._set_header(message, picture.stamp, picture.frame)
         return message
 
-    def _subscribe(self, node: Any, kind: type, name: str, take: Callable[[Any], None]) -> None:
+    def _subscribe(self, node: Any, message_class: type, name: str, take: Callable[[Any], None]) -> None:
         topic = node.resolve_topic_name(name)
         self._received[topic] = 0
 
@@ -296,7 +296,7 @@ class RobotTopics:
             self._received[topic] = max(self._received[topic], info["publication_sequence_number"])
             take(message)
 
-        node.create_subscription(kind, name, receive, RELIABLE)
+        node.create_subscription(message_class, name, receive, RELIABLE)
 
     def _velocity_command(self, priority: int) -> Callable[[Twist], None]:
         """Return the callback of a topic for velocity commands of *priority*."""
