@@ -18,6 +18,9 @@ CORES ?= $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 # Many tests wait for processes and sockets.
 TEST_PROCESSES = $(shell expr $(CORES) + 1)
 PIP := -m pip --disable-pip-version-check
+# The packages that an editable install is built with. With `--no-build-isolation`, pip does not install them, mypy
+# and their dependencies a second time, into an environment of its own.
+BUILD_TOOLS := 'setuptools>=78.1.1' 'setuptools-scm>=8.1'
 # $(PROGRESS) TITLE COMMAND... shows that a command of minutes is running.
 PROGRESS := $(PYTHON) .ci/progress
 ENGINE := $(shell find btcore tools trees -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
@@ -46,6 +49,9 @@ VULKAN := mesa-vulkan-drivers libvulkan1
 
 # What the demo runs, and for how long (s of the robot's time).
 DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
+
+# Targets that `make test` builds beside the tests of ROS 2, which often wait.
+BESIDE ?=
 
 # How many seeds each acceptance run is made with.
 SEEDS ?= 200
@@ -105,14 +111,15 @@ setup-core: .venv/core
 	@test -n '$(PYTHON)' || { echo 'btcore needs Python 3.11 or newer; none is on the PATH.' \
 		'PYTHON=/path/to/python3 make … names one.' >&2; exit 1; }
 	@$(PYTHON) -m venv .venv
+	@.venv/bin/python $(PIP) install --quiet $(BUILD_TOOLS)
 	@$(PROGRESS) 'setting up .venv with $(PYTHON), everything included' \
-		.venv/bin/python $(PIP) install --editable '.[dev]'
+		.venv/bin/python $(PIP) install --no-build-isolation --editable '.[dev]'
 	@touch $@
 
 .venv-compiled/ready: $(ENGINE) .venv/ready
 	@rm -rf build out/wheel
 	@BTCORE_COMPILED=1 $(PROGRESS) 'building the wheel of the compiled engine' \
-		.venv/bin/python $(PIP) wheel --verbose --no-deps --wheel-dir out/wheel .
+		.venv/bin/python $(PIP) wheel --verbose --no-build-isolation --no-deps --wheel-dir out/wheel .
 	@test -x .venv-compiled/bin/python || $(PYTHON) -m venv .venv-compiled
 	@.venv-compiled/bin/python $(PIP) install --quiet --force-reinstall --no-deps out/wheel/btcore-*.whl
 	@$(PROGRESS) 'installing the compiled engine into .venv-compiled' \
@@ -137,8 +144,10 @@ FOR_ROS2_TESTS_BUILT := TFMessage ExecuteTree GetTrees BehaviorTreeLog ParticleC
 # An environment of its own, because ROS 2's wheels restart each Python that starts in their environment.
 .venv-ros/ready: pyproject.toml setup.py $(MESSAGES)
 	@$(PYTHON) -m venv .venv-ros
+	@.venv-ros/bin/python $(PIP) install --quiet $(BUILD_TOOLS)
 	@$(PROGRESS) 'setting up .venv-ros with ROS 2' \
-		.venv-ros/bin/python $(PIP) install --editable '.[bags,ros2,sim,testing]' $(FOR_ROS2_TESTS)
+		.venv-ros/bin/python $(PIP) install --no-build-isolation \
+		--editable '.[bags,ros2,sim,testing]' $(FOR_ROS2_TESTS)
 	@$(PROGRESS) 'building message packages of ROS 2' \
 		.venv-ros/bin/btcore ros2 messages $(addprefix --only ,$(FOR_ROS2_TESTS_BUILT))
 	@touch $@
@@ -177,7 +186,7 @@ demo: .venv/ready vulkan
 
 test: .venv/ready
 	@$(MAKE) -s -j 2 environments lint-and-pure
-	@$(MAKE) -s -j 2 --output-sync compiled test-ros2
+	@$(MAKE) -s -j 3 --output-sync compiled test-ros2 $(BESIDE)
 
 check: .venv/ready
 	@.venv/bin/python tests/check.py $(if $(LIMIT),--limit $(LIMIT)) $(FILES)
@@ -242,16 +251,17 @@ accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/fuzz.py --inputs $(INPUTS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
 	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
-	@.venv/bin/python tests/acceptance/attacks.py --starved $(STARVED) --seconds 3
-	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
+	@$(if $(STARVED),.venv/bin/python tests/acceptance/attacks.py --starved $(STARVED) --seconds 3)
 
 accept-tools: .venv/ready
-	@BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) --dist worksteal tests/tools/btcore_studio/edit
+	@$(if $(EDITS),BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) --dist worksteal \
+		tests/tools/btcore_studio/edit)
 	@.venv/bin/python tests/acceptance/mcp_attacks.py $(MCP_ATTACKS)
 	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
 	@.venv/bin/python tests/acceptance/preview.py --trials $(PREVIEWS)
 	@.venv/bin/python tests/acceptance/proofs.py --trees $(PROOFS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/typed_files.py --files $(TYPED) --jobs $(CORES)
+	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
 
 accept-ros2: .venv-ros/ready
 	@.venv-ros/bin/python tests/acceptance/ros2_schedules.py --schedules $(SCHEDULES)

@@ -38,7 +38,6 @@ HOT = {
     "btcore/engine",
     "btcore/loading/instantiate.py",
     "btcore/nodes",
-    "btcore/registry/substitution.py",
     "btcore/script",
     "btcore/status.py",
     "btcore/tree",

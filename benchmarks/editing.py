@@ -21,7 +21,7 @@ from lxml import etree
 
 from btcore import Registry
 from btcore.clock import NS_PER_MS
-from btcore.errors import Diagnostic
+from btcore.diagnostics import Diagnostic
 from btcore.extras import describe_missing
 from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_text

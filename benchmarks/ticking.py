@@ -53,7 +53,7 @@ def executed(shape: Shape, kind: str, ticks: int) -> float:
         ticks: The number of ticks.
     """
     tree = grow(shape, kind)
-    tallies = tree.count_ticks().values()  # in a tree that is not measured
+    tallies = tree.start_tick_counts().values()  # in a tree that is not measured
     root = peers.grow(shape, kind) if peers else None
     before = 0
     for _ in range(ticks):

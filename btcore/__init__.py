@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from btcore.clock import Clock as Clock
     from btcore.clock import SimClock as SimClock
     from btcore.clock import SystemClock as SystemClock
-    from btcore.engine.context import TreeState as TreeState
+    from btcore.diagnostics import Diagnostic as Diagnostic
+    from btcore.diagnostics import LiteralProblem as LiteralProblem
+    from btcore.engine.context import TreeResource as TreeResource
     from btcore.engine.control import ControlNode as ControlNode
     from btcore.engine.control import DecoratorNode as DecoratorNode
     from btcore.engine.coroutine import running as running
@@ -43,8 +45,6 @@ if TYPE_CHECKING:
     from btcore.errors import BlackboardError as BlackboardError
     from btcore.errors import BtcoreError as BtcoreError
     from btcore.errors import ConversionError as ConversionError
-    from btcore.errors import Diagnostic as Diagnostic
-    from btcore.errors import LiteralProblem as LiteralProblem
     from btcore.errors import NodeError as NodeError
     from btcore.errors import NodeExecutionError as NodeExecutionError
     from btcore.errors import OutputError as OutputError
@@ -87,7 +87,8 @@ _HOMES = {
     "btcore.blackboard.blackboard": ("Blackboard", "Entry"),
     "btcore.blackboard.ports": ("Direction", "Port"),
     "btcore.clock": ("Clock", "SimClock", "SystemClock"),
-    "btcore.engine.context": ("TreeState",),
+    "btcore.diagnostics": ("Diagnostic", "LiteralProblem"),
+    "btcore.engine.context": ("TreeResource",),
     "btcore.engine.control": ("ControlNode", "DecoratorNode"),
     "btcore.engine.coroutine": ("running", "sleep"),
     "btcore.engine.functions": ("action", "condition"),
@@ -99,7 +100,7 @@ _HOMES = {
     "btcore.engine.threaded": ("ThreadedAction",),
     "btcore.engine.transition_records": ("Transitions",),
     "btcore.errors": (
-        "BlackboardError", "BtcoreError", "ConversionError", "Diagnostic", "LiteralProblem", "NodeError",
+        "BlackboardError", "BtcoreError", "ConversionError", "NodeError",
         "NodeExecutionError", "OutputError", "PortError", "ProviderError", "RegistrationError",
         "ScriptError", "SettingsError", "TreeError", "UnknownNodeError", "XmlSyntaxError",
     ),

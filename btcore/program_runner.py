@@ -6,7 +6,7 @@ ends:
 
     program = TreelessProgram("Patrol")
     with CommandRun(ctx, program, prepare).want(Robot) as run:
-        run.until_done()
+        run.tick_to_end()
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,9 +15,8 @@ import click
 from rich.text import Text
 
 from btcore.cli import terminal
-from btcore.cli.command_run import CommandRun
 from btcore.cli.node_libraries import load_libraries
-from btcore.cli.provider_options import ProviderCommand, command_providers
+from btcore.cli.provider_command import CommandRun, ProviderCommand, command_providers
 from btcore.cli.run_report import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
 from btcore.registry.registry import Registry

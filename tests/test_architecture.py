@@ -33,6 +33,7 @@ TIERS = (
     {
         "status",
         "errors",
+        "diagnostics",
         "diagnostic_codes",
         "documentation_site",
         "entry_points",

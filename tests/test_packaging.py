@@ -151,7 +151,7 @@ def test_links_of_the_readme_are_absolute_on_pypi() -> None:
     assert f"({repository}/blob/main/" + "docs/guides/installing.md)" in text
 
 
-def test_lower_bounds_of_dependencies_have_no_known_vulnerabilities(
+def test_lower_bounds_have_no_known_vulnerabilities(
     acceptance_script: Callable[[str], ModuleType],
 ) -> None:
     script = acceptance_script("lower_bounds")

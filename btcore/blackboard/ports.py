@@ -175,7 +175,8 @@ class Binding:
         self.is_explicit: bool = is_explicit
         self.blackboard: Blackboard = UNBOUND_BLACKBOARD
         if text[:1] == "{" and text[-1:] == "}" and len(text) > 3:
-            key: str | None = text[1:-1]  # the result of remapped_key() for most texts, without the call
+            # The result of remapped_key() for most texts, without the call; the shorter {=} is another key.
+            key: str | None = text[1:-1]
         else:
             key = remapped_key(text, port.name, format) if "}" in text or text == "=" else None
         self.key = key
@@ -204,28 +205,16 @@ class Binding:
 class Input(Binding):
     """An input port, bound to a literal or to a key of its *blackboard*.
 
-    Nodes with the same ID and text share one Input in the first scope that uses it, except for a literal that
-    a leaf could modify. If a literal does not convert, reading it raises, as in BehaviorTree.CPP.
+    If a literal does not convert, reading it raises, as in BehaviorTree.CPP.
     """
 
     __slots__ = ()
 
-    def bind_or_copy(self, blackboard: Blackboard) -> "Input":
-        """Bind this input to *blackboard* if possible, else a copy. Return the bound input.
-
-        The first call returns this object, unless it holds a literal that a leaf could modify. All other
-        calls return a copy.
-        """
-        if self.is_shareable and self.blackboard is UNBOUND_BLACKBOARD:
-            self.blackboard = blackboard
+    def bind(self, blackboard: Blackboard) -> "Input":
+        """Return the input for a node whose scope is *blackboard*: a copy, or this object for a constant."""
+        if self.key is None and self.is_shareable:
             return self
-        if not self.is_shareable:
-            own = Input(self.port, self.text, self.format, self.is_explicit)
-        else:
-            own = Input.__new__(Input)
-            own.port, own.text, own.format, own.key = self.port, self.text, self.format, self.key
-            own.is_explicit, own.literal = self.is_explicit, self.literal
-            own.error, own.is_shareable = self.error, True
+        own = Input(self.port, self.text, self.format, self.is_explicit)
         own.blackboard = blackboard
         return own
 

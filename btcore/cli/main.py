@@ -64,8 +64,9 @@ class CommandLine(click.Group):
         """Return the commands and options that begin with *incomplete*, without importing commands."""
         from click.shell_completion import CompletionItem
 
-        found = {name: item for name, item in self._make_outlines(ctx).items() if name.startswith(incomplete)}
-        commands = [CompletionItem(name, help=item.get_short_help_str()) for name, item in found.items()]
+        outlines = self._make_outlines(ctx).items()
+        matching = {name: outline for name, outline in outlines if name.startswith(incomplete)}
+        commands = [CompletionItem(name, help=item.get_short_help_str()) for name, item in matching.items()]
         return [*commands, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def _make_outlines(self, ctx: click.Context) -> dict[str, click.Command]:
@@ -179,10 +180,10 @@ def _make_outline(name: str, target: str) -> click.Command:
     with suppress(OSError, ValueError):
         file = _find_source(module)
         text = "" if file is None else file.read_text(encoding="utf-8")
-        before, found, after = text.partition(f"def {function}(")
+        before, definition, after = text.partition(f"def {function}(")
         short_help = re.search(r"""short_help=(["'])(.*?)\1[,)]""", before.rpartition("\n\n\n")[2])
         docstring = re.search(r"""\n +(\"{3}|["'])(.*?)(?:\n\n|\1)""", after, re.DOTALL)
-        if found:
+        if definition:
             return click.Command(
                 name, short_help=short_help and short_help[2], help=docstring and docstring[2]
             )

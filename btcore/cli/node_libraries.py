@@ -11,8 +11,8 @@ import click
 from btcore import entry_points
 from btcore.cli import terminal
 from btcore.diagnostic_codes import UNKNOWN_NODE
+from btcore.diagnostics import Diagnostic
 from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, unsearched_libraries
-from btcore.errors import Diagnostic
 from btcore.options import Options, option
 from btcore.registry.registry import Plugin, Registry, import_plugin, library_of
 from btcore.xml.read.dialect import EXPLICIT_TAGS

@@ -11,11 +11,13 @@ from rich.text import Text
 import btcore
 from btcore.builds import env_flag
 from btcore.cli import terminal
+from btcore.diagnostics import excerpt
 from btcore.engine.node import tick_counts_of
-from btcore.errors import NodeExecutionError, excerpt
+from btcore.errors import NodeExecutionError
 from btcore.runs.providers import EndReason
 from btcore.runs.run import Run
 from btcore.tree.drawing import node_depths
+from btcore.tree.tree import Tree
 
 END_REASON_TEXT: Final[dict[EndReason | None, str]] = {
     None: "",
@@ -139,21 +141,40 @@ def _find_leaf_frame(error: BaseException) -> traceback.FrameSummary | None:
     return None
 
 
-def print_leaf_error(error: NodeExecutionError) -> None:
-    """Print *error* on stderr, with the line of the leaf's code; with BTCORE_DEBUG=1 also the traceback."""
+def print_leaf_error(error: NodeExecutionError, tree: Tree) -> None:
+    """Print *error* on stderr, with the line of the leaf's code, and the entry of *tree* that it lacked.
+
+    With BTCORE_DEBUG=1 also print the traceback.
+    """
     is_debugged = env_flag("BTCORE_DEBUG")
     if is_debugged:
         terminal.stderr_console().print(Text("".join(traceback.format_exception(error))), soft_wrap=True)
     terminal.print_error(str(error))
     frame = _find_leaf_frame(error.cause)
-    if frame is None:
-        return
-    console = terminal.stderr_console()
-    console.print(Text(f"{frame.filename}:{frame.lineno}: in {frame.name}()", style="bold"), soft_wrap=True)
-    if frame.line:
-        console.print(Text(excerpt(frame.line, frame.lineno or 0, 0), style="dim"), soft_wrap=True)
-    if not is_debugged:
-        console.print("Set BTCORE_DEBUG=1 to print the traceback.", style="dim", highlight=False)
+    if frame is not None:
+        console = terminal.stderr_console()
+        place = f"{frame.filename}:{frame.lineno}: in {frame.name}()"
+        console.print(Text(place, style="bold"), soft_wrap=True)
+        if frame.line:
+            console.print(Text(excerpt(frame.line, frame.lineno or 0, 0), style="dim"), soft_wrap=True)
+        if not is_debugged:
+            console.print("Set BTCORE_DEBUG=1 to print the traceback.", style="dim", highlight=False)
+    hint = _unwritten_entry_hint(tree, error)
+    terminal.print_notes([hint] if hint else [])
+
+
+def _unwritten_entry_hint(tree: Tree, error: NodeExecutionError) -> str:
+    """Return how to set the entry that a node of *tree* needed, but that was never written; "" otherwise."""
+    key = getattr(error.cause, "unwritten_key", "")
+    board = next((node._blackboard for node in tree.nodes if node.config.path == error.path), None)
+    if not key or board is None:
+        return ""
+    if board is not tree.blackboard:
+        # The key in the main tree may be another key.
+        entry = board.find(key)
+        entries = tree.blackboard.local_entries().items()
+        key = next((outer for outer, other in entries if other is entry), "")
+    return f"to set the entry before the first tick, use --set {key}=VALUE" if key else ""
 
 
 def print_reports(reports: Mapping[str, object]) -> None:

@@ -1,4 +1,4 @@
-"""The session of `btcore run`: a run on the terminal, with its options, progress, reloads and results."""
+"""The session of `btcore run`: a run on the terminal, with its options, progress and results."""
 
 from collections.abc import Callable
 from contextlib import closing, suppress
@@ -8,21 +8,20 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from btcore.cli import terminal
-from btcore.cli.command_run import CommandRun
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.progress import Progress, log_to_console
-from btcore.cli.provider_options import command_providers
+from btcore.cli.provider_command import CommandRun, command_providers
 from btcore.cli.run_report import RunSummary, print_leaf_error
 from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, find_source
-from btcore.errors import BtcoreError, NodeExecutionError
+from btcore.errors import NodeExecutionError
 from btcore.options import option
 from btcore.runs.run import Run
-from btcore.runs.tick_loop import Until
-from btcore.status import Status
+from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
 
 if TYPE_CHECKING:
+    from btcore.cli.reloads import Reloads
     from btcore.loading.hot_reload import FileWatcher
 
 
@@ -105,7 +104,7 @@ class RunSession:
         self._source = source
         self._until: Until = until
         self._files = files
-        self._printed_error: NodeExecutionError | None = None
+        self._reloads: Reloads | None = None
         if files is not None:
             run.report["reloads"] = 0  # the first entry of the report
 
@@ -115,88 +114,35 @@ class RunSession:
         Args:
             on_tree: Called with the tree before its first tick.
         """
-        run, console, files = self.run, terminal.stderr_console(), self._files
+        run, console, settings = self.run, terminal.stderr_console(), self.run.run_settings
+        tick: Callable[[TickLoop], LoopEnd] = TickLoop.run
         with log_to_console(console), run:
             on_tree(run.tree)
-            limit = run.run_settings.duration
-            with closing(Progress(console, run.tree, self.summary.name, limit)) as progress:
-                reloads = None if files is None else Reloads(run, self._source, files, progress)
+            with closing(Progress(console, run.tree, self.summary.name, settings.duration)) as progress:
+                if self._files is not None:
+                    from btcore.cli.reloads import Reloads  # most runs do not need it
+
+                    self._reloads = Reloads(run, self._source, self._files, progress)
+                    tick = self._reloads.tick
                 with suppress(NodeExecutionError):  # it is printed after the summary
-                    run.until_done(self._until, on_tick=progress.on_tick, watcher=reloads)
-                self._printed_error = None if reloads is None else reloads.printed_error
-            if count := self.run.skipped_ticks:
+                    run.tick_to_end(self._until, on_tick=progress.on_tick, tick=tick)
+            if count := run.skipped_ticks:
                 skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
                 terminal.print_warning(
-                    f"{skipped}, because the previous tick took longer than "
-                    f"{1000 / self.run.run_settings.rate:g} ms; use a lower --rate"
+                    f"{skipped}, because the previous tick took longer than {1000 / settings.rate:g} ms; use "
+                    "a lower --rate"
                 )
 
     def print_results(self, as_json: bool) -> int:
         """Print the summary and, with *as_json*, the JSON object; return the exit code."""
         run = self.run
         self.summary.print_summary()
-        if run.error is not None and run.error is not self._printed_error:
-            _print_error(run.tree, run.error)
+        printed_error = None if self._reloads is None else self._reloads.printed_error
+        if run.error is not None and run.error is not printed_error:
+            print_leaf_error(run.error, run.tree)
         if as_json:
             terminal.print_json(self.summary.as_data())
         return run.exit_code
-
-
-class Reloads:
-    """Reloads the tree of a run when its file is saved, as a `TreeWatcher`, and prints what happens.
-
-    Args:
-        source: The file of the tree.
-        files: Detects that the file, or one that it includes, was saved.
-        progress: The status line of the run.
-
-    Attributes:
-        printed_error: The last exception of a leaf, which was printed; None without one.
-    """
-
-    def __init__(self, run: CommandRun, source: TreeSource, files: "FileWatcher", progress: Progress) -> None:
-        self.printed_error: NodeExecutionError | None = None
-        self._run = run
-        self._source = source
-        self._files = files
-        self._progress = progress
-        self._count = 0
-
-    def was_saved(self) -> bool:
-        """Return whether the tree's file was saved."""
-        return self._files.was_saved()
-
-    def read_plans(self) -> Plans:
-        """Return the plans of the saved file."""
-        return self._source.read_plans()
-
-    def on_end(self) -> None:
-        """Show that the run waits for the next save."""
-        status = None if self._run.error is not None else self._run.status
-        self._progress.show_waiting(status, self._source.path.name)
-
-    def on_error(self, error: NodeExecutionError) -> None:
-        """Print the exception of a leaf."""
-        self.printed_error = error
-        with self._progress.suspend():
-            _print_error(self._run.tree, error)
-
-    def on_rejected(self, error: BtcoreError) -> None:
-        """Print the errors of the saved file."""
-        with self._progress.suspend():
-            terminal.print_btcore_error(error)
-            action = "continues" if self._run.tree.status is Status.RUNNING else "is kept"
-            terminal.print_warning(f"{self._source.path.name} has errors: the previous tree {action}")
-
-    def on_reload(self, tree: Tree, plans: Plans) -> None:
-        """Count the reload, and show *tree*."""
-        tree.count_ticks()
-        self._count += 1
-        self._run.report["reloads"] = self._count
-        with self._progress.suspend():
-            terminal.print_diagnostics(plans.diagnostics.warnings)
-            terminal.print_labelled("reloaded", str(self._source.path))
-        self._progress.set_tree(tree)
 
 
 def create_session(
@@ -224,17 +170,7 @@ def create_session(
         from btcore.loading.hot_reload import FileWatcher
 
         file_watcher = FileWatcher(path, options.confined)
-    if installed is None or options.plugins:
-        libraries = load_libraries(
-            options.plugins,
-            options.models,
-            options.confined,
-            own_packages=bool(options.substitute),  # a rule may name a node of any library
-            imported=command_providers(ctx).plugins,
-        )
-    else:
-        libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)
-        libraries.add_models(options.models, options.confined)
+    libraries = _load_libraries(ctx, options, installed)
     tree_source = TreeSource(path, options, libraries)
     if changes is not None:
         changes.add_rules(libraries.nodes)
@@ -243,7 +179,7 @@ def create_session(
         changes.check(plans)
 
     def prepare(run: Run) -> None:
-        run.tree.count_ticks()  # before the first tick: the report contains the counts
+        run.tree.start_tick_counts()  # before the first tick: the report contains the counts
         terminal.print_diagnostics(plans.diagnostics.warnings)
         if changes is not None:
             changes.prepare(run.tree, plans)
@@ -253,21 +189,17 @@ def create_session(
     return RunSession(command_run, tree_source, plans, options.until, file_watcher)
 
 
-def _print_error(tree: Tree, error: NodeExecutionError) -> None:
-    print_leaf_error(error)
-    hint = _unwritten_entry_hint(tree, error)
-    terminal.print_notes([hint] if hint else [])
-
-
-def _unwritten_entry_hint(tree: Tree, error: NodeExecutionError) -> str:
-    """Return how to set the entry that a node of *tree* needed, but that was never written; "" otherwise."""
-    key = getattr(error.cause, "unwritten_key", "")
-    board = next((node._blackboard for node in tree.nodes if node.config.path == error.path), None)
-    if not key or board is None:
-        return ""
-    if board is not tree.blackboard:
-        # The key in the main tree may be another key.
-        entry = board.find(key)
-        entries = tree.blackboard.local_entries().items()
-        key = next((outer for outer, other in entries if other is entry), "")
-    return f"to set the entry before the first tick, use --set {key}=VALUE" if key else ""
+def _load_libraries(
+    ctx: click.Context, options: RunOptions, installed: NodeLibraries | None
+) -> NodeLibraries:
+    if installed is None or options.plugins:
+        return load_libraries(
+            options.plugins,
+            options.models,
+            options.confined,
+            own_packages=bool(options.substitute),  # a rule may name a node of any library
+            imported=command_providers(ctx).plugins,
+        )
+    libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)
+    libraries.add_models(options.models, options.confined)
+    return libraries

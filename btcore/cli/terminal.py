@@ -14,14 +14,8 @@ from rich.style import Style, StyleType
 from rich.table import Table
 from rich.text import Span, Text
 
-from btcore.errors import (
-    BtcoreError,
-    Diagnostic,
-    DiagnosticPart,
-    TreeError,
-    diagnostic_parts,
-    shown_diagnostics,
-)
+from btcore.diagnostics import Diagnostic, DiagnosticPart, diagnostic_parts, shown_diagnostics
+from btcore.errors import BtcoreError, TreeError
 from btcore.escaping import escape_controls, escape_xml, to_json
 from btcore.status import NodeType, Status
 from btcore.tree.drawing import node_sign, status_label

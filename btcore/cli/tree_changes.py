@@ -75,9 +75,9 @@ class TreeChanges:
             _warn_unused_keys(without_port, plans)
         for key, text in self._entries.items():
             entry = board.find(key)
-            kind = entry.declared if entry is not None and entry.declared.strong else None
+            declared = entry.declared if entry is not None and entry.declared.strong else None
             try:
-                board.set(key, _convert_value(text, kind, tree.format), kind)
+                board.set(key, _convert_value(text, declared, tree.format), declared)
             except (BlackboardError, ConversionError) as error:
                 raise click.UsageError(f"--set {key}={text}: {error}.") from error
         _warn_unused_rules(tree)
@@ -142,10 +142,10 @@ def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
     return entries
 
 
-def _convert_value(text: str, kind: ValueType | None, format: int) -> object:
+def _convert_value(text: str, declared: ValueType | None, format: int) -> object:
     """Convert the text of a value; without a type, *text* may be JSON."""
-    if kind is not None:
-        return kind.from_text(text, format)
+    if declared is not None:
+        return declared.from_text(text, format)
     try:
         value = read_json(text)
     except ConversionError:

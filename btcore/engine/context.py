@@ -1,4 +1,4 @@
-"""State shared by the nodes of one tree: clock, wake-up signal, deadlines and observers."""
+"""What the nodes of one tree share: clock, wake-up signal, deadlines, observers, and resources of leaves."""
 
 import threading
 import time
@@ -12,15 +12,15 @@ from btcore.engine.observers import Observers
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class TreeState:
-    """The base class of objects that the leaves of one tree share.
+class TreeResource:
+    """The base class of resources that belong to one tree, and that its leaves share.
 
     A leaf whose function or `__init__` has a parameter of a subclass gets the instance that belongs to the
     tree. The instance is created, without arguments, for the first such leaf of the tree.
 
     Examples:
         >>> import btcore
-        >>> class Visits(btcore.TreeState):
+        >>> class Visits(btcore.TreeResource):
         ...     def __init__(self):
         ...         self.places = []
         >>> @btcore.action
@@ -39,7 +39,7 @@ class TreeState:
 
 
 class TreeContext:
-    """The shared state of one tree.
+    """What the engine keeps for all nodes of one tree: time, wake-ups, limits and observers.
 
     Attributes:
         clock: The clock of the tree.

@@ -72,7 +72,7 @@ def results_of_any(cls: type[TreeNode], children: list[PossibleResults]) -> Poss
         cls: The class of the node.
     """
     may_run = any(child.may_run for child in children)
-    ends = cls.spec.may_return
+    ends = cls.spec.results
     if not cls.spec.skips_alone and not any(SKIPPED in child.results for child in children):
         ends -= {SKIPPED}
     return PossibleResults(ends, ends if may_run else NO_RESULT, may_run)

@@ -32,7 +32,7 @@ def action(function: F | None = None, /, *, ID: str | None = None) -> F | Callab
     """Mark a function, a generator function or an `async def` as an action.
 
     Parameters annotated with In or Put are ports. All other parameters are resources: objects that are passed
-    to `btcore.load`, and the tree's Clock, Blackboard and `TreeState` objects. The function
+    to `btcore.load`, and the tree's Clock, Blackboard and `TreeResource` objects. The function
     returns True, False or a Status.
 
     Args:
@@ -63,7 +63,7 @@ def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Cal
     """Mark a function as a condition.
 
     Parameters annotated with In or Put are ports. All other parameters are resources: objects that are passed
-    to `btcore.load`, and the tree's Clock, Blackboard and `TreeState` objects. The function
+    to `btcore.load`, and the tree's Clock, Blackboard and `TreeResource` objects. The function
     returns True, False or a Status.
 
     Args:

@@ -22,7 +22,7 @@ class LeafNode(TreeNode):
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return the results that the class declares, all in the first tick."""
-        return PossibleResults(cls.spec.may_return)
+        return PossibleResults(cls.spec.results)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -100,8 +100,8 @@ class StatefulAction(LeafNode):
     ) -> PossibleResults:
         """Return the declared results, in the first tick only if the action may complete on start."""
         spec = cls.spec
-        at_once = spec.may_return if spec.may_complete_on_start else NO_RESULT
-        return PossibleResults(at_once, spec.may_return, True)
+        at_once = spec.results if spec.may_complete_on_start else NO_RESULT
+        return PossibleResults(at_once, spec.results, True)
 
     def on_start(self) -> object:
         """Start the action. Called by a tick while the node is IDLE.

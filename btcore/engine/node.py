@@ -13,19 +13,13 @@ from typing import Any, ClassVar, Final, NoReturn, SupportsIndex
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard
+from btcore.diagnostics import LiteralProblem
 from btcore.engine.conditions import UNDECIDED, NodeConditions
 from btcore.engine.context import TreeContext
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.tick_extras import TickCounts, TickExtras
-from btcore.errors import (
-    BlackboardError,
-    ConversionError,
-    LiteralProblem,
-    NodeError,
-    NodeExecutionError,
-    TickInterrupt,
-)
+from btcore.errors import BlackboardError, ConversionError, NodeError, NodeExecutionError, TickInterrupt
 from btcore.status import (
     ANY_RESULT,
     FAILURE,
@@ -75,7 +69,7 @@ class TreeNode:
     spec: ClassVar[NodeSpec] = NodeSpec(
         node_type=NodeType.UNDEFINED,
         symbol="",
-        may_return=ANY_RESULT,
+        results=ANY_RESULT,
         state_fields=(),
         time_fields=(),
         uses=None,
@@ -348,11 +342,11 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
 
 
 def tick_counts_of(node: TreeNode) -> TickCounts | None:
-    """Return the tick counters of *node*; None before `count_ticks` was called."""
+    """Return the tick counters of *node*; None before `start_tick_counts` was called."""
     return None if node._tick_extras is None else node._tick_extras.tick_counts
 
 
-def count_ticks(node: TreeNode) -> TickCounts:
+def start_tick_counts(node: TreeNode) -> TickCounts:
     """Count the ticks of *node* from now on. Return the counters."""
     with node._context.lock:
         node._tick_extras = extras = node._tick_extras or TickExtras()

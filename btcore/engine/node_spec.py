@@ -27,7 +27,7 @@ class NodeSpec:
         node_type: The type of the nodes: action, condition, control or decorator.
         symbol: The symbol of the nodes in listings and pictures; "" = the symbol of the node type. Of a
             symbol of two characters, listings show the first, and pictures the second.
-        may_return: The results that a tick may return, apart from RUNNING, for static checks and tree
+        results: The results that a tick may return, apart from RUNNING, for static checks and tree
             coverage.
         state_fields: The attributes that a node remembers between ticks, in addition to those of the base
             classes. To save and restore a tree, these attributes are sufficient together with the statuses,
@@ -66,7 +66,7 @@ class NodeSpec:
 
     node_type: NodeType = INHERITED
     symbol: str = INHERITED
-    may_return: frozenset[Status] = INHERITED
+    results: frozenset[Status] = INHERITED
     state_fields: tuple[str, ...] | None = INHERITED
     time_fields: tuple[str, ...] = INHERITED
     uses: frozenset[str] | None = INHERITED

@@ -8,9 +8,9 @@ from typing import Final
 
 from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import FIRST_TICK_REFUSED, SECOND_ASYNC_CHILD, UNREACHABLE_CHILD
+from btcore.diagnostics import Fix, Hint
 from btcore.engine.control import ControlNode, DecoratorNode, results_in_order
 from btcore.engine.node import TreeNode
-from btcore.errors import Fix, Hint
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.nodes.parallel import threshold

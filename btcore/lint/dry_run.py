@@ -8,11 +8,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from btcore.blackboard.blackboard import Blackboard, Entry
-from btcore.blackboard.ports import SCRIPT_ROLES, Port
+from btcore.blackboard.ports import SCRIPT_ROLES, Binding, Port
 from btcore.clock import SystemClock
+from btcore.diagnostics import Diagnostic
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import BlackboardError, Diagnostic
+from btcore.errors import BlackboardError
 from btcore.lint.possible_results import is_built_in
 from btcore.loading.instantiate import NodeCreator, SubtreeDraft
 from btcore.registry.manifest import Manifest
@@ -123,22 +124,20 @@ class DryRun(NodeCreator):
         """Bind the ports, and record the entries that ports and scripts use."""
         super().bind_ports(node_plan, config, draft)
         document, blackboard = draft.document, draft.blackboard
-        for port, text, is_explicit in node_plan.ports:
-            self._recorded += self._uses_of_port(node_plan, port, text, is_explicit, draft)
+        for binding in node_plan.bindings:
+            self._recorded += self._uses_of_port(node_plan, binding, draft)
         for attribute, text in node_plan.conditions.items():
             self._script(node_plan, attribute, text, document, blackboard)
         if node_plan.manifest is not None:
             self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(node_plan.manifest)
             self.has_mocks = self.has_mocks or is_mock(node_plan.manifest.cls)
 
-    def _uses_of_port(
-        self, node_plan: NodePlan, port: Port, text: str, is_explicit: bool, draft: SubtreeDraft
-    ) -> Iterator[EntryUse]:
-        document, board = draft.document, draft.blackboard
-        key, accesses = port_uses(port, text, is_explicit, self.format)
+    def _uses_of_port(self, node_plan: NodePlan, binding: Binding, draft: SubtreeDraft) -> Iterator[EntryUse]:
+        document, board, port = draft.document, draft.blackboard, binding.port
+        key, accesses = port_uses(port, binding.text, binding.is_explicit, self.format)
         if port.role in SCRIPT_ROLES:
             if key is None:
-                self._script(node_plan, port.name, text, document, board)
+                self._script(node_plan, port.name, binding.text, document, board)
             else:
                 self.has_untracked_access = True
         for access in accesses if key else ():

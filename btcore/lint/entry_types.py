@@ -14,8 +14,9 @@ from btcore.diagnostic_codes import (
     REFUSED_ENTRY_VALUE,
     TEXT_FOR_UNTYPED_ENTRY,
 )
+from btcore.diagnostics import Hint
 from btcore.engine.control import ControlNode
-from btcore.errors import BtcoreError, ConversionError, Hint, ScriptError
+from btcore.errors import BtcoreError, ConversionError, ScriptError
 from btcore.lint.dry_run import DryRun, EntryUse
 from btcore.lint.ports import conversion_error, entry_hint, is_listed, valid_literals
 from btcore.lint.reporter import LintReporter, line_of, node_label

@@ -26,8 +26,9 @@ from btcore.diagnostic_codes import (
     UNCHECKED_LITERAL,
     UNCONNECTED_OUTPUT,
 )
+from btcore.diagnostics import Fix, Hint
 from btcore.engine.signature import PortAttribute
-from btcore.errors import ConversionError, Fix, Hint
+from btcore.errors import ConversionError
 from btcore.lint.possible_results import is_built_in
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.names import is_port_name, port_name_error
@@ -78,7 +79,7 @@ def check_missing_ports(node: NodePlan, document: Document, reporter: LintReport
     manifest = node.manifest
     if manifest is None or node.subtree_call is not None or is_mock(manifest.cls):
         return
-    set_names = {port.name for port, _, _ in node.ports}
+    set_names = {binding.name for binding in node.bindings}
     if any(is_port_name(key) and key not in manifest.ports for key in node.element.attributes):
         return  # reported as an unknown port, which is probably a misspelt required port
     missing = [
@@ -116,8 +117,10 @@ def is_listed(manifest: Manifest, port: Port) -> bool:
 
 def check_port_literals(node: NodePlan, document: Document, format: int, reporter: LintReporter) -> None:
     """Warn about literals of *node* that are read only in part, or were probably meant as keys."""
-    for port, text, is_written in node.ports:
-        if not is_written or remapped_key(text, port.name, format) is not None or port.role in SCRIPT_ROLES:
+    for binding in node.bindings:
+        port, text = binding.port, binding.text
+        is_literal = remapped_key(text, port.name, format) is None
+        if not binding.is_explicit or not is_literal or port.role in SCRIPT_ROLES:
             continue
         label = f"port '{port.name}' of {node_label(node)}"
         intended = intended_key(text)

@@ -10,7 +10,7 @@ from btcore.xml.plan.outline import element_children
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan
 
-_DECLARATIONS: Final = frozenset({"may_return", "continue_on", "branch_results"})
+_DECLARATIONS: Final = frozenset({"results", "continue_on", "branch_results"})
 # The result of each pre-condition that takes effect before the node itself is ticked.
 _EARLY_RESULTS: Final = {"_failureIf": FAILURE, "_successIf": SUCCESS, "_skipIf": SKIPPED, "_while": SKIPPED}
 

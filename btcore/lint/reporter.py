@@ -1,9 +1,9 @@
 """Report diagnostics about nodes, and name nodes in messages."""
 
 from btcore.diagnostic_codes import DiagnosticCode
-from btcore.errors import Hint
+from btcore.diagnostics import Hint
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.element import ElementPart
 from btcore.xml.read.read import Document
 

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
-from btcore.errors import Fix, Hint, ScriptError
+from btcore.diagnostics import Fix, Hint
+from btcore.errors import ScriptError
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from btcore.blackboard.ports import remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
-from btcore.errors import Fix, Hint
+from btcore.diagnostics import Fix, Hint
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES, TreeKeys

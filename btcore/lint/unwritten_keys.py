@@ -5,12 +5,12 @@ from collections.abc import Collection, Sequence
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.diagnostic_codes import ASSIGNMENT_TO_MISSING_ENTRY, UNWRITTEN_KEY
-from btcore.errors import Fix, Hint
+from btcore.diagnostics import Fix, Hint
 from btcore.lint.dry_run import DryRun, EntryUse, has_writer
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.suggestions import nearest_name
 from btcore.xml.plan.key_uses import AccessKind
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 
 _READING = (AccessKind.READS, AccessKind.READS_AS_KEY)
 

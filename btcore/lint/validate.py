@@ -12,8 +12,8 @@ from btcore.diagnostic_codes import (
     TOO_LARGE,
     UNDETERMINED_MAIN_TREE,
 )
+from btcore.diagnostics import Diagnostic
 from btcore.engine.node_config import MAX_NODES
-from btcore.errors import Diagnostic
 from btcore.lint.children import check_child_count, check_reachable_children
 from btcore.lint.dry_run import DryRun
 from btcore.lint.endless_ticks import EndlessTickCheck
@@ -33,7 +33,7 @@ from btcore.loading.load import PausedGarbageCollection
 from btcore.registry.registry import Registry
 from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan_document, root_trees
-from btcore.xml.read.diagnostics import DiagnosticCollector, sort_diagnostics
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector, sort_diagnostics
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.read import Document
 from btcore.xml.read.scan import ScannedElement

@@ -23,15 +23,8 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
-from btcore.errors import (
-    ConversionError,
-    Diagnostic,
-    Hint,
-    PortError,
-    TreeError,
-    UnknownNodeError,
-    XmlSyntaxError,
-)
+from btcore.diagnostics import Diagnostic, Hint
+from btcore.errors import ConversionError, PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
 from btcore.loading.load import PausedGarbageCollection
 from btcore.registry.manifest import Manifest

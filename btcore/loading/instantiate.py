@@ -20,17 +20,18 @@ from btcore.diagnostic_codes import (
     SCRIPT_SYNTAX,
     DiagnosticCode,
 )
+from btcore.diagnostics import Fix, Hint
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import BlackboardError, BtcoreError, ConversionError, Fix, Hint, NodeError, ScriptError
+from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, ScriptError
 from btcore.registry.manifest import Manifest, Resources, takes_children
 from btcore.registry.registry import Registry, library_of
 from btcore.tree.tree import Subtree, Tree
 from btcore.values import parse_constant, type_of
 from btcore.xml.plan.plan import Plans, script_diagnostic
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 
 
 def instantiate(
@@ -100,16 +101,18 @@ def _find_clock(resources: Sequence[object]) -> Clock:
 class SubtreeDraft:
     """The nodes of one tree while they are created; `instantiate` makes a `btcore.Subtree` of it.
 
-    *prefix* begins the paths of its nodes. Most attributes are those of `Subtree`.
+    *prefix* begins the paths of its nodes. *inputs* holds the inputs that nodes with equal texts share. The
+    other attributes are those of `Subtree`.
     """
 
-    __slots__ = ("blackboard", "document", "nodes", "path", "plan", "prefix")
+    __slots__ = ("blackboard", "document", "inputs", "nodes", "path", "plan", "prefix")
 
     def __init__(self, plan: TreePlan, path: str, blackboard: Blackboard) -> None:
         self.plan = plan
         self.path = path
         self.blackboard = blackboard
         self.nodes: list[TreeNode] = []
+        self.inputs: dict[Input, Input] = {}
         self.document = plan.definition.document
         self.prefix = f"{path}/" if path else ""
 
@@ -224,8 +227,12 @@ class NodeCreator:
                     if entry not in self._declarations and port.type.strong:
                         self._declarations[entry] = (binding, config)
             if isinstance(binding, Input):
-                is_bound = binding.blackboard is blackboard
-                inputs[port.name] = binding if is_bound else binding.bind_or_copy(blackboard)
+                bound = draft.inputs.get(binding)
+                if bound is None:
+                    bound = binding.bind(blackboard)
+                    if binding.is_shareable:
+                        draft.inputs[binding] = bound
+                inputs[port.name] = bound
             # In format 3 the default of an output port is not connected.
             if port.writes and (binding.is_explicit or (key is not None and binding.format == 4)):
                 outputs[port.name] = Output(binding, blackboard)
@@ -302,7 +309,7 @@ class NodeCreator:
         if not isinstance(error, NodeError):
             self._report(INCONVERTIBLE_TEXT, str(error), node_plan, draft)
             return
-        set_names = {port.name for port, _, _ in node_plan.ports}
+        set_names = {binding.name for binding in node_plan.bindings}
         ports = node_plan.manifest.ports.values() if node_plan.manifest is not None else ()
         # If a node can't be created and lacks an input port, the message names the port.
         missing = [port for port in ports if port.reads and port.name not in set_names]

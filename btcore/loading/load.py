@@ -10,7 +10,8 @@ from typing import Any, TypedDict, Unpack
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
 from btcore.diagnostic_codes import UNDETERMINED_MAIN_TREE
-from btcore.errors import Diagnostic, TreeError, XmlSyntaxError
+from btcore.diagnostics import Diagnostic
+from btcore.errors import TreeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
 from btcore.registry.manifest import Resources
 from btcore.registry.registry import Registry
@@ -225,9 +226,18 @@ def _load(documents: Sequence[Document], arguments: LoadArguments) -> Tree:
     # A text can be iterated, but is a single object here.
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
         raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
+    return create_tree(_plans_of(documents, arguments), {**arguments, "resources": Resources(resources)})
+
+
+def create_tree(plans: Plans, arguments: LoadArguments) -> Tree:
+    """Create the tree of *plans* with those of *arguments* that are not about reading and planning.
+
+    Raises:
+        TreeError: The plans have errors, or nodes could not be created.
+    """
     return instantiate(
-        _plans_of(documents, arguments),
-        Resources(resources),
+        plans,
+        arguments.get("resources", ()),
         arguments.get("blackboard"),
         arguments.get("clock"),
         arguments.get("tick_limit"),

@@ -31,7 +31,7 @@ class SetBlackboard(SyncAction):
     that a script wrote first has 64 bits, which is another type than `int`.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↓", may_return=frozenset({SUCCESS, FAILURE}), formats=(4,))
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↓", results=frozenset({SUCCESS, FAILURE}), formats=(4,))
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -129,7 +129,7 @@ class UnsetBlackboard(SyncAction):
     It succeeds also if there is no such entry. An entry of an outer scope is not removed.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(may_return=frozenset({SUCCESS}), formats=(4,))
+    spec: ClassVar[NodeSpec] = NodeSpec(results=frozenset({SUCCESS}), formats=(4,))
 
     @staticmethod
     def provided_ports() -> list[Port]:

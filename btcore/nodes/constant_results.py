@@ -13,7 +13,7 @@ from btcore.status import FAILURE, SUCCESS, Status
 class AlwaysSuccess(SyncAction):
     """Returns SUCCESS in every tick."""
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="⊤", may_return=frozenset({SUCCESS}), formats=(3, 4))
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="⊤", results=frozenset({SUCCESS}), formats=(3, 4))
 
     def tick(self) -> Status:
         """Return SUCCESS."""
@@ -24,7 +24,7 @@ class AlwaysSuccess(SyncAction):
 class AlwaysFailure(SyncAction):
     """Returns FAILURE in every tick."""
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="⊥", may_return=frozenset({FAILURE}), formats=(3, 4))
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="⊥", results=frozenset({FAILURE}), formats=(3, 4))
 
     def tick(self) -> Status:
         """Return FAILURE."""

@@ -110,7 +110,7 @@ class WasEntryUpdated(SyncAction):
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(
-        may_return=frozenset({SUCCESS, FAILURE}), state_fields=("_seen",), formats=(4,)
+        results=frozenset({SUCCESS, FAILURE}), state_fields=("_seen",), formats=(4,)
     )
 
     _key: str = ""

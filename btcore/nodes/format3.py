@@ -149,7 +149,7 @@ class SetBlackboard3(SetBlackboard):
     `value="{key}"` copies the entry `key` with its type, even if it was never written.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(may_return=frozenset({SUCCESS}), formats=(3,), id="SetBlackboard")
+    spec: ClassVar[NodeSpec] = NodeSpec(results=frozenset({SUCCESS}), formats=(3,), id="SetBlackboard")
 
     def nothing_to_copy(self, key: str) -> Status:
         """Remove the value of the destination, as the entry to copy has no value. Return SUCCESS."""

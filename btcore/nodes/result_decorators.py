@@ -70,7 +70,7 @@ class ForceSuccess(ForcedNode):
     RUNNING and SKIPPED are returned unchanged.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="⊤", may_return=frozenset({SUCCESS, SKIPPED}), formats=(3, 4))
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="⊤", results=frozenset({SUCCESS, SKIPPED}), formats=(3, 4))
     forced: ClassVar[Status] = SUCCESS
 
 
@@ -81,7 +81,7 @@ class ForceFailure(ForcedNode):
     RUNNING and SKIPPED are returned unchanged.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="⊥", may_return=frozenset({FAILURE, SKIPPED}), formats=(3, 4))
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="⊥", results=frozenset({FAILURE, SKIPPED}), formats=(3, 4))
     forced: ClassVar[Status] = FAILURE
 
 
@@ -93,7 +93,7 @@ class KeepRunningUntilFailure(DecoratorNode):
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(
-        symbol="↺", may_return=frozenset({FAILURE}), is_endless=True, formats=(3, 4)
+        symbol="↺", results=frozenset({FAILURE}), is_endless=True, formats=(3, 4)
     )
 
     @classmethod
@@ -102,9 +102,7 @@ class KeepRunningUntilFailure(DecoratorNode):
     ) -> PossibleResults:
         """Return FAILURE if the child can fail, else no result; RUNNING is always possible."""
         child = children[0]
-        return PossibleResults(
-            child.in_first_tick & cls.spec.may_return, child.results & cls.spec.may_return, True
-        )
+        return PossibleResults(child.in_first_tick & cls.spec.results, child.results & cls.spec.results, True)
 
     def tick(self) -> Status:
         """Tick the child."""

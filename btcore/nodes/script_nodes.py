@@ -57,7 +57,7 @@ class PortScript:
 class Script(SyncAction):
     """Runs the script `code` on the node's blackboard, and succeeds. An empty `code` has no effect."""
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="§", may_return=frozenset({SUCCESS}), formats=(4,))
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="§", results=frozenset({SUCCESS}), formats=(4,))
 
     _script: PortScript
 
@@ -82,7 +82,7 @@ class Script(SyncAction):
 class ScriptCondition(Condition):
     """Runs the script `code` on the node's blackboard; succeeds if its value is true, else fails."""
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="§", may_return=frozenset({SUCCESS, FAILURE}), formats=(4,))
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="§", results=frozenset({SUCCESS, FAILURE}), formats=(4,))
 
     _script: PortScript
 

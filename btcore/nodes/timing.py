@@ -137,7 +137,7 @@ class Sleep(StatefulAction):
 
     spec: ClassVar[NodeSpec] = NodeSpec(
         symbol="◷",
-        may_return=frozenset({SUCCESS}),
+        results=frozenset({SUCCESS}),
         state_fields=("_deadline",),
         time_fields=("_deadline",),
         formats=(4,),
@@ -151,8 +151,8 @@ class Sleep(StatefulAction):
     ) -> PossibleResults:
         """Return SUCCESS, in the first tick only if the time is 0."""
         if literals.get("msec") == 0:
-            return PossibleResults(cls.spec.may_return)
-        return PossibleResults(NO_RESULT, cls.spec.may_return, True)
+            return PossibleResults(cls.spec.results)
+        return PossibleResults(NO_RESULT, cls.spec.results, True)
 
     @staticmethod
     def provided_ports() -> list[Port]:

@@ -10,7 +10,7 @@ from btcore import builds
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import UNSET, Input, Port
 from btcore.clock import Clock
-from btcore.engine.context import TreeContext, TreeState
+from btcore.engine.context import TreeContext, TreeResource
 from btcore.engine.control import ControlNode, DecoratorNode, enable_child_reset
 from btcore.engine.functions import (
     BoundFunction,
@@ -112,7 +112,7 @@ class Manifest:
             for parameter in self.resource_parameters
             if parameter.default is UNSET
             and parameter.resource_type not in (Clock, Blackboard)
-            and not is_tree_state(parameter.resource_type)
+            and not is_tree_resource(parameter.resource_type)
         ]
 
     def has_same_origin(self, other: "Manifest") -> bool:
@@ -261,7 +261,7 @@ class Resources(list[object]):
     def _find(self, parameter: Parameter, id: str) -> object:
         """Return the resource for a parameter, else the default of the parameter, or UNSET.
 
-        The resource for each parameter is searched once. A missing `TreeState` is created.
+        The resource for each parameter is searched once. A missing `TreeResource` is created.
         """
         if parameter not in self._cache:
             self._cache[parameter] = self._search(parameter, id)
@@ -273,7 +273,7 @@ class Resources(list[object]):
         resource = find_resource(self, parameter.resource_type, f"'{parameter.name}' of <{id}>")
         if resource is not UNSET:
             return resource
-        if is_tree_state(parameter.resource_type):
+        if is_tree_resource(parameter.resource_type):
             state = parameter.resource_type()
             self.append(state)
             return state
@@ -324,9 +324,9 @@ def find_resource(resources: Sequence[object], resource_type: Any, parameter: st
     return first
 
 
-def is_tree_state(resource_type: object) -> TypeGuard[type[TreeState]]:
-    """Return whether a type is a subclass of TreeState, of which every tree creates its own instance."""
-    return isinstance(resource_type, type) and issubclass(resource_type, TreeState)
+def is_tree_resource(resource_type: object) -> TypeGuard[type[TreeResource]]:
+    """Return whether a type is a subclass of TreeResource, of which every tree creates its own instance."""
+    return isinstance(resource_type, type) and issubclass(resource_type, TreeResource)
 
 
 def takes_children(manifest: Manifest | None) -> bool:

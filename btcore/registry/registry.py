@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
@@ -16,10 +17,10 @@ from btcore.engine.functions import MARK, camel_case
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint
-from btcore.errors import RegistrationError
+from btcore.errors import NodeError, RegistrationError
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manifest
-from btcore.registry.substitution import SubstitutionRule, first_matching_rule
+from btcore.status import NodeType
 from btcore.suggestions import did_you_mean, similar_file, suggestion
 from btcore.values import TypeRegistry
 from btcore.xml.read.read import Document, parse_file, parse_text
@@ -29,6 +30,54 @@ from btcore.xml.read.read import Document, parse_file, parse_text
 def _builtin_manifest(ID: str, node: type[TreeNode]) -> Manifest:
     """Return the manifest of a built-in node, whose types need no registry. All registries share it."""
     return create_manifest(ID, node, TypeRegistry(), {}, "btcore")
+
+
+class SubstitutionRule:
+    """A rule by which nodes that match *filter* are created from *by*, a manifest or a registered node's ID.
+
+    *filter* is a registration ID, an instance name, or a full path in which `*` stands for any text
+    and `?` for any character.
+    """
+
+    def __init__(self, filter: str, by: Manifest | str) -> None:
+        self.filter = filter
+        self.by = by
+        parts = [".*" if char == "*" else "." if char == "?" else re.escape(char) for char in filter]
+        self._path = re.compile("".join(parts), re.DOTALL)
+
+    def matches(self, config: NodeConfig) -> bool:
+        """Return whether the rule applies to the node of *config*."""
+        return (
+            self.filter == config.name
+            or self.filter == config.id
+            or self._path.fullmatch(config.path) is not None
+        )
+
+    def replacement_manifest(
+        self, config: NodeConfig, children: int, known: Mapping[str, Manifest]
+    ) -> Manifest:
+        """Return the manifest from which a node that matches the rule is created.
+
+        Args:
+            known: The registered nodes by ID.
+        """
+        manifest = self.by if isinstance(self.by, Manifest) else known.get(self.by)
+        rule = f"the substitution rule '{self.filter}' replaces <{config.id}>"
+        if manifest is None:
+            hint = did_you_mean(str(self.by), known)
+            raise NodeError(f"{rule} by '{self.by}', but no node is registered with this ID{hint}")
+        if manifest.type in (NodeType.DECORATOR, NodeType.SUBTREE) and children != 1:
+            needed = "exactly one child"
+        elif manifest.type is NodeType.CONTROL and not children:
+            needed = "children"
+        else:
+            return manifest
+        has = f"<{config.id}> has {children or 'none'}"
+        raise NodeError(f"{rule} by <{manifest.id}>, which needs {needed}, but {has}")
+
+    def __repr__(self) -> str:
+        by = self.by if isinstance(self.by, str) else self.by.cls.__name__
+        return f"<SubstitutionRule '{self.filter}' → {by}>"
 
 
 class Registry:
@@ -280,7 +329,7 @@ class Registry:
         Raises:
             NodeError: A rule names a node that is not registered, or cannot have this number of children.
         """
-        rule = first_matching_rule(self.substitutions, config)
+        rule = next((rule for rule in self.substitutions.values() if rule.matches(config)), None)
         if rule is None:
             return manifest
         return rule.replacement_manifest(config, children, self.manifests_of(config.format))

@@ -13,8 +13,8 @@ from btcore.runs.settings import Settings
 
 def providers_in(module: ModuleType) -> list[Provider]:
     """Return the providers that *module* defines."""
-    own = (thing for thing in vars(module).values() if isinstance(thing, Provider))
-    return [one for one in own if one.__module__ == module.__name__]
+    providers = (member for member in vars(module).values() if isinstance(member, Provider))
+    return [provider for provider in providers if provider.__module__ == module.__name__]
 
 
 class AvailableProviders:
@@ -32,9 +32,9 @@ class AvailableProviders:
 
     def __init__(self, users: Iterable[Provider] = (), uses_installed: bool = True) -> None:
         self.of_user = list(users)
-        for one in self.of_user:
-            if not isinstance(one, Provider):
-                name = getattr(one, "__name__", repr(one))
+        for provider in self.of_user:
+            if not isinstance(provider, Provider):
+                name = getattr(provider, "__name__", repr(provider))
                 raise TypeError(f"{name} is not a provider: mark the function by @btcore.provider")
         self.core = [random_numbers, tree_logs]
         for provider in self.core:
@@ -52,19 +52,20 @@ class AvailableProviders:
     def of_type(self, name: str) -> list[Provider]:
         """Return the providers of the type with the full *name*."""
         self._load(point for point, provided in self._points.items() if provided == name)
-        return [one for one in self._known() if name in one.type_names]
+        return [provider for provider in self._known() if name in provider.type_names]
 
     def of_nothing(self, given: Set[type[Settings]]) -> list[Provider]:
         """Return the providers that provide no type, such as a publisher, and take settings of *given*."""
-        for one in self.of_user:
-            if not one.types and not one.settings:
+        for provider in self.of_user:
+            if not provider.types and not provider.settings:
                 raise ProviderError(
-                    f"the provider {one} has no type in its return annotation, and no settings, so that no "
-                    "run would use it"
+                    f"the provider {provider} has no type in its return annotation, and no settings, so "
+                    "that no run would use it"
                 )
-        if not given <= {kind for one in self._known() for kind in one.settings}:
+        if not given <= {settings for provider in self._known() for settings in provider.settings}:
             self._load(point for point, provided in self._points.items() if not provided)
-        return [one for one in self._known() if not one.types and one.settings.keys() & given]
+        of_nothing = [provider for provider in self._known() if not provider.types]
+        return [provider for provider in of_nothing if provider.settings.keys() & given]
 
     def all(self) -> list[Provider]:
         """Return all providers, the user's first."""
@@ -72,22 +73,22 @@ class AvailableProviders:
         return self._known()
 
     def _known(self) -> list[Provider]:
-        loaded = (one for one in self._loaded.values() if one is not None)
+        loaded = (provider for provider in self._loaded.values() if provider is not None)
         return [*self.of_user, *self.core, *loaded]
 
     def _load(self, points: Iterable[entry_points.EntryPoint]) -> None:
         for point in points:
             if point.value in self._loaded:
                 continue
-            found = entry_points.load_point(point)
+            loaded = entry_points.load_point(point)
             self._loaded[point.value] = None
-            if isinstance(found, entry_points.UnavailableEntryPoint):
-                self.unavailable.append(found._replace(name=found.name.partition("-")[0]))
-            elif isinstance(found.value, Provider):
-                found.value.is_installed = True
-                self._loaded[point.value] = found.value
+            if isinstance(loaded, entry_points.UnavailableEntryPoint):
+                self.unavailable.append(loaded._replace(name=loaded.name.partition("-")[0]))
+            elif isinstance(loaded.value, Provider):
+                loaded.value.is_installed = True
+                self._loaded[point.value] = loaded.value
             else:
                 raise ProviderError(
-                    f"the entry point '{point.name}' of the distribution '{found.distribution}' is not a "
-                    f"provider: {point.value} is a {type(found.value).__name__}; mark it by @btcore.provider"
+                    f"the entry point '{point.name}' of the distribution '{loaded.distribution}' is not a "
+                    f"provider: {point.value} is a {type(loaded.value).__name__}; mark it by @btcore.provider"
                 )

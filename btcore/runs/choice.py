@@ -2,7 +2,7 @@
 
 A provider of a type is used if a leaf or a used provider needs the type, and no object of the program has it.
 A provider of nothing is used if one of its settings was given. If several provide a type, the
-first of these differences decides (`_Rank`):
+first of these differences decides:
 
 1. A required option of the provider was given.
 2. The provider is used for another type anyway.
@@ -27,34 +27,18 @@ and a `PoseNavigator`:
    `navigator`.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from btcore.clock import Clock
 from btcore.errors import ProviderError
 from btcore.options import required_option_names
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, fits, full_name, is_settings
-from btcore.runs.settings import RunSettings, Settings
+from btcore.runs.providers import Provider, fits, full_name
+from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.suggestions import join_names, with_article
 
-S = TypeVar("S", bound=Settings)
-
 _CLOCK = full_name(Clock)
-
-
-class GivenSettings(dict[type[Settings], Settings]):
-    """The settings that were given for a run, by their classes. A class that is missing has its defaults."""
-
-    def __init__(self, settings: Iterable[Settings] = ()) -> None:
-        super().__init__((type(item), item) for item in settings)
-
-    def find(self, kind: type[S]) -> S | None:
-        """Return the settings of the class *kind*; None if a required one was not given."""
-        found = self.get(kind)
-        if found is None and not required_option_names(kind):
-            found = kind()
-        return found  # type: ignore[return-value]
 
 
 class Choice(NamedTuple):
@@ -62,17 +46,17 @@ class Choice(NamedTuple):
 
     Attributes:
         order: The providers, each after those that it needs. Those that follow the tree are opened later.
-        by_type: What is provided for each needed type, by its full name: a provider, or an object of the
-            program.
+        providers: The provider of each needed type, by the full name of the type.
+        objects: The objects of the program for the other types, by the full name of the type.
         problems: Why nothing is provided for a type, by its full name.
-        losers: The providers that were not chosen, with the type and the provider that was chosen, or None if
-            the program has an object of the type.
+        losers: The providers that have lost a type, with the reason.
     """
 
-    order: list[Provider]
-    by_type: Mapping[str, object]
-    problems: Mapping[str, str]
-    losers: Mapping[Provider, tuple[Any, Provider | None]]
+    order: Sequence[Provider] = ()
+    providers: Mapping[str, Provider] = {}
+    objects: Mapping[str, object] = {}
+    problems: Mapping[str, str] = {}
+    losers: Mapping[Provider, str] = {}
 
     def follows_tree(self, provider: Provider) -> bool:
         """Return whether a used provider needs the tree, or what such a provider provides.
@@ -83,8 +67,8 @@ class Choice(NamedTuple):
 
     def providers_for(self, provider: Provider) -> list[Provider]:
         """Return the used providers of the objects that *provider* needs."""
-        found = (self.by_type.get(full_name(need.type)) for need in _needs(provider))
-        return [other for other in found if isinstance(other, Provider)]
+        names = [need.type_name for need in provider.object_needs]
+        return [self.providers[name] for name in names if name in self.providers]
 
     @property
     def clock(self) -> Provider | None:
@@ -111,21 +95,14 @@ def choose(
         ProviderError: Two providers are equally good, or need each other, or a provider of nothing needs what
             nothing provides.
     """
-    candidates = available.of_nothing(settings.keys() - {RunSettings})
-    starters = [provider for provider in candidates if _has_settings(provider, settings)]
-    requests = [
-        *(_Request(kind, False, ()) for kind in needed),
-        *(_Request(kind, True, ()) for kind in optional),
-    ]
-    losers: dict[Provider, tuple[Any, Provider | None]] = {}
+    requests = [*(_Request(type, False) for type in needed), *(_Request(type, True) for type in optional)]
+    of_nothing = available.of_nothing(settings.keys() - {RunSettings})
+    starters = [provider for provider in of_nothing if settings.keys() >= set(provider.required_settings)]
+    losers: dict[Provider, str] = {}
     while True:
         attempt = _Attempt(available, settings, provided, losers)
         if attempt.assign(requests, starters):
             return attempt.result()
-
-
-def _has_settings(provider: Provider, settings: GivenSettings) -> bool:
-    return all(optional or settings.find(kind) is not None for kind, optional in provider.settings.items())
 
 
 class _Request(NamedTuple):
@@ -133,17 +110,14 @@ class _Request(NamedTuple):
 
     type: Any
     is_optional: bool
-    chain: tuple[Provider, ...]
+    chain: tuple[Provider, ...] = ()
 
+    @property
+    def type_name(self) -> str:
+        return full_name(self.type)
 
-class _Rank(NamedTuple):
-    """How good a provider is for a type; the greater rank is better. The module explains the order."""
-
-    was_required: bool
-    is_used: bool
-    is_of_user: bool
-    needs_only_used: bool
-    is_no_default: bool
+    def __str__(self) -> str:
+        return f"{_join(self.chain) or 'a leaf'} needs {_with_article(self.type)}"
 
 
 class _Attempt:
@@ -161,132 +135,158 @@ class _Attempt:
         available: AvailableProviders,
         settings: GivenSettings,
         provided: Sequence[object],
-        losers: dict[Provider, tuple[Any, Provider | None]],
+        losers: dict[Provider, str],
     ) -> None:
         self._available = available
         self._settings = settings
         self._provided = provided
         self._losers = losers
-        self._by_type: dict[str, object] = {}
+        self._pending: list[_Request] = []
         self._used: dict[Provider, None] = {}
+        self._providers: dict[str, Provider] = {}
+        self._objects: dict[str, object] = {}
         self._problems: dict[str, str] = {}
 
     def assign(self, requests: Sequence[_Request], starters: Sequence[Provider]) -> bool:
-        """Assign a provider to each needed type; return False as soon as a further provider loses."""
-        pending = list(requests)
+        """Assign a provider to each needed type; return False as soon as a further provider loses.
+
+        Args:
+            requests: What the leaves and the program need.
+            starters: The providers of nothing of which a setting was given.
+        """
+        self._pending = list(requests)
         for provider in starters:
-            self._use(provider, (), pending)
-        while pending:
+            self._use(provider, ())
+        while self._pending:
             # Needed types come before optional ones. Types with a single candidate come first: it is then
             # preferred for the other types.
-            needed = [each for each in pending if not each.is_optional] or pending
-            single = (each for each in needed if len(self._candidates(each.type, each.chain)) <= 1)
+            needed = [request for request in self._pending if not request.is_optional] or self._pending
+            single = (request for request in needed if len(self._candidates(request)) <= 1)
             request = next(single, needed[0])
-            pending.remove(request)
-            name = full_name(request.type)
-            if name in self._by_type:
-                continue
-            provided = self._of_program(request.type)
-            if provided is not None:
-                self._by_type[name] = provided
-                if self._lose(self._available.of_type(name), request, None):
-                    return False
-                continue
-            candidates = self._candidates(request.type, request.chain)
-            if not candidates:
-                self._problems[name] = self._explain(request)
-                if request.chain and not request.is_optional:
-                    raise ProviderError(self._problems[name])
-                continue
-            chosen = self._best(request, candidates)
-            self._by_type[name] = chosen
-            if self._lose([provider for provider in candidates if provider is not chosen], request, chosen):
+            self._pending.remove(request)
+            is_assigned = request.type_name in self._providers or request.type_name in self._objects
+            if not is_assigned and not self._assign_type(request):
                 return False
-            if chosen not in self._used:
-                self._use(chosen, request.chain, pending)
         return True
 
-    def _of_program(self, kind: Any) -> object:
-        fitting = [thing for thing in self._provided if fits(thing, kind)]
+    def _assign_type(self, request: _Request) -> bool:
+        """Assign a provider or an object of the program; return False if a further provider loses."""
+        name = request.type_name
+        own = self._find_object(request.type)
+        if own is not None:
+            self._objects[name] = own
+            return self._lose(self._available.of_type(name), request, "the program")
+        candidates = self._candidates(request)
+        if not candidates:
+            self._problems[name] = self._explain(request)
+            if request.chain and not request.is_optional:
+                raise ProviderError(self._problems[name])
+            return True
+        best = self._providers[name] = self._best(request, candidates)
+        if not self._lose([other for other in candidates if other is not best], request, best.name):
+            return False
+        if best not in self._used:
+            self._use(best, request.chain)
+        return True
+
+    def _use(self, provider: Provider, chain: tuple[Provider, ...]) -> None:
+        self._used[provider] = None
+        self._pending += _requests_of(provider, chain)
+
+    def _lose(self, losers: Sequence[Provider], request: _Request, winner: str) -> bool:
+        """Let *losers* lose the type of a request; return whether all had lost before."""
+        new = [provider for provider in losers if provider not in self._losers]
+        self._losers |= dict.fromkeys(new, f"{winner} provides the {_title(request.type)}")
+        return not new
+
+    def result(self) -> Choice:
+        """Return the choice, when each needed type is assigned."""
+        self._add_clock()
+        choice = Choice([], self._providers, self._objects, self._problems, self._losers)
+        order: list[Provider] = []
+        for provider in self._used:
+            self._append_after_needs(provider, (), choice, order)
+        return choice._replace(order=order)
+
+    # --- which providers of a type can be used
+
+    def _find_object(self, needed_type: Any) -> object:
+        """Return the object of the program for a type, or None."""
+        fitting = [provided for provided in self._provided if fits(provided, needed_type)]
         if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
             raise ProviderError(
                 f"the program provides {len(fitting)} objects of the class {type(fitting[0]).__name__}: the "
-                f"choice between them for {_with_article(kind)} would be arbitrary"
+                f"choice between them for {_with_article(needed_type)} would be arbitrary"
             )
         return next(iter(fitting), None)
 
-    def _lose(self, losers: Sequence[Provider], request: _Request, winner: Provider | None) -> bool:
-        """Let *losers* lose the type of a request to *winner*; return whether one had not lost before."""
-        new = [provider for provider in losers if provider not in self._losers]
-        self._losers |= dict.fromkeys(new, (request.type, winner))
-        return bool(new)
+    def _candidates(self, request: _Request) -> list[Provider]:
+        """Return the providers of a type that can be used."""
+        of_type = self._available.of_type(request.type_name)
+        return [provider for provider in of_type if not self._obstacle(provider, request.chain)]
 
-    def result(self) -> Choice:
-        self._add_clock()
-        order: dict[Provider, None] = {}
-        for provider in self._used:
-            self._append_after_needs(provider, (), order)
-        return Choice(list(order), self._by_type, self._problems, self._losers)
+    def _obstacle(self, provider: Provider, chain: tuple[Provider, ...]) -> str:
+        """Return why a provider of a type cannot be used, or ""; *chain* leads to the type."""
+        if provider in self._losers:
+            return f"is not used, because {self._losers[provider]}"
+        if provider in chain:
+            return f"needs itself: {_join([*chain, provider])}"
+        missing = [settings for settings in provider.required_settings if settings not in self._settings]
+        if missing:
+            options = [name for settings in missing for name in required_option_names(settings)]
+            return f"is not used without {join_names(options)}"
+        for request in _requests_of(provider, chain):
+            is_met = request.is_optional or self._find_object(request.type) is not None
+            if not is_met and not self._candidates(request):
+                return f"needs {_with_article(request.type)}, but {self._explain(request)}"
+        return ""
 
-    def _use(self, provider: Provider, chain: tuple[Provider, ...], pending: list[_Request]) -> None:
-        self._used[provider] = None
-        for need in _needs(provider):
-            pending.append(_Request(need.type, need.is_optional, (*chain, provider)))
-
-    def _candidates(self, kind: Any, chain: tuple[Provider, ...] = ()) -> list[Provider]:
-        """Return the providers of a type that can be used, apart from those that have lost."""
-        return [
-            provider
-            for provider in self._available.of_type(full_name(kind))
-            if provider not in self._losers
-            and provider not in chain
-            and self._is_usable(provider, (*chain, provider))
+    def _explain(self, request: _Request) -> str:
+        """Return why nothing provides the type of a request."""
+        name, title = request.type_name, _title(request.type)
+        reasons = [
+            f"{provider} {self._obstacle(provider, request.chain)}"
+            for provider in self._available.of_type(name)
         ]
-
-    def _is_usable(self, provider: Provider, chain: tuple[Provider, ...]) -> bool:
-        if not _has_settings(provider, self._settings):
-            return False
-        return all(
-            need.is_optional
-            or self._of_program(need.type) is not None
-            or bool(self._candidates(need.type, chain))
-            for need in _needs(provider)
+        reasons += (
+            f"{provider} provides {other}, and not {name}: the file of the class was loaded twice"
+            for provider in self._available.of_user
+            for other in provider.type_names
+            if other != name and _title(other) == title
         )
+        problem = f"nothing provides {_with_article(request.type)}"
+        if reasons:
+            return f"{problem}: {'; '.join(reasons)}"
+        return f"{problem} ({request})" if request.chain else problem
+
+    # --- which of them is used
 
     def _best(self, request: _Request, candidates: Sequence[Provider]) -> Provider:
-        ranked = {provider: self._rank(provider) for provider in candidates}
-        best = [provider for provider in candidates if ranked[provider] == max(ranked.values())]
+        ranks = {provider: self._rank(provider) for provider in candidates}
+        best = [provider for provider in candidates if ranks[provider] == max(ranks.values())]
         # One that takes the settings that make another a candidate replaces it: a bag with a robot's
         # description.
-        wider = [
-            provider
-            for provider in best
-            if all(self._required(other) <= provider.settings.keys() for other in best)
-        ]
-        if len(wider) == 1:
-            return wider[0]
-        if len(best) > 1:
-            found = join_names(map(repr, best))
+        required = {settings for provider in best for settings in provider.required_settings}
+        wider = [provider for provider in best if required <= provider.settings.keys()]
+        if len(wider) != 1:
             raise ProviderError(
-                f"{len(best)} providers provide {_with_article(request.type)}: {found}; {_path(request)}. "
-                "Choose one by an option, or pass the object"
+                f"{len(best)} providers provide {_with_article(request.type)}: "
+                f"{join_names(map(repr, best))}; {request}. Choose one by an option, or pass the object"
             )
-        return best[0]
+        return wider[0]
 
-    def _rank(self, provider: Provider) -> "_Rank":
-        needs = [self._available.of_type(full_name(need.type)) for need in _needs(provider)]
-        return _Rank(
-            was_required=bool(self._required(provider)),
-            is_used=provider in self._used,
-            is_of_user=not provider.is_installed,
-            needs_only_used=bool(needs) and all(any(map(self._used.__contains__, each)) for each in needs),
-            is_no_default=not provider.is_default,
+    def _rank(self, provider: Provider) -> tuple[bool, ...]:
+        """Return the answers to the questions in the docstring of the module; the greatest is the best."""
+        needed = [self._available.of_type(need.type_name) for need in provider.object_needs]
+        return (
+            bool(provider.required_settings),
+            provider in self._used,
+            not provider.is_installed,
+            bool(needed) and all(any(other in self._used for other in of_type) for of_type in needed),
+            not provider.is_default,
         )
 
-    def _required(self, provider: Provider) -> set[type[Settings]]:
-        """Return the settings without which the provider cannot be used."""
-        needed = [kind for kind, optional in provider.settings.items() if not optional]
-        return {kind for kind in needed if required_option_names(kind)}
+    # --- the clock, and the order
 
     def _add_clock(self) -> None:
         """Use a provider that provides the clock alone, if it needs only what is used, and no other is."""
@@ -299,16 +299,15 @@ class _Attempt:
         if clocks or not (self._used.keys() - set(self._available.core) or self._provided):
             return
         for provider in self._available.of_type(_CLOCK):
-            is_alone = {full_name(kind) for kind in provider.types} == {_CLOCK}
-            kinds = {full_name(need.type): need.type for need in _needs(provider)}
-            found = {name: self._by_type.get(name, self._of_program(kind)) for name, kind in kinds.items()}
-            if is_alone and None not in found.values():
+            others = [need for need in provider.object_needs if need.type_name not in self._providers]
+            own = {need.type_name: self._find_object(need.type) for need in others}
+            if set(map(full_name, provider.types)) == {_CLOCK} and None not in own.values():
                 self._used[provider] = None
-                self._by_type |= found
+                self._objects |= own
                 return
 
     def _append_after_needs(
-        self, provider: Provider, chain: tuple[Provider, ...], order: dict[Provider, None]
+        self, provider: Provider, chain: tuple[Provider, ...], choice: Choice, order: list[Provider]
     ) -> None:
         if provider in order:
             return
@@ -316,72 +315,27 @@ class _Attempt:
             raise ProviderError(
                 f"providers need each other: {_join([*chain[chain.index(provider) :], provider])}"
             )
-        needed = [self._by_type.get(full_name(need.type)) for need in _needs(provider)]
+        needed = choice.providers_for(provider)
         if any(need.type is Clock for need in provider.needs):
             needed += [other for other in self._used if other.provides_clock]
         for other in needed:
-            if isinstance(other, Provider):
-                self._append_after_needs(other, (*chain, provider), order)
-        order[provider] = None
-
-    def _explain(self, request: _Request) -> str:
-        reasons = []
-        for provider in self._available.of_type(full_name(request.type)):
-            if provider in self._losers:
-                kind, winner = self._losers[provider]
-                reasons.append(
-                    f"{provider} is not used, because {_name_of(winner)} provides the {_title(kind)}"
-                )
-            elif provider in request.chain:
-                reasons.append(f"{provider} needs itself: {_join([*request.chain, provider])}")
-            elif not _has_settings(provider, self._settings):
-                kinds = [kind for kind, optional in provider.settings.items() if not optional]
-                kinds = [kind for kind in kinds if self._settings.find(kind) is None]
-                names = [name for kind in kinds for name in required_option_names(kind)]
-                reasons.append(f"{provider} is not used without {join_names(names)}")
-            else:
-                missing = next(
-                    need
-                    for need in _needs(provider)
-                    if not need.is_optional and not self._candidates(need.type, (*request.chain, provider))
-                )
-                inner = self._explain(_Request(missing.type, False, (*request.chain, provider)))
-                reasons.append(f"{provider} needs {_with_article(missing.type)}, but {inner}")
-        name, title = full_name(request.type), _title(request.type)
-        reasons += (
-            f"{provider} provides {other}, and not {name}: the file of the class was loaded twice"
-            for provider in self._available.of_user
-            for other in provider.type_names
-            if other != name and _title(other) == title
-        )
-        reason = "; ".join(reasons)
-        problem = f"nothing provides {_with_article(request.type)}"
-        problem = f"{problem} ({_path(request)})" if request.chain and not reasons else problem
-        return f"{problem}: {reason}" if reasons else problem
+            self._append_after_needs(other, (*chain, provider), choice, order)
+        order.append(provider)
 
 
-def _needs(provider: Provider) -> list[Need]:
-    """Return the parameters for objects of other providers."""
-    return [need for need in provider.needs if need.type not in TYPES_OF_RUN and not is_settings(need.type)]
+def _requests_of(provider: Provider, chain: tuple[Provider, ...]) -> list[_Request]:
+    needs = provider.object_needs
+    return [_Request(need.type, need.is_optional, (*chain, provider)) for need in needs]
 
 
-def _name_of(winner: Provider | None) -> str:
-    return "the program" if winner is None else winner.name
+def _title(needed_type: Any) -> str:
+    if isinstance(needed_type, str):
+        return needed_type.rpartition(".")[2]
+    return str(getattr(needed_type, "__name__", needed_type))
 
 
-def _with_article(kind: Any) -> str:
-    return with_article(_title(kind))
-
-
-def _title(kind: Any) -> str:
-    return kind.rpartition(".")[2] if isinstance(kind, str) else str(getattr(kind, "__name__", kind))
-
-
-def _path(request: _Request) -> str:
-    """Return the sentence that says what needs the type of a request."""
-    if not request.chain:
-        return f"a leaf needs {_with_article(request.type)}"
-    return f"{_join(request.chain)} needs {_with_article(request.type)}"
+def _with_article(needed_type: Any) -> str:
+    return with_article(_title(needed_type))
 
 
 def _join(chain: Sequence[Provider]) -> str:
@@ -396,17 +350,17 @@ def unused_settings(
     Args:
         choice: The used providers.
     """
-    taken = {RunSettings, *(kind for provider in choice.order for kind in provider.settings)}
+    taken = {RunSettings, *(taken for provider in choice.order for taken in provider.settings)}
     reasons = {}
-    for kind in [kind for kind in settings if kind not in taken]:
-        takers = [provider for provider in available.all() if kind in provider.settings]
-        takers = [provider for provider in takers if not provider.settings[kind]] or takers
+    for unused in [given for given in settings if given not in taken]:
+        takers = [provider for provider in available.all() if unused in provider.settings]
+        takers = [provider for provider in takers if not provider.settings[unused]] or takers
         lost = next((choice.losers[provider] for provider in takers if provider in choice.losers), None)
-        kinds = dict.fromkeys(_with_article(provider.types[0]) for provider in takers if provider.types)
+        types = dict.fromkeys(_with_article(provider.types[0]) for provider in takers if provider.types)
         if lost is not None:
-            reasons[kind] = f"{_name_of(lost[1])} provides the {_title(lost[0])}"
-        elif kinds:
-            reasons[kind] = f"no leaf needs {join_names(list(kinds), 'or')}"
+            reasons[unused] = lost
+        elif types:
+            reasons[unused] = f"no leaf needs {join_names(list(types), 'or')}"
         elif takers:
-            reasons[kind] = "it is not used"
+            reasons[unused] = "it is not used"
     return reasons

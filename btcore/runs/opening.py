@@ -15,9 +15,9 @@ from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, ProviderError
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, GivenSettings, choose, unused_settings
+from btcore.runs.choice import Choice, choose, unused_settings
 from btcore.runs.providers import Need, Provider, Report, fits, full_name, is_settings
-from btcore.runs.settings import RunSettings, Settings
+from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.tree.tree import Tree
 
 
@@ -83,14 +83,14 @@ class OpenedProvider:
         """The provided objects."""
         value = self.value
         values = value if self.provider.provides_several and isinstance(value, tuple) else (value,)
-        return [one for one in values if one is not None] if self.provider.types else []
+        return [value for value in values if value is not None] if self.provider.types else []
 
     def object_for(self, name: str) -> object:
         """Return the object of the type with the full *name*."""
         if not self.provider.provides_several:
             return self.value
-        named = (one for one in self.objects if fits(one, name))
-        return next(named, next(iter(self.objects), None))
+        fitting = (provided for provided in self.objects if fits(provided, name))
+        return next(fitting, next(iter(self.objects), None))
 
 
 class OpenedProviders:
@@ -127,7 +127,7 @@ class OpenedProviders:
             Resources: lambda: self.resources,
         }
         self._opened: dict[Provider, OpenedProvider] = {}
-        self.choice = Choice([], {}, {}, {})
+        self.choice = Choice()
         self.resources = Resources()
         self.resources.remedy = "the run does not provide it"
 
@@ -140,19 +140,19 @@ class OpenedProviders:
             optional: The types that the program uses if they are provided.
         """
         self.choice = choose([*needed, *wanted], self._available, self._settings, self._provided, optional)
-        for kind in wanted:
-            problem = self.choice.problems.get(full_name(kind))
+        for name in map(full_name, wanted):
+            problem = self.choice.problems.get(name)
             if problem is not None:
                 raise ProviderError("; ".join([problem, *self._unavailable_notes()]))
-            chosen = self.choice.by_type[full_name(kind)]
-            if isinstance(chosen, Provider) and self.choice.follows_tree(chosen):
-                raise ProviderError(_unavailable_to_leaves(chosen))
+            provider = self.choice.providers.get(name)
+            if provider is not None and self.choice.follows_tree(provider):
+                raise ProviderError(_unavailable_to_leaves(provider))
 
-    def open_for_leaves(self, kinds: Sequence[Any], stack: contextlib.ExitStack) -> None:
+    def open_for_leaves(self, types: Sequence[Any], stack: contextlib.ExitStack) -> None:
         """Open the providers that need no tree, which *stack* closes, and fill the resources.
 
         Args:
-            kinds: The types of which a leaf or the program gets the object of the chosen provider.
+            types: The types of which a leaf or the program gets the object of the chosen provider.
             stack: The stack that closes the providers.
         """
         self.resources += self._provided
@@ -161,11 +161,11 @@ class OpenedProviders:
                 # A provider may return an object of another one, under another type.
                 known = set(map(id, self.resources))
                 objects = self._open(provider, stack)
-                self.resources += [thing for thing in objects if id(thing) not in known]
-        for kind in kinds:
-            found = self._find(full_name(kind))
-            if found is not None:
-                self.resources.choose(kind, found)
+                self.resources += [provided for provided in objects if id(provided) not in known]
+        for needed in types:
+            chosen = self._find(full_name(needed))
+            if chosen is not None:
+                self.resources.choose(needed, chosen)
 
     def open_for_tree(self, stack: contextlib.ExitStack) -> None:
         """Open the providers that need the tree, which exists now. Its leaves do not get their objects."""
@@ -179,19 +179,18 @@ class OpenedProviders:
         opened.open(self._arguments(provider))
         return opened.objects
 
-    def find(self, kind: Any) -> object:
+    def find(self, type: Any) -> object:
         """Return the object of a type: of its provider, else among the resources; or None."""
-        found = self._find(full_name(kind))
-        return (
-            next((thing for thing in self.resources if fits(thing, kind)), None) if found is None else found
-        )
+        chosen = self._find(full_name(type))
+        if chosen is not None:
+            return chosen
+        return next((resource for resource in self.resources if fits(resource, type)), None)
 
     def _find(self, name: str) -> object:
-        chosen = self.choice.by_type.get(name)
-        if not isinstance(chosen, Provider):
-            return chosen
-        opened = self._opened.get(chosen)
-        return None if opened is None else opened.object_for(name)
+        if name in self.choice.objects:
+            return self.choice.objects[name]
+        provider = self.choice.providers.get(name)
+        return self._opened[provider].object_for(name) if provider in self._opened else None
 
     @property
     def clock(self) -> Clock:
@@ -203,17 +202,17 @@ class OpenedProviders:
     def _find_clock(self) -> Clock:
         provider = self.choice.clock
         if provider in self._opened:
-            for thing in self._opened[provider].objects:
-                for clock in (thing, getattr(thing, "clock", None)):
+            for provided in self._opened[provider].objects:
+                for clock in (provided, getattr(provided, "clock", None)):
                     if is_clock(clock):
                         return clock
             raise ProviderError(
                 f"the provider {provider} declares a Clock, but provides no object with a clock"
             )
-        given = next((thing for thing in self._provided if is_clock(thing)), None)
+        clock = next((provided for provided in self._provided if is_clock(provided)), None)
         run_settings = self._settings.find(RunSettings)
         is_fast = run_settings is not None and run_settings.fast
-        return given or (SimClock() if is_fast else SystemClock())
+        return clock or (SimClock() if is_fast else SystemClock())
 
     def replace_tree(self, tree: Tree) -> None:
         """Let the providers that follow the tree follow *tree*; those that cannot are opened again."""
@@ -242,23 +241,23 @@ class OpenedProviders:
     def missing_notes(self, needed: Sequence[Any]) -> Iterator[str]:
         """Yield why objects are missing that the leaves need; *needed* are their types."""
         unknown = []
-        for kind in needed:
-            name = full_name(kind)
-            provider, problem = self.choice.by_type.get(name), self.choice.problems.get(name)
-            if isinstance(provider, Provider) and self.choice.follows_tree(provider):
+        for type in needed:
+            name = full_name(type)
+            provider, problem = self.choice.providers.get(name), self.choice.problems.get(name)
+            if provider is not None and self.choice.follows_tree(provider):
                 yield _unavailable_to_leaves(provider)
-            elif isinstance(provider, Provider) and self._find(name) is None:
+            elif provider is not None and self._find(name) is None:
                 yield f"the provider {provider} has provided None"
             elif problem is not None and self._available.of_type(name):
                 yield problem
             elif problem is not None:
-                unknown.append(kind)
+                unknown.append(type)
         yield from self._unavailable_notes()
-        if any(getattr(kind, "__module__", "builtins") != "builtins" for kind in unknown):
+        if any(getattr(type, "__module__", "builtins") != "builtins" for type in unknown):
             yield (
-                "a run does not create objects of your own classes: derive the class from btcore.TreeState, "
-                "or write a provider of the object: see 'Your own resources'; a program may pass the object "
-                "in Run(provided=[…])"
+                "a run does not create objects of your own classes: derive the class from "
+                "btcore.TreeResource, or write a provider of the object: see 'Your own resources'; a program "
+                "may pass the object in Run(provided=[…])"
             )
 
     def _unavailable_notes(self) -> list[str]:
@@ -275,12 +274,11 @@ class OpenedProviders:
             return self._of_run[need.type]()
         if is_settings(need.type):
             return self._settings.find(need.type)
-        name = full_name(need.type)
-        found = self._find(name)
-        if found is None and not need.is_optional:
-            giver = self.choice.by_type[name]
-            raise ProviderError(f"{provider} needs its '{need.parameter}', but {giver} has provided None")
-        return found
+        chosen = self._find(need.type_name)
+        if chosen is None and not need.is_optional:
+            other = self.choice.providers[need.type_name]
+            raise ProviderError(f"{provider} needs its '{need.parameter}', but {other} has provided None")
+        return chosen
 
 
 def _unavailable_to_leaves(provider: Provider) -> str:

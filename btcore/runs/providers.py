@@ -30,6 +30,7 @@ from typing import Any, Final, Literal, NamedTuple, Union, get_args, get_origin,
 
 from btcore.clock import Clock
 from btcore.errors import ProviderError
+from btcore.options import required_option_names
 from btcore.registry.manifest import Resources
 from btcore.runs.settings import Settings
 from btcore.runs.tick_loop import LoopEnd
@@ -93,6 +94,11 @@ class Need(NamedTuple):
     type: Any
     is_optional: bool
 
+    @property
+    def type_name(self) -> str:
+        """The full name of the type."""
+        return full_name(self.type)
+
 
 class Provider:
     """A provider: a function, with what its annotations declare.
@@ -147,17 +153,17 @@ class Provider:
         """The provided types of each object: those that were passed, then that of the annotation."""
         if "return" not in self._hints:
             raise ProviderError(f"the provider {self} has no return annotation: write -> Iterator[Gripper]")
-        kinds = (kind for kind in self._object_types if kind not in (NoneType, object))
-        return (*self._provides, *kinds)
+        annotated = (type for type in self._object_types if type not in (NoneType, object))
+        return (*self._provides, *annotated)
 
     @cached_property
     def _object_types(self) -> tuple[Any, ...]:
         """The type of each object that the function yields or returns."""
-        kind = self._hints["return"]
-        if get_origin(kind) in (Iterator, Iterable, Generator):
-            kind = get_args(kind)[0]
-        kind, _ = _without_none(kind)
-        return get_args(kind) if get_origin(kind) is tuple else (kind or NoneType,)
+        annotation = self._hints["return"]
+        if get_origin(annotation) in (Iterator, Iterable, Generator):
+            annotation = get_args(annotation)[0]
+        annotation, _ = _without_none(annotation)
+        return get_args(annotation) if get_origin(annotation) is tuple else (annotation or NoneType,)
 
     @property
     def provides_several(self) -> bool:
@@ -167,7 +173,7 @@ class Provider:
     @cached_property
     def type_names(self) -> frozenset[str]:
         """The full names of the provided types and of their base classes."""
-        return frozenset(name for kind in self.types for name in _names_with_bases(kind))
+        return frozenset(name for type in self.types for name in _names_with_bases(type))
 
     @cached_property
     def needs(self) -> tuple[Need, ...]:
@@ -179,10 +185,21 @@ class Provider:
             needs.append(Need(parameter.name, *_without_none(self._hints[parameter.name])))
         return tuple(needs)
 
-    @property
+    @cached_property
+    def object_needs(self) -> list[Need]:
+        """The parameters for objects of other providers or of the program."""
+        return [need for need in self.needs if need.type not in TYPES_OF_RUN and not is_settings(need.type)]
+
+    @cached_property
     def settings(self) -> dict[type[Settings], bool]:
         """The classes of its settings, and whether each is optional."""
         return {need.type: need.is_optional for need in self.needs if is_settings(need.type)}
+
+    @cached_property
+    def required_settings(self) -> list[type[Settings]]:
+        """The classes of its settings that have to be given: they have a field without a default."""
+        needed = [settings for settings, is_optional in self.settings.items() if not is_optional]
+        return [settings for settings in needed if required_option_names(settings)]
 
     @property
     def needs_tree(self) -> bool:
@@ -244,42 +261,42 @@ def provider(
     return lambda function: Provider(function, provides, default)
 
 
-def _without_none(kind: Any) -> tuple[Any, bool]:
+def _without_none(annotation: Any) -> tuple[Any, bool]:
     """Return `X` and True for `X | None`, and False for any other type."""
-    if get_origin(kind) in (Union, UnionType) and NoneType in get_args(kind):
-        [kind] = [part for part in get_args(kind) if part is not NoneType]
-        return kind, True
-    return kind, False
+    if get_origin(annotation) in (Union, UnionType) and NoneType in get_args(annotation):
+        [annotation] = [part for part in get_args(annotation) if part is not NoneType]
+        return annotation, True
+    return annotation, False
 
 
-def is_settings(kind: Any) -> bool:
-    """Return whether *kind* is a class of settings."""
-    return isinstance(kind, type) and issubclass(kind, Settings)
+def is_settings(annotation: Any) -> bool:
+    """Return whether *annotation* is a class of settings."""
+    return isinstance(annotation, type) and issubclass(annotation, Settings)
 
 
-def full_name(kind: Any) -> str:
+def full_name(type: Any) -> str:
     """Return the module and the qualified name of a type.
 
     An annotation may name a class that is imported under TYPE_CHECKING alone; its place is taken by an empty
     class with the same name and module. A full name stands for itself.
     """
-    if isinstance(kind, str):
-        return kind
-    return f"{getattr(kind, '__module__', '?')}.{getattr(kind, '__qualname__', kind)}"
+    if isinstance(type, str):
+        return type
+    return f"{getattr(type, '__module__', '?')}.{getattr(type, '__qualname__', type)}"
 
 
-def fits(thing: object, kind: Any) -> bool:
+def fits(resource: object, needed: Any) -> bool:
     """Return whether an object is of a type, see `full_name`, or satisfies it as a protocol."""
-    if any(full_name(base) == full_name(kind) for base in type(thing).__mro__):
+    if any(full_name(base) == full_name(needed) for base in type(resource).__mro__):
         return True
     try:
-        return isinstance(thing, kind) and bool(getattr(kind, "_is_protocol", False))
+        return isinstance(resource, needed) and bool(getattr(needed, "_is_protocol", False))
     except TypeError:
         return False
 
 
-def _names_with_bases(kind: Any) -> Iterator[str]:
-    for base in getattr(kind, "__mro__", (kind,)):
+def _names_with_bases(type: Any) -> Iterator[str]:
+    for base in getattr(type, "__mro__", (type,)):
         if getattr(base, "__module__", None) not in _UNNAMED:
             yield full_name(base)
 

@@ -2,12 +2,12 @@
 
 import time
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from itertools import chain
 from os import PathLike
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
+from typing import Any, Self, TypeVar, Unpack
 
 from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
@@ -16,27 +16,28 @@ from btcore.errors import (
     NodeExecutionError,
     OutputError,
     ProviderError,
-    SettingsError,
     TreeError,
 )
 from btcore.exit_codes import ExitCode, code_of_signal
-from btcore.loading.instantiate import instantiate, make_leaf_tree
-from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_argument_names, plan_file
-from btcore.options import check_settings
+from btcore.loading.instantiate import make_leaf_tree
+from btcore.loading.load import (
+    LoadArguments,
+    PausedGarbageCollection,
+    check_argument_names,
+    create_tree,
+    plan_file,
+)
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, GivenSettings
+from btcore.runs.choice import Choice
 from btcore.runs.opening import OpenedProviders
 from btcore.runs.providers import EndReason, Provider, Report
-from btcore.runs.settings import RunSettings, Settings
-from btcore.runs.tick_loop import LoopEnd, TickLoop, Until, joint_status
+from btcore.runs.settings import GivenSettings, RunSettings, Settings
+from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
-
-if TYPE_CHECKING:
-    from btcore.runs.reload import TreeWatcher
 
 T = TypeVar("T")
 
@@ -96,8 +97,8 @@ class Run:
     with a parameter of the type `Tree`, such as a publisher or a log, gets the first tree.
 
     From its entry to its exit, a run handles Ctrl-C, SIGTERM and SIGHUP (the terminal was closed): the first
-    of them ends `until_done` or `serve` as usual, or the waits of providers that are closed. If it arrives at
-    another time, or is the second, KeyboardInterrupt is raised, which leaves the run as SystemExit if the
+    of them ends `tick_to_end` or `serve` as usual, or the waits of providers that are closed. If it arrives
+    at another time, or is the second, KeyboardInterrupt is raised, which leaves the run as SystemExit if the
     signal is not Ctrl-C.
 
     Args:
@@ -113,12 +114,9 @@ class Run:
             `RunSettings.fast`.
 
     Attributes:
-        trees: The trees that are ticked; none before the entry.
         settings: The settings by their classes.
         run_settings: The `RunSettings`.
         report: The results that providers have added; complete after the end.
-        status: The status after the last tick. For several trees, RUNNING or FAILURE if one of them has it,
-            otherwise the status of the first.
         error: The exception that a leaf raised, or None.
         elapsed_s: The duration of the ticking by the run's clock (s).
         wall_s: The duration of the ticking in real time (s).
@@ -134,7 +132,7 @@ class Run:
         >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sleep msec="500"/></BehaviorTree></root>'
         >>> _ = Path("nap.xml").write_text(xml)
         >>> with Run("nap.xml", settings=[RunSettings(fast=True)]) as run:
-        ...     run.until_done()
+        ...     run.tick_to_end()
         <Status.SUCCESS: 2>
         >>> run.elapsed_s
         0.5
@@ -158,39 +156,29 @@ class Run:
             sources = source
         if not sources:
             raise ValueError("there is no run of an empty list: pass a tree or a program")
-        self._sources = [_planned(one, arguments) for one in sources]
+        self._sources = [_planned(planned, arguments) for planned in sources]
         self._load_arguments = arguments
-        self._leaf_types: list[Any] = []
-        for plans in self._sources:
-            types = plans.required_resources() if isinstance(plans, Plans) else []
-            self._leaf_types += (kind for kind in types if kind not in self._leaf_types)
+        plans = [planned for planned in self._sources if isinstance(planned, Plans)]
+        self._leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
         self._wanted: list[Any] = []
         self._optional: list[Any] = []
-        # Those of a command are checked already.
-        if not isinstance(settings, GivenSettings):
-            for kind, count in Counter(map(type, settings)).items():
-                if count > 1:
-                    raise SettingsError(f"{kind.__name__} are given {count} times")
-            settings = GivenSettings(map(check_settings, settings))
-        self.settings = settings
-        self.run_settings = self.settings.find(RunSettings) or RunSettings()
-        available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
-        self.report = Report()
-        clock = arguments.get("clock")
-        self._opened = OpenedProviders(
-            available, settings, list(provided), clock, lambda: self.tree, self.report
-        )
         self._prepare = prepare
-        self._stack = ExitStack()
-        self._loop: TickLoop | None = None
-        self._signals = EndingSignals()
-        self._is_paused = False
-        self._has_exited = False
-        self.trees: list[Tree] = []
-        self.status = Status.IDLE
+        # Those of a command are checked already.
+        self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
+        self.run_settings = self.settings.find(RunSettings) or RunSettings()
+        self.report = Report()
         self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0
         self.wall_s = 0.0
+        available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
+        clock = arguments.get("clock")
+        self._opened = OpenedProviders(
+            available, self.settings, list(provided), clock, lambda: self.tree, self.report
+        )
+        self._loop = TickLoop(self.run_settings)
+        self._signals = EndingSignals()
+        self._stack = ExitStack()
+        self._has_exited = False
 
     # --- opening
 
@@ -207,43 +195,47 @@ class Run:
             self._wanted += types
         return self
 
-    def find(self, kind: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
+    def find(self, type: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
         """Return the object of a type among the resources, or None."""
-        return self._opened.find(kind)  # type: ignore[return-value]
+        return self._opened.find(type)  # type: ignore[return-value]
 
     def __enter__(self) -> Self:
         try:
             self._enter()
         except Exception as error:
-            for one in self.closing_errors:
-                error.add_note(str(one))
+            for closing_error in self.closing_errors:
+                error.add_note(str(closing_error))
             raise
         return self
 
     def _enter(self) -> None:
         with ExitStack() as stack:
-            self._stack = stack
             stack.enter_context(self._signals)
             opened = self._opened
             opened.choose(self._leaf_types, self._wanted, self._optional)
             opened.open_for_leaves([*self._leaf_types, *self._wanted, *self._optional], stack)
-            self.trees = [self._create_tree(source) for source in self._sources]
+            self._loop.trees = [self._create_tree(source) for source in self._sources]
             if self._prepare is not None:
                 self._prepare(self)
             opened.open_for_tree(stack)
             stack.callback(self._halt)
-            for kind, reason in opened.unused_settings().items():
-                self.warn_unused(kind, reason)
+            for unused, reason in opened.unused_settings().items():
+                self.warn_unused(unused, reason)
             self._stack = stack.pop_all()
 
-    def warn_unused(self, kind: type[Settings], reason: str) -> None:
+    def warn_unused(self, unused: type[Settings], reason: str) -> None:
         """Warn that settings were given, but have no effect.
 
         Args:
-            kind: The class of the settings.
+            unused: The class of the settings.
             reason: Why no provider uses them.
         """
-        warnings.warn(f"{kind.__name__} have no effect: {reason}", stacklevel=3)
+        warnings.warn(f"{unused.__name__} have no effect: {reason}", stacklevel=3)
+
+    @property
+    def trees(self) -> list[Tree]:
+        """The trees that are ticked; none before the entry."""
+        return self._loop.trees
 
     @property
     def tree(self) -> Tree:
@@ -271,24 +263,13 @@ class Run:
         """The clock of the run."""
         return self._opened.clock
 
-    @property
-    def closing_errors(self) -> list[BtcoreError]:
-        """What the providers raised when they were closed, such as `OutputError`."""
-        return self._opened.errors
-
     def _create_tree(self, source: Plans | TreelessProgram) -> Tree:
-        arguments = self._load_arguments
         if isinstance(source, TreelessProgram):
             return source.make_tree(self.clock)
+        arguments = self._load_arguments
         try:
             with PausedGarbageCollection():
-                return instantiate(
-                    source,
-                    self.resources,
-                    arguments.get("blackboard"),
-                    self.clock,
-                    arguments.get("tick_limit"),
-                )
+                return create_tree(source, {**arguments, "resources": self.resources, "clock": self.clock})
         except TreeError as error:
             for note in self._opened.missing_notes(self._leaf_types):
                 error.add_note(note)
@@ -296,12 +277,12 @@ class Run:
 
     # --- ticking
 
-    def until_done(
+    def tick_to_end(
         self,
         until: Until = "done",
         *,
         on_tick: Callable[[Status], None] | None = None,
-        watcher: "TreeWatcher | None" = None,
+        tick: Callable[[TickLoop], LoopEnd] = TickLoop.run,
     ) -> Status:
         """Tick at the rate of the run until the end, halt the trees, and return the status of the last tick.
 
@@ -311,61 +292,71 @@ class Run:
         Args:
             until: The result that ends a tree; the run ends when all trees have ended.
             on_tick: Called with the `status` after every tick.
-            watcher: Replaces the first tree whenever its file is saved. The run does not end when the trees
-                have ended.
+            tick: Runs the loop to its end, and returns the reason. `btcore run --watch` also replaces the
+                tree meanwhile.
 
         Raises:
             NodeExecutionError: A leaf raised an exception; it is also the attribute `error`.
         """
         self._check_open()
-        was_saved = None if watcher is None else watcher.was_saved
-        loop = self._loop = TickLoop(self.trees, self.run_settings, until, on_tick, was_saved)
-        loop.is_paused = self._is_paused
+        loop = self._loop
+        loop.start(until, on_tick)
         began = time.perf_counter()
         try:
             with self._leaf_error_kept():
                 with self._ended_by_signals(loop.stop):
-                    self.report.end_reason = self._tick(loop, watcher)
+                    self.report.end_reason = tick(loop)
                 self._halt()
         finally:
-            self.status = loop.status if self.error is None else Status.IDLE
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
             self.wall_s = time.perf_counter() - began
         return self.status
 
-    def _tick(self, loop: TickLoop, watcher: "TreeWatcher | None") -> LoopEnd:
-        """Tick the trees, and those that replace the first, until the run ends; return the reason.
+    def step(self) -> Status:
+        """Tick the tree once, without waiting, and return its status.
 
-        With a watcher, the run waits for the next save after the end of the trees, also by an exception of a
-        leaf. The exception is raised at the end of the run, unless another tree has replaced that tree.
+        Of several trees, those that are RUNNING are ticked, or all if none is. Time passes only by other
+        means: a `SimClock` by `run.clock.advance(0.1)`.
+
+        Raises:
+            NodeExecutionError: A leaf raised an exception.
         """
-        if watcher is None:
-            ended = loop.run()
-            assert ended != "saved", "nothing is watched"
-            return ended
-        from btcore.runs.reload import reload_tree  # most runs do not need it
+        self._check_open()
+        with self._leaf_error_kept():
+            self._loop.step()
+        return self.status
 
-        has_ended = False
-        while True:
-            try:
-                reason = loop.wait_for_save() if has_ended else loop.run()
-            except NodeExecutionError as error:
-                self.error = error
-                watcher.on_error(error)
-                reason = "done"
-            if reason == "saved":
-                tree = reload_tree(watcher, self.tree, self.resources)
-                if tree is not None:
-                    self.replace_tree(tree)
-                    has_ended = False
-            elif reason == "done":
-                has_ended = True
-                self.status = loop.status
-                watcher.on_end()
-            elif self.error is not None:
-                raise self.error
-            else:
-                return reason
+    def serve(self, serve: Callable[[], None], stop: Callable[[], None]) -> None:
+        """Call *serve*, for a program that ticks trees itself, until it returns or a signal ends it.
+
+        The program passes each of its trees to `replace_tree`.
+
+        Args:
+            serve: Called once. It returns soon after a call of *stop*.
+            stop: Called by the handler of the first signal.
+        """
+        self._check_open()
+        with self._ended_by_signals(stop):
+            serve()
+        self.report.end_reason = "interrupted" if self._signals.number else "done"
+
+    def pause(self) -> None:
+        """Let `tick_to_end` stop ticking before the next tick, until `resume`. Any thread may call it.
+
+        Meanwhile a simulated world stands still; real time continues, and counts for the duration. A pause
+        also holds for calls of `tick_to_end` that begin later.
+        """
+        self._loop.is_paused = True
+
+    def resume(self) -> None:
+        """End a pause."""
+        self._loop.is_paused = False
+
+    def replace_tree(self, tree: Tree) -> None:
+        """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
+        self.error = None
+        self._loop.replace_tree(tree)
+        self._opened.replace_tree(tree)
 
     @contextmanager
     def _leaf_error_kept(self) -> Iterator[None]:
@@ -407,88 +398,7 @@ class Run:
                 errors[0].later_errors += errors[1:]
                 raise errors[0]
 
-    def pause(self) -> None:
-        """Let `until_done` stop ticking before the next tick, until `resume`. Any thread may call it.
-
-        Meanwhile a simulated world stands still; real time continues, and counts for the duration. A pause
-        also holds for calls of `until_done` that begin later.
-        """
-        self._set_paused(True)
-
-    def resume(self) -> None:
-        """End a pause."""
-        self._set_paused(False)
-
-    def _set_paused(self, is_paused: bool) -> None:
-        self._is_paused = is_paused
-        if self._loop is not None:
-            self._loop.is_paused = is_paused
-
-    def serve(self, serve: Callable[[], None], stop: Callable[[], None]) -> None:
-        """Call *serve*, for a program that ticks trees itself, until it returns or a signal ends it.
-
-        The program passes each of its trees to `replace_tree`.
-
-        Args:
-            serve: Called once. It returns soon after a call of *stop*.
-            stop: Called by the handler of the first signal.
-        """
-        self._check_open()
-        with self._ended_by_signals(stop):
-            serve()
-        self.report.end_reason = "interrupted" if self._signals.number else "done"
-
-    @property
-    def end_reason(self) -> EndReason | None:
-        """Why the run ended; None before its end."""
-        return self.report.end_reason
-
-    @property
-    def exit_code(self) -> ExitCode:
-        """The exit code of a process for this run.
-
-        An exception of a leaf comes first, then an error of a provider or an incomplete output, then the
-        signal that ended the run, then the result of the tree.
-        """
-        if self.error is not None:
-            return ExitCode.LEAF_ERROR
-        if self.closing_errors:
-            return ExitCode.INCOMPLETE_OUTPUT if self._is_only_incomplete() else ExitCode.USER_ERROR
-        if self.end_reason == "interrupted" and self._signals.number:
-            return code_of_signal(self._signals.number)
-        failed = self.end_reason == "done" and self.status is Status.FAILURE
-        return ExitCode.FAILURE if failed else ExitCode.SUCCESS
-
-    def step(self) -> Status:
-        """Tick the tree once, without waiting, and return its status.
-
-        Of several trees, those that are RUNNING are ticked, or all if none is. Time passes only by other
-        means: a `SimClock` by `run.clock.advance(0.1)`.
-
-        Raises:
-            NodeExecutionError: A leaf raised an exception.
-        """
-        self._check_open()
-        with self._leaf_error_kept():
-            for tree in [tree for tree in self.trees if tree.status is Status.RUNNING] or self.trees:
-                tree.tick_once()
-            self.status = joint_status(self.trees)
-        return self.status
-
-    @property
-    def skipped_ticks(self) -> int:
-        """The number of ticks that were skipped because an earlier tick was still in progress."""
-        return 0 if self._loop is None else self._loop.skipped_ticks
-
-    def replace_tree(self, tree: Tree) -> None:
-        """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
-        self.trees[0] = tree
-        self.error = None
-        if self._loop is not None:
-            self._loop.replace_tree(tree)
-        self._opened.replace_tree(tree)
-
-    # --- closing
+    # --- the end
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -522,11 +432,51 @@ class Run:
             ProviderError: Another error.
         """
         if error is None:
-            if len(self.closing_errors) == 1:
-                raise self.closing_errors[0]
-            text = "; ".join(map(str, self.closing_errors))
-            raise OutputError(text) if self._is_only_incomplete() else ProviderError(text)
+            raise self._joint_closing_error()
 
-    def _is_only_incomplete(self) -> bool:
-        """Return whether all `closing_errors` are about outputs."""
-        return all(isinstance(error, OutputError) for error in self.closing_errors)
+    @property
+    def closing_errors(self) -> list[BtcoreError]:
+        """What the providers raised when they were closed, such as `OutputError`."""
+        return self._opened.errors
+
+    def _joint_closing_error(self) -> BtcoreError:
+        if len(self.closing_errors) == 1:
+            return self.closing_errors[0]
+        text = "; ".join(map(str, self.closing_errors))
+        are_outputs = all(isinstance(error, OutputError) for error in self.closing_errors)
+        return OutputError(text) if are_outputs else ProviderError(text)
+
+    @property
+    def status(self) -> Status:
+        """The status after the last tick; IDLE if a leaf raised an exception.
+
+        For several trees, RUNNING or FAILURE if one of them has it, otherwise the status of the first.
+        """
+        return self._loop.status if self.error is None else Status.IDLE
+
+    @property
+    def end_reason(self) -> EndReason | None:
+        """Why the run ended; None before its end."""
+        return self.report.end_reason
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """The exit code of a process for this run.
+
+        An exception of a leaf comes first, then an error of a provider or an incomplete output, then the
+        signal that ended the run, then the result of the tree.
+        """
+        if self.error is not None:
+            return ExitCode.LEAF_ERROR
+        if self.closing_errors:
+            is_output = isinstance(self._joint_closing_error(), OutputError)
+            return ExitCode.INCOMPLETE_OUTPUT if is_output else ExitCode.USER_ERROR
+        if self.end_reason == "interrupted" and self._signals.number:
+            return code_of_signal(self._signals.number)
+        failed = self.end_reason == "done" and self.status is Status.FAILURE
+        return ExitCode.FAILURE if failed else ExitCode.SUCCESS
+
+    @property
+    def skipped_ticks(self) -> int:
+        """The number of ticks that were skipped because an earlier tick was still in progress."""
+        return self._loop.skipped_ticks

@@ -1,8 +1,13 @@
 """Settings: the options of providers, and those of every run."""
 
-from typing import Annotated
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Annotated, Self, TypeVar
 
-from btcore.options import Options, option
+from btcore.errors import SettingsError
+from btcore.options import Options, check_settings, option, required_option_names
+
+AnySettings = TypeVar("AnySettings", bound="Settings")
 
 
 class Settings(Options):
@@ -40,3 +45,30 @@ class RunSettings(Settings):
         int, option("Seed of the random numbers; the same seed reproduces the same run.", metavar="N", ge=0)
     ] = 0
     fast: Annotated[bool, option("Use simulated time and run as fast as possible.")] = False
+
+
+class GivenSettings(dict[type[Settings], Settings]):
+    """The settings that were given for a run, by their classes. A class that is missing has its defaults."""
+
+    def __init__(self, settings: Iterable[Settings] = ()) -> None:
+        super().__init__((type(given), given) for given in settings)
+
+    @classmethod
+    def checked(cls, settings: Sequence[Settings]) -> Self:
+        """Return the settings of a program, whose values were not checked as options yet.
+
+        Raises:
+            SettingsError: A value is invalid, or a class is given several times.
+            TypeError: An object is no settings object.
+        """
+        for settings_type, count in Counter(map(type, settings)).items():
+            if count > 1:
+                raise SettingsError(f"{settings_type.__name__} are given {count} times")
+        return cls(map(check_settings, settings))
+
+    def find(self, settings: type[AnySettings]) -> AnySettings | None:
+        """Return the settings of a class; None if a required one was not given."""
+        given = self.get(settings)
+        if given is None and not required_option_names(settings):
+            given = settings()
+        return given  # type: ignore[return-value]

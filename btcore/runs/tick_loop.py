@@ -17,13 +17,11 @@ from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
 _CHECK_INTERVAL_S: Final = 0.05
-"""The longest time (s) between two checks whether the file was saved, or a pause has ended."""
+"""The longest time (s) between two calls of `TickLoop.reload`, or checks whether a pause has ended."""
 
 LoopEnd = Literal["done", "duration", "end_of_time", "interrupted"]
 """Why a loop ended: all trees are done, the duration is over, the time of the clock has ended (as that of a
 recording), or `TickLoop.stop` was called."""
-Saved = Literal["saved"]
-"""Why `TickLoop.run` returned before the end: the file of the tree was saved, and another tree may follow."""
 
 _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
     "done": (SUCCESS, FAILURE, SKIPPED, IDLE),
@@ -33,54 +31,63 @@ _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
 }
 
 
-def joint_status(trees: Sequence[Tree]) -> Status:
+def _joint_status(trees: Sequence[Tree]) -> Status:
     """Return RUNNING or FAILURE, if a tree has it, otherwise the status of the first tree."""
     statuses = [tree.status for tree in trees]
     return RUNNING if RUNNING in statuses else FAILURE if FAILURE in statuses else statuses[0]
 
 
 class TickLoop:
-    """The tick loop of a run. It can be continued by another call of `run` after a save.
+    """The tick loop of a run: its trees, and the time and the result of their ticks.
+
+    Call `start`, and then `run`; another call of `run` continues.
 
     Args:
-        trees: The trees, in the order in which they are ticked; they have the same clock.
         settings: The rate, the duration, and whether time passes as fast as possible.
-        until: The result that ends a tree; the loop ends when all trees have ended.
-        on_tick: Called with the status after every tick.
-        was_saved: Called between ticks; the loop ends when it returns True.
 
     Attributes:
+        trees: The trees, in the order in which they are ticked; they have the same clock.
+        reload: Called between ticks; it may replace the first tree, and returns whether it did.
         is_paused: Whether no tick takes place.
         status: The joint status of the trees after the last tick.
         skipped_ticks: The number of ticks that were skipped because an earlier tick was still in progress.
     """
 
-    def __init__(
-        self,
-        trees: Sequence[Tree],
-        settings: RunSettings,
-        until: Until,
-        on_tick: Callable[[Status], None] | None = None,
-        was_saved: Callable[[], bool] | None = None,
-    ) -> None:
-        self.trees = list(trees)
-        self.period_ns = round(NS_PER_S / settings.rate)
-        self.end_statuses = _STATUSES_THAT_END[until]
-        self.on_tick = on_tick
-        self.was_saved = was_saved
-        self.fast = settings.fast
-        self.start_ns = self.clock.now()
-        duration = settings.duration
-        self.end_ns = None if duration is None else self.start_ns + round(duration * NS_PER_S)
+    def __init__(self, settings: RunSettings) -> None:
+        self._settings = settings
+        self._period_ns = round(NS_PER_S / settings.rate)
+        self._start_ns = 0
+        self._end_ns: int | None = None
+        self._end_statuses: tuple[Status, ...] = ()
+        self._on_tick: Callable[[Status], None] | None = None
+        self._running: list[Tree] = []
+        self._wake_event = threading.Event()
+        self._is_stopping = False
+        self._is_waiting = False
+        self.trees: list[Tree] = []
+        self.reload: Callable[[], bool] | None = None
         self.is_paused = False
         self.status: Status = IDLE
         self.skipped_ticks = 0
+
+    def start(self, until: Until, on_tick: Callable[[Status], None] | None = None) -> None:
+        """Begin the time of the loop; all trees are ticked, also those that have ended before.
+
+        Args:
+            until: The result that ends a tree; the loop ends when all trees have ended.
+            on_tick: Called with the status after every tick.
+        """
+        self._start_ns = self.clock.now()
+        duration = self._settings.duration
+        self._end_ns = None if duration is None else self._start_ns + round(duration * NS_PER_S)
+        self._end_statuses = _STATUSES_THAT_END[until]
+        self._on_tick = on_tick
         self._running = self.trees
-        self._wake_event = trees[0].context.wake_event
-        for tree in trees:
-            tree.context.wake_event = self._wake_event
         self._is_stopping = False
-        self._is_waiting = False
+        self.status = IDLE
+        self.skipped_ticks = 0
+        for tree in self.trees:
+            tree.context.wake_event = self._wake_event
 
     @property
     def clock(self) -> Clock:
@@ -89,11 +96,11 @@ class TickLoop:
 
     @property
     def elapsed_ns(self) -> int:
-        """The time since the start of the run, in ns of the trees' clock."""
-        return self.clock.now() - self.start_ns
+        """The time since the start, in ns of the trees' clock."""
+        return self.clock.now() - self._start_ns
 
-    def run(self) -> LoopEnd | Saved:
-        """Tick until the loop ends, or until the file was saved, and return the reason."""
+    def run(self) -> LoopEnd:
+        """Tick until the loop ends, and return the reason."""
         reason = self._wait_for_end_of_pause()
         if reason is not None:
             return reason
@@ -113,41 +120,48 @@ class TickLoop:
             now = self.clock.now()
             # An additional tick before `due` leaves the due time unchanged.
             if now >= due:
-                missed = (now - due) // self.period_ns
+                missed = (now - due) // self._period_ns
                 self.skipped_ticks += missed
-                due += (missed + 1) * self.period_ns
+                due += (missed + 1) * self._period_ns
             try:
-                woken, is_saved = self._wait_until(due if self.end_ns is None else min(due, self.end_ns))
+                woken, is_reloaded = self._wait_until(due if self._end_ns is None else min(due, self._end_ns))
             except EndOfTimeError:
                 return "end_of_time"
             end = self._find_end()
             if end is not None:
                 return end
-            if is_saved:
-                return "saved"
+            if is_reloaded:
+                due = self.clock.now()  # the new tree is ticked at once
             ticked = woken if woken and self.clock.now() < due else self._running
 
     def _find_end(self) -> LoopEnd | None:
         """Return why the loop ends between two ticks, or None."""
         if self._is_stopping:
             return "interrupted"
-        is_over = self.end_ns is not None and self.clock.now() >= self.end_ns
+        is_over = self._end_ns is not None and self.clock.now() >= self._end_ns
         return "duration" if is_over else None
 
     def _tick(self, trees: Sequence[Tree]) -> None:
         for tree in trees:
-            if not self._is_stopping and tree.tick_once() in self.end_statuses:
+            if not self._is_stopping and tree.tick_once() in self._end_statuses:
                 self._running = [other for other in self._running if other is not tree]
-        self.status = joint_status(self.trees)
-        if self.on_tick is not None:
-            self.on_tick(self.status)
+        self.status = _joint_status(self.trees)
+        if self._on_tick is not None:
+            self._on_tick(self.status)
+
+    def step(self) -> None:
+        """Tick the trees that are RUNNING once, or all trees if none is."""
+        for tree in [tree for tree in self.trees if tree.status is RUNNING] or self.trees:
+            tree.tick_once()
+        self.status = _joint_status(self.trees)
 
     def replace_tree(self, tree: Tree) -> None:
         """Tick *tree* in place of the first."""
         first, *others = self.trees
         self.trees = [tree, *others]
         self._running = [tree, *(other for other in self._running if other is not first)]
-        tree.context.wake_event = self._wake_event
+        if first.context.wake_event is self._wake_event:  # the loop has started
+            tree.context.wake_event = self._wake_event
 
     def _wait_for_end_of_pause(self) -> LoopEnd | None:
         """Wait until the end of a pause, and return None; or the reason why the loop ends before."""
@@ -158,8 +172,8 @@ class TickLoop:
             self.trees[0].context.wait_real_time(_CHECK_INTERVAL_S)
         return None
 
-    def wait_for_save(self) -> LoopEnd | Saved:
-        """Wait without ticking until a save, the duration or `stop` ends the wait; return the reason.
+    def wait_for_reload(self) -> LoopEnd | None:
+        """Wait without ticking until a reload, and return None; or the reason why the loop ends before.
 
         In real time the clock, and a simulator that owns the clock, keep running. In simulated time nothing
         can happen any more: the clock advances to the end of the duration at once, or stands still without a
@@ -169,8 +183,8 @@ class TickLoop:
             end = self._find_end()
             if end is not None:
                 return end
-            if self.was_saved is not None and self.was_saved():
-                return "saved"
+            if self._is_reloaded():
+                return None
             self._is_waiting = True
             # Checked again, because a `stop` before `_is_waiting` was set does not end the wait.
             try:
@@ -181,33 +195,36 @@ class TickLoop:
             finally:
                 self._is_waiting = False
 
+    def _is_reloaded(self) -> bool:
+        return self.reload is not None and self._find_end() is None and self.reload()
+
     def _wait_poll_interval(self) -> None:
         context = self.trees[0].context
-        if not self.fast:
+        if not self._settings.fast:
             deadline = self.clock.now() + round(_CHECK_INTERVAL_S * NS_PER_S)
-            context.wait_until(deadline if self.end_ns is None else min(deadline, self.end_ns))
-        elif self.end_ns is not None:
-            context.wait_until(self.end_ns)
+            context.wait_until(deadline if self._end_ns is None else min(deadline, self._end_ns))
+        elif self._end_ns is not None:
+            context.wait_until(self._end_ns)
         else:
             context.wait_real_time(_CHECK_INTERVAL_S)
 
     def _wait_until(self, deadline: int) -> tuple[list[Tree], bool]:
-        """Wait until *deadline*, a wake-up, a stop or a save. Return the woken trees, and if it was saved."""
+        """Wait until *deadline*, a wake-up, a stop or a reload. Return woken trees, and if it reloaded."""
         woken: list[Tree] = []
-        is_saved = self.was_saved is not None and self.was_saved()
+        is_reloaded = self._is_reloaded()
         self._is_waiting = True
         try:
-            while not (self._is_stopping or is_saved):
+            while not (self._is_stopping or is_reloaded):
                 step = deadline
-                if self.was_saved is not None:
+                if self.reload is not None:
                     step = min(deadline, self.clock.now() + round(_CHECK_INTERVAL_S * NS_PER_S))
                 woken = self._wait_for_wake_up(step)
                 if woken or step == deadline:
                     break
-                is_saved = self.was_saved is not None and self.was_saved()
+                is_reloaded = self._is_reloaded()
         finally:
             self._is_waiting = False
-        return woken, is_saved
+        return woken, is_reloaded
 
     def _wait_for_wake_up(self, deadline: int) -> list[Tree]:
         """Wait until *deadline*, a stop, or a wake-up of trees that have not ended; return these trees."""

@@ -77,7 +77,7 @@ class Coverage:
         known = self.trees.setdefault(tree.id, {})
         depths = node_depths(tree)
         for key, node in tree.nodes_by_path().items():
-            ends = behaviour_of(type(node)).spec.may_return & {SUCCESS, FAILURE}
+            ends = behaviour_of(type(node)).spec.results & {SUCCESS, FAILURE}
             # Another load of the same tree adds its results to the existing nodes.
             known.setdefault(key, NodeCoverage(key, node.config.id, depths[node.config.uid], set(), ends))
         tree.subscribe(_Watch(tree, known))

@@ -74,7 +74,7 @@ class ResultTracker:
     """Determines the results of the nodes of *tree* from the tick counts of the nodes."""
 
     def __init__(self, tree: Tree) -> None:
-        self._tick_counts = tree.count_ticks()
+        self._tick_counts = tree.start_tick_counts()
         self._before = {key: self._read_counts(key) for key in self._tick_counts}
 
     def _read_counts(self, key: str) -> tuple[int, int, int, int, int]:

@@ -14,12 +14,12 @@ from btcore.engine.context import TreeContext
 from btcore.engine.node import (
     TreeNode,
     add_to_backtrace,
-    count_ticks,
     execute_tick,
     execution_error,
     halt_node,
     input_or,
     reset_status,
+    start_tick_counts,
 )
 from btcore.engine.observers import Observer, Observers
 from btcore.engine.tick_extras import TickCounts
@@ -444,9 +444,9 @@ class Tree:
         if self.context.observers is not None:
             self.context.observers.flush()
 
-    def count_ticks(self) -> dict[str, TickCounts]:
+    def start_tick_counts(self) -> dict[str, TickCounts]:
         """Count the ticks of every node from now on. Return the counters by path (`nodes_by_path`)."""
-        return {key: count_ticks(node) for key, node in self.nodes_by_path().items()}
+        return {key: start_tick_counts(node) for key, node in self.nodes_by_path().items()}
 
     def nodes_by_path(self) -> dict[str, TreeNode]:
         """Return the nodes by full path, in pre-order. `#<uid>` is appended to equal paths."""

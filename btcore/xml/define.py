@@ -16,10 +16,10 @@ from btcore.diagnostic_codes import (
     UNDETERMINED_MAIN_TREE,
     UNKNOWN_FORMAT,
 )
-from btcore.errors import Fix, Hint
+from btcore.diagnostics import Fix, Hint
 from btcore.names import model_port_name_error
 from btcore.suggestions import join_names, nearest_name, suggestion
-from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import DIALECTS, PORT_TAGS, Dialect
 from btcore.xml.read.element import EXAMPLE, Element
 from btcore.xml.read.read import Document, Sources

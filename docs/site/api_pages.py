@@ -11,7 +11,7 @@ PARENTS = [ROOT, ROOT / "monitor", ROOT / "robot_nodes", ROOT / "ros2", ROOT / "
 # The names of btcore, in the order of the index.
 GROUPS = {
     "Loading and ticking trees": (
-        "load", "loads", "make", "Tree", "Subtree", "TreeState", "required_resources",
+        "load", "loads", "make", "Tree", "Subtree", "TreeResource", "required_resources",
     ),
     "Runs and providers": (
         "Run", "RunSettings", "provider", "Settings", "option", "Report", "Resources",

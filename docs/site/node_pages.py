@@ -230,7 +230,7 @@ def possible_statuses(manifest: Manifest, format: int) -> list[Status]:
     low, high = manifest.spec.child_count
     results = manifest.cls.possible_results([UNKNOWN_RESULTS] * (high or max(low, 2)), {})
     node_results = results.results - ({SKIPPED} if format == 3 else set())  # format 3 has no SKIPPED
-    if manifest.spec.node_type in LEAVES and manifest.spec.may_return == ANY_RESULT:
+    if manifest.spec.node_type in LEAVES and manifest.spec.results == ANY_RESULT:
         node_results -= {SKIPPED}  # declared by default, but no leaf of btcore or btcore_robot returns it
     return sorted(node_results) + [RUNNING] * results.may_run
 

@@ -64,7 +64,11 @@ def diagram_of_document(plans: Plans) -> DiagramNode:
             id=plan.id,
             name=plan.name or (plan.id if call is None else call.tree_id),
             type=manifest.type if manifest is not None else NodeType.UNDEFINED,
-            ports=[(port.name, text, _direction(port)) for port, text, written in plan.ports if written],
+            ports=[
+                (binding.name, binding.text, _direction(binding.port))
+                for binding in plan.bindings
+                if binding.is_explicit
+            ],
             conditions=plan.conditions,
             about=manifest.description if manifest is not None else "",
             symbol=manifest.spec.symbol if manifest is not None else "",

@@ -98,6 +98,7 @@ class MonitorSettings(OutputOptions, Settings):
         super().__post_init__()
         self._check_needed_options()
         self.choose_ports()
+        # Files, packages and the display are checked here, because the provider is opened after the robot.
         if self.key_file is not None:
             RobotKeys(self.key_file, self.allow_key)  # reads the keys
         if self.save is not None:

@@ -75,7 +75,7 @@ def drive(
         if isinstance(source, Terminal):
             stack.enter_context(source)
             click.echo(HELP, err=True)
-        run.until_done()
+        run.tick_to_end()
         if map_to is not None:
             results["map"] = _save(mappers[0], map_to)
     if as_json:

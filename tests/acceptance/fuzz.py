@@ -23,7 +23,7 @@ from btcore.lint.validate import validate_document
 from btcore.script.program import compile_script
 from btcore.values import DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, VECTOR_DOUBLE, VECTOR_INT
 from btcore.xml.read.read import parse_text
-from tests.conformance.recorded_cases import CallLog
+from tests.conformance.recorded_cases import Journal
 
 RECORDED = Path(__file__).parents[1] / "conformance"
 sys.path.append(str(RECORDED))
@@ -83,7 +83,7 @@ def tree(chance: random.Random) -> None:
     nodes = conformance_registry()
     try:
         validate_document(parse_text(text), nodes=nodes, format=format)
-        made = loads(text, nodes=nodes, resources=[CallLog()], format=format, clock=SimClock())
+        made = loads(text, nodes=nodes, resources=[Journal()], format=format, clock=SimClock())
         # A Repeat of format 3 does all its cycles in one tick, and a mutation may demand any number.
         for _ in range(3 if made.format == 4 else 0):
             made.tick_once()

@@ -3,7 +3,7 @@
 `python tests/acceptance/installs.py WHEEL` makes a wheel for each way in which compiling can fail, and
 expects the complete pure build, without compiled files. It installs a pure wheel and the compiled wheel WHEEL
 in new environments, and runs a tree there. It prints what it finds, and exits with 1 if something is wrong.
-Each pure wheel takes some 15 s of processor time, and each installation 4 s.
+Each pure wheel takes some 10 s of processor time, and each installation 4 s.
 """
 
 import argparse
@@ -45,7 +45,9 @@ def wheel(name: str, folder: Path, environment: dict[str, str]) -> Path:
         shutil.copytree(ROOT / package, checkout / package, ignore=unwanted)
     for file in FILES:
         shutil.copy2(ROOT / file, checkout)
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", dist, checkout]
+    # Our environment contains what the build needs.
+    options = ["--quiet", "--no-build-isolation", "--no-deps", "--wheel-dir", dist]
+    command = [sys.executable, "-m", "pip", "wheel", *options, checkout]
     subprocess.run(command, env=os.environ | environment, check=True, capture_output=True)
     return next(dist.iterdir())
 

@@ -1,4 +1,4 @@
-"""Fixtures of the engine's tests: simulated time, a call log of mock leaves, trees, documents."""
+"""Fixtures of the engine's tests: simulated time, a journal of the calls of mock leaves, trees, documents."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -7,15 +7,15 @@ import pytest
 
 import btcore
 from btcore import Blackboard, Registry, SimClock, Tree
-from tests.conformance.recorded_cases import CallLog, conformance_registry
+from tests.conformance.recorded_cases import Journal, conformance_registry
 
 MakeTree = Callable[..., Tree]
 
 
 class TreeFactory:
-    """Builds trees of mock leaves and other nodes, on one clock and with one call log."""
+    """Builds trees of mock leaves and other nodes, on one clock and with one journal."""
 
-    def __init__(self, clock: SimClock, journal: CallLog) -> None:
+    def __init__(self, clock: SimClock, journal: Journal) -> None:
         self.clock = clock
         self.journal = journal
 
@@ -48,12 +48,12 @@ def clock() -> SimClock:
 
 
 @pytest.fixture
-def journal() -> CallLog:
-    return CallLog()
+def journal() -> Journal:
+    return Journal()
 
 
 @pytest.fixture
-def make_tree(clock: SimClock, journal: CallLog) -> TreeFactory:
+def make_tree(clock: SimClock, journal: Journal) -> TreeFactory:
     return TreeFactory(clock, journal)
 
 

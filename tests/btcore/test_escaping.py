@@ -5,7 +5,7 @@ import unicodedata
 
 import pytest
 
-from btcore.errors import excerpt
+from btcore.diagnostics import excerpt
 from btcore.escaping import escape_controls, escape_xml, to_json
 
 

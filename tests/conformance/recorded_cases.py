@@ -154,7 +154,7 @@ def conformance_registry() -> Registry:
     return nodes
 
 
-class CallLog:
+class Journal:
     """A log of the calls of leaves, in order. An entry is `NAME:CALL`, for example `n3:start`.
 
     Attributes:
@@ -178,7 +178,7 @@ class RecordedAct(Act):
     """A mock action that records its calls."""
 
     spec = NodeSpec(state_fields=())
-    journal: CallLog
+    journal: Journal
 
     def on_start(self) -> Status:
         """Record the call, unless the outcomes cannot be read."""
@@ -200,7 +200,7 @@ class RecordedAsk(Ask):
     """A mock condition that records its calls."""
 
     spec = NodeSpec(state_fields=())
-    journal: CallLog
+    journal: Journal
 
     def tick(self) -> Status:
         """Record the call."""
@@ -239,7 +239,7 @@ class Inc(SyncAction):
 
     spec = NodeSpec(state_fields=())
 
-    def __init__(self, journal: CallLog) -> None:
+    def __init__(self, journal: Journal) -> None:
         self.journal = journal
 
     @staticmethod
@@ -264,7 +264,7 @@ class Inc(SyncAction):
 class TickRecorder(Observer):
     """Records the status changes since the last snapshot, and the state of the tree when a node raises."""
 
-    def __init__(self, tree: Tree, journal: CallLog) -> None:
+    def __init__(self, tree: Tree, journal: Journal) -> None:
         self.tree = tree
         self.journal = journal
         self.names = {node.config.uid: node.name for node in tree}
@@ -292,7 +292,7 @@ class TickRecorder(Observer):
 
 def run_case(case: dict[str, Any], nodes: Registry) -> dict[str, Any]:
     """Run the tree of a case with this engine, and return the result in the form of the case's `expect`."""
-    journal = CallLog()
+    journal = Journal()
     board = Format3Blackboard() if case["format"] == 3 else Blackboard()
     for key, value in case.get("bb", {}).items():
         board.set(key, value)

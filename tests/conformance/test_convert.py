@@ -3,6 +3,7 @@
 import gzip
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,11 +33,11 @@ def test_conversions_match_the_recordings() -> None:
         ("no such type", "1", {"value": 1}),
     ],
 )
-def test_difference_is_detected(kind: str, text: str, expected) -> None:
+def test_difference_is_detected(kind: str, text: str, expected: Any) -> None:
     assert compare_conversion_case({"convert": kind, "text": text, "expect": expected}) is not None
 
 
 @pytest.mark.parametrize("value", ["SUCCESS", 2])
-def test_a_recorded_status_may_be_a_name_or_a_number(value) -> None:
+def test_a_recorded_status_may_be_a_name_or_a_number(value: int | str) -> None:
     case = {"convert": "NodeStatus", "text": "SUCCESS", "expect": {"value": value}}
     assert compare_conversion_case(case) is None

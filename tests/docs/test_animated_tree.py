@@ -3,7 +3,9 @@
 import importlib.util
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -15,7 +17,7 @@ PICTURE = ROOT / "docs/images/bump_and_go.svg"
 
 
 @pytest.fixture(scope="module")
-def module():
+def module() -> Iterator[ModuleType]:
     """The script, which is not in a package."""
     spec = importlib.util.spec_from_file_location("animated_tree", ROOT / "docs/site/animated_tree.py")
     assert spec is not None
@@ -32,7 +34,7 @@ def keyframes(svg: str, name: str) -> dict[float, str]:
     return {float(at): value.strip() for at, value in re.findall(r"([\d.]+)% {([^}]*)}", block)}
 
 
-def test_a_card_changes_its_colour_at_each_change_of_its_result(module) -> None:
+def test_a_card_changes_its_colour_at_each_change_of_its_result(module: ModuleType) -> None:
     results = [{1: Status.RUNNING}, {1: Status.RUNNING}, {1: Status.SUCCESS, 4: Status.FAILURE}, {}]
     frames = [module.Frame(of_tick, 0.1 * tick, 0.0, 0.0, 2.0) for tick, of_tick in enumerate(results)]
     svg = module.animate(module.draw_tree(), frames).decode()
@@ -49,7 +51,7 @@ def test_a_card_changes_its_colour_at_each_change_of_its_result(module) -> None:
     assert keyframes(svg, "trail")[100.0] == "stroke-dashoffset: 0.000"
 
 
-def test_the_committed_picture_shows_the_run_of_the_robot(module) -> None:
+def test_the_committed_picture_shows_the_run_of_the_robot(module: ModuleType) -> None:
     frames = module.record_run(4.0)
     assert frames[0].free > 1.0
     svg = PICTURE.read_text(encoding="utf-8")

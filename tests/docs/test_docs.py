@@ -301,10 +301,13 @@ def run_commands(page: str, folder: Path, server: CommandServer | None = None) -
             if len(texts) > written[file]:
                 (folder / "empty" / file).write_text(texts[-1], encoding="utf-8")
                 written[file] = len(texts)
-        plain = command.removesuffix(" || true")
+        parts = re.fullmatch(r"(.*?)( \|\| true|; test \$\? = (\d+))?", command)
+        assert parts is not None
+        plain, end, expected = parts.groups()
         if server is not None and needs_no_shell(plain):
             done = server.run(plain, folder / "empty")
-            done.returncode *= plain == command
+            if end is not None:
+                done.returncode = int(expected is not None and done.returncode != int(expected))
         else:
             done = subprocess.run(
                 ["bash", "-c", command],
@@ -433,9 +436,7 @@ def test_a_later_file_replaces_an_earlier_file_for_the_commands_below_it(tmp_pat
         ("$ python -c 'import btcore, sys; sys.exit(3)' || echo $?\n3", True),
     ],
 )
-def test_a_command_must_print_what_is_shown_or_succeed_if_nothing_is_shown(
-    shown: str, fine: bool, tmp_path: Path
-) -> None:
+def test_command_must_print_what_is_shown_or_succeed(shown: str, fine: bool, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     assert (run_commands(f"```console\n{shown}\n```\n", tmp_path) == []) is fine
 
@@ -447,6 +448,8 @@ def test_a_command_must_print_what_is_shown_or_succeed_if_nothing_is_shown(
         ("$ btcore --version\nother", False),
         ("$ btcore validate a.xml", False),
         ("$ btcore validate a.xml || true", True),
+        ("$ btcore validate a.xml; test $? = 2", True),
+        ("$ btcore --version; test $? = 1", False),
         ("$ btcore validate a.xml\nerror: there is no file 'a.xml';…", True),
         ("$ btcore nodes 'Inverter'\n…\n…Inverter…", True),
         ("$ btcore nodes --no-such-option || echo failed\n…\nfailed", True),

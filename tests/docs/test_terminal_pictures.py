@@ -27,9 +27,7 @@ def text_of(svg: str) -> str:
     return " ".join(html.unescape(re.sub(r"<style>.*?</style>|<[^>]*>", " ", svg, flags=re.DOTALL)).split())
 
 
-def test_every_picture_of_a_terminal_shows_the_last_command_above_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_terminal_picture_shows_last_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Messages list the node libraries that can be loaded.
     pytest.importorskip("cv2")
     for name, texts in files(GALLERY).items():

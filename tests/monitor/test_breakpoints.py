@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 import btcore
 from btcore import SimClock
 from btcore.cli.main import main
-from btcore.engine.node import count_ticks
+from btcore.engine.node import start_tick_counts
 from btcore_monitor.breakpoints import BreakpointClient, BreakpointError, find_nodes
 from btcore_monitor.events import ObservedNode, ObservedTree
 from btcore_monitor.serve import serve
@@ -100,7 +100,7 @@ def observed_tree(*names: str) -> ObservedTree:
         ("odd[1]", ["odd[1]"]),
     ],
 )
-def test_a_pattern_is_a_path_a_name_or_a_glob(pattern: str, found) -> None:
+def test_a_pattern_is_a_path_a_name_or_a_glob(pattern: str, found: list[str]) -> None:
     nodes = find_nodes(observed_tree("Move/left", "Move/right", "Turn/left", "odd[1]"), pattern)
     assert [one.path for one in nodes] == found
 
@@ -135,9 +135,7 @@ def test_a_release_can_set_the_nodes_status(robot: Robot) -> None:
         assert breaks.status("choose") == "RUNNING"
 
 
-def test_disabled_hooks_do_not_stop_the_robot_and_stay_listed(
-    robot: Robot, until: Callable[..., None]
-) -> None:
+def test_disabled_hooks_do_not_stop_robot_and_stay_listed(robot: Robot, until: Callable[..., None]) -> None:
     with BreakpointClient(robot.address) as breaks:
         breaks.break_at("left")
         robot.start()
@@ -148,7 +146,7 @@ def test_disabled_hooks_do_not_stop_the_robot_and_stay_listed(
 
 
 def test_a_status_is_injected_into_one_tick(robot: Robot) -> None:
-    tally = count_ticks(robot.tree.node("rescue"))
+    tally = start_tick_counts(robot.tree.node("rescue"))
     robot.start()
     with BreakpointClient(robot.address) as breaks:
         assert breaks.inject("right", 3) == ["go/right"]
@@ -306,7 +304,7 @@ def test_the_command_watches_breakpoints_until_the_last_is_released(robot: Robot
         (["1", "inject", "left", "RUNNING"], "'RUNNING' is not one of"),
     ],
 )
-def test_a_usage_error_is_reported_with_exit_code_2(arguments, message: str) -> None:
+def test_a_usage_error_is_reported_with_exit_code_2(arguments: list[str], message: str) -> None:
     result = hook(*arguments)
     assert result.exit_code == 2
     assert isinstance(result.exception, SystemExit)

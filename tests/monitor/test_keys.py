@@ -13,7 +13,7 @@ PUBLIC = "0123456789abcdef" * 4
 
 
 @pytest.fixture
-def secret(tmp_path: Path):
+def secret(tmp_path: Path) -> Path:
     path = tmp_path / "desk"
     create_keys(path)
     return path
@@ -54,7 +54,7 @@ def test_a_folder_that_does_not_exist_is_reported(tmp_path: Path) -> None:
         create_keys(tmp_path / "no" / "desk")
 
 
-def test_a_file_may_hold_several_keys_with_comments(tmp_path: Path, secret) -> None:
+def test_a_file_may_hold_several_keys_with_comments(tmp_path: Path, secret: Path) -> None:
     path = tmp_path / "clients"
     other = create_keys(tmp_path / "laptop")
     path.write_text(f"# desks\n\n{PUBLIC} desk of Ann\n  {other.upper()}\n")
@@ -62,7 +62,7 @@ def test_a_file_may_hold_several_keys_with_comments(tmp_path: Path, secret) -> N
     assert allowed == {bytes.fromhex(PUBLIC), bytes.fromhex(other)}
 
 
-def wrong_secrets(folder):
+def wrong_secrets(folder: Path) -> dict[str, tuple[Path, str]]:
     return {
         "missing": (folder / "none", "there is no file .*none: btcore keys FILE creates a key"),
         "a folder": (folder, "is not a regular file"),
@@ -79,7 +79,7 @@ def wrong_secrets(folder):
 @pytest.mark.parametrize(
     "kind", ["missing", "a folder", "a pipe", "public", "text", "short", "binary", "large", "open"]
 )
-def test_a_wrong_secret_key_is_refused(tmp_path: Path, secret, kind: str) -> None:
+def test_a_wrong_secret_key_is_refused(tmp_path: Path, secret: Path, kind: str) -> None:
     os.mkfifo(tmp_path / "pipe", 0o600)
     (tmp_path / "desk.pub").chmod(0o600)
     for name, data in {
@@ -97,7 +97,7 @@ def test_a_wrong_secret_key_is_refused(tmp_path: Path, secret, kind: str) -> Non
             read()
 
 
-def test_a_wrong_public_key_is_refused(tmp_path: Path, secret) -> None:
+def test_a_wrong_public_key_is_refused(tmp_path: Path, secret: Path) -> None:
     (tmp_path / "none.pub").write_text("# nothing\n")
     (tmp_path / "odd.pub").write_text(f"{PUBLIC}\nssh-ed25519 AAAA\n")
     for place, message in {
@@ -112,7 +112,7 @@ def test_a_wrong_public_key_is_refused(tmp_path: Path, secret) -> None:
             ClientKeys(secret, place)
 
 
-def test_a_robot_allows_at_least_one_client_and_a_client_knows_one_robot(tmp_path: Path, secret) -> None:
+def test_robot_allows_at_least_one_client_and_client_knows_one_robot(tmp_path: Path, secret: Path) -> None:
     (tmp_path / "two").write_text(f"{PUBLIC}\n{PUBLIC[::-1]}\n")
     with pytest.raises(KeyFileError, match="no client may connect"):
         RobotKeys(secret, [])
@@ -120,7 +120,9 @@ def test_a_robot_allows_at_least_one_client_and_a_client_knows_one_robot(tmp_pat
         ClientKeys(secret, tmp_path / "two")
 
 
-def test_zeromq_without_curve_is_reported(tmp_path: Path, secret, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_zeromq_without_curve_is_reported(
+    tmp_path: Path, secret: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(keys.zmq, "has", lambda name: name != "curve")
     for use in (lambda: create_keys(tmp_path / "new"), lambda: RobotKeys(secret, [PUBLIC])):
         with pytest.raises(KeyFileError, match="has no CURVE, which keys need: pip install"):

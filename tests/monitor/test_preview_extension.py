@@ -111,9 +111,7 @@ def test_robot_with_groot1_is_watched_but_has_no_breakpoints(tree: btcore.Tree) 
         assert until(connection, lambda state: len(state.results) == 6).results[6] == 3
 
 
-def test_robot_with_keys_is_watched_and_controlled_by_its_clients_only(
-    tree: btcore.Tree, tmp_path: Path
-) -> None:
+def test_robot_with_keys_is_watched_and_controlled_by_clients_only(tree: btcore.Tree, tmp_path: Path) -> None:
     create_keys(tmp_path / "robot")
     create_keys(tmp_path / "desk")
     create_keys(tmp_path / "unknown_client")

@@ -209,7 +209,7 @@ nodes.add(broken)
 run = Run("tree.xml", nodes=nodes, settings=[MonitorSettings(save=Path("run.rrd"))])
 try:
     with run:
-        run.until_done()
+        run.tick_to_end()
 except NodeExecutionError:
     print(run.end_reason, *run.closing_errors)
 """
@@ -274,9 +274,7 @@ def test_a_changed_tree_is_published_at_the_same_port_and_saved_separately(
 
 
 @pytest.mark.parametrize("both", [False, True])
-def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_printed(
-    both: bool, tree_file: str, free_port: int
-) -> None:
+def test_groot1_is_served_alone_or_beside_groot2(both: bool, tree_file: str, free_port: int) -> None:
     """Alone, Groot 1 has the given port and the next port; beside Groot 2, its ports are 999 higher."""
     options = ["--publish", "groot1", "--port", str(free_port), *(["--publish", "groot2"] if both else [])]
     process = subprocess.Popen(
@@ -305,9 +303,7 @@ def test_groot1_is_served_alone_or_beside_groot2_and_its_ports_are_printed(
     assert process.returncode == 130, rest
 
 
-def test_a_run_with_keys_records_itself_and_prints_the_options_of_clients(
-    tmp_path: Path, tree_file: str
-) -> None:
+def test_run_with_keys_records_itself_and_prints_options_of_clients(tmp_path: Path, tree_file: str) -> None:
     robot, desk = (create_keys(tmp_path / name) for name in ("robot", "desk"))
     recording = tmp_path / "run.rrd"
     keys = ["--key-file", str(tmp_path / "robot"), "--allow-key", desk, "--watch-port", "0"]

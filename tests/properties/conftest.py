@@ -9,7 +9,7 @@ from hypothesis import settings
 from btcore import builds
 
 PROFILE = "ci" if os.environ.get("CI") else "local"
-EXAMPLES = 500 if builds.active_build() == "compiled" else 100
+EXAMPLES = 200 if builds.active_build() == "compiled" else 100
 settings.register_profile("ci-properties", settings.get_profile("ci"), max_examples=EXAMPLES)
 
 

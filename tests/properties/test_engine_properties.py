@@ -15,7 +15,7 @@ from btcore.engine.control import MIN_CHILDREN_FOR_BATCH_RESET
 from btcore.testing import MockAction, MockLeafError, xml_documents
 from btcore.testing.strategies import outcome_texts
 from btcore.testing.tree_generator import SCRIPT_KEYS
-from tests.conformance.recorded_cases import CallLog, conformance_registry
+from tests.conformance.recorded_cases import Journal, conformance_registry
 
 NODES = conformance_registry()
 MANY_CALLS = 500
@@ -25,8 +25,8 @@ class EndlessWakeUpsError(Exception):
     """A tree that always wakes itself was ticked by a method that serves every wake-up."""
 
 
-class Limited(CallLog):
-    """A call log that makes a leaf raise *fault* after MANY_CALLS calls, so that every tree ends."""
+class Limited(Journal):
+    """A journal that makes a leaf raise *fault* after MANY_CALLS calls, so that every tree ends."""
 
     def __init__(self) -> None:
         super().__init__()

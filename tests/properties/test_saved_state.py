@@ -31,7 +31,7 @@ from btcore.nodes.manual_selector import Prompt
 from btcore.testing import xml_documents
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.saved_state import SavedState, restore_state, save_state, state_fields_of
-from tests.conformance.recorded_cases import CallLog, conformance_registry
+from tests.conformance.recorded_cases import Journal, conformance_registry
 
 NODES = conformance_registry()
 # Attributes of a node that belong to the engine; saved_state saves statuses and blackboards itself.
@@ -137,7 +137,7 @@ def new_tree(text: str, format: int, now: int = 0) -> Tree:
     others = {"doubles": [0.5, 1.5], "shared": queue, "alias": queue, "once": True, "text": "x", "word": "0"}
     for key, value in {**numbers, **others}.items():
         board[key] = value
-    resources = [CallLog(), ByTime(clock)]
+    resources = [Journal(), ByTime(clock)]
     return loads(text, nodes=NODES, resources=resources, blackboard=board, clock=clock, format=format)
 
 

@@ -13,7 +13,7 @@ pytest.importorskip("pybullet")
 
 import btcore
 from btcore import Registry, Status, Tree
-from btcore.engine.node import count_ticks
+from btcore.engine.node import start_tick_counts
 from btcore_robot.robot import LaserScan
 from btcore_sim.faults import Fault, FaultSchedule
 from btcore_sim.simulated_robot import SimulatedRobot
@@ -47,21 +47,17 @@ def tick(tree: Tree, body: SimulatedRobot, seconds: float) -> None:
 @pytest.mark.parametrize(
     ("name", "body"), [("bumpgo", "arena"), ("bumpgo_wide", "arena_boxes")], indirect=["body"]
 )
-def test_the_robot_drives_for_a_minute_without_collisions(
-    name: str, body: SimulatedRobot, nodes: Registry
-) -> None:
+def test_robot_drives_for_minute_without_collisions(name: str, body: SimulatedRobot, nodes: Registry) -> None:
     tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[body], clock=body.clock)
-    tree.count_ticks()
+    tree.start_tick_counts()
     tick(tree, body, 60)
     assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
     assert body.distance > 5.0
-    assert all(count_ticks(node).ticks > 0 for node in tree.nodes)
+    assert all(start_tick_counts(node).ticks > 0 for node in tree.nodes)
 
 
 @pytest.mark.parametrize("body", ["arena_boxes"], indirect=True)
-def test_the_robot_stops_within_a_second_of_a_laser_failure_in_any_leaf(
-    body: SimulatedRobot, nodes: Registry
-) -> None:
+def test_robot_stops_within_1_s_of_laser_failure_in_any_leaf(body: SimulatedRobot, nodes: Registry) -> None:
     tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[body], clock=body.clock)
     for leaf in ("Forward", "Back", "TurnToFree"):
         node = next(node for node in tree.nodes if node.id == leaf)
@@ -89,7 +85,7 @@ def test_the_robot_stops_within_a_second_of_a_laser_failure_in_any_leaf(
 def test_a_wrong_echo_does_not_let_the_robot_back_up(body: SimulatedRobot, nodes: Registry) -> None:
     """Its way back may not be free: it may just have turned."""
     tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[body], clock=body.clock)
-    tree.count_ticks()
+    tree.start_tick_counts()
     scan, wrong = body.scan, True
 
     def scan_with_dust() -> LaserScan | None:
@@ -104,7 +100,7 @@ def test_a_wrong_echo_does_not_let_the_robot_back_up(body: SimulatedRobot, nodes
     tick(tree, body, 0.1)
     wrong = False
     tick(tree, body, 0.5)
-    ran = {node.id: count_ticks(node).ticks for node in tree.nodes}
+    ran = {node.id: start_tick_counts(node).ticks for node in tree.nodes}
     assert ran["Delay"] > 0
     assert ran["Back"] == 0
     assert ran["Forward"] > 0

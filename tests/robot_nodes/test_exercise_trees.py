@@ -24,13 +24,13 @@ FREE_SPACE = ROOT / "trees/tutorials/free_space.xml"
 RAYS = 41
 
 
-def around(robot, left: float, ahead: float, right: float) -> None:
+def around(robot: RecordingRobot, left: float, ahead: float, right: float) -> None:
     """Return a scan of 41 rays over 4 rad: a third is *right* (m), a third *ahead* and a third *left*."""
     ranges = np.concatenate((np.full(13, right), np.full(15, ahead), np.full(13, left)))
     robot.see(*ranges, angle_min=-2.0, angle_increment=0.1)
 
 
-def turning(robot, text: str = "<TurnToFree/>") -> Tree:
+def turning(robot: RecordingRobot, text: str = "<TurnToFree/>") -> Tree:
     nodes = Registry.standard()
     nodes.add(TurnToFree)
     return loads(
@@ -62,7 +62,7 @@ def test_a_turn_keeps_its_side_and_ends_when_it_is_clear_ahead(robot: RecordingR
     assert len(robot.commands) == 2
 
 
-def test_an_obstacle_beside_the_clear_directions_but_in_the_lane_is_turned_away_from(
+def test_obstacle_beside_clear_directions_but_in_lane_is_turned_away_from(
     robot: RecordingRobot,
 ) -> None:
     tree = turning(robot)

@@ -49,7 +49,13 @@ def loaded(folder: Path, pixels: list[list[int]], **keys: object) -> list[list[i
         st.tuples(st.floats(-9, 0), st.floats(-9, 0), st.floats(0.1, 9), st.floats(0.1, 9)), max_size=3
     ),
 )
-def test_a_saved_map_is_loaded_unchanged(tmp_path: Path, cells, resolution, origin, keepout) -> None:
+def test_a_saved_map_is_loaded_unchanged(
+    tmp_path: Path,
+    cells: np.ndarray,
+    resolution: float,
+    origin: tuple[float, float],
+    keepout: list[tuple[float, ...]],
+) -> None:
     path = tmp_path / "any.yaml"
     save_map(OccupancyMap(cells, resolution, origin, tuple(keepout)), path)
     found = load_map(path)
@@ -101,7 +107,7 @@ def test_a_darkness_equal_to_the_threshold_counts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("negate", [1, "true"])
-def test_a_negated_map_has_its_obstacles_white(tmp_path: Path, negate) -> None:
+def test_a_negated_map_has_its_obstacles_white(tmp_path: Path, negate: int | str) -> None:
     assert loaded(tmp_path, [[0, 128, 255]], negate=negate) == [[0, -1, 100]]
 
 
@@ -133,7 +139,7 @@ def test_a_png_of_16_bits_is_read_like_a_png_of_8_bits(tmp_path: Path) -> None:
 
 
 @given(st.integers(-50, 50), st.integers(-50, 50), st.sampled_from([0.05, 0.025, 0.1, 0.3]))
-def test_the_centre_of_a_cell_lies_in_the_cell(row, col, resolution) -> None:
+def test_the_centre_of_a_cell_lies_in_the_cell(row: int, col: int, resolution: float) -> None:
     map = OccupancyMap(ROOM, resolution, (-9.93, -14.1))
     assert map.cell(*map.center(row, col)) == (row, col)
     points = map.centers(np.array([row]), np.array([col]))
@@ -185,7 +191,7 @@ GOOD = "image: room.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
         ("", ":1: expected 'key: value' lines of a map"),
     ],
 )  # fmt: skip
-def test_an_error_is_reported_with_file_and_line(tmp_path: Path, text, message: str) -> None:
+def test_an_error_is_reported_with_file_and_line(tmp_path: Path, text: str, message: str) -> None:
     path = written(tmp_path, text, np.zeros((2, 2), dtype=np.uint8))
     with pytest.raises(MapError) as fault:
         load_map(path)
@@ -230,9 +236,7 @@ def test_a_missing_or_unreadable_map_raises(tmp_path: Path) -> None:
         ("# tables\nkeepout: [[1, 1, 0]]\n", ":2: 'keepout[0]' is [1, 1, 0], and a list of 4 numbers"),
     ],
 )
-def test_errors_in_keepouts_are_reported_with_the_keepout_file(
-    tmp_path: Path, text: str, message: str
-) -> None:
+def test_errors_in_keepouts_are_reported_with_keepout_file(tmp_path: Path, text: str, message: str) -> None:
     path = written(tmp_path, GOOD, np.zeros((2, 2), dtype=np.uint8))
     beside = tmp_path / "room.keepout.yaml"
     beside.write_text(text, encoding="utf-8")
@@ -248,7 +252,7 @@ def test_a_map_that_cannot_be_written_raises(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("resolution", [0.0, -0.05, float("nan"), float("inf")])
-def test_a_map_without_a_positive_resolution_is_refused(resolution) -> None:
+def test_a_map_without_a_positive_resolution_is_refused(resolution: float) -> None:
     with pytest.raises(MapError, match="the side of a cell must be greater than 0 m"):
         OccupancyMap(ROOM, resolution, (0.0, 0.0))
 

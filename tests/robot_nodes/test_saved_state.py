@@ -11,7 +11,7 @@ from btcore import Registry, SimClock, Tree, TreeNode
 from btcore.tree.saved_state import restore_state, save_state, state_fields_of
 from btcore_navigation import nodes as nav2_nodes
 from btcore_robot.robot import Pose2D, Waypoints
-from tests.conformance.recorded_cases import CallLog, PlanAction
+from tests.conformance.recorded_cases import Journal, PlanAction
 
 XML = """<root BTCPP_format="4"><BehaviorTree ID="Main">
   <ParallelAll max_failures="-1">
@@ -42,7 +42,7 @@ def registry() -> Registry:
 
 
 def new_tree(start: int) -> Tree:
-    return btcore.loads(XML, nodes=registry(), clock=SimClock(start), resources=[CallLog()])
+    return btcore.loads(XML, nodes=registry(), clock=SimClock(start), resources=[Journal()])
 
 
 def tick(tree: Tree) -> list[str]:

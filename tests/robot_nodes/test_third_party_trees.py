@@ -109,9 +109,7 @@ def test_the_navigator_accepts_a_third_party_tree_and_its_nodes(tmp_path: Path) 
         ("default_nav_to_pose_bt_xml: nowhere.xml", "there is no tree nowhere.xml: navigate_to_pose_w_"),
     ],
 )
-def test_a_missing_plugin_or_tree_in_the_parameters_is_reported(
-    tmp_path: Path, line: str, message: str
-) -> None:
+def test_missing_plugin_or_tree_in_parameters_is_reported(tmp_path: Path, line: str, message: str) -> None:
     parameters = tmp_path / "nav.yaml"
     parameters.write_text(f"bt_navigator:\n  ros__parameters:\n    {line}\n")
     options = ["--world", "house", "--duration", "0.2", "--nav-params", str(parameters)]

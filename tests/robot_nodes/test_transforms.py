@@ -76,9 +76,7 @@ def test_composition_is_associative(a2b: Transform, b2c: Transform, c2d: Transfo
 
 
 @given(transforms, transforms, st.tuples(coordinates, coordinates, coordinates))
-def test_a2c_is_a2b_times_b2c_for_points(
-    a2b: Transform, b2c: Transform, point: tuple[float, float, float]
-) -> None:
+def test_a2c_is_a2b_times_b2c(a2b: Transform, b2c: Transform, point: tuple[float, float, float]) -> None:
     points = np.array([point])
     assert np.allclose((a2b * b2c).apply(points), a2b.apply(b2c.apply(points)), atol=1e-9)
 

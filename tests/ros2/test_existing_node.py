@@ -192,9 +192,7 @@ def test_halt_and_close_in_a_timer(program: Program) -> None:
         session.refresh()
 
 
-def test_tree_server_in_a_thread_beside_the_executor(
-    program: Program, session: RosSession, tmp_path: Path
-) -> None:
+def test_tree_server_in_thread_beside_executor(program: Program, session: RosSession, tmp_path: Path) -> None:
     pytest.importorskip("btcpp_ros2_interfaces")
     file = tmp_path / "quick.xml"
     file.write_text('<root BTCPP_format="4"><BehaviorTree ID="Quick"><AlwaysSuccess/></BehaviorTree></root>')

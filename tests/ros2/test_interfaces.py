@@ -41,9 +41,7 @@ def test_package_that_is_not_installed_is_named_with_what_to_do() -> None:
         ),
     ],
 )
-def test_remedy_for_a_missing_package_depends_on_the_installation(
-    kind: Kind, package: str, remedy: str
-) -> None:
+def test_remedy_for_missing_package_depends_on_installation(kind: Kind, package: str, remedy: str) -> None:
     assert package_remedy(package, Installation(kind, "jazzy", (), (), (), "", "")).startswith(remedy)
 
 

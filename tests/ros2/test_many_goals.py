@@ -16,9 +16,7 @@ LATER = ("objects ServerGoalHandle", "objects", "memory (kB)")
 """What grows until goals expire, 10 s after their end."""
 
 
-def test_goals_that_have_ended_leave_nothing(
-    acceptance_script: Callable[[str], ModuleType], tmp_path: Path
-) -> None:
+def test_ended_goals_leave_nothing(acceptance_script: Callable[[str], ModuleType], tmp_path: Path) -> None:
     script = acceptance_script("ros2_goals")
     run = script.GoalRun(tmp_path)
 

@@ -196,9 +196,7 @@ def test_closed_session_is_refused_with_a_message(session: RosSession) -> None:
         session.refresh()
 
 
-def test_close_waits_for_unfinished_work_and_logs_errors(
-    session: RosSession, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_close_waits_for_work_and_logs_errors(session: RosSession, caplog: pytest.LogCaptureFixture) -> None:
     calls: list[int] = []
     session.unfinished.add("work")
 

@@ -354,9 +354,7 @@ def test_entity_destroyed_by_the_callback_of_another(session: RosSession, other:
     assert received == ["a"]
 
 
-def test_exception_of_a_callback_is_raised_and_nothing_is_lost(
-    session: RosSession, other: RosSession
-) -> None:
+def test_exception_of_callback_is_raised_and_nothing_is_lost(session: RosSession, other: RosSession) -> None:
     received: list[str] = []
 
     def fail(message: String) -> None:

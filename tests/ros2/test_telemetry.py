@@ -159,9 +159,7 @@ def test_errors_and_log_records_are_published_with_the_path_of_the_node(watcher:
     assert "ValueError: out of range" in report["values"]["last error"]
 
 
-def test_blocked_publisher_does_not_slow_down_ticks(
-    watcher: Watcher, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_blocked_publisher_does_not_slow_ticks(watcher: Watcher, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("nav2_msgs")
     tree = tree_of("<Sequence><AlwaysSuccess/><AlwaysSuccess/></Sequence>")
     blocked = threading.Event()

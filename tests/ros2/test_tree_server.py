@@ -263,11 +263,11 @@ def test_goal_that_arrives_twice_runs_once(
 def test_goal_of_a_client_that_was_killed_goes_on(
     server: ServerProcess, client: ClientProcess, session: RosSession
 ) -> None:
-    dying = ClientProcess(poll)
-    run(dying, "Endless")
-    with dying.process:
-        dying.process.kill()
-        dying.reader.join()  # the thread reads what the process has written
+    killed = ClientProcess(poll)
+    run(killed, "Endless")
+    with killed.process:
+        killed.process.kill()
+        killed.reader.join()  # the thread reads what the process has written
     waiting = run(client, "Quick")
     assert client.feedback(waiting) == []
     all_goals = session.node.create_client(CancelGoal, "/robot1/bt_execution/_action/cancel_goal")
@@ -334,9 +334,7 @@ def test_monitor_follows_the_trees(server: ServerProcess, client: ClientProcess)
 @pytest.mark.parametrize(
     ("tree", "number", "code"), [("Slow", signal.SIGINT, 130), ("Endless", signal.SIGTERM, 143)]
 )
-def test_signal_aborts_the_goals(
-    folder: Path, client: ClientProcess, tree: str, number: int, code: int
-) -> None:
+def test_signal_aborts_goals(folder: Path, client: ClientProcess, tree: str, number: int, code: int) -> None:
     name = f"act_{tree.lower()}_{int(number)}"
     plugin = ("--plugin", str(folder / "plugin.py"))
     server = ServerProcess(str(folder / "trees"), *plugin, "--port", "0", "--action-name", name)

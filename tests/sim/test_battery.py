@@ -10,9 +10,7 @@ from tests.sim.conftest import Pass, Stand
 
 
 @given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(0.0, 60.0))
-def test_the_battery_drains_by_half_the_speed_and_a_hundredth_a_second(
-    v: float, w: float, seconds: float
-) -> None:
+def test_battery_drains_by_half_speed_and_hundredth_second(v: float, w: float, seconds: float) -> None:
     cells = BatteryModel()
     cells.drain(Twist2D(v, w), seconds)
     expected = 100.0 - (0.5 * (v**2 + w**2) ** 0.5 + 0.01) * seconds
@@ -40,9 +38,7 @@ def test_standing_drains_a_hundredth_a_second(robot_at: Stand, steer: Pass) -> N
     assert body.battery().stamp == body.world.now()
 
 
-def test_the_battery_drains_by_the_commanded_and_not_by_the_driven_velocity(
-    robot_at: Stand, steer: Pass
-) -> None:
+def test_battery_drains_by_commanded_and_not_by_driven_velocity(robot_at: Stand, steer: Pass) -> None:
     body = robot_at()
     steer(body, 10.0, (-0.3, 0.4))  # the base backs no faster than 0.2 m/s
     assert body.commanded_velocity() == Twist2D(-0.3, 0.4)

@@ -96,9 +96,7 @@ def test_without_a_camera_there_is_no_camera_info(robot_at: Stand) -> None:
     assert robot_at().camera_info is None
 
 
-def test_a_picture_has_depth_along_z_and_infinity_without_an_object(
-    robot_at: Stand, box: Callable[..., WorldObject]
-) -> None:
+def test_picture_has_depth_along_z_or_infinity(robot_at: Stand, box: Callable[..., WorldObject]) -> None:
     body = robot_at(box(3.1, 0.0, (0.2, 1.0, 2.0)), camera=SIZE)
     picture: CameraImage = body.camera()
     assert picture.depth.dtype == np.float32
@@ -110,9 +108,7 @@ def test_a_picture_has_depth_along_z_and_infinity_without_an_object(
     assert tuple(picture.rgb[0, 0]) == SKY
 
 
-def test_an_object_is_drawn_at_its_place_by_the_pinhole_model(
-    robot_at: Stand, box: Callable[..., WorldObject]
-) -> None:
+def test_object_is_drawn_at_place_by_pinhole_model(robot_at: Stand, box: Callable[..., WorldObject]) -> None:
     far = replace(box(3.0, 0.6, (0.1, 0.1, 0.1)), position=(3.0, 0.6, 1.0165), color=RED)
     body = robot_at(far, camera=CameraSettings(320, 240, 10.0))
     picture, lens = body.camera(), body.camera_info

@@ -67,9 +67,7 @@ def test_a_table_top_above_the_base_is_hit_by_the_torso(
     assert body.true_pose().x > 0.8 - 0.27 + 0.05
 
 
-def test_pushed_sideways_the_hull_touches_at_its_radius(
-    robot_at: Stand, box: Callable[..., WorldObject]
-) -> None:
+def test_pushed_sideways_hull_touches_at_radius(robot_at: Stand, box: Callable[..., WorldObject]) -> None:
     """The wheels reach farther out than the hull, and don't count. There is no friction to hold the robot."""
     face = 0.32
     body = robot_at(box(0.0, face + 0.1, (8.0, 0.2, 2.2)))

@@ -4,7 +4,9 @@ import itertools
 import json
 import math
 import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,6 +34,7 @@ from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scenario import Scenario
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
+from btcore_sim.world_description import WorldObject
 from btcore_sim.worlds import load_world_description
 
 SECOND = 1_000_000_000
@@ -81,15 +84,13 @@ def test_an_invalid_event_raises_with_an_explanation(text: str, message: str) ->
         ("door:kitchen:open@3", None, "'door:kitchen:open@3': world 'house': there is no door 'kitchen'"),
     ],
 )
-def test_an_event_that_cannot_happen_in_the_run_raises(
-    text: str, duration: float | None, message: str
-) -> None:
+def test_event_that_cannot_happen_in_run_raises(text: str, duration: float | None, message: str) -> None:
     with pytest.raises(SimError, match=message):
         check_events([parse_event(text)], load_world_description("house"), duration)
 
 
 @pytest.fixture
-def meet():
+def meet() -> Iterator[Callable[..., Any]]:
     """A robot in a world in which *events* happen."""
     worlds = []
 
@@ -115,7 +116,7 @@ def go(body: SimulatedRobot, seconds: float, v: float = 0.3, w: float = 0.0) -> 
         body.world.wait_until(body.world.now() + SECOND // 10, threading.Event())
 
 
-def test_a_box_drops_ahead_and_is_in_the_scan_and_in_the_scene(meet) -> None:
+def test_a_box_drops_ahead_and_is_in_the_scan_and_in_the_scene(meet: Callable[..., Any]) -> None:
     body, events = meet("house", "box:1@1.6,0.1")
     body.teleport(Pose2D(-8.0, -0.5, 0.0))
     number = body.world.kinematic_bodies("dropped_box_")[0]
@@ -135,7 +136,7 @@ def test_a_box_drops_ahead_and_is_in_the_scan_and_in_the_scene(meet) -> None:
     assert name in {part.frame for part in body.static_scene().parts}
 
 
-def test_a_triggered_box_drops_at_once(meet) -> None:
+def test_a_triggered_box_drops_at_once(meet: Callable[..., Any]) -> None:
     body, events = meet("house", spare_boxes=1)
     body.teleport(Pose2D(-8.0, -0.5, 0.0))
     go(body, 0.5, 0.0)
@@ -155,8 +156,8 @@ def test_a_triggered_box_drops_at_once(meet) -> None:
         (Pose2D(-8.0, -0.5, 0.0), "box:1@0.3,0.2", None),
     ],
 )
-def test_a_box_drops_at_its_time_and_place_or_raises(
-    meet, pose: Pose2D, event: str, message: str | None
+def test_box_drops_at_time_and_place_or_raises(
+    meet: Callable[..., Any], pose: Pose2D, event: str, message: str | None
 ) -> None:
     body, events = meet("house", event)
     body.teleport(pose)
@@ -171,14 +172,14 @@ def test_a_box_drops_at_its_time_and_place_or_raises(
     assert happened["y"] == pytest.approx(pose.y + parsed.offset, abs=0.02)
 
 
-def test_a_second_box_does_not_drop_into_the_first(meet) -> None:
+def test_a_second_box_does_not_drop_into_the_first(meet: Callable[..., Any]) -> None:
     body, _ = meet("house", "box:1", "box:1.5")
     body.teleport(Pose2D(-8.0, -0.5, 0.0))
     with pytest.raises(SimError, match="'dropped_box_0' is where the box would drop"):
         go(body, 2.0, 0.0)
 
 
-def test_driving_into_a_dropped_box_is_a_collision(meet) -> None:
+def test_driving_into_a_dropped_box_is_a_collision(meet: Callable[..., Any]) -> None:
     body, events = meet("house", "box:1")
     body.teleport(Pose2D(-8.0, -0.5, 0.0))
     go(body, 12.0)
@@ -186,7 +187,7 @@ def test_driving_into_a_dropped_box_is_a_collision(meet) -> None:
     assert body.contacts.collisions == 1
 
 
-def test_a_box_with_a_window_waits_for_a_robot_that_drives_straight(meet) -> None:
+def test_a_box_with_a_window_waits_for_a_robot_that_drives_straight(meet: Callable[..., Any]) -> None:
     body, events = meet("house", "box:0-20")
     body.teleport(Pose2D(-8.0, -0.5, 0.0))
     go(body, 1.0, 0.0, 0.0)
@@ -200,7 +201,7 @@ def test_a_box_with_a_window_waits_for_a_robot_that_drives_straight(meet) -> Non
 
 
 @pytest.mark.parametrize("kind", ["box", "kidnap"])
-def test_a_window_without_a_suitable_moment_ends_with_an_error(meet, kind: str) -> None:
+def test_a_window_without_a_suitable_moment_ends_with_an_error(meet: Callable[..., Any], kind: str) -> None:
     body, _ = meet("house", f"{kind}:0.5-1.5")
     go(body, 1.4, 0.0, 0.0)
     with pytest.raises(SimError, match=rf"'{kind}:0\.5-1\.5' is not possible: in this time the robot was"):
@@ -219,14 +220,16 @@ def test_a_window_without_a_suitable_moment_ends_with_an_error(meet, kind: str) 
         ((1.0, -10.0, -math.pi / 2), False),  # onto the waypoint
     ],
 )
-def test_a_box_fits_only_where_there_is_room(meet, pose: tuple[float, float, float], fits: bool) -> None:
+def test_a_box_fits_only_where_there_is_room(
+    meet: Callable[..., Any], pose: tuple[float, float, float], fits: bool
+) -> None:
     body, events = meet("house", "box:100")
     here = Pose2D(*pose)
     box = ahead_of(here, 0.27, Event("box", 0), body.world.bodies[body.world.kinematic_bodies("dropped")[0]])
     assert events.fits(box, here) == fits
 
 
-def test_a_box_that_fits_leaves_a_passage_and_is_far_from_waypoints(meet) -> None:
+def test_a_box_that_fits_leaves_a_passage_and_is_far_from_waypoints(meet: Callable[..., Any]) -> None:
     body, events = meet("aws_house", "box:100")
     description, floor, random = (
         body.world.description,
@@ -250,7 +253,7 @@ def test_a_box_that_fits_leaves_a_passage_and_is_far_from_waypoints(meet) -> Non
     assert found >= 30
 
 
-def box_side(pose: Pose2D, box, side: float) -> tuple[float, float]:
+def box_side(pose: Pose2D, box: WorldObject, side: float) -> tuple[float, float]:
     """The middle of the passage beside a box on one side of the course."""
     aside = side * (SIDE / 2 + PASSAGE / 2)
     return box.position[0] - math.sin(pose.yaw) * aside, box.position[1] + math.cos(pose.yaw) * aside
@@ -258,7 +261,9 @@ def box_side(pose: Pose2D, box, side: float) -> tuple[float, float]:
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
 @pytest.mark.parametrize("seed", range(5))
-def test_a_kidnapped_robot_is_clear_and_far_away_with_unchanged_odometry(meet, name: str, seed: int) -> None:
+def test_a_kidnapped_robot_is_clear_and_far_away_with_unchanged_odometry(
+    meet: Callable[..., Any], name: str, seed: int
+) -> None:
     body, events = meet(name, "kidnap:2", seed=seed)
     go(body, 1.9, 0.1, 0.0)
     before, odometry, way = body.true_pose(), body.odometry().pose, body.distance
@@ -277,7 +282,7 @@ def test_a_kidnapped_robot_is_clear_and_far_away_with_unchanged_odometry(meet, n
     assert math.atan2(moved.y - after.y, moved.x - after.x) == pytest.approx(moved.yaw, abs=0.1)
 
 
-def test_a_standing_and_blind_robot_is_kidnapped_at_its_time(meet) -> None:
+def test_a_standing_and_blind_robot_is_kidnapped_at_its_time(meet: Callable[..., Any]) -> None:
     body, events = meet("house", "kidnap:1.23", faults="laser:0-10")
     before = body.true_pose()
     go(body, 1.5, 0.0, 0.0)
@@ -285,7 +290,7 @@ def test_a_standing_and_blind_robot_is_kidnapped_at_its_time(meet) -> None:
     assert math.dist((before.x, before.y), (body.true_pose().x, body.true_pose().y)) > FAR
 
 
-def test_a_carried_robot_sees_the_way_but_its_wheels_do_not_turn(meet) -> None:
+def test_a_carried_robot_sees_the_way_but_its_wheels_do_not_turn(meet: Callable[..., Any]) -> None:
     body, events = meet("house", "carry:1")
     go(body, 1.0, 0.0, 0.0)
     wheels, distance = body.joint_positions(), body.distance
@@ -316,7 +321,7 @@ def test_a_carried_robot_sees_the_way_but_its_wheels_do_not_turn(meet) -> None:
 
 
 @pytest.fixture
-def flat(tmp_path: Path):
+def flat(tmp_path: Path) -> Callable[..., Any]:
     """A world file with two rooms, a closed door between them, and the start pose *start*."""
 
     def make(*start: float) -> str:
@@ -348,8 +353,12 @@ def flat(tmp_path: Path):
         ((-3.0, -1.0, 0.0), ["door:inner:open@0.5", "carry:4"], True),
     ],
 )
-def test_a_robot_is_carried_only_through_open_doors(
-    meet, flat, start, events: list[str], passes: bool
+def test_robot_is_carried_only_through_open_doors(
+    meet: Callable[..., Any],
+    flat: Callable[..., Any],
+    start: tuple[float, float, float],
+    events: list[str],
+    passes: bool,
 ) -> None:
     rooms = set()
     for seed in range(4):
@@ -380,7 +389,13 @@ def test_a_robot_is_carried_only_through_open_doors(
         ),
     ],
 )
-def test_a_way_that_a_door_prevents_is_an_error(meet, flat, start, events: list[str], message: str) -> None:
+def test_a_way_that_a_door_prevents_is_an_error(
+    meet: Callable[..., Any],
+    flat: Callable[..., Any],
+    start: tuple[float, float, float],
+    events: list[str],
+    message: str,
+) -> None:
     body, _ = meet(flat(*start), *events)
     with pytest.raises(SimError, match=message):
         go(body, 4.0, 0.0)
@@ -405,7 +420,7 @@ def test_a_door_opens_and_closes_at_its_times(tmp_path: Path) -> None:
     world.close()
 
 
-def test_a_person_is_in_the_scan_and_keeps_away_from_a_standing_robot(meet) -> None:
+def test_a_person_is_in_the_scan_and_keeps_away_from_a_standing_robot(meet: Callable[..., Any]) -> None:
     body, _ = meet("arena", "kidnap:1000", people=1)
     (number,) = body.world.kinematic_bodies("person_")
     hits = 0
@@ -425,7 +440,9 @@ def test_a_person_is_in_the_scan_and_keeps_away_from_a_standing_robot(meet) -> N
 
 
 @pytest.mark.parametrize("side", range(8))
-def test_a_person_who_walks_into_the_robot_is_a_collision_from_every_side(meet, side: int) -> None:
+def test_a_person_who_walks_into_the_robot_is_a_collision_from_every_side(
+    meet: Callable[..., Any], side: int
+) -> None:
     body, _ = meet("aws_house", "kidnap:1000", people=1)
     (number,) = body.world.kinematic_bodies("person_")
     begun = body.world.now()

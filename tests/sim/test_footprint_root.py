@@ -79,9 +79,7 @@ def mesh_in(package: Path) -> None:
     (package / "meshes/hat.obj").write_bytes(HAT)
 
 
-def test_the_root_stands_on_the_floor_and_the_base_link_at_its_joint(
-    tmp_path: Path, robot_at: Any, capfd: Any
-) -> None:
+def test_root_stands_on_floor_and_base_link_at_joint(tmp_path: Path, robot_at: Any, capfd: Any) -> None:
     mesh_in(tmp_path / "trolley")
     robot = robot_at(description=trolley(tmp_path / "trolley/urdf"))
     heights = {frame.child: frame.position[2] for frame in robot.frames() if frame.parent == FOOTPRINT}

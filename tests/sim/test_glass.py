@@ -20,13 +20,13 @@ RED, CLEAR = (220, 30, 30, 255), (160, 208, 224, 96)
 
 
 @pytest.fixture
-def pane(box: Callable[..., WorldObject]):
+def pane(box: Callable[..., WorldObject]) -> WorldObject:
     """A pane of glass 1.2 m ahead."""
     return replace(box(1.2, 0.0, (0.02, 3.0, 2.0), name="pane"), is_glass=True, color=CLEAR)
 
 
 def test_the_laser_passes_and_sonars_do_not(
-    robot_at: Stand, box: Callable[..., WorldObject], pane, noiseless_tiago: RobotDescription
+    robot_at: Stand, box: Callable[..., WorldObject], pane: WorldObject, noiseless_tiago: RobotDescription
 ) -> None:
     wall = box(3.0, 0.0, (0.2, 4.0, 2.0), name="wall")
     ranges = {}
@@ -42,7 +42,7 @@ def test_the_laser_passes_and_sonars_do_not(
     assert ranges[True][1] == ranges[False][1] < 0.6
 
 
-def test_the_robot_collides_with_glass(robot_at: Stand, pane, steer: Pass) -> None:
+def test_the_robot_collides_with_glass(robot_at: Stand, pane: WorldObject, steer: Pass) -> None:
     body = robot_at(pane)
     steer(body, 5.0, (0.4, 0.0))
     assert body.contacts.collisions == 1
@@ -50,8 +50,8 @@ def test_the_robot_collides_with_glass(robot_at: Stand, pane, steer: Pass) -> No
     assert body.true_pose().x < 1.2 - 0.2
 
 
-def test_the_camera_sees_a_red_box_through_glass(
-    robot_at: Stand, box: Callable[..., WorldObject], pane
+def test_camera_sees_red_box_through_glass(
+    robot_at: Stand, box: Callable[..., WorldObject], pane: WorldObject
 ) -> None:
     red = replace(box(2.5, 0.0, (0.5, 3.0, 2.5), name="red"), color=RED)
     pictures = {}
@@ -70,7 +70,7 @@ def test_the_camera_sees_a_red_box_through_glass(
 
 @pytest.mark.parametrize("yaw", [0.0, 0.6])
 def test_the_map_keeps_robots_out_of_glass_but_does_not_show_it_to_the_laser(
-    box: Callable[..., WorldObject], pane, yaw: float
+    box: Callable[..., WorldObject], pane: WorldObject, yaw: float
 ) -> None:
     walls = [
         box(3.0, 0.0, (0.1, 6.1, 2.0), name="east"),

@@ -66,9 +66,7 @@ def test_geometry_agrees_with_the_engines_rays(
 
 
 @pytest.mark.parametrize("tiny", [0.0, 5e-324, 1e-310, -1e-310, 1e-200])
-def test_rays_parallel_to_a_side_have_the_right_distances(
-    box: Callable[..., WorldObject], tiny: float
-) -> None:
+def test_rays_parallel_to_side_have_right_distances(box: Callable[..., WorldObject], tiny: float) -> None:
     outlines = RayCaster.of([box(3.0, 0.0, (2.0, 1.0, 1.0)), box(0.0, 3.0, (1.0, 2.0, 1.0), yaw=1e-14)])
     found = outlines.distances(0.0, 0.25, HEIGHT, np.array([tiny, math.pi / 2, math.pi]))
     assert found == pytest.approx([2.0, 1.75, math.inf])

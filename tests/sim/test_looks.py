@@ -36,7 +36,9 @@ def volume(sections: tuple[Section, ...]) -> float:
     ],
     ids=["ball", "box", "cylinder"],
 )
-def test_a_loft_is_closed_and_its_triangles_and_normals_face_outwards(sections, expected: float) -> None:
+def test_a_loft_is_closed_and_its_triangles_and_normals_face_outwards(
+    sections: tuple[Section, ...], expected: float
+) -> None:
     assert volume(sections) == pytest.approx(expected, rel=0.12)
     points, normals, triangles = loft(sections)
     assert np.linalg.norm(normals, axis=1) == pytest.approx(np.ones(len(normals)), abs=1e-6)
@@ -48,7 +50,9 @@ def test_a_loft_is_closed_and_its_triangles_and_normals_face_outwards(sections, 
 
 @pytest.mark.parametrize(("kind", "look"), [(kind, look) for kind, looks in LOOKS.items() for look in looks])
 @pytest.mark.parametrize("size", [(0.5, 0.5, 1.1), (1.6, 0.5, 0.8), (0.4, 1.2, 1.9)])
-def test_the_parts_of_a_look_are_within_the_objects_bounds(kind: str, look: str, size) -> None:
+def test_the_parts_of_a_look_are_within_the_objects_bounds(
+    kind: str, look: str, size: tuple[float, float, float]
+) -> None:
     if kind == "cylinder":
         size = (size[0], size[0], size[2])
     parts = look_parts(look, size, GREY)

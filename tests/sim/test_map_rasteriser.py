@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ GREY = (128, 128, 128, 255)
 
 
 @pytest.fixture
-def room(box: Callable[..., WorldObject]):
+def room(box: Callable[..., WorldObject]) -> Callable[..., Any]:
     """A closed room of 4 m by 4 m around the origin with walls of 0.2 m."""
 
     def make(*things: WorldObject, **changes: object) -> WorldDescription:
@@ -39,7 +40,7 @@ def room(box: Callable[..., WorldObject]):
     return make
 
 
-def test_walls_on_the_grid_fill_whole_cells(room) -> None:
+def test_walls_on_the_grid_fill_whole_cells(room: Callable[..., Any]) -> None:
     map = rasterise(room())
     assert np.count_nonzero(map.free) == 80 * 80
     assert np.count_nonzero(map.occupied) == 88 * 88 - 80 * 80
@@ -47,7 +48,7 @@ def test_walls_on_the_grid_fill_whole_cells(room) -> None:
     assert map.cells[map.cell(2.01, 0.0)] == 100
 
 
-def test_unreachable_cells_are_unknown(room, box: Callable[..., WorldObject]) -> None:
+def test_unreachable_cells_are_unknown(room: Callable[..., Any], box: Callable[..., WorldObject]) -> None:
     closet = [box(1.0, 1.5, (0.1, 1.0, 2.0), name="side"), box(1.5, 1.0, (1.1, 0.1, 2.0), name="front")]
     map = rasterise(room(*closet))
     assert map.cells[map.cell(1.5, 1.5)] == -1
@@ -56,7 +57,7 @@ def test_unreachable_cells_are_unknown(room, box: Callable[..., WorldObject]) ->
 
 
 def test_a_turned_box_and_a_drum_have_their_areas(
-    room, box: Callable[..., WorldObject], drum: Callable[..., WorldObject]
+    room: Callable[..., Any], box: Callable[..., WorldObject], drum: Callable[..., WorldObject]
 ) -> None:
     things = room(box(-0.8, 0.8, (1.2, 0.6, 1.0), yaw=0.5), drum(0.9, -0.9, 0.5))
     occupied = np.count_nonzero(rasterise(things, 0.02).occupied) - np.count_nonzero(
@@ -67,14 +68,14 @@ def test_a_turned_box_and_a_drum_have_their_areas(
     assert occupied * 0.02**2 == pytest.approx(0.72 + math.pi * 0.25 + perimeter * 0.01, rel=0.03)
 
 
-def test_even_a_thin_leg_is_on_the_map(room, drum: Callable[..., WorldObject]) -> None:
+def test_even_a_thin_leg_is_on_the_map(room: Callable[..., Any], drum: Callable[..., WorldObject]) -> None:
     for x in np.linspace(0.5, 0.6, 9):
         map = rasterise(room(drum(float(x), 0.731, 0.01)))
         assert map.occupied[map.cell(0.3, 0.55)[0] : map.cell(0.3, 0.9)[0], map.cell(0.3, 0.0)[1] :].any()
 
 
-def test_only_fixed_objects_at_the_height_of_the_laser_are_on_the_map(
-    room, box: Callable[..., WorldObject]
+def test_only_fixed_objects_at_height_of_laser_are_on_map(
+    room: Callable[..., Any], box: Callable[..., WorldObject]
 ) -> None:
     movable = box(1.0, 0.0, (0.4, 0.4, 0.5), mass=3.0, name="movable")
     person = replace(box(-1.0, 0.0, (0.4, 0.4, 0.5), name="person"), is_kinematic=True)
@@ -87,7 +88,7 @@ def test_only_fixed_objects_at_the_height_of_the_laser_are_on_the_map(
     assert ClearanceMap.of(description).clearance_at(1.0, 0.0) == 0.0
 
 
-def test_keep_out_areas_of_the_world_are_on_the_map(room) -> None:
+def test_keep_out_areas_of_the_world_are_on_the_map(room: Callable[..., Any]) -> None:
     description = room(keepout=((0.5, 0.5, 1.0, 1.5),))
     assert rasterise(description).keepout == ((0.5, 0.5, 1.0, 1.5),)
     floor = ClearanceMap.of(description)
@@ -95,8 +96,8 @@ def test_keep_out_areas_of_the_world_are_on_the_map(room) -> None:
     assert floor.clearance_at(0.0, 1.0) == pytest.approx(0.5, abs=0.05)
 
 
-def test_the_clearance_along_a_line_is_that_of_its_narrowest_place(
-    room, box: Callable[..., WorldObject]
+def test_clearance_along_line_is_that_of_narrowest_place(
+    room: Callable[..., Any], box: Callable[..., WorldObject]
 ) -> None:
     floor = ClearanceMap.of(room(box(0.0, 1.2, (0.4, 0.4, 1.0))))
     assert floor.clearance_along((-1.5, 0.0), (1.5, 0.0)) == pytest.approx(0.5, abs=0.06)

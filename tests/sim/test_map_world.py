@@ -125,9 +125,7 @@ def test_random_places_are_free_connected_and_apart(map_file: Path) -> None:
     assert len(starts) == 5
 
 
-def test_waypoints_come_from_the_file_beside_the_map_or_from_the_option(
-    map_file: Path, tmp_path: Path
-) -> None:
+def test_waypoints_come_from_file_beside_map_or_from_option(map_file: Path, tmp_path: Path) -> None:
     beside = Waypoints({"start": Pose2D(0.0, 0.5, 1.0), "desk": Pose2D(1.0, 0.0, 0.5)})
     save_waypoints(beside, waypoints_path(map_file))
     description = load_world_description(str(map_file))

@@ -66,17 +66,13 @@ def test_the_triangles_of_each_format_are_read(tmp_path: Path, name: str, data: 
         ("mesh.obj", b"v 0 0 0\n" + b"f 1 1 1\n" * (MAX_TRIANGLES + 1), "20001 triangles, but only"),
     ],
 )
-def test_a_mesh_that_cannot_be_drawn_is_an_error(
-    tmp_path: Path, name: str, data: bytes, message: str
-) -> None:
+def test_mesh_that_cannot_be_drawn_is_error(tmp_path: Path, name: str, data: bytes, message: str) -> None:
     (tmp_path / name).write_bytes(data)
     with pytest.raises(SimError, match=re.compile(message, re.IGNORECASE)):
         read_triangles(tmp_path / name)
 
 
-def test_the_meshes_of_a_urdf_are_drawn_in_their_place_and_size(
-    tmp_path: Path, robot_at: Any, caplog: Any
-) -> None:
+def test_meshes_of_urdf_are_drawn_in_place_and_size(tmp_path: Path, robot_at: Any, caplog: Any) -> None:
     tiago = load_robot_description()
     (tmp_path / "hat.stl").write_bytes(binary_stl(TETRAHEDRON))
     text = tiago.urdf.read_text(encoding="utf-8")

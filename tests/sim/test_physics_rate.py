@@ -30,9 +30,7 @@ def test_a_house_makes_120_steps_a_second(name: str) -> None:
 @pytest.mark.parametrize(
     ("v", "w", "way", "turn"), [(0.3, 0.0, 0.015, 0.002), (0.0, 0.5, 0.003, 0.006), (0.3, 0.5, 0.008, 0.006)]
 )
-def test_ten_seconds_of_driving_end_where_the_commands_lead(
-    v: float, w: float, way: float, turn: float
-) -> None:
+def test_ten_seconds_of_driving_end_where_commands_lead(v: float, w: float, way: float, turn: float) -> None:
     """*way* (m) and *turn* (rad) are the largest errors; 2.956 m straight, 4.941 rad on the spot."""
     floor = WorldDescription(
         "floor", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), (0, 0, 0, 255), physics_rate=RATE

@@ -13,7 +13,7 @@ from btcore_sim.map_rasteriser import overhangs, rasterise
 from btcore_sim.polygons import boundary, polygon_triangles, signed_area, wall_quads
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.world import World
-from btcore_sim.world_description import WorldDescription
+from btcore_sim.world_description import WorldDescription, WorldObject
 from btcore_sim.worlds import load_world_description
 from tests.sim.conftest import Pass, Stand
 
@@ -88,9 +88,7 @@ WALL = {"name": "w", "kind": "wall", "height": 1}
         ({**WALL, "points": [[0, 0], [3, 0], [3, 1], [1, 1], [1, -1]]}, "meet, but an outline must not"),
     ],
 )
-def test_a_mistake_in_an_outline_is_reported_with_its_place(
-    tmp_path: Path, thing: dict, message: str
-) -> None:
+def test_mistake_in_outline_is_reported_with_place(tmp_path: Path, thing: dict, message: str) -> None:
     with pytest.raises(SimError, match=message):
         load(tmp_path, thing)
 
@@ -140,7 +138,7 @@ def test_clearance_and_map_follow_a_concave_outline(yard: WorldDescription) -> N
 
 @pytest.mark.parametrize("start", [(1.2, 1.25, math.pi), (1.25, 1.4, -math.pi / 2), (-0.6, 1.0, 0.0)])
 def test_the_robot_stops_at_every_side_of_a_concave_block(
-    tmp_path: Path, robot_at: Stand, steer: Pass, start
+    tmp_path: Path, robot_at: Stand, steer: Pass, start: tuple[float, float, float]
 ) -> None:
     """Inside the corner of the L, which its convex hull would fill, and outside."""
     (block,) = load(tmp_path, {**POLYGON, "points": L_SHAPE}).objects
@@ -163,7 +161,7 @@ def test_a_block_below_the_laser_is_a_keep_out_area_with_its_outline(tmp_path: P
     assert any(x0 < 1.5 < x1 and y0 < 0.25 < y1 for x0, y0, x1, y1 in covered)
 
 
-def _sides(thing) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+def _sides(thing: WorldObject) -> list[tuple[tuple[float, float], tuple[float, float]]]:
     cos, sin = math.cos(thing.yaw), math.sin(thing.yaw)
     x0, y0, _ = thing.position
     return [
@@ -171,6 +169,6 @@ def _sides(thing) -> list[tuple[tuple[float, float], tuple[float, float]]]:
     ]
 
 
-def _turn(x: float, y: float, side) -> float:
+def _turn(x: float, y: float, side: tuple[tuple[float, float], tuple[float, float]]) -> float:
     (ax, ay), (bx, by) = ((px - x, py - y) for px, py in side)
     return math.atan2(ax * by - ay * bx, ax * bx + ay * by)

@@ -45,7 +45,7 @@ def drive(
     with Run(program, settings=[settings, run_settings], provided=provided, prepare=prepare).want(
         Robot
     ) as run:
-        run.until_done()
+        run.tick_to_end()
     return run.report
 
 

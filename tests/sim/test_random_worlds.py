@@ -84,9 +84,7 @@ def test_the_same_seed_gives_the_same_world_and_another_seed_another() -> None:
     assert random_world_json("home", 5, 7) != random_world_json("home", 5)
 
 
-def test_the_command_writes_the_world_that_the_name_means(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_command_writes_world_that_name_means(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(main, ["world", "office", "--seed", "3"])
     assert result.exit_code == 0

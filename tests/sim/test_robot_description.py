@@ -33,9 +33,7 @@ def test_the_tiago_has_the_figures_of_its_data_sheet() -> None:
     assert math.degrees(tiago.camera.fov) == pytest.approx(63.0)
 
 
-def test_another_robot_has_the_limits_of_its_own_description(
-    tmp_path: Path, robot_at: Any, steer: Any
-) -> None:
+def test_another_robot_has_limits_of_own_description(tmp_path: Path, robot_at: Any, steer: Any) -> None:
     def slow(data: dict[str, Any]) -> None:
         data["base"]["v_max"] = 0.1
         del data["camera"]

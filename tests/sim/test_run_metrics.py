@@ -65,9 +65,7 @@ def test_the_odometry_error_is_measured_from_the_true_start(
     assert odometry_error(body) == pytest.approx(2.0, abs=0.04)
 
 
-def test_localisation_errors_are_measured_from_the_first_second_on_also_at_rest(
-    body: Any, steer: Any
-) -> None:
+def test_localisation_errors_are_measured_from_first_second_on_also_at_rest(body: Any, steer: Any) -> None:
     navigator = Navigator(body, Pose2D(3.0, 4.0, -0.2))
     metrics = RunMetrics(body, [navigator])
     steer(body, 0.9, None)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world_description import WorldObject
 from tests.sim.conftest import Pass, Stand
 
@@ -13,7 +14,7 @@ SECOND = 1_000_000_000
 BACK = -0.259  # m: the middle sonar's place; it is 0.2715 m above the floor
 
 
-def ranges_of(body) -> dict[str, float]:
+def ranges_of(body: SimulatedRobot) -> dict[str, float]:
     return {
         reading.frame.removeprefix("base_").removesuffix("_link"): reading.range for reading in body.sonars()
     }
@@ -41,9 +42,7 @@ def test_beyond_a_metre_there_is_no_echo(robot_at: Stand, box: Callable[..., Wor
     assert ranges_of(robot_at(box(-1.5, 0.0, (0.2, 4.0, 2.0))))["sonar_02"] == math.inf
 
 
-def test_a_range_below_the_minimum_is_minus_infinite(
-    robot_at: Stand, box: Callable[..., WorldObject]
-) -> None:
+def test_range_below_minimum_is_minus_infinite(robot_at: Stand, box: Callable[..., WorldObject]) -> None:
     assert ranges_of(robot_at(box(-0.375, 0.0, (0.2, 0.2, 2.0))))["sonar_02"] == -math.inf
 
 
@@ -63,9 +62,7 @@ def test_a_table_top_that_the_laser_cannot_see_is_measured(
     assert ranges_of(robot_at(top))["sonar_02"] < 0.45
 
 
-def test_the_sonars_measure_five_times_a_second(
-    robot_at: Stand, steer: Pass, box: Callable[..., WorldObject]
-) -> None:
+def test_sonars_measure_at_5_hertz(robot_at: Stand, steer: Pass, box: Callable[..., WorldObject]) -> None:
     body = robot_at(box(-1.0, 0.0, (0.2, 4.0, 2.0)))
     stamps = set()
     for _ in range(10):

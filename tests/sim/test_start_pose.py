@@ -46,9 +46,7 @@ def test_random_starts_are_free_and_connected_to_all_waypoints(name: str) -> Non
 
 
 @pytest.mark.parametrize(("width", "is_wide_enough"), [(0.9, True), (0.8, True), (0.6, False)])
-def test_a_random_start_may_be_in_a_corridor_that_the_robot_can_pass(
-    tmp_path: Path, width: float, is_wide_enough: bool
-) -> None:
+def test_random_start_may_be_in_passable_corridor(tmp_path: Path, width: float, is_wide_enough: bool) -> None:
     side = width / 2 + 0.05  # the points of a wall are on its middle line
     corners = [[-1, -side], [9, -side], [9, side], [-1, side]]
     corridor = {"kind": "wall", "closed": True, "points": corners, "height": 2}

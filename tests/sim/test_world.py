@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
 
@@ -24,7 +25,7 @@ EMPTY = WorldDescription("empty", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), 
 
 
 @pytest.fixture
-def world():
+def world() -> Iterator[World]:
     made = World(EMPTY)
     yield made
     made.close()
@@ -70,12 +71,12 @@ def test_two_worlds_in_one_process_do_not_affect_each_other() -> None:
     beside.world.close()
 
 
-def test_waiting_ends_at_the_deadline_exactly(world) -> None:
+def test_waiting_ends_at_the_deadline_exactly(world: World) -> None:
     assert world.wait_until(SECOND // 3, threading.Event()) is False
     assert world.now() == SECOND // 3
 
 
-def test_waiting_for_the_past_changes_nothing(world) -> None:
+def test_waiting_for_the_past_changes_nothing(world: World) -> None:
     world.wait_until(SECOND, threading.Event())
     world.wait_until(SECOND // 2, threading.Event())
     assert world.now() == SECOND
@@ -93,14 +94,14 @@ def test_the_number_of_waits_does_not_change_a_run() -> None:
     assert places[0] == places[1]
 
 
-def test_a_wake_up_ends_the_waiting_early(world) -> None:
+def test_a_wake_up_ends_the_waiting_early(world: World) -> None:
     wake = threading.Event()
     world.schedule.add_task(10, Phase.SENSORS, lambda now: wake.set(), first=SECOND // 5)
     assert world.wait_until(SECOND, wake) is True
     assert world.now() == SECOND // 5
 
 
-def test_a_wake_up_that_is_due_already_stops_time(world) -> None:
+def test_a_wake_up_that_is_due_already_stops_time(world: World) -> None:
     wake = threading.Event()
     wake.set()
     assert world.wait_until(SECOND, wake) is True
@@ -151,7 +152,7 @@ def test_waiting_in_real_time_takes_real_time() -> None:
     world.close()
 
 
-def test_a_world_slower_than_real_time_warns_once_and_skips_nothing(
+def test_world_slower_than_real_time_warns_once_and_skips_nothing(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     world = World(EMPTY, fast=False)

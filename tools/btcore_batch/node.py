@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore.diagnostic_codes import NOT_FOR_A_BATCH
+from btcore.diagnostics import Diagnostic
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
-from btcore.errors import Diagnostic, TreeError
+from btcore.errors import TreeError
 from btcore.status import NodeType
 from btcore_batch.context import BatchContext, NodeLike
 from btcore_batch.script import BatchProgram

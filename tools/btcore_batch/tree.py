@@ -10,9 +10,10 @@ import numpy as np
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import NS_PER_S, Clock
+from btcore.diagnostics import Diagnostic
 from btcore.engine.leaf import StatefulAction
 from btcore.engine.node import TreeNode
-from btcore.errors import BtcoreError, ConversionError, Diagnostic, NodeExecutionError, TreeError
+from btcore.errors import BtcoreError, ConversionError, NodeExecutionError, TreeError
 from btcore.loading.load import load, loads
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.registry import Registry

@@ -1,7 +1,7 @@
 """Models of leaves for proofs: what a leaf may return, write and use.
 
 A model comes from the leaf's class, its metadata, and a declaration beside the tree, each more specific than
-the one before. A class declares in its `spec` what only btcore reads, such as `may_return` and `uses`, and in
+the one before. A class declares in its `spec` what only btcore reads, such as `results` and `uses`, and in
 `metadata()` the other values of its model, such as `hands_over`, as texts that are also written to the
 TreeNodesModel, so that Groot and C++ see them.
 """
@@ -16,7 +16,7 @@ from btcore.engine.leaf import Condition, SyncAction
 from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import declared_fields
 from btcore.errors import BtcoreError, ConversionError
-from btcore.registry.manifest import Manifest, is_tree_state
+from btcore.registry.manifest import Manifest, is_tree_resource
 from btcore.registry.mock_nodes import MockCondition
 from btcore.status import ANY_RESULT, FAILURE, SKIPPED, SUCCESS, NodeType, Status
 from btcore.suggestions import did_you_mean, join_names
@@ -68,7 +68,7 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
     """Return the model of a leaf.
 
     By default a condition and an action of one tick return SUCCESS or FAILURE, and any other action also
-    RUNNING. If the leaf's spec declares `may_return` or `may_complete_on_start`, they restrict the results.
+    RUNNING. If the leaf's spec declares `results` or `may_complete_on_start`, they restrict the results.
     An action uses the resources that it declares as parameters.
 
     Args:
@@ -79,7 +79,7 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
         ModelError: The metadata of the leaf or *declared* is invalid.
     """
     cls = manifest.cls
-    declared_results = cls.spec.may_return
+    declared_results = cls.spec.results
     results = {SUCCESS, FAILURE} if declared_results is ANY_RESULT else set(declared_results)
     lasts = not issubclass(cls, (Condition, SyncAction, MockCondition))
     uses = cls.spec.uses
@@ -141,7 +141,7 @@ def resources_of(manifest: Manifest) -> frozenset[str]:
         resource_type.__name__
         for resource_type in types
         if isinstance(resource_type, type)
-        and not is_tree_state(resource_type)
+        and not is_tree_resource(resource_type)
         and resource_type not in (Clock, Blackboard)
     )
 

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from btcore.clock import Clock
 from btcore.engine.leaf import Condition
-from btcore.engine.node import TreeNode, count_ticks, tick_counts_of
+from btcore.engine.node import TreeNode, start_tick_counts, tick_counts_of
 from btcore.errors import ConversionError
 from btcore.status import FAILURE, RUNNING, SUCCESS
 from btcore.suggestions import join_names
@@ -168,7 +168,7 @@ class Prover:
         watched = {node.config.uid: node for proposition in parsed for node in proposition.nodes}
         for node in tree.nodes:
             if not node.children:
-                count_ticks(node)
+                start_tick_counts(node)
         self.explorer = Explorer(
             tree,
             choices,

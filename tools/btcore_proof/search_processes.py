@@ -17,7 +17,7 @@ from multiprocessing.process import BaseProcess
 from types import FunctionType
 from typing import Any, Final, NamedTuple
 
-from btcore.engine.node import count_ticks
+from btcore.engine.node import start_tick_counts
 from btcore.values.types import ValueType
 from btcore_proof.exploration import Explorer
 from btcore_proof.model_leaves import UnknownValue
@@ -154,7 +154,7 @@ class SearchProcesses:
             connection.close()
         for reply in self._replies:
             for node, counted in zip(self._explorer.counted, reply.counts if reply else (), strict=False):
-                counts = count_ticks(node)
+                counts = start_tick_counts(node)
                 counts.ticks += counted[0]
                 counts.skipped += counted[1]
                 counts.success += counted[2]
@@ -276,7 +276,7 @@ def _reply_to(explorer: Explorer, peer: _Peer, keys: Sequence[tuple[int, ...]], 
 
 
 def _counts_of(explorer: Explorer) -> _Counts:
-    counts = [count_ticks(node) for node in explorer.counted]
+    counts = [start_tick_counts(node) for node in explorer.counted]
     return [(each.ticks, each.skipped, each.success, each.failure) for each in counts]
 
 

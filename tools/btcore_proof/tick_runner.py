@@ -4,7 +4,7 @@ from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
-from btcore.engine.node import TreeNode, count_ticks, execution_error, tick_counts_of
+from btcore.engine.node import TreeNode, execution_error, start_tick_counts, tick_counts_of
 from btcore.errors import NodeExecutionError
 from btcore.status import RUNNING, Status
 from btcore.tree.tree import Tree
@@ -68,7 +68,7 @@ class TickRunner:
         self._running: list[TreeNode] = []
         for node in watched:
             node.set_post_tick_function(self._record)
-            count_ticks(node)
+            start_tick_counts(node)
 
     def _record(self, node: TreeNode, status: Status) -> Status:
         self._results.setdefault(node.config.uid, []).append(status)

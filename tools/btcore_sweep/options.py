@@ -7,7 +7,7 @@ from typing import Any, Final, cast
 import click
 
 from btcore.cli.commands.run import run
-from btcore.cli.provider_options import ProviderCommand, explain_missing_options, find_providers
+from btcore.cli.provider_command import ProviderCommand, explain_missing_options, find_providers
 from btcore.errors import SettingsError
 from btcore.field_options import FieldOption
 from btcore.options import Plural

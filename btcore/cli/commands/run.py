@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from btcore.cli.node_libraries import NodeLibraries
-from btcore.cli.provider_options import ProviderCommand
+from btcore.cli.provider_command import ProviderCommand
 from btcore.cli.run_session import RunOptions, RunSession, create_session
 from btcore.cli.tree_source import complete_tree
 from btcore.field_options import add_options, pass_options

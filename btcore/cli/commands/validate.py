@@ -19,7 +19,8 @@ from btcore.cli.tree_source import (
     find_source,
     parse_source,
 )
-from btcore.errors import Diagnostic, TreeError, shown_diagnostics
+from btcore.diagnostics import Diagnostic, shown_diagnostics
+from btcore.errors import TreeError
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.input_files import read_file, real_path

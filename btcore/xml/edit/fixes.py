@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
-from btcore.errors import Diagnostic, FixOperation
+from btcore.diagnostics import Diagnostic, FixOperation
 from btcore.names import is_port_name
 from btcore.suggestions import nearest_name
 from btcore.xml.edit.editor import DocumentEditor, Edit, apply_edits, escape_value

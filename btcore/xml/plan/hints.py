@@ -3,37 +3,45 @@
 from collections.abc import Mapping
 from functools import cache, cached_property
 
+from btcore.diagnostics import Fix, Hint
 from btcore.entry_points import UnavailableEntryPoint, unsearched_libraries
-from btcore.errors import Fix, Hint
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.values import BOOL, EnumType, ValueType
+from btcore.xml.define import Definitions
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 
 
 class UnknownNodeHints:
-    """Makes hints for the unknown nodes of a document in one XML format (3 or 4)."""
+    """Makes hints for the unknown nodes of a document and its includes."""
 
-    def __init__(self, registry: Registry, format: int) -> None:
+    def __init__(self, definitions: Definitions, registry: Registry, collector: DiagnosticCollector) -> None:
         self._registry = registry
-        self._format = format
+        self._format = definitions.dialect.format
+        self._collector = collector
+        self._trees = definitions.by_id
         self._plugin_suggested = False
+        # The files that declare nodes in their TreeNodesModel, by ID.
+        self._declaring_files = {
+            model.get("ID"): document.file
+            for document in reversed(definitions.sources.documents)
+            for models in document.root.iterchildren("TreeNodesModel")
+            for model in models.iterchildren(*EXPLICIT_TAGS)
+        }
 
     @cached_property
     def names(self) -> Mapping[str, Manifest]:
         """The nodes of the format, by ID."""
         return self._registry.manifests_of(self._format)
 
-    def hint(self, name: str, trees: Mapping[str, object], declared_in: str | None = None) -> Hint:
-        """Return a hint for an unknown node; the first of the hints suggests to load a plugin.
-
-        Args:
-            trees: The trees of the document, by ID.
-            declared_in: The file whose TreeNodesModel declares the node, or None.
-        """
-        if name in trees:
+    def hint(self, name: str) -> Hint:
+        """Return a hint for an unknown node; the first of the hints suggests to load a plugin."""
+        if not self._collector.take_comparisons(self.names):
+            return Hint()
+        if name in self._trees:
             fix = Fix("call_tree", is_safe=True)
             return Hint(f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>", (fix,))
         successor = NODE_REPLACEMENTS.get(name)
@@ -43,8 +51,8 @@ class UnknownNodeHints:
         if self._registry.get(name, other) is not None:
             hint = f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
             return Hint(hint, (Fix("set_format", (other,)),))
-        if declared_in is not None:
-            model = f"--model {declared_in or 'FILE'}"
+        if name in self._declaring_files:
+            model = f"--model {self._declaring_files[name] or 'FILE'}"
             return Hint(
                 "a <TreeNodesModel> declares it, but its code is not registered: use --plugin or nodes.add, "
                 f"or {model} to work without the code"

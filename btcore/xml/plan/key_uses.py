@@ -203,11 +203,11 @@ class TreeKeys:
         if manifest is None or uses_whole_blackboard(manifest):
             return None
         keys: set[str] = set()
-        for port, text, is_explicit in node.ports:
-            key, _ = port_uses(port, text, is_explicit, self._format)
-            is_script = port.role in SCRIPT_ROLES
+        for binding in node.bindings:
+            key, _ = port_uses(binding.port, binding.text, binding.is_explicit, self._format)
+            is_script = binding.port.role in SCRIPT_ROLES
             if key is None:
-                keys |= self._script_keys(text) if is_script else set()
+                keys |= self._script_keys(binding.text) if is_script else set()
             elif is_script:
                 return None  # a script from an entry may use any key
             else:

@@ -4,7 +4,7 @@ The cache of tags only saves time: without it the plans are the same.
 """
 
 from itertools import islice
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from btcore.diagnostic_codes import (
     CAPITALISED_ROOT,
@@ -20,8 +20,8 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
+from btcore.diagnostics import Fix, Hint
 from btcore.engine.node_config import MAX_NODES
-from btcore.errors import Fix, Hint
 from btcore.names import FORBIDDEN, RESERVED_IDS, forbidden_in
 from btcore.status import NodeType
 from btcore.xml.define import TreeDefinition
@@ -29,9 +29,6 @@ from btcore.xml.plan.tree_plan import NodePlan, PlanContext
 from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import Document
-
-if TYPE_CHECKING:
-    from btcore.xml.plan.hints import UnknownNodeHints
 
 MAX_SUGGESTED_TREES: Final = 20
 """Maximum number of trees that are suggested for a SubTree element without an ID."""
@@ -84,17 +81,12 @@ def outline_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
 
 
 class _TagCache:
-    """What is known about the tags of all trees: the node types, and hints for unknown nodes."""
+    """The node types of the tags of all trees."""
 
     def __init__(self, context: PlanContext) -> None:
         self._context = context
         self.node_types: dict[str, NodeType | None] = {}
         self.leaf_tags: set[str] = set()
-        self._hints: UnknownNodeHints | None = None  # only unknown nodes need them
-        # The files that declare nodes in their TreeNodesModel, by ID; None before the first unknown node.
-        self._declaring_files: dict[str | None, str] | None = None
-        # The trees that a SubTree element without an ID probably calls.
-        self.first_trees = tuple(islice(context.definitions.by_id, MAX_SUGGESTED_TREES))
 
     def classify(self, tag: str) -> NodeType | None:
         """Find the node type that limits the children of *tag*; None if the tag alone does not tell it."""
@@ -112,24 +104,6 @@ class _TagCache:
         if node_type in _LEAVES:
             self.leaf_tags.add(tag)
         return node_type
-
-    def unknown_node_hint(self, id: str) -> Hint:
-        context = self._context
-        if self._hints is None:
-            from btcore.xml.plan.hints import UnknownNodeHints
-
-            self._hints = UnknownNodeHints(context.registry, context.dialect.format)
-        if not context.collector.take_comparisons(self._hints.names):
-            return Hint()
-        if self._declaring_files is None:
-            self._declaring_files = {
-                model.get("ID"): document.file
-                for document in reversed(context.definitions.sources.documents)
-                for models in document.root.iterchildren("TreeNodesModel")
-                for model in models.iterchildren(*EXPLICIT_TAGS)
-            }
-        trees = context.definitions.by_id
-        return self._hints.hint(id, trees, self._declaring_files.get(id))
 
 
 class _TreeOutliner:
@@ -206,22 +180,19 @@ class _TreeOutliner:
         elif tag in EXPLICIT_TAGS:
             self._check_explicit(tag, element, children)
         else:
-            self._report(
-                UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=self._tag_cache.unknown_node_hint(tag)
-            )
+            hint = self._context.unknown_node_hint(tag)
+            self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint)
 
     def _check_explicit(self, tag: str, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
         if not id:
             message = f"the ID of the node is missing in <{tag}>"
-            hint = f'write <{tag} ID="…"/>'
-            self._report(MISSING_ID, message, element, hint=hint)
+            self._report(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>')
             return
         manifest = self._context.manifest(id)
         if manifest is None:
-            self._report(
-                UNKNOWN_NODE, f"unknown node '{id}'", element, "ID", self._tag_cache.unknown_node_hint(id)
-            )
+            hint = self._context.unknown_node_hint(id)
+            self._report(UNKNOWN_NODE, f"unknown node '{id}'", element, "ID", hint)
             return
         node_type = manifest.type if self._dialect.type_from_id else EXPLICIT_TAGS[tag]
         self._check_child_count(id, node_type, element, children)
@@ -287,8 +258,8 @@ class _TreeOutliner:
         id = element.get("ID") or ""
         if element.get("ID") is None or (not id and self._dialect.format == 4):
             message = f"the ID of the tree is missing in <{tag}>"
-            trees = [known for known in self._tag_cache.first_trees if known != self._own_id]
-            fixes = [Fix("set_attributes", ("ID", known)) for known in trees]
+            others = (tree_id for tree_id in self._context.definitions.by_id if tree_id != self._own_id)
+            fixes = [Fix("set_attributes", ("ID", other)) for other in islice(others, MAX_SUGGESTED_TREES)]
             self._report(MISSING_ID, message, element, hint=Hint(f'write <{tag} ID="…"/>', tuple(fixes)))
         elif self._dialect.checks_names:
             self._check_not_a_node(id, element)

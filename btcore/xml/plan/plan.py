@@ -8,15 +8,16 @@ from collections.abc import Collection, Mapping
 from typing import Any, Final, NamedTuple
 
 from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TOO_LARGE, UNKNOWN_FORMAT
+from btcore.diagnostics import Diagnostic, Fix, Hint
 from btcore.engine.node_config import MAX_NODES
-from btcore.errors import Diagnostic, Fix, Hint, ScriptError
+from btcore.errors import ScriptError
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition, define
 from btcore.xml.plan.outline import outline_trees
 from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner
-from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.read import Document, Sources, read
 

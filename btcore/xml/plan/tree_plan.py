@@ -5,6 +5,7 @@ The caches of `PlanContext` only save time: without them the plans are the same.
 
 from collections.abc import Iterator, Mapping, Sequence
 from operator import attrgetter
+from typing import TYPE_CHECKING
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Binding, Input, Port, PortRole, braced_key
 from btcore.diagnostic_codes import (
@@ -17,14 +18,15 @@ from btcore.diagnostic_codes import (
     UNKNOWN_TREE,
     DiagnosticCode,
 )
+from btcore.diagnostics import Fix, Hint
 from btcore.engine.node_config import EMPTY_MAPPING
-from btcore.errors import ConversionError, Fix, Hint
+from btcore.errors import ConversionError
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.values import BOOL
 from btcore.xml.define import Definitions, TreeDefinition, tree_hint
-from btcore.xml.read.diagnostics import DiagnosticCollector
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.dialect import (
     EXPLICIT_TAGS,
     POSTCONDITION_ATTRIBUTES,
@@ -33,6 +35,9 @@ from btcore.xml.read.dialect import (
     Dialect,
 )
 from btcore.xml.read.element import Element, ElementPart
+
+if TYPE_CHECKING:
+    from btcore.xml.plan.hints import UnknownNodeHints
 
 _DEPTH_OF = attrgetter("depth")
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
@@ -146,7 +151,7 @@ class NodePlan:
 
     *depth* counts from the `<BehaviorTree>`, which has depth 0. *bindings* holds the ports that the
     document sets, in its order, then the other ports that have a default. *attributes* holds the attributes
-    that are neither ports nor conditions. The first tree that is created takes over the bindings.
+    that are neither ports nor conditions.
     """
 
     __slots__ = (
@@ -165,11 +170,6 @@ class NodePlan:
         self.bindings: Sequence[Binding] = ()
         self.children: Sequence[NodePlan] = ()
         self.subtree_call: SubtreeCall | None = None
-
-    @property
-    def ports(self) -> list[tuple[Port, str, bool]]:
-        """The ports, as (port, text, whether the document sets the port)."""
-        return [(binding.port, binding.text, binding.is_explicit) for binding in self.bindings]
 
     def iter_scripts(self) -> Iterator[tuple[str, str, bool]]:
         """Yield (attribute, text, whether the script is a condition) for each script of the node."""
@@ -245,10 +245,19 @@ class PlanContext:
         # Names of attributes that _select_attributes() kept. Its decision depends only on the name, so it is
         # not called again for these names.
         self.kept_attributes: set[str] = set()
+        self._unknown_node_hints: UnknownNodeHints | None = None
 
     def manifest(self, id: str) -> Manifest | None:
         """Return the manifest of a node, or None if it is unknown in the format of the document."""
         return self.registry.get(id, self.dialect.format)
+
+    def unknown_node_hint(self, id: str) -> Hint:
+        """Return a hint for a node that is not registered."""
+        if self._unknown_node_hints is None:
+            from btcore.xml.plan.hints import UnknownNodeHints  # only errors need it
+
+            self._unknown_node_hints = UnknownNodeHints(self.definitions, self.registry, self.collector)
+        return self._unknown_node_hints.hint(id)
 
 
 class TreePlanner:

@@ -5,7 +5,7 @@ from bisect import bisect_right
 from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
-from btcore.errors import Diagnostic, Hint
+from btcore.diagnostics import Diagnostic, Hint
 from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement, scan, value_offsets
 from btcore.xml.read.tinyxml2_compat import decode

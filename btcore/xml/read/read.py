@@ -23,10 +23,11 @@ from btcore.diagnostic_codes import (
     UNREADABLE_FILE,
     DiagnosticCode,
 )
-from btcore.errors import Diagnostic, Fix, Hint, XmlSyntaxError
+from btcore.diagnostics import Diagnostic, Fix, Hint
+from btcore.errors import XmlSyntaxError
 from btcore.input_files import read_error, read_file, real_path
 from btcore.suggestions import similar_file, suggestion
-from btcore.xml.read.diagnostics import DiagnosticCollector, Diagnostics
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector, Diagnostics
 from btcore.xml.read.element import EXAMPLE, Element, ElementPart, encoded, parse_with_expat
 
 if TYPE_CHECKING:

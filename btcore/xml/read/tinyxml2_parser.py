@@ -8,7 +8,8 @@ import sys
 from typing import Final, NamedTuple, NoReturn
 
 from btcore.diagnostic_codes import BARE_MARKUP, LENIENT_XML, NOT_XML, DiagnosticCode
-from btcore.errors import Fix, Hint, XmlSyntaxError
+from btcore.diagnostics import Fix, Hint
+from btcore.errors import XmlSyntaxError
 from btcore.xml.read.element import EXAMPLE, MAX_LEVELS, Element
 from btcore.xml.read.positions import span_at
 from btcore.xml.read.tinyxml2_compat import (

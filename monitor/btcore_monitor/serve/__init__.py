@@ -23,18 +23,21 @@ _log = logging.getLogger("monitor")
 
 def serve(
     tree: Tree,
-    groot2_port: int | None = DEFAULT_PORT,
-    bind: str = "127.0.0.1",
-    run_channel: bool = True,
-    resources: Sequence[object] = (),
-    grace: float = GRACE_S,
     *,
+    # what is published
+    resources: Sequence[object] = (),
+    run_channel: bool = True,
+    grace: float = GRACE_S,
+    # where
+    groot2_port: int | None = DEFAULT_PORT,
     groot1_port: int | None = None,
-    allow_control: bool = False,
-    max_heartbeat_delay: float = MAX_HEARTBEAT_DELAY_S,
-    keys: RobotKeys | None = None,
     watch_port: int | None = None,
+    bind: str = "127.0.0.1",
+    # for whom
+    keys: RobotKeys | None = None,
+    allow_control: bool = False,
     insecure: bool = False,
+    max_heartbeat_delay: float = MAX_HEARTBEAT_DELAY_S,
 ) -> Publisher:
     """Publish *tree* from a separate thread until the returned publisher is closed.
 
@@ -46,25 +49,25 @@ def serve(
 
     Args:
         tree: The tree to publish.
+        resources: Objects of the robot. Those with `static_scene` and `moving_scene` are shown in 3D.
+        run_channel: Whether to publish the run channel.
+        grace: Maximum time in s (wall clock) that closing waits for clients that have not received the end of
+            the run yet. After an exception or Ctrl-C it waits for 2 s at most.
         groot2_port: The port for Groot 2's requests. The next two ports are used for notifications and for
             the run channel, which btcore's monitor prefers. 0 chooses free ports; see `Publisher.port` and
             `Publisher.address`. None: Groot 2 is not served.
-        bind: The interface (`*`: all interfaces).
-        run_channel: Whether to publish the run channel.
-        resources: Objects of the robot. Those with `static_scene` and `moving_scene` are shown in 3D.
-        grace: Maximum time in s (wall clock) that closing waits for clients that have not received the end of
-            the run yet. After an exception or Ctrl-C it waits for 2 s at most.
         groot1_port: The port for Groot 1's updates: usually 1666, or 2666 if Groot 2 is served too. 0 chooses
             a free port; see `Publisher.groot1_port`. The next port answers requests. Without Groot 2, the run
             channel is two ports above these requests. None: Groot 1 is not served.
-        allow_control: Whether clients may set breakpoints and inject statuses by Groot 2's requests.
-        max_heartbeat_delay: Time in s (wall clock) after which hooks are disabled and a tick that waits at a
-            breakpoint continues, if the clients that set or released breakpoints send no request.
-        keys: Encrypt all connections, and accept only clients with these public keys.
         watch_port: The first of further ports for clients without keys, such as Groot. These clients can
             watch, but not control the tree. Only with *keys*. 0 chooses free ports; see
             `Publisher.watch_address`.
+        bind: The interface (`*`: all interfaces).
+        keys: Encrypt all connections, and accept only clients with these public keys.
+        allow_control: Whether clients may set breakpoints and inject statuses by Groot 2's requests.
         insecure: Whether *allow_control* is permitted without *keys* on other interfaces than loopback.
+        max_heartbeat_delay: Time in s (wall clock) after which hooks are disabled and a tick that waits at a
+            breakpoint continues, if the clients that set or released breakpoints send no request.
 
     Raises:
         PortInUseError: Another program uses a port.

@@ -180,7 +180,7 @@ class NonblockingSequence(ControlNode):
 class PersistentSequence(ControlNode):
     """A Sequence that keeps the index of its current child on the blackboard and so resumes after a halt."""
 
-    spec = NodeSpec(may_return=frozenset({SUCCESS, FAILURE}))
+    spec = NodeSpec(results=frozenset({SUCCESS, FAILURE}))
 
     current_child_idx: Annotated[InOut[int], "The index of the current child."]
 

@@ -47,7 +47,7 @@ class TruncatePath(SyncAction):
     At least two poses stay. The last remaining pose is turned towards the goal.
     """
 
-    spec = NodeSpec(may_return=frozenset({SUCCESS}))
+    spec = NodeSpec(results=frozenset({SUCCESS}))
 
     input_path: InPath
     distance: Annotated[

@@ -160,7 +160,7 @@ def run_processes(
 
     run = CommandRun(ctx, TreelessProgram(name), prepare, clock=clock)
     with run.want(*([Robot] if embodied else [])):
-        run.until_done()
+        run.tick_to_end()
         report = dict(results.report())
         if output.picture is not None and results.draw is not None:
             _save_picture(results.draw(), output.picture)

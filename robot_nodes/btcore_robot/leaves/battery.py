@@ -65,7 +65,7 @@ class Recharge(StatefulAction):
     A halt interrupts charging; the next start continues it.
     """
 
-    spec = NodeSpec(may_return=frozenset({SUCCESS}), state_fields=("ticks",), may_complete_on_start=False)
+    spec = NodeSpec(results=frozenset({SUCCESS}), state_fields=("ticks",), may_complete_on_start=False)
 
     @staticmethod
     def metadata() -> dict[str, str]:

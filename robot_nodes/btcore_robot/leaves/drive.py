@@ -30,7 +30,7 @@ FULL_TURN_TIME = round(2 * math.pi / TURN_SPEED * 1e9)
 class Forward(StatefulAction):
     """Drive forward at 0.3 m/s. Always RUNNING."""
 
-    spec = NodeSpec(may_return=frozenset(), state_fields=())
+    spec = NodeSpec(results=frozenset(), state_fields=())
 
     @staticmethod
     def metadata() -> dict[str, str]:
@@ -57,7 +57,7 @@ class _Manoeuvre(StatefulAction):
     w: ClassVar[float] = 0.0
     duration: ClassVar[int] = MANOEUVRE_TIME
 
-    spec = NodeSpec(may_return=frozenset({SUCCESS}), state_fields=("started",), may_complete_on_start=False)
+    spec = NodeSpec(results=frozenset({SUCCESS}), state_fields=("started",), may_complete_on_start=False)
 
     @staticmethod
     def metadata() -> dict[str, str]:

@@ -34,7 +34,7 @@ class ObjectLocatorProtocol(HeadTrackerProtocol, Protocol):
 class _KeepActive(StatefulAction):
     """Keep a component active. Always RUNNING; a halt deactivates the component."""
 
-    spec = NodeSpec(may_return=frozenset())
+    spec = NodeSpec(results=frozenset())
 
     component: HeadTrackerProtocol
 

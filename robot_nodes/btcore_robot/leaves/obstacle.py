@@ -43,7 +43,7 @@ class WaitForScan(StatefulAction):
     # With a recent scan the node succeeds on its first tick, so it may be the first child of a reactive node.
     # It is endless, because no scan may arrive.
     spec = NodeSpec(
-        may_return=frozenset({SUCCESS}), state_fields=(), may_complete_on_start=True, is_endless=True
+        results=frozenset({SUCCESS}), state_fields=(), may_complete_on_start=True, is_endless=True
     )
 
     @staticmethod

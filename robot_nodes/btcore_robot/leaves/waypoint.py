@@ -7,7 +7,7 @@ from contextlib import suppress
 from itertools import count, takewhile
 from typing import Annotated
 
-from btcore import BtcoreError, In, NodeError, NodeSpec, Out, SyncAction, TreeState
+from btcore import BtcoreError, In, NodeError, NodeSpec, Out, SyncAction, TreeResource
 from btcore.suggestions import join_names
 from btcore_robot.errors import RobotError
 from btcore_robot.robot import Pose2D, Waypoints
@@ -21,7 +21,7 @@ class WaypointError(RobotError):
     """Raised when a tree is created whose `GetWaypoint` needs a waypoint that does not exist."""
 
 
-class PatrolProgress(TreeState):
+class PatrolProgress(TreeResource):
     """The number of patrol waypoints that the GetWaypoint nodes of a tree have written so far."""
 
     def __init__(self) -> None:

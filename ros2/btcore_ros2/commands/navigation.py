@@ -66,7 +66,7 @@ def _run(ctx: click.Context, session: RosSession, *, navigates: bool) -> int:
             offer_services(session, simulated)
         session.node.get_logger().info("navigation is ready: the actions, services and topics of Nav2")
         program.keep_running = lambda: not served.is_shut_down
-        run.until_done()
+        run.tick_to_end()
         served.close()
         robot.stop()
     print_result("navigation", run, {})

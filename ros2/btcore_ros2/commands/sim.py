@@ -81,7 +81,7 @@ def _run(
             robot.schedule.add_task(DRAIN_RATE, Phase.PHYSICS, lambda now: session.drain())
         waits = ", and waits for a client that requests steps" if server is not None else ""
         click.echo(f"the simulated {robot.description.name} is on ROS 2{waits}; Ctrl-C ends it", err=True)
-        run.until_done()
+        run.tick_to_end()
         if server is not None:
             server.close()
     if as_json:

@@ -299,7 +299,7 @@ class RosTopicPublish(_TopicLeaf):
     wait_for_subscriber_timeout: Annotated[
         In[int], "the time (ms), after the publisher was created, in which a subscriber must appear"
     ] = DISCOVERY_MS
-    spec = NodeSpec(symbol="↑", may_return=frozenset({SUCCESS}), uses=frozenset())
+    spec = NodeSpec(symbol="↑", results=frozenset({SUCCESS}), uses=frozenset())
 
     @staticmethod
     def provided_ports() -> list[Port]:

@@ -78,7 +78,7 @@ class MessagePort:
         if bound is None:
             # The same access as by a port, with remappings and error messages.
             port = Input(Port(self._port), f"{{{key}}}", self._node.config.format)
-            self._entries[key] = bound = port.bind_or_copy(self._node._blackboard)
+            self._entries[key] = bound = port.bind(self._node._blackboard)
         return bound.read()
 
     def _now(self) -> Any:

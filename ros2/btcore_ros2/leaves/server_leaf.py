@@ -45,7 +45,7 @@ class ServerLeaf(StatefulAction):
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return that the leaf can fail in its first tick, and ends later otherwise."""
-        return PossibleResults(cls.spec.may_return & {FAILURE}, cls.spec.may_return, True)
+        return PossibleResults(cls.spec.results & {FAILURE}, cls.spec.results, True)
 
     def on_failure(self, error: Any) -> Any:
         """Process a failure, and return the result of the leaf; see the subclasses."""

@@ -4,6 +4,7 @@ import enum
 from collections import ChainMap
 from collections.abc import Mapping
 from fractions import Fraction
+from typing import Any
 
 import pytest
 
@@ -43,12 +44,12 @@ class Circle(Shape):
 
 
 @pytest.fixture
-def board():
+def board() -> Blackboard:
     return Blackboard(clock=SimClock(5))
 
 
 class TestMapping:
-    def test_blackboard_is_a_mapping_of_its_written_entries(self, board) -> None:
+    def test_blackboard_is_a_mapping_of_its_written_entries(self, board: Blackboard) -> None:
         board["x"] = 3
         board.create("declared", INT)
         board["y"] = "text"
@@ -64,7 +65,7 @@ class TestMapping:
             case _:
                 pytest.fail("the pattern does not match")
 
-    def test_get_returns_the_default_for_a_missing_entry(self, board) -> None:
+    def test_get_returns_the_default_for_a_missing_entry(self, board: Blackboard) -> None:
         board.create("declared", INT)
         assert board.get("x") is None
         assert board.get("x", 0.5) == 0.5
@@ -72,7 +73,7 @@ class TestMapping:
         board["x"] = 3
         assert board.get("x", 0.5) == board.get("x") == 3
 
-    def test_missing_entry_is_a_key_error_with_a_readable_message(self, board) -> None:
+    def test_missing_entry_is_a_key_error_with_a_readable_message(self, board: Blackboard) -> None:
         with pytest.raises(KeyError) as caught:
             board["x"]
         assert str(caught.value) == "there is no entry 'x' on the blackboard"
@@ -99,26 +100,28 @@ class TestMapping:
             (7, object, 7),
         ],
     )
-    def test_get_with_a_type_converts_the_value_as_a_port_does(self, board, value, kind, expected) -> None:
+    def test_get_with_a_type_converts_the_value_as_a_port_does(
+        self, board: Blackboard, value: Any, kind: Any, expected: Any
+    ) -> None:
         board["x"] = value
         result = board.get("x", kind)
         assert result == expected
         assert type(result) is type(expected)
 
-    def test_get_with_a_type_returns_an_object_of_the_users_class(self, board) -> None:
+    def test_get_with_a_type_returns_an_object_of_the_users_class(self, board: Blackboard) -> None:
         board["shape"] = circle = Circle()
         assert board.get("shape", Circle) is circle
         assert board.get("shape", Shape) is circle
 
     @pytest.mark.parametrize(("value", "kind"), [(2.5, int), ("text", float), ("text", Shape), (3, Shape)])
-    def test_get_with_another_type_is_an_error(self, board, value, kind) -> None:
+    def test_get_with_another_type_is_error(self, board: Blackboard, value: float | str, kind: type) -> None:
         board["x"] = value
         with pytest.raises(BlackboardError, match=r"^the entry 'x' holds .*, not (long|double|Shape): "):
             board.get("x", kind)
         with pytest.raises(BlackboardError):
             board.get("x", kind, None)
 
-    def test_get_of_a_missing_entry_with_a_type_raises_unless_there_is_a_default(self, board) -> None:
+    def test_get_of_missing_entry_with_type_raises_unless_there_is_default(self, board: Blackboard) -> None:
         board["battery"] = 0.5
         with pytest.raises(KeyError, match=r"^there is no entry 'batery' .*did you mean 'battery'"):
             board.get("batery", float)
@@ -130,7 +133,7 @@ class TestMapping:
         assert inner.get("in", float) == 1.0
         assert len(inner) == 0
 
-    def test_repr_shows_the_entries_and_stays_short(self, board) -> None:
+    def test_repr_shows_the_entries_and_stays_short(self, board: Blackboard) -> None:
         board["x"] = 3
         board["name"] = "a" * 1000
         assert repr(board).startswith("<Blackboard {'x': 3, 'name': 'aaa")
@@ -139,7 +142,7 @@ class TestMapping:
         assert repr(board).endswith(", ...], … and 82 more}>")
         assert len(repr(board)) < 2000
 
-    def test_value_whose_repr_raises_does_not_break_the_repr_of_the_blackboard(self, board) -> None:
+    def test_value_whose_repr_raises_does_not_break_repr_of_blackboard(self, board: Blackboard) -> None:
         class Broken:
             def __repr__(self):
                 raise RuntimeError
@@ -148,7 +151,7 @@ class TestMapping:
         assert "<Broken instance" in repr(board)
 
 
-def scopes():
+def scopes() -> tuple[Blackboard, Blackboard]:
     """Return a root and an inner scope whose key `in` is remapped to `out`."""
     root = Blackboard(clock=SimClock())
     inner = Blackboard(root)
@@ -157,30 +160,30 @@ def scopes():
 
 
 class TestReading:
-    def test_written_value_can_be_read(self, board) -> None:
+    def test_written_value_can_be_read(self, board: Blackboard) -> None:
         board["x"] = 3
         assert board["x"] == 3
         assert "x" in board
         assert list(board) == ["x"]
 
-    def test_missing_key_raises_an_error_with_the_nearest_key(self, board) -> None:
+    def test_missing_key_raises_an_error_with_the_nearest_key(self, board: Blackboard) -> None:
         board["battery"] = 0.5
         with pytest.raises(BlackboardError, match=r"no entry 'batery' .*did you mean 'battery'"):
             board["batery"]
 
-    def test_entry_that_was_never_written_raises_a_different_error(self, board) -> None:
+    def test_entry_that_was_never_written_raises_a_different_error(self, board: Blackboard) -> None:
         board.create("x", INT)
         assert "x" not in board
         assert list(board) == []
         with pytest.raises(BlackboardError, match="never written"):
             board["x"]
 
-    def test_none_is_refused_as_a_value(self, board) -> None:
+    def test_none_is_refused_as_a_value(self, board: Blackboard) -> None:
         with pytest.raises(BlackboardError, match="None"):
             board["x"] = None
         assert board.find("x") is None
 
-    def test_deleted_entry_loses_its_type(self, board) -> None:
+    def test_deleted_entry_loses_its_type(self, board: Blackboard) -> None:
         board["x"] = 3
         del board["x"]
         board["x"] = [1.5]
@@ -189,12 +192,12 @@ class TestReading:
             del board["y"]
         board.unset("y")
 
-    def test_empty_blackboard_is_true(self, board) -> None:
+    def test_empty_blackboard_is_true(self, board: Blackboard) -> None:
         assert board
 
 
 class TestWriting:
-    def test_every_write_increments_the_sequence_id_and_sets_the_stamp(self, board) -> None:
+    def test_every_write_increments_the_sequence_id_and_sets_the_stamp(self, board: Blackboard) -> None:
         board["x"] = 3
         entry = board.find("x")
         assert (entry.sequence_id, entry.stamp) == (1, 5)
@@ -202,10 +205,10 @@ class TestWriting:
         board["x"] = 3
         assert (entry.sequence_id, entry.stamp) == (2, 1_000_000_005)
 
-    def test_declaring_an_entry_is_not_a_write(self, board) -> None:
+    def test_declaring_an_entry_is_not_a_write(self, board: Blackboard) -> None:
         assert board.create("x", INT).sequence_id == 0
 
-    def test_first_value_sets_the_type_of_the_entry(self, board) -> None:
+    def test_first_value_sets_the_type_of_the_entry(self, board: Blackboard) -> None:
         for key, value, kind in [
             ("i", 3, INT),
             ("x", 2.5, DOUBLE),
@@ -215,7 +218,7 @@ class TestWriting:
             board[key] = value
             assert board.find(key).declared is kind
 
-    def test_text_leaves_a_new_entry_untyped_until_the_second_write(self, board) -> None:
+    def test_text_leaves_a_new_entry_untyped_until_the_second_write(self, board: Blackboard) -> None:
         board["s"] = "a"
         assert board.find("s").declared is ANY
         board["s"] = "b"
@@ -223,7 +226,7 @@ class TestWriting:
         with pytest.raises(BlackboardError, match=r"std::string"):
             board["s"] = 3
 
-    def test_untyped_entry_accepts_any_type_once(self, board) -> None:
+    def test_untyped_entry_accepts_any_type_once(self, board: Blackboard) -> None:
         board["s"] = "a"
         board["s"] = 3
         assert board.find("s").declared is INT
@@ -231,7 +234,7 @@ class TestWriting:
         board["any"] = 2.5
         assert board.find("any").declared is DOUBLE
 
-    def test_empty_list_does_not_set_the_item_type(self, board) -> None:
+    def test_empty_list_does_not_set_the_item_type(self, board: Blackboard) -> None:
         board["path"] = []
         board["path"] = [1.5]
         assert board.find("path").declared is VECTOR_DOUBLE
@@ -252,7 +255,9 @@ class TestWriting:
             (STRING, "text", "text"),
         ],
     )
-    def test_fitting_numbers_and_convertible_texts_are_accepted(self, board, kind, value, stored) -> None:
+    def test_fitting_numbers_and_convertible_texts_are_accepted(
+        self, board: Blackboard, kind: Any, value: float | str, stored: Any
+    ) -> None:
         board.create("x", kind)
         board["x"] = value
         assert board["x"] == stored
@@ -274,14 +279,14 @@ class TestWriting:
             (VECTOR_INT, [1.5]),
         ],
     )
-    def test_other_values_are_refused_without_a_change(self, board, kind, value) -> None:
+    def test_other_values_are_refused_without_change(self, board: Blackboard, kind: Any, value: Any) -> None:
         entry = board.create("x", kind)
         with pytest.raises(BlackboardError, match="'x' has the type"):
             board["x"] = value
         assert entry.value is None
         assert entry.sequence_id == 0
 
-    def test_float_in_an_entry_of_integers_remains_a_float(self, board) -> None:
+    def test_float_in_an_entry_of_integers_remains_a_float(self, board: Blackboard) -> None:
         board.create("x", INT)
         compile_script("x := 2.5").run(board)
         board["x"] = 4
@@ -292,48 +297,48 @@ class TestWriting:
         with pytest.raises(BlackboardError, match=r"2\.5 is not a valid int"):
             board["x"] = 2.5
 
-    def test_an_integer_of_more_than_64_bits_is_refused(self, board) -> None:
+    def test_an_integer_of_more_than_64_bits_is_refused(self, board: Blackboard) -> None:
         with pytest.raises(BlackboardError, match="64 bits"):
             board["x"] = 2**64
 
-    def test_object_of_a_subclass_is_accepted(self, board) -> None:
+    def test_object_of_a_subclass_is_accepted(self, board: Blackboard) -> None:
         board.create("shape", TypeRegistry().of(Shape))
         board["shape"] = Circle()
         board["circle"] = Circle()
         with pytest.raises(BlackboardError):
             board["circle"] = Shape()
 
-    def test_every_enum_class_is_its_own_type(self, board) -> None:
+    def test_every_enum_class_is_its_own_type(self, board: Blackboard) -> None:
         board["colour"] = Colour.RED
         board["colour"] = Colour.BLUE
         with pytest.raises(BlackboardError):
             board["colour"] = Status.IDLE
 
-    def test_foreign_number_is_converted_to_a_python_number(self, board) -> None:
+    def test_foreign_number_is_converted_to_a_python_number(self, board: Blackboard) -> None:
         board["x"] = Fraction(1, 4)
         assert board["x"] == 0.25
         assert type(board["x"]) is float
 
 
 class TestDeclaring:
-    def test_declaring_the_same_type_again_or_no_type_is_allowed(self, board) -> None:
+    def test_declaring_the_same_type_again_or_no_type_is_allowed(self, board: Blackboard) -> None:
         entry = board.create("x", INT)
         assert board.create("x", INT) is entry
         assert board.create("x") is entry
         assert entry.declared is INT
 
-    def test_declaring_another_type_raises(self, board) -> None:
+    def test_declaring_another_type_raises(self, board: Blackboard) -> None:
         board.create("x", INT)
         with pytest.raises(BlackboardError, match="'x' cannot change from int to std::string"):
             board.create("x", STRING)
 
-    def test_redeclaring_a_string_or_untyped_entry_keeps_its_type(self, board) -> None:
+    def test_redeclaring_a_string_or_untyped_entry_keeps_its_type(self, board: Blackboard) -> None:
         board.create("s", STRING)
         board.create("a", ANY)
         assert board.create("s", INT).declared is STRING
         assert board.create("a", INT).declared is ANY
 
-    def test_written_integer_takes_the_type_of_a_wider_port(self, board) -> None:
+    def test_written_integer_takes_the_type_of_a_wider_port(self, board: Blackboard) -> None:
         board["x"] = 3
         board["n"] = 3
         board["l"] = [1, 2]
@@ -342,7 +347,7 @@ class TestDeclaring:
         assert board.create("n", INT64).declared is INT64
         assert board.create("l", VECTOR_DOUBLE).value == [1.0, 2.0]
 
-    def test_declared_integer_is_refused_for_a_wider_port(self, board) -> None:
+    def test_declared_integer_is_refused_for_a_wider_port(self, board: Blackboard) -> None:
         board.set("x", 3, INT)
         with pytest.raises(BlackboardError, match="double"):
             board.create("x", DOUBLE)
@@ -351,13 +356,13 @@ class TestDeclaring:
         with pytest.raises(BlackboardError, match="double"):
             board.create("y", DOUBLE)
 
-    def test_written_integer_is_refused_for_an_unrelated_type(self, board) -> None:
+    def test_written_integer_is_refused_for_an_unrelated_type(self, board: Blackboard) -> None:
         board["x"] = 1
         for kind in (UINT, BOOL, STRING):
             with pytest.raises(BlackboardError):
                 board.create("x", kind)
 
-    def test_registered_type_replaces_the_inferred_type_of_its_class(self, board) -> None:
+    def test_registered_type_replaces_the_inferred_type_of_its_class(self, board: Blackboard) -> None:
         kind = TypeRegistry().add(complex, complex)
         board["z"] = 1j
         board.create("z", kind)
@@ -466,7 +471,7 @@ class TestScopes:
         inner.unset("in")
         assert root["out"] == 1
 
-    def test_spaces_are_part_of_a_key(self, board) -> None:
+    def test_spaces_are_part_of_a_key(self, board: Blackboard) -> None:
         board[" a "] = 1
         assert "a" not in board
         assert board[" a "] == 1
@@ -486,7 +491,7 @@ class TestScopes:
 
 
 class TestCloning:
-    def test_clone_into_copies_all_entries_and_removes_others(self, board) -> None:
+    def test_clone_into_copies_all_entries_and_removes_others(self, board: Blackboard) -> None:
         copy = Blackboard(clock=SimClock(9))
         copy["x"] = 1
         copy["gone"] = 1
@@ -496,7 +501,7 @@ class TestCloning:
         board.clone_into(copy)
         assert {key: entry.value for key, entry in copy.local_entries().items()} == {"x": 2, "new": "text"}
 
-    def test_clone_into_continues_sequence_ids_only_of_existing_entries(self, board) -> None:
+    def test_clone_into_continues_sequence_ids_only_of_existing_entries(self, board: Blackboard) -> None:
         copy = Blackboard(clock=SimClock(9))
         copy["x"] = 1
         board["x"] = 2

@@ -263,9 +263,7 @@ def test_provider_of_another_distribution_takes_part_if_its_option_is_given(tmp_
 
 
 @pytest.mark.usefixtures("folder")
-def test_option_of_a_plugin_that_exists_already_is_an_error_and_one_without_its_device_has_no_effect() -> (
-    None
-):
+def test_option_of_plugin_that_exists_already_is_error_and_one_without_device_has_no_effect() -> None:
     pytest.importorskip("zmq")
     text = (
         "from typing import Annotated\n"

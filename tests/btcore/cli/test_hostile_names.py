@@ -27,7 +27,7 @@ TITLE = "\x1b]0;title\x07"
 
 
 @pytest.fixture
-def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tree.xml").write_text(TREE, encoding="utf-8")
     return tmp_path
@@ -48,7 +48,7 @@ def assert_escaped(text: str) -> None:
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_names_in_trees_are_escaped(cli: Cli, hostile, arguments, name: str) -> None:
+def test_names_in_trees_are_escaped(cli: Cli, hostile: Path, arguments: list[str], name: str) -> None:
     command, *options = arguments
     result = cli(command, "tree.xml", *options)
     assert_escaped(result.stdout)
@@ -56,7 +56,7 @@ def test_names_in_trees_are_escaped(cli: Cli, hostile, arguments, name: str) -> 
     assert name in result.stdout + result.stderr
 
 
-def test_diagnostics_are_escaped(cli: Cli, hostile) -> None:
+def test_diagnostics_are_escaped(cli: Cli, hostile: Path) -> None:
     (hostile / "tree.xml").write_text(WRONG, encoding="utf-8")
     result = cli("validate", "tree.xml")
     assert result.exit_code == 2

@@ -27,8 +27,8 @@ def bare_logging(*handlers: logging.Handler) -> Iterator[logging.Logger]:
 @pytest.mark.parametrize(
     ("level", "line"), [(WARNING, "warning: [red] has 3 %\n"), (ERROR, "error: [red] has 3 %\n"), (INFO, "")]
 )
-def test_warning_is_printed_with_its_level_in_front(
-    capsys: pytest.CaptureFixture[str], level, line: str
+def test_warning_is_printed_with_level_in_front(
+    capsys: pytest.CaptureFixture[str], level: int, line: str
 ) -> None:
     with bare_logging(), log_to_console(Console(stderr=True, highlight=False)):
         LOGGER.log(level, "%s has %d %%", "[red]", 3)

@@ -9,8 +9,8 @@ import pytest
 from btcore.cli import terminal
 from btcore.cli.commands import nodes
 from btcore.diagnostic_codes import UNKNOWN_NODE
+from btcore.diagnostics import Diagnostic
 from btcore.documentation_site import documentation_url
-from btcore.errors import Diagnostic
 
 pty = pytest.importorskip("pty", reason="pseudo terminals need POSIX", exc_type=ImportError)
 

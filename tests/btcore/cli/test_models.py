@@ -23,9 +23,7 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
-def test_validate_accepts_nodes_of_models_and_explicit_tags(
-    cli: Cli, tree_file: TreeFile, model: Path
-) -> None:
+def test_validate_accepts_model_nodes_and_explicit_tags(cli: Cli, tree_file: TreeFile, model: Path) -> None:
     tree = tree_file(BODY)
     assert cli("validate", tree).stdout.count("E101") == 4
     result = cli("validate", tree, "--model", model)

@@ -146,9 +146,7 @@ def test_completed_tree_waits_for_the_next_save(watched: Callable[..., Running],
     assert running.report()["status"] == "FAILURE"
 
 
-def test_tree_that_raised_waits_for_the_next_save(
-    watched: Callable[..., Running], tree_file: TreeFile
-) -> None:
+def test_tree_that_raised_waits_for_next_save(watched: Callable[..., Running], tree_file: TreeFile) -> None:
     running = watched(tree_file('<ScriptCondition name="early" code="nobody == 1"/>'))
     running.wait_for("✘ RAISED  tree  tick 1  waiting for a new version of tree.xml")
     tree_file("<AlwaysSuccess/>")
@@ -247,9 +245,7 @@ def test_explicit_tag_may_change_its_ports(
     running.wait_for("new                       IDLE -> SUCCESS")
 
 
-def test_tree_id_may_change_without_the_tree_option(
-    watched: Callable[..., Running], tree_file: TreeFile
-) -> None:
+def test_tree_id_may_change_without_tree_option(watched: Callable[..., Running], tree_file: TreeFile) -> None:
     file = tree_file(FIRST)
     running = watched(file)
     running.wait_for("first                     IDLE -> RUNNING")

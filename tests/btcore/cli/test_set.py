@@ -77,9 +77,7 @@ def test_a_key_that_only_scripts_use_is_known(cli: Cli, tree_file: TreeFile) -> 
     assert "note: to set the entry before the first tick, use --set battery=VALUE" in unknown.stderr
 
 
-def test_a_leaf_with_the_whole_blackboard_may_use_any_key(
-    cli: Cli, tree_file: TreeFile, tmp_path: Path
-) -> None:
+def test_leaf_with_whole_blackboard_may_use_any_key(cli: Cli, tree_file: TreeFile, tmp_path: Path) -> None:
     (tmp_path / "boards.py").write_text(
         "from btcore import Blackboard, condition\n"
         "@condition\ndef has_key(board: Blackboard) -> bool:\n    return 'zzz' in board\n"

@@ -46,9 +46,7 @@ def test_several_files_are_combined_and_the_first_matching_rule_applies(
     assert cli("run", tree, "--substitute", second, "--substitute", first).exit_code == 1
 
 
-def test_rule_that_matches_no_node_is_reported(
-    cli: Cli, tree_file: TreeFile, rules: Callable[..., Path]
-) -> None:
+def test_rule_matching_no_node_is_reported(cli: Cli, tree_file: TreeFile, rules: Callable[..., Path]) -> None:
     result = cli("run", tree_file('<AlwaysSuccess name="home"/>'), "--substitute", rules({"hom": "Sleep"}))
     assert result.exit_code == 0
     assert result.stderr.startswith(

@@ -50,9 +50,7 @@ def test_invalid_arguments_are_refused(
 
 
 @pytest.mark.parametrize("command", ["run", "validate", "show"])
-def test_confined_option_refuses_includes_outside_of_the_folder(
-    cli: Cli, tmp_path: Path, command: str
-) -> None:
+def test_confined_option_refuses_includes_outside_of_folder(cli: Cli, tmp_path: Path, command: str) -> None:
     (tmp_path / "in").mkdir()
     tree = tmp_path / "in" / "t.xml"
     for file, include in (tree, '<include path="../a.xml"/>'), (tmp_path / "a.xml", ""):
@@ -90,9 +88,7 @@ def test_invalid_tree_is_refused(cli: Cli, tree_file: TreeFile, command: str, ki
     assert_refused(cli(command, tree_file(body)), f"tree.xml{place}", word)
 
 
-def test_plugin_that_raises_on_import_is_reported_with_exception_and_line(
-    cli: Cli, tree_file: TreeFile, tmp_path: Path
-) -> None:
+def test_plugin_import_error_is_reported_with_its_line(cli: Cli, tree_file: TreeFile, tmp_path: Path) -> None:
     broken = tmp_path / "broken.py"
     broken.write_text("import btcore\n\nwheels = 4\nwheels.turn()\n")
     assert_refused(

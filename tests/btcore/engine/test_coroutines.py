@@ -8,7 +8,7 @@ import pytest
 
 from btcore import In, NodeExecutionError, Put, SimClock, Status, Tree, action, running, sleep
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog
+from tests.conformance.recorded_cases import Journal
 
 
 def statuses(tree: Tree, ticks: int) -> str:
@@ -101,9 +101,7 @@ def test_await_sleep_lasts_by_the_clock_of_the_tree(make_tree: MakeTree, clock: 
     assert tree.tick_exactly_once() is Status.SUCCESS
 
 
-def test_sleep_wakes_the_tree_at_its_deadline_not_a_period_later(
-    make_tree: MakeTree, clock: SimClock
-) -> None:
+def test_sleep_wakes_tree_at_deadline_not_period_later(make_tree: MakeTree, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0.25)
         return True
@@ -126,7 +124,7 @@ def test_sleep_of_zero_is_running_for_one_tick(make_tree: MakeTree, clock: SimCl
 # --- halting
 
 
-def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: MakeTree, journal: CallLog) -> None:
+def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: MakeTree, journal: Journal) -> None:
     @action
     async def drive() -> bool:
         journal.record("drive", "start")

@@ -20,7 +20,7 @@ from btcore import (
     TreeNode,
 )
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog
+from tests.conformance.recorded_cases import Journal
 
 
 class Endless(SyncAction):
@@ -147,7 +147,7 @@ def test_synchronous_action_that_returns_running_is_named_with_its_ancestors(
 
 def test_running_synchronous_action_is_named_with_counts_and_a_callback(make_tree: MakeTree) -> None:
     tree = make_tree('<Endless name="e"/>', Endless)
-    tree.count_ticks()
+    tree.start_tick_counts()
     tree.root.set_post_tick_function(lambda node, status: status)
     assert tick_error(tree).path == "e"
 
@@ -194,7 +194,7 @@ def test_interrupted_tree_continues_where_it_was(body: str, make_tree: MakeTree)
 
 @pytest.mark.parametrize("kind", ["Sequence", "SequenceWithMemory", "Fallback"])
 def test_after_an_error_only_a_sequence_with_memory_resumes_at_the_raising_child(
-    kind: str, make_tree: MakeTree, journal: CallLog
+    kind: str, make_tree: MakeTree, journal: Journal
 ) -> None:
     plan = "F" if kind == "Fallback" else "S"
     tree = make_tree(

@@ -18,7 +18,7 @@ from btcore import (
     action,
 )
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog
+from tests.conformance.recorded_cases import Journal
 
 
 class Explode(SyncAction):
@@ -94,7 +94,7 @@ def test_backtrace_leads_from_the_root_through_subtrees(make_tree: MakeTree) -> 
     assert tick_raises(tree).backtrace == ["s", "inner", "inner/f", "inner/boom"]
 
 
-def test_exception_halts_the_tree_and_the_running_siblings(make_tree: MakeTree, journal: CallLog) -> None:
+def test_exception_halts_the_tree_and_the_running_siblings(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(PARALLEL, Explode)
     tick_raises(tree)
     assert journal.calls == ["a:start", "a:halted"]
@@ -124,9 +124,7 @@ def test_observers_are_notified_of_an_error_before_the_tree_is_halted(make_tree:
     assert received == [("boom", 500_000_000, ["all", "a", "i"])]
 
 
-def test_error_of_the_following_halt_does_not_hide_the_first_error(
-    make_tree: MakeTree, journal: CallLog
-) -> None:
+def test_error_of_following_halt_does_not_hide_first_error(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
         '<Parallel success_count="4"><Cling name="c"/><PlanAction name="a" plan="R"/><Cling name="d"/>'
         '<Explode name="boom"/></Parallel>',
@@ -173,9 +171,7 @@ def test_leaf_that_raises_when_halted_is_named_and_becomes_idle(make_tree: MakeT
     assert tree.status is Status.IDLE
 
 
-def test_other_leaves_are_halted_too_and_the_first_error_is_raised(
-    make_tree: MakeTree, journal: CallLog
-) -> None:
+def test_other_leaves_are_halted_too_and_first_error_is_raised(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
         '<Parallel><PlanAction name="a" plan="R"/><Cling name="c1"/><PlanAction name="b" plan="R"/>'
         '<Inverter><Cling name="c2"/></Inverter><PlanAction name="d" plan="R"/></Parallel>',
@@ -189,7 +185,7 @@ def test_other_leaves_are_halted_too_and_the_first_error_is_raised(
 
 
 def test_leaf_halted_by_its_parent_in_a_tick_raises_an_error_of_that_tick(
-    make_tree: MakeTree, journal: CallLog
+    make_tree: MakeTree, journal: Journal
 ) -> None:
     tree = make_tree(
         '<ReactiveSequence><PlanCondition name="q" plan="SF"/><Cling name="c"/></ReactiveSequence>', Cling

@@ -27,7 +27,7 @@ from btcore import (
     ThreadedAction,
     Tree,
     TreeError,
-    TreeState,
+    TreeResource,
     action,
     condition,
 )
@@ -192,9 +192,7 @@ def test_resource_may_be_requested_by_a_protocol(make_tree: MakeTree) -> None:
     assert tree.blackboard["expected_message"] == "ahooga"
 
 
-def test_clock_and_blackboard_of_the_tree_are_always_available_resources(
-    make_tree: MakeTree, clock: SimClock
-) -> None:
+def test_clock_and_blackboard_are_always_available_resources(make_tree: MakeTree, clock: SimClock) -> None:
     given: list[object] = []
 
     @action
@@ -209,7 +207,7 @@ def test_clock_and_blackboard_of_the_tree_are_always_available_resources(
 
 
 def test_tree_state_is_shared_within_a_tree_and_separate_between_trees(make_tree: MakeTree) -> None:
-    class Laps(TreeState):
+    class Laps(TreeResource):
         def __init__(self) -> None:
             self.count = 0
 

@@ -19,7 +19,7 @@ from btcore import (
 from btcore.nodes.result_decorators import Inverter
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog
+from tests.conformance.recorded_cases import Journal
 
 
 class Shuffle(ControlNode):
@@ -28,7 +28,7 @@ class Shuffle(ControlNode):
     rounds: In[int] = 1
     done: Out[int]
 
-    def __init__(self, journal: CallLog) -> None:
+    def __init__(self, journal: Journal) -> None:
         self.journal = journal
         self.left: list[int] = []
 
@@ -70,7 +70,7 @@ class AtMost(DecoratorNode):
         return self.child.execute_tick()
 
 
-def test_control_node_decides_the_order_of_its_children(make_tree: MakeTree, journal: CallLog) -> None:
+def test_control_node_decides_the_order_of_its_children(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
         '<Shuffle name="x" rounds="2" done="{done}">'
         '<PlanSync name="a" plan="S"/><PlanAction name="b" plan="RS|S"/></Shuffle>',
@@ -83,7 +83,7 @@ def test_control_node_decides_the_order_of_its_children(make_tree: MakeTree, jou
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_control_node_is_halted_with_its_children(make_tree: MakeTree, journal: CallLog) -> None:
+def test_control_node_is_halted_with_its_children(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
         '<Sequence><Shuffle name="x"><PlanAction name="b" plan="R"/></Shuffle></Sequence>', Shuffle
     )
@@ -105,7 +105,7 @@ def test_node_types_ports_and_descriptions_are_known(make_tree: MakeTree) -> Non
     assert tree.registry.manifests["AtMost"].description == "Gives its child *ticks* ticks, then fails."
 
 
-def test_a_decorator_decides_when_its_child_is_ticked(make_tree: MakeTree, journal: CallLog) -> None:
+def test_a_decorator_decides_when_its_child_is_ticked(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree('<AtMost ticks="2" used="{u}"><PlanAction name="a" plan="RRR"/></AtMost>', AtMost)
     assert [tree.tick_once().name for _ in range(3)] == ["RUNNING", "RUNNING", "FAILURE"]
     assert journal.calls == ["a:start", "a:running", "a:halted"]
@@ -135,7 +135,7 @@ def test_user_nodes_may_use_the_explicit_form(make_tree: MakeTree) -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: MakeTree, journal: CallLog) -> None:
+def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
         '<Shuffle name="x" done="{d}" _skipIf="n == 1" _post="n := 1">'
         '<PlanSync name="a" plan="S"/></Shuffle>',
@@ -162,7 +162,7 @@ def test_node_without_a_tick_raises_an_error_that_names_it(make_tree: MakeTree) 
         make_tree("<Idler><AlwaysSuccess/></Idler>", Idler).tick_once()
 
 
-def test_built_in_control_node_can_be_subclassed(make_tree: MakeTree, journal: CallLog) -> None:
+def test_built_in_control_node_can_be_subclassed(make_tree: MakeTree, journal: Journal) -> None:
     class Polite(Sequence):
         """A Sequence that records its results."""
 

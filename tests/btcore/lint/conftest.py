@@ -5,7 +5,7 @@ from collections.abc import Collection
 import pytest
 
 from btcore import Blackboard, In, Put, Registry, StatefulAction, Status, action, condition
-from btcore.errors import Diagnostic
+from btcore.diagnostics import Diagnostic
 from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 

@@ -2,9 +2,6 @@
 
 from textwrap import dedent
 
-import btcore
-from btcore import Registry, SimClock, Tree
-
 
 def children(node: str, *of: str) -> str:
     """Return *node* with one child per line; the children stand in lines 4, 5, 6 …"""
@@ -18,13 +15,6 @@ def sequence(*of: str) -> str:
 
 def tree(ID: str, body: str = "<AlwaysSuccess/>") -> str:
     return f'  <BehaviorTree ID="{ID}">\n    {body}\n  </BehaviorTree>\n'
-
-
-def load_main(palette: Registry, body: str, more: str = "") -> Tree:
-    """Load the tree Main with *body*, beside the trees *more*."""
-    main = f'<BehaviorTree ID="Main">{body}</BehaviorTree>'
-    text = f'<root BTCPP_format="4" main_tree_to_execute="Main">{main}{more}</root>'
-    return btcore.loads(text, nodes=palette, clock=SimClock())
 
 
 def dedented(text: str) -> str:

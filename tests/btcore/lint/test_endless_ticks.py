@@ -23,9 +23,7 @@ RETRY = '<RetryUntilSuccessful num_attempts="-1">{}</RetryUntilSuccessful>'
          "<Repeat> does not end a tick until <Repeat> is skipped"),
     ],
 )  # fmt: skip
-def test_loop_that_never_ends_a_tick_is_reported(
-    check: Checker, body: str, message: str, format: int
-) -> None:
+def test_loop_that_never_ends_tick_is_reported(check: Checker, body: str, message: str, format: int) -> None:
     found = check(body, format=format)
     assert f"W110 {message}, and no node below it can be RUNNING" in found
     assert found.count("W110") == 1

@@ -1,4 +1,4 @@
-"""Ports: missing values, numbers read in part, missing braces, literals that a class refuses."""
+"""Ports: numbers read in part, missing braces, literals that a class refuses, constants of SubTrees."""
 
 import enum
 from collections.abc import Callable, Iterator, Mapping
@@ -10,123 +10,9 @@ from btcore import NodeExecutionError, NodeType, Port, Registry
 from btcore.registry.mock_nodes import make_mock_class
 from btcore.values import INT
 from tests.btcore.lint.conftest import Checker
-from tests.btcore.lint.documents import dedented, load_main
+from tests.btcore.lint.documents import dedented
 
 REPEAT = "<AlwaysSuccess/></Repeat>"
-
-CASES = {
-    "a leaf without its port": (
-        "<Say/>",
-        """
-        t.xml:3:5: W202 the port 'text' of <Say> is missing and has no default
-           3 |      <Say/>
-             |      ^^^^
-              write text="…"
-        """,
-    ),
-    "a leaf without its ports, including an output": (
-        "<Count/>",
-        """
-        t.xml:3:5: W202 the ports 'start' and 'result' of <Count> are missing and have no default
-           3 |      <Count/>
-             |      ^^^^^^
-              write start="…" result="{…}"
-        """,
-    ),
-    "a misspelt condition": (
-        '<AlwaysSuccess _skipif="true" _uid="7" _description="waits"/>',
-        """
-        t.xml:3:20: W212 the attribute '_skipif' of <AlwaysSuccess> is ignored: unknown name
-           3 |      <AlwaysSuccess _skipif="true" _uid="7" _description="waits"/>
-             |                     ^^^^^^^
-              did you mean '_skipIf'?
-        """,
-    ),
-    "a misspelt status": (
-        '<Precondition if="true" else="FAILED"><AlwaysSuccess/></Precondition>',
-        """
-        t.xml:3:35: E202 the port 'else' of <Precondition> has the type BT::NodeStatus: 'FAILED' is not a status; use IDLE, RUNNING, SUCCESS, FAILURE or SKIPPED
-           3 |      <Precondition if="true" else="FAILED"><AlwaysSuccess/></Precondition>
-             |                                    ^^^^^^
-              to use the blackboard entry, write {FAILED}
-        """,  # noqa: E501
-    ),
-    "a fraction for an integer": (
-        f'<Repeat num_cycles="3.7">{REPEAT}',
-        """
-        t.xml:3:25: W203 the port 'num_cycles' of <Repeat> has the type int: only '3' of '3.7' is read
-           3 |      <Repeat num_cycles="3.7"><AlwaysSuccess/></Repeat>
-             |                          ^^^
-              write 3 if that is the intended value
-        """,
-    ),
-    "a decimal comma": (
-        '<BatteryOk minimum="1,5"/>',
-        """
-        t.xml:3:25: W203 the port 'minimum' of <BatteryOk> has the type double: only '1' of '1,5' is read
-           3 |      <BatteryOk minimum="1,5"/>
-             |                          ^^^
-              write 1.5
-        """,
-    ),
-    "an item of a queue": (
-        '<LoopInt queue="1;2.5;3"><AlwaysSuccess/></LoopInt>',
-        """
-        t.xml:3:21: W203 the port 'queue' of <LoopInt> has the type int: only '2' of '2.5' is read
-           3 |      <LoopInt queue="1;2.5;3"><AlwaysSuccess/></LoopInt>
-             |                      ^^^^^^^
-              write 2 if that is the intended value
-        """,
-    ),
-    "a missing brace": (
-        '<Say text="{door"/>',
-        """
-        t.xml:3:16: W210 the port 'text' of <Say> is the text '{door', not an entry
-           3 |      <Say text="{door"/>
-             |                 ^^^^^
-              to use the entry, write {door}
-        """,
-    ),
-    "a dollar": (
-        '<Say text="${x}"/>',
-        """
-        t.xml:3:16: W210 the port 'text' of <Say> is the text '${x}', not an entry
-           3 |      <Say text="${x}"/>
-             |                 ^^^^
-              to use the entry, write {x}
-        """,
-    ),
-    "an output without braces": (
-        '<Look found="door"/>',
-        """
-        t.xml:3:18: W211 the output port 'found' of <Look> has no entry: 'door' is only a text
-           3 |      <Look found="door"/>
-             |                   ^^^^
-              write found="{door}"
-        """,
-    ),
-}
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_warning_about_a_port(check: Checker, name: str) -> None:
-    body, expected = CASES[name]
-    assert check(body, given=["x", "a"]) == dedented(expected)
-
-
-RAISING = [
-    "a leaf without its port",
-    "a leaf without its ports, including an output",
-    "an output without braces",
-]
-
-
-@pytest.mark.parametrize("name", RAISING)
-def test_tree_with_a_warning_raises_when_ticked(palette: Registry, name: str) -> None:
-    made = load_main(palette, CASES[name][0])
-    made.blackboard["a"] = 1
-    with pytest.raises(NodeExecutionError):
-        made.tick_once()
 
 
 @pytest.mark.parametrize(

@@ -7,49 +7,6 @@ from tests.btcore.lint.documents import dedented, sequence, tree
 
 REPEAT = '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>'
 
-CASES = {
-    "passed without effect": (
-        sequence('<Look found="{door}"/>', '<SubTree ID="Inner" dor="{door}" door="x"/>'),
-        tree("Inner", '<Say text="{door}"/>'),
-        """
-        t.xml:5:27: W204 no port or script in the tree of <SubTree ID="Inner"> uses 'dor'
-           5 |        <SubTree ID="Inner" dor="{door}" door="x"/>
-             |                            ^^^
-              its keys are 'door'
-        """,
-    ),
-    "passed in vain: a SetBlackboard has the same text, which is not a key": (
-        '<SubTree ID="Inner" door="open"/>',
-        tree("Inner", '<Sequence><SetBlackboard value="door" output_key="x"/><Say text="{x}"/></Sequence>'),
-        """
-        t.xml:3:25: W204 no port or script in the tree of <SubTree ID="Inner"> uses 'door'
-           3 |      <SubTree ID="Inner" door="open"/>
-             |                          ^^^^
-              its keys are 'x'
-        """,
-    ),
-    "passed under a mistyped name": (
-        '<SubTree ID="Inner" gate="open" dor="shut"/>',
-        tree("Inner", '<Script code="gate := door"/>'),
-        """
-        t.xml:3:37: W204 no port or script in the tree of <SubTree ID="Inner"> uses 'dor'
-           3 |      <SubTree ID="Inner" gate="open" dor="shut"/>
-             |                                      ^^^
-              did you mean 'door'?
-        t.xml:6:27: W201 the script in 'code' of <Script> reads 'door', which is never written
-           6 |      <Script code="gate := door"/>
-             |                            ^^^^
-              did you mean 'dor'?
-        """,
-    ),
-}
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_warning_about_a_passed_key(check: Checker, name: str) -> None:
-    body, more, expected = CASES[name]
-    assert check(body, more) == dedented(expected)
-
 
 @pytest.mark.parametrize(
     ("call", "inner"),

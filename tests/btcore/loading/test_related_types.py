@@ -90,9 +90,7 @@ def found(leaves: list[str], nodes: Registry) -> list[str]:
 @pytest.mark.parametrize(
     "leaves", [["MakeSphynx", "FeedCat", "FeedAnimal"], ["FeedCat", "FeedAnimal", "MakeSphynx"]]
 )
-def test_output_of_a_derived_class_connects_to_an_input_of_its_base(
-    leaves: list[str], nodes: Registry
-) -> None:
+def test_output_of_derived_class_connects_to_input_of_base(leaves: list[str], nodes: Registry) -> None:
     assert found(leaves, nodes) == []
     tree = make(leaves, nodes)
     tree.blackboard["pet"] = Cat()
@@ -108,9 +106,7 @@ def test_output_of_a_derived_class_connects_to_an_input_of_its_base(
     ("leaves", "declared"),
     [(["FeedAnimal", "MakeSphynx"], "Animal"), (["MakeSphynx", "ReplaceAnimal"], "Cat")],
 )
-def test_output_needs_exactly_the_class_of_the_entry(
-    leaves: list[str], declared: str, nodes: Registry
-) -> None:
+def test_output_needs_exactly_class_of_entry(leaves: list[str], declared: str, nodes: Registry) -> None:
     assert found(leaves, nodes) == ["E203"]
     hint = f"an output needs exactly this type, so declare the port as {declared}"
     with pytest.raises(TreeError, match=hint):

@@ -49,9 +49,7 @@ def test_times_are_seconds_since_1970_by_default(small: Callable[..., Tree]) -> 
     assert stream.getvalue() == f"[{log.epoch / 1e9:.3f}]: AlwaysSuccess             IDLE -> SUCCESS\n"
 
 
-def test_standard_output_is_the_default(
-    small: Callable[..., Tree], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_standard_output_is_default(small: Callable[..., Tree], capsys: pytest.CaptureFixture[str]) -> None:
     tree = small("<AlwaysSuccess/>")
     with ConsoleLog(tree):
         tree.tick_once()

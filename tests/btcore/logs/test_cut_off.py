@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -83,7 +84,9 @@ WRITERS = pytest.mark.parametrize(
 @WRITERS
 @given(rows=runs())
 @shared_folder
-def test_written_transitions_are_read_back(write, name: str, tmp_path: Path, xml: str, rows: Written) -> None:
+def test_written_transitions_are_read_back(
+    write: Callable[..., Any], name: str, tmp_path: Path, xml: str, rows: Written
+) -> None:
     write(tmp_path / name, xml, rows)
     recording = read_log(tmp_path / name)
     assert recording.transitions == changes(rows)

@@ -97,9 +97,7 @@ def statuses_in(path: Path) -> list[str]:
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
 @pytest.mark.parametrize("last_words", ["ticked 3", "in tick 4"])
-def test_a_killed_process_loses_at_most_the_tick_in_progress(
-    tmp_path: Path, name: str, last_words: str
-) -> None:
+def test_killed_process_loses_at_most_tick_in_progress(tmp_path: Path, name: str, last_words: str) -> None:
     run_and_kill(tmp_path / name, last_words)
     expected = [word for word in ONE_TICK if name != "run.json" or word != "IDLE"]
     assert statuses_in(tmp_path / name) == expected * 3
@@ -111,9 +109,7 @@ def test_killed_process_has_printed_every_completed_tick(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["run.btlog", "run.db3", "run.json"])
-def test_nothing_is_written_before_the_end_of_the_tick(
-    small: Callable[..., Tree], tmp_path: Path, name: str
-) -> None:
+def test_nothing_is_written_before_end_of_tick(small: Callable[..., Tree], tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     seen = []
     nodes = Registry.standard()

@@ -32,7 +32,7 @@ def test_declared_results_do_not_apply_to_user_subclasses() -> None:
         pass
 
     class Declared(ForceSuccess):
-        spec = NodeSpec(may_return=frozenset({Status.FAILURE}))
+        spec = NodeSpec(results=frozenset({Status.FAILURE}))
 
     assert behaviour_of(ForceSuccess) is ForceSuccess
     assert behaviour_of(Own) is DecoratorNode

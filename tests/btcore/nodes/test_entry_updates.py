@@ -4,7 +4,7 @@ import pytest
 
 from btcore import Status, TreeError
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog
+from tests.conformance.recorded_cases import Journal
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
@@ -22,7 +22,7 @@ def test_equals_sign_is_the_name_of_the_entry(text: str, make_tree: MakeTree) ->
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
-    tag: str, otherwise: Status, make_tree: MakeTree, journal: CallLog
+    tag: str, otherwise: Status, make_tree: MakeTree, journal: Journal
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><PlanSync name="p" plan="SF"/></{tag}>')
     assert tree.tick_once() is otherwise
@@ -36,7 +36,7 @@ def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_running_child_is_ticked_without_a_check(
-    tag: str, otherwise: Status, make_tree: MakeTree, journal: CallLog
+    tag: str, otherwise: Status, make_tree: MakeTree, journal: Journal
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="RRS"/></{tag}>')
     tree.blackboard["x"] = 1
@@ -46,7 +46,7 @@ def test_running_child_is_ticked_without_a_check(
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_halt_halts_the_child_and_keeps_the_last_seen_write(
-    tag: str, otherwise: Status, make_tree: MakeTree, journal: CallLog
+    tag: str, otherwise: Status, make_tree: MakeTree, journal: Journal
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="R"/></{tag}>')
     tree.blackboard["x"] = 1
@@ -65,7 +65,7 @@ def test_the_entry_may_be_named_without_braces(tag: str, otherwise: Status, make
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_missing_entry_counts_as_not_updated(
-    tag: str, otherwise: Status, make_tree: MakeTree, journal: CallLog
+    tag: str, otherwise: Status, make_tree: MakeTree, journal: Journal
 ) -> None:
     tree = make_tree(f'<{tag} entry="x"><PlanSync name="p" plan="S"/></{tag}>')
     assert tree.blackboard.find("x") is None
@@ -117,7 +117,7 @@ def test_two_nodes_check_independently(make_tree: MakeTree) -> None:
     assert tree.tick_once() is S
 
 
-def test_was_entry_updated_succeeds_if_the_entry_was_written_since_its_last_check(
+def test_was_entry_updated_succeeds_if_entry_was_written_since_last_check(
     make_tree: MakeTree,
 ) -> None:
     tree = make_tree('<WasEntryUpdated entry="{x}"/>')

@@ -4,7 +4,7 @@ import pytest
 
 from btcore import NodeExecutionError, Status, SyncAction, TreeError, action
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog
+from tests.conformance.recorded_cases import Journal
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
@@ -33,7 +33,7 @@ def check(kind: str, a: str, b: str, more: str = "", plan: str = "S") -> str:
     ],
 )
 def test_the_child_is_ticked_if_both_values_are_equal_as_that_type(
-    kind: str, a: str, b: str, equal: bool, make_tree: MakeTree, journal: CallLog
+    kind: str, a: str, b: str, equal: bool, make_tree: MakeTree, journal: Journal
 ) -> None:
     tree = make_tree(check(kind, a, b), format=3)
     assert tree.tick_once() is (S if equal else F)
@@ -75,7 +75,7 @@ def test_value_of_a_wrong_type_is_a_mismatch(make_tree: MakeTree) -> None:
 
 
 def test_values_are_checked_while_the_child_runs_and_a_mismatch_halts_it(
-    make_tree: MakeTree, journal: CallLog
+    make_tree: MakeTree, journal: Journal
 ) -> None:
     tree = make_tree(check("Int", "{x}", "1", plan="RRR"), format=3)
     tree.blackboard["x"] = 1
@@ -240,7 +240,7 @@ def test_some_control_nodes_may_be_empty(make_tree: MakeTree) -> None:
 
 
 @pytest.mark.parametrize("tag", ["RetryUntilSuccessful", "RetryUntilSuccesful"])
-def test_retry_completes_in_a_single_tick(make_tree: MakeTree, journal: CallLog, tag: str) -> None:
+def test_retry_completes_in_a_single_tick(make_tree: MakeTree, journal: Journal, tag: str) -> None:
     """BehaviorTree.CPP 3 keeps the first spelling, which it calls a typo."""
     tree = make_tree(f'<{tag} num_attempts="3"><PlanSync name="p" plan="F"/></{tag}>', format=3)
     assert tree.tick_exactly_once() is F

@@ -8,7 +8,7 @@ import pytest
 
 from btcore import In, LoopNode, NodeExecutionError, Out, Registry, Status, Tree, TreeError, action, loads
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog
+from tests.conformance.recorded_cases import Journal
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
@@ -71,9 +71,7 @@ def test_empty_queue_returns_if_empty(written: str, make_tree: MakeTree) -> None
     assert tree.tick_once() is Status[written]
 
 
-def test_failure_ends_the_loop_and_drops_the_rest_of_a_literal_list(
-    make_tree: MakeTree, journal: CallLog
-) -> None:
+def test_failure_ends_loop_and_drops_rest_of_literal_list(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree('<LoopInt queue="1;2;3" value="{v}"><PlanSync name="p" plan="SFSSS"/></LoopInt>')
     assert ticks(tree, 2) == [R, F]
     assert tree.blackboard["v"] == 2
@@ -85,7 +83,7 @@ def test_skipped_child_consumes_its_element_and_the_loop_continues(make_tree: Ma
     assert ticks(tree, 3) == [R, R, S]
 
 
-def test_running_child_keeps_its_element(make_tree: MakeTree, journal: CallLog) -> None:
+def test_running_child_keeps_its_element(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="RRS"/></LoopInt>')
     assert ticks(tree, 3) == [R, R, R]
     assert tree.blackboard["v"] == 1
@@ -94,7 +92,7 @@ def test_running_child_keeps_its_element(make_tree: MakeTree, journal: CallLog) 
     assert journal.calls == ["a:start", "a:running", "a:running", "a:start"]
 
 
-def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: MakeTree, journal: CallLog) -> None:
+def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="S|RR|S"/></LoopInt>')
     ticks(tree, 2)
     assert tree.blackboard["v"] == 2
@@ -124,9 +122,7 @@ def test_failure_leaves_the_rest_in_a_deque(make_tree: MakeTree) -> None:
 
 
 @pytest.mark.parametrize("given", [[1, 2], "1;2"])
-def test_list_or_text_entry_is_read_at_each_activation_and_left_unchanged(
-    given: object, make_tree: MakeTree, sink: Sink
-) -> None:
+def test_list_or_text_is_read_at_activation_and_kept(given: object, make_tree: MakeTree, sink: Sink) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     tree.blackboard["q"] = given
     ticks(tree, 1)

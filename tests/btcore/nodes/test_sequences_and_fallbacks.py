@@ -5,7 +5,7 @@ import pytest
 from btcore import NodeSpec, Status
 from btcore.nodes.sequences_and_fallbacks import OrderedNode, ReactiveNode, ReactiveSequence, Sequence
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog
+from tests.conformance.recorded_cases import Journal
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
@@ -17,7 +17,7 @@ LEAVES = '<PlanSync name="a" plan="{}"/><PlanSync name="b" plan="{}"/>'
     ("plans", "result", "ticked"), [("FS", S, ["a", "b"]), ("SF", S, ["a"]), ("FF", F, ["a", "b"])]
 )
 def test_subclass_may_continue_after_a_failure(
-    base: type, plans: str, result: Status, ticked: list[str], make_tree: MakeTree, journal: CallLog
+    base: type, plans: str, result: Status, ticked: list[str], make_tree: MakeTree, journal: Journal
 ) -> None:
     own = type("Own", (base,), {"spec": NodeSpec(continue_on=F)})
     assert make_tree(f"<Own>{LEAVES.format(*plans)}</Own>", own).tick_once() is result
@@ -37,7 +37,7 @@ def test_subclass_may_continue_after_a_failure(
     ],
 )
 def test_first_child_that_is_ticked_after_a_halt(
-    tag: str, plan: str, first: str, make_tree: MakeTree, journal: CallLog
+    tag: str, plan: str, first: str, make_tree: MakeTree, journal: Journal
 ) -> None:
     tree = make_tree(f'<{tag}><PlanSync name="a" plan="{plan}"/><PlanAction name="b" plan="RRRR"/></{tag}>')
     while "b:start" not in journal.calls:

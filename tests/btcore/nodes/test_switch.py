@@ -6,7 +6,7 @@ import pytest
 
 from btcore import NodeExecutionError, Status, TreeError
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog, conformance_registry
+from tests.conformance.recorded_cases import Journal, conformance_registry
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
@@ -28,7 +28,7 @@ def switch(cases: int, *plans: str, variable: str = "{v}") -> str:
 @pytest.mark.parametrize("format", FORMATS)
 @pytest.mark.parametrize("cases", SIZES)
 def test_matching_case_is_ticked_and_otherwise_the_last_child(
-    cases: int, format: int, make_tree: MakeTree, journal: CallLog
+    cases: int, format: int, make_tree: MakeTree, journal: Journal
 ) -> None:
     tree = make_tree(switch(cases), format=format)
     for number in range(1, cases + 1):
@@ -41,13 +41,13 @@ def test_matching_case_is_ticked_and_otherwise_the_last_child(
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_unreadable_variable_matches_no_case(format: int, make_tree: MakeTree, journal: CallLog) -> None:
+def test_unreadable_variable_matches_no_case(format: int, make_tree: MakeTree, journal: Journal) -> None:
     assert make_tree(switch(4), format=format).tick_once() is S
     assert journal.calls == ["other:start"]
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_changed_choice_halts_the_running_child(format: int, make_tree: MakeTree, journal: CallLog) -> None:
+def test_changed_choice_halts_the_running_child(format: int, make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(switch(4, "R", "RS"), format=format)
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is R
@@ -58,7 +58,7 @@ def test_changed_choice_halts_the_running_child(format: int, make_tree: MakeTree
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_halt_halts_the_running_child(format: int, make_tree: MakeTree, journal: CallLog) -> None:
+def test_halt_halts_the_running_child(format: int, make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(switch(5, "R"), format=format)
     tree.blackboard["v"] = "1"
     tree.tick_once()
@@ -90,7 +90,7 @@ def test_number_of_children_must_be_cases_plus_one(cases: int, format: int, make
         ).tick_once()
 
 
-def test_missing_case_is_ignored(make_tree: MakeTree, journal: CallLog) -> None:
+def test_missing_case_is_ignored(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
         '<Switch4 variable="b" case_3="b"><PlanSync name="a" plan="S"/><PlanSync name="b" plan="S"/>'
         '<PlanSync name="c" plan="S"/><PlanSync name="d" plan="S"/><PlanSync name="e" plan="S"/></Switch4>'
@@ -99,7 +99,7 @@ def test_missing_case_is_ignored(make_tree: MakeTree, journal: CallLog) -> None:
     assert journal.calls == ["c:tick"]
 
 
-def test_first_of_two_equal_cases_is_chosen(make_tree: MakeTree, journal: CallLog) -> None:
+def test_first_of_two_equal_cases_is_chosen(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
         '<Switch2 variable="b" case_1="b" case_2="b"><PlanSync name="a" plan="S"/>'
         '<PlanSync name="b" plan="S"/><PlanSync name="c" plan="S"/></Switch2>'
@@ -145,7 +145,7 @@ def test_format_3_compares_texts_and_format_4_compares_values(
     assert make_tree(body, nodes=nodes, format=3).tick_once() is (S if in_format_3 else F)
 
 
-def test_number_written_by_a_script_is_compared_by_value(make_tree: MakeTree, journal: CallLog) -> None:
+def test_number_written_by_a_script_is_compared_by_value(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(f'<Sequence><Script code="v := 2"/>{switch(4)}</Sequence>')
     tree.tick_once()
     assert journal.calls == ["c2:start"]

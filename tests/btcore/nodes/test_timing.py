@@ -4,7 +4,7 @@ import pytest
 
 from btcore import NodeExecutionError, SimClock, Status, Tree, TreeError, action, sleep
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog
+from tests.conformance.recorded_cases import Journal
 
 MS = 1_000_000
 
@@ -63,9 +63,7 @@ def test_negative_or_missing_duration_is_refused(make_tree: MakeTree) -> None:
 # --- Delay
 
 
-def test_delay_ticks_its_child_only_after_its_time(
-    make_tree: MakeTree, clock: SimClock, journal: CallLog
-) -> None:
+def test_delay_ticks_child_only_after_time(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
     tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RS"/></Delay>')
     assert after(tree, clock, 0, 99) == [R, R]
     assert journal.calls == []
@@ -80,7 +78,7 @@ def test_running_child_is_not_delayed_again_but_a_completed_child_is(
     assert after(tree, clock, 0, 100, 0, 0, 99, 1) == [R, R, S, R, R, F]
 
 
-def test_delay_of_zero_takes_a_tick(make_tree: MakeTree, clock: SimClock, journal: CallLog) -> None:
+def test_delay_of_zero_takes_a_tick(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
     tree = make_tree('<Delay delay_msec="0"><PlanSync name="a" plan="S"/></Delay>')
     assert after(tree, clock, 0, 0) == [R, S]
     assert journal.calls == ["a:tick"]
@@ -91,7 +89,7 @@ def test_delay_wakes_the_tree_when_the_child_is_due(make_tree: MakeTree, clock: 
     assert clock.now() == 70 * MS
 
 
-def test_a_halt_ends_the_delay_and_the_child(make_tree: MakeTree, clock: SimClock, journal: CallLog) -> None:
+def test_a_halt_ends_the_delay_and_the_child(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
     tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RRR"/></Delay>')
     after(tree, clock, 0, 60)
     tree.halt()
@@ -116,7 +114,7 @@ def test_child_that_completes_in_time_returns_its_own_result(make_tree: MakeTree
 
 
 def test_child_running_at_the_limit_is_halted_and_timeout_fails(
-    make_tree: MakeTree, clock: SimClock, journal: CallLog
+    make_tree: MakeTree, clock: SimClock, journal: Journal
 ) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RRRRR"/></Timeout>')
     assert after(tree, clock, 0, 99.999999, 0.000001) == [R, R, F]
@@ -172,16 +170,14 @@ def test_node_halted_by_its_parent_while_waiting_causes_no_wake_up(
 
 
 def test_child_not_running_at_the_limit_is_not_halted_and_has_no_limit(
-    make_tree: MakeTree, clock: SimClock, journal: CallLog
+    make_tree: MakeTree, clock: SimClock, journal: Journal
 ) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="K|RRS"/></Timeout>')
     assert after(tree, clock, 0, 100, 1e6, 1e6) == [K, R, R, S]
     assert "a:halted" not in journal.calls
 
 
-def test_in_format_3_a_halt_does_not_stop_the_time(
-    make_tree: MakeTree, clock: SimClock, journal: CallLog
-) -> None:
+def test_in_format_3_halt_does_not_stop_time(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
     tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="R"/></Timeout>', format=3)
     after(tree, clock, 0, 60)
     tree.halt()
@@ -197,7 +193,7 @@ def test_in_format_3_a_limit_between_two_starts_is_ignored(make_tree: MakeTree, 
     assert after(tree, clock, 100, 1e6, 1e6) == [R, R, S]
 
 
-def test_inner_limit_ends_first(make_tree: MakeTree, clock: SimClock, journal: CallLog) -> None:
+def test_inner_limit_ends_first(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
     tree = make_tree(
         '<Timeout msec="200"><Fallback><Timeout msec="50"><PlanAction name="a" plan="R"/></Timeout>'
         '<PlanAction name="b" plan="R"/></Fallback></Timeout>'

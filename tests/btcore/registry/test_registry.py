@@ -638,9 +638,7 @@ def test_two_plugins_with_the_same_id_are_both_named(library: Path) -> None:
         ("raise SystemExit(3)\n", 1, "SystemExit: 3"),
     ],
 )
-def test_plugin_that_raises_on_import_is_named_with_line_and_exception(
-    text: str, place: int, cause: str, library: Path
-) -> None:
+def test_plugin_import_error_is_named_with_line(text: str, place: int, cause: str, library: Path) -> None:
     library.write_text(text, encoding="utf-8")
     for given in ("gestures", str(library)):
         expected_message = refused(Registry.standard().add_plugin, given)

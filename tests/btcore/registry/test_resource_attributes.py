@@ -6,14 +6,14 @@ from typing import ClassVar
 import pytest
 
 import btcore
-from btcore import Blackboard, Clock, In, Registry, SimClock, Status, SyncAction, Tree, TreeNode, TreeState
+from btcore import Blackboard, Clock, In, Registry, SimClock, Status, SyncAction, Tree, TreeNode, TreeResource
 
 
 class Lamp:
     lit = False
 
 
-class Count(TreeState):
+class Count(TreeResource):
     def __init__(self) -> None:
         self.value = 0
 

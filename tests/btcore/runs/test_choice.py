@@ -159,6 +159,15 @@ def test_a_missing_need_is_shown_as_a_chain() -> None:
         run_with(arm, want=[Arm]).__enter__()
 
 
+def test_a_need_that_the_program_fulfils_is_not_the_missing_one() -> None:
+    @provider
+    def robot(arm: Arm, hand: Hand) -> Simulated:
+        return Simulated()
+
+    with pytest.raises(ProviderError, match=r"nothing provides a Simulated: robot \(.*\) needs a Hand, but"):
+        run_with(robot, want=[Simulated], provided=[Arm()]).__enter__()
+
+
 def test_objects_of_the_program_win_over_providers() -> None:
     own = Simulated("own")
     with run_with(simulator, world_map, want=[Simulated, WorldMap], provided=[own]) as run:
@@ -258,7 +267,7 @@ def test_a_provider_of_nothing_is_used_if_a_setting_was_given() -> None:
         pass
     assert run.report == {}
     with run_with(output, settings=[OutputSettings("a.txt")]) as run:
-        run.until_done()
+        run.tick_to_end()
     assert opened == [("a.txt", "TestAlone")]
     assert run.report == {"output": {"file": "a.txt"}}
 

@@ -17,6 +17,7 @@ from btcore.field_options import create_options
 from btcore.logs import read_log
 from btcore.runs.core_providers import LogSettings
 from btcore.runs.run import TreelessProgram
+from btcore.runs.tick_loop import LoopEnd, TickLoop
 from btcore.signals import delayed_signals
 
 FAST = RunSettings(fast=True)
@@ -73,7 +74,7 @@ def test_a_leaf_gets_the_object_that_was_chosen_for_its_type(tmp_path: Path) -> 
     nodes.add(look)
     with Run(write_tree(tmp_path, "<Look/>"), nodes=nodes, providers=[torch, beacon]) as run:
         assert [type(one) for one in run.resources] == [Torch, Beacon]
-        assert run.until_done() is btcore.SUCCESS
+        assert run.tick_to_end() is btcore.SUCCESS
     assert seen == [("beacon", "torch")]
 
 
@@ -136,7 +137,7 @@ def test_the_exception_of_a_leaf_is_raised_and_kept(tmp_path: Path) -> None:
     nodes.add(explode)
     with Run(write_tree(tmp_path, "<Explode/>"), nodes=nodes) as run:
         with pytest.raises(btcore.NodeExecutionError, match="no power") as caught:
-            run.until_done()
+            run.tick_to_end()
         assert run.error is caught.value
     assert run.exit_code == 3
 
@@ -175,7 +176,7 @@ def test_all_incomplete_outputs_are_named() -> None:
 
     run = Run(program(), providers=[disk, other], provided=[Torch()], settings=[LampSettings()])
     with pytest.raises(OutputError, match="recording is incomplete; the picture is missing"), run:
-        run.until_done()
+        run.tick_to_end()
     assert [str(error) for error in run.closing_errors] == [
         "the recording is incomplete",
         "the picture is missing",
@@ -194,7 +195,7 @@ def test_a_program_logs_its_tree(tmp_path: Path) -> None:
     log = str(tmp_path / "run.btlog")
     tree = write_tree(tmp_path, '<Sleep msec="200"/>')
     with Run(tree, settings=[FAST, LogSettings((log,))]) as run:
-        run.until_done()
+        run.tick_to_end()
     assert [change.status.name for change in read_log(log).transitions][:2] == ["RUNNING", "SUCCESS"]
 
 
@@ -213,10 +214,31 @@ def test_a_pause_stops_ticks_and_simulated_time() -> None:
             threading.Timer(0.05, end_pause).start()
 
     with Run(program(ticks=5), settings=[FAST]) as run:
-        run.until_done(on_tick=on_tick)
+        run.tick_to_end(on_tick=on_tick)
     assert ticks == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
     assert at_the_end_of_the_pause == [3]
     assert run.skipped_ticks == 0
+
+
+def test_a_tree_that_was_reloaded_is_ticked_at_once() -> None:
+    times: list[float] = []
+    attempts = iter([False, True])  # at the beginning of the wait after the first tick, and 50 ms later
+
+    def reload() -> bool:
+        if not next(attempts, False):
+            return False
+        run.tree.halt()
+        run.replace_tree(program(ticks=2).make_tree(run.clock))
+        return True
+
+    def tick(loop: TickLoop) -> LoopEnd:
+        loop.reload = reload
+        return loop.run()
+
+    with Run(program(ticks=9), settings=[FAST]) as run:
+        run.tick_to_end(on_tick=lambda _: times.append(run.clock.now() / 1e9), tick=tick)
+    assert run.status is btcore.SUCCESS
+    assert times == pytest.approx([0.0, 0.05, 0.15])
 
 
 def test_a_clock_may_end_a_wait() -> None:
@@ -225,7 +247,7 @@ def test_a_clock_may_end_a_wait() -> None:
             return True
 
     with Run(program(ticks=3), clock=Impatient(), settings=[FAST]) as run:
-        assert run.until_done() is btcore.SUCCESS
+        assert run.tick_to_end() is btcore.SUCCESS
     assert (run.tree.ticks, run.elapsed_s) == (3, 0.0)
 
 
@@ -238,7 +260,7 @@ def test_a_tree_that_is_only_stepped_is_halted_at_the_end(tmp_path: Path) -> Non
 
 
 def test_a_run_is_ticked_between_its_entry_and_its_exit() -> None:
-    for use in (Run.until_done, Run.step):
+    for use in (Run.tick_to_end, Run.step):
         run = Run(program())
         with pytest.raises(RuntimeError, match="write 'with Run"):
             use(run)
@@ -263,7 +285,7 @@ def notebook(report: Report) -> Iterator[Notebook]:
 )
 def test_the_first_signal_ends_the_ticks_as_usual(number: signal.Signals, code: int) -> None:
     with Run(program(ticks=1000), providers=[notebook], settings=[FAST]).want(Notebook) as run:
-        run.until_done(on_tick=lambda status: signal.raise_signal(number))
+        run.tick_to_end(on_tick=lambda status: signal.raise_signal(number))
     assert (run.end_reason, run.tree.ticks, run.exit_code) == ("interrupted", 1, code)
     assert run.report == {"end": "interrupted"}
 
@@ -284,7 +306,7 @@ def test_a_second_signal_interrupts_the_tick_and_halts_the_tree(
     nodes.add(hang)
     tree = write_tree(tmp_path, '<Parallel><Sleep msec="500"/><Hang/></Parallel>')
     with pytest.raises(raised), Run(tree, nodes=nodes, settings=[FAST]) as run:
-        run.until_done()
+        run.tick_to_end()
     assert {node.status for node in run.tree.nodes} == {btcore.IDLE}
     assert (run.error, run.end_reason) == (None, "interrupted")
 
@@ -344,7 +366,7 @@ def test_a_signal_while_providers_are_closed_ends_a_wait_and_all_are_closed() ->
         report["waited"] = True
 
     with Run(program(), providers=[viewer, notebook]).want(Lamp) as run:
-        assert run.until_done() is btcore.SUCCESS
+        assert run.tick_to_end() is btcore.SUCCESS
     assert (run.end_reason, run.exit_code, run.report) == ("interrupted", 130, {})
 
 
@@ -363,7 +385,7 @@ def test_an_error_after_the_yield_closes_the_others_and_is_raised_at_the_end() -
 
     run = Run(program(), providers=[torch, arm]).want(Lamp)
     with pytest.raises(ProviderError, match=r"the provider arm .* raised ValueError at .*: no power"), run:
-        run.until_done()
+        run.tick_to_end()
     assert closed == ["torch"]
     assert (run.end_reason, run.exit_code) == ("done", 2)
 
@@ -446,7 +468,7 @@ def test_a_provider_of_several_objects_may_provide_none(tmp_path: Path) -> None:
 def test_the_duration_also_ends_a_pause() -> None:
     with Run(program(ticks=9), settings=[RunSettings(duration=0.1)]) as run:
         run.pause()
-        run.until_done()
+        run.tick_to_end()
     assert (run.end_reason, run.tree.ticks) == ("duration", 0)
 
 
@@ -455,7 +477,7 @@ def test_a_signal_ends_a_pause() -> None:
         run.pause()
         timer = threading.Timer(0.05, signal.raise_signal, [signal.SIGINT])
         timer.start()
-        run.until_done()
+        run.tick_to_end()
     assert (run.end_reason, run.tree.ticks) == ("interrupted", 0)
 
 

@@ -35,7 +35,7 @@ class Radio(list[str]):
     """What the leaves of all trees have sent."""
 
 
-class Steps(btcore.TreeState):
+class Steps(btcore.TreeResource):
     """How often the leaf of a tree was ticked."""
 
     def __init__(self) -> None:
@@ -75,7 +75,7 @@ def test_trees_share_providers_and_are_ticked_in_their_order_until_each_has_ende
         write_tree("Two", '<Call word="two" times="1"/>'),
     ]
     with Run(files, nodes=nodes, providers=[radio], settings=[FAST]) as run:
-        assert run.until_done() is SUCCESS
+        assert run.tick_to_end() is SUCCESS
         sent = run.find(Radio)
     assert sent == ["one 1", "two 1", "one 2", "one 3", "closed"]
     assert [tree.id for tree in run.trees] == ["One", "Two"]
@@ -91,7 +91,7 @@ def test_the_run_fails_if_one_of_its_trees_fails(write_tree: WriteTree, failing:
     files = [write_tree(f"T{number}", content) for number, content in enumerate(contents)]
     statuses: list[Status] = []
     with Run(files, settings=[FAST]) as run:
-        assert run.until_done(on_tick=statuses.append) is FAILURE
+        assert run.tick_to_end(on_tick=statuses.append) is FAILURE
     assert statuses == [RUNNING] * 4 + [FAILURE]
     assert (run.end_reason, run.exit_code) == ("done", 1)
 
@@ -103,7 +103,7 @@ def test_a_deadline_gives_its_tree_alone_an_additional_tick(write_tree: WriteTre
     ]
     times: list[tuple[float, ...]] = []
     with Run(files, settings=[FAST]) as run:
-        run.until_done(on_tick=lambda _: times.append((run.clock.now() / 1e9, *ticks_of(run))))
+        run.tick_to_end(on_tick=lambda _: times.append((run.clock.now() / 1e9, *ticks_of(run))))
     assert times[:6] == [(0.0, 1, 1), (0.1, 2, 2), (0.13, 2, 3), (0.2, 3, 4), (0.26, 3, 5), (0.3, 4, 6)]
     assert run.skipped_ticks == 0
 
@@ -124,7 +124,7 @@ def test_a_thread_that_wakes_the_second_tree_ends_the_wait_of_the_run() -> None:
     timer = threading.Timer(0.01, answer)
     with Run([slow, waiting], settings=[RunSettings(rate=0.001, duration=20)]) as run:
         timer.start()
-        run.until_done(on_tick=lambda _: run.tree.wake() if answers else None)
+        run.tick_to_end(on_tick=lambda _: run.tree.wake() if answers else None)
     assert run.elapsed_s < 10
 
 
@@ -163,7 +163,7 @@ def test_an_exception_in_one_tree_halts_the_others(write_tree: WriteTree) -> Non
     explosive = write_tree("Explosive", '<Sequence><Sleep msec="100"/><Explode/></Sequence>')
     run = Run([*files, explosive], nodes=nodes, settings=[FAST])
     with pytest.raises(btcore.NodeExecutionError, match="no power") as caught, run:
-        run.until_done()
+        run.tick_to_end()
     assert [str(error.cause) for error in caught.value.later_errors] == ["unplugged"] * 2
     assert {node.status for tree in run.trees for node in tree.nodes} == {btcore.IDLE}
     with (
@@ -186,7 +186,7 @@ def test_a_signal_ends_all_trees(signalling: int) -> None:
 
     programs = [TreelessProgram(f"P{number}", keep_running(number)) for number in (0, 1)]
     with Run(programs, settings=[FAST]) as run:
-        run.until_done()
+        run.tick_to_end()
     assert (run.end_reason, run.exit_code) == ("interrupted", 130)
     assert ticks_of(run) == [1, signalling]
     assert {node.status for tree in run.trees for node in tree.nodes} == {btcore.IDLE}
@@ -202,7 +202,7 @@ def test_the_first_tree_can_be_replaced_while_the_others_continue(write_tree: Wr
             run.replace_tree(btcore.load(replacement, clock=run.clock))
 
     with Run(files, settings=[FAST]) as run:
-        assert run.until_done(on_tick=on_tick) is SUCCESS
+        assert run.tick_to_end(on_tick=on_tick) is SUCCESS
     assert [tree.id for tree in run.trees] == ["New", "T2"]
     assert run.elapsed_s == pytest.approx(1.1)
 
@@ -210,7 +210,7 @@ def test_the_first_tree_can_be_replaced_while_the_others_continue(write_tree: Wr
 def test_the_plans_of_one_tree_make_a_tree_for_each_robot(write_tree: WriteTree, nodes: Registry) -> None:
     plans = plan_file(write_tree("Main", '<Call word="it" times="2"/>'), {"nodes": nodes})
     with Run([plans, plans], providers=[radio], settings=[FAST]) as run:
-        run.until_done()
+        run.tick_to_end()
         assert run.find(Radio) == ["it 1", "it 1", "it 2", "it 2"]
 
 

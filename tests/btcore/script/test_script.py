@@ -2,6 +2,8 @@
 
 import enum
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import pytest
 
@@ -24,15 +26,15 @@ class Opaque:
 
 
 @pytest.fixture
-def board():
+def board() -> Blackboard:
     return Blackboard(clock=SimClock(5))
 
 
-def run(text, board=None, enums=None):
+def run(text: str, board: Blackboard | None = None, enums: Mapping[str, int] | None = None):
     return compile_script(text, ENUMS if enums is None else enums).run(board or Blackboard())
 
 
-def error_of(text, board=None):
+def error_of(text: str, board: Blackboard | None = None) -> ScriptError:
     with pytest.raises(ScriptError) as caught:
         run(text, board)
     return caught.value
@@ -56,7 +58,7 @@ class TestTokens:
             ("''", ""),
         ],
     )
-    def test_literals(self, text: str, value) -> None:
+    def test_literals(self, text: str, value: float | str) -> None:
         found = run(text)
         assert found == value
         assert type(found) is type(value)
@@ -96,7 +98,7 @@ class TestTokens:
         assert run("true") == 1.0
         assert error_of("True").message.startswith("there is no variable 'True'")
 
-    def test_name_may_begin_with_an_at_sign(self, board) -> None:
+    def test_name_may_begin_with_an_at_sign(self, board: Blackboard) -> None:
         inner = Blackboard(board)
         run("@x := 1", inner)
         assert board["x"] == 1
@@ -106,10 +108,10 @@ class TestTokens:
 
 
 class TestStatements:
-    def test_semicolons_are_optional_and_repeatable(self, board) -> None:
+    def test_semicolons_are_optional_and_repeatable(self, board: Blackboard) -> None:
         assert run("a:=1 b:=2;; ; a + b;", board) == 3.0
 
-    def test_value_of_a_script_is_that_of_its_last_statement(self, board) -> None:
+    def test_value_of_a_script_is_that_of_its_last_statement(self, board: Blackboard) -> None:
         assert run("1; 'two'", board) == "two"
 
     @pytest.mark.parametrize("text", ["", " \n\t"])
@@ -167,17 +169,17 @@ class TestPrecedence:
             ("'a'..1+2", "error"),
         ],
     )
-    def test_operator_precedence(self, text: str, value) -> None:
+    def test_operator_precedence(self, text: str, value: float | str) -> None:
         if value == "error":
             error_of(text)
         else:
             assert run(text) == value
 
-    def test_assignment_extends_to_the_end_of_the_statement(self, board) -> None:
+    def test_assignment_extends_to_the_end_of_the_statement(self, board: Blackboard) -> None:
         assert run("a:=b:=1+2", board) == 3.0
         assert board["a"] == board["b"] == 3.0
 
-    def test_assignment_after_the_colon_requires_parentheses(self, board) -> None:
+    def test_assignment_after_the_colon_requires_parentheses(self, board: Blackboard) -> None:
         error_of("true ? a := 1 : b := 2", board)
         assert run("true ? a := 1 : (b := 2)", board) == 1
         assert "b" not in board
@@ -191,7 +193,7 @@ class TestEvaluation:
         assert run("-1/0") == -math.inf
         assert math.isnan(run("0/0"))
 
-    def test_integer_of_more_than_53_bits_is_refused_in_arithmetic(self, board) -> None:
+    def test_integer_of_more_than_53_bits_is_refused_in_arithmetic(self, board: Blackboard) -> None:
         board["n"] = 2**53
         assert "too large" in error_of("n + 1", board).message
         assert run("m := n", board) == 2**53
@@ -202,7 +204,7 @@ class TestEvaluation:
         assert run("1 .. 2") is None
 
     @pytest.mark.parametrize("script", ["s += s", "s := s .. s", "s := s + s"])
-    def test_text_that_a_loop_doubles_has_a_maximum_length(self, script: str, board) -> None:
+    def test_text_that_a_loop_doubles_has_a_maximum_length(self, script: str, board: Blackboard) -> None:
         run("s := '0123456789'", board)
         for _ in range(16):
             run(script, board)
@@ -211,13 +213,13 @@ class TestEvaluation:
         assert len(board.get("s")) == 655_360
         error_of("'a' + 1")
 
-    def test_bit_operators_require_integers_or_integral_reals(self, board) -> None:
+    def test_bit_operators_require_integers_or_integral_reals(self, board: Blackboard) -> None:
         assert run("6 & 3.0") == 2.0
         assert "needs integers" in error_of("6 | 2.5").message
         assert run("~(0/0)") == 2.0**63
         assert "range" in error_of("~1e300").message
 
-    def test_logic_evaluates_both_sides(self, board) -> None:
+    def test_logic_evaluates_both_sides(self, board: Blackboard) -> None:
         run("false && (a := 1) || (b := 1)", board)
         assert board["a"] == board["b"] == 1
 
@@ -227,7 +229,7 @@ class TestEvaluation:
         assert "negative" in error_of("1 || -1").message
         error_of("'true' && true")
 
-    def test_comparison_chain_stops_after_a_false_comparison(self, board) -> None:
+    def test_comparison_chain_stops_after_a_false_comparison(self, board: Blackboard) -> None:
         assert run("2 < 1 < (a := 1)", board) == 0.0
         assert "a" not in board
 
@@ -252,21 +254,21 @@ class TestEvaluation:
         error_of("'true' ? 1 : 0")
         error_of("'' ? 1 : 0")
 
-    def test_only_the_chosen_branch_is_evaluated(self, board) -> None:
+    def test_only_the_chosen_branch_is_evaluated(self, board: Blackboard) -> None:
         run("true ? 1 : (a := 1)", board)
         assert "a" not in board
 
-    def test_enum_name_hides_a_variable_when_read(self, board) -> None:
+    def test_enum_name_hides_a_variable_when_read(self, board: Blackboard) -> None:
         assert run("RED := 7; RED", board) == 1.0
         assert board["RED"] == 7
 
-    def test_enums_are_looked_up_when_the_script_runs(self, board) -> None:
+    def test_enums_are_looked_up_when_the_script_runs(self, board: Blackboard) -> None:
         enums = {}
         program = compile_script("LATE", enums)
         enums["LATE"] = 4
         assert program.run(board) == 4.0
 
-    def test_entry_without_a_value_cannot_be_an_operand(self, board) -> None:
+    def test_entry_without_a_value_cannot_be_an_operand(self, board: Blackboard) -> None:
         board.create("e", INT)
         assert run("e", board) is None
         assert "before '+'" in error_of("e + 1", board).message
@@ -275,36 +277,36 @@ class TestEvaluation:
         error_of("e ? 1 : 2", board)
         error_of("x := e", board)
 
-    def test_other_objects_can_only_be_copied(self, board) -> None:
+    def test_other_objects_can_only_be_copied(self, board: Blackboard) -> None:
         board["o"] = Opaque()
         assert run("p := o; p", board) is board["o"]
         for text in ("o + 1", "o == o", "!o", "o ? 1 : 2", "'a' .. o", "o += 1", "o := 1", "o := 'a'"):
             assert "Opaque" in error_of(text, board).message
 
-    def test_missing_variable_raises_an_error_with_a_suggestion(self, board) -> None:
+    def test_missing_variable_raises_an_error_with_a_suggestion(self, board: Blackboard) -> None:
         board["battery"] = 1
         assert error_of("batery > 0", board).message.endswith("did you mean 'battery'?")
         assert error_of("1 + BLU", board).message.endswith("did you mean 'BLUE'?")
 
 
 class TestAssignment:
-    def test_only_the_declaring_assignment_creates_an_entry(self, board) -> None:
+    def test_only_the_declaring_assignment_creates_an_entry(self, board: Blackboard) -> None:
         for operator in ("=", "+=", "-=", "*=", "/="):
             assert "':=' creates an entry" in error_of(f"x {operator} 1", board).message
         run("x := 1", board)
         assert board["x"] == 1
 
-    def test_entry_is_created_before_its_value_is_evaluated(self, board) -> None:
+    def test_entry_is_created_before_its_value_is_evaluated(self, board: Blackboard) -> None:
         error_of("x := missing", board)
         assert board.find("x").value is None
 
-    def test_left_side_must_be_a_name(self, board) -> None:
+    def test_left_side_must_be_a_name(self, board: Blackboard) -> None:
         for text in ("1 := 2", "a + b := 2", "-a := 2", "'a' = 2"):
             assert "name of an entry" in error_of(text, board).message
         run("(a) := 2", board)
         assert board["a"] == 2
 
-    def test_every_assignment_increments_the_sequence_id_and_sets_the_stamp(self, board) -> None:
+    def test_every_assignment_increments_the_sequence_id_and_sets_the_stamp(self, board: Blackboard) -> None:
         run("x := 1; x = 2; x += 3", board)
         assert (board.find("x").sequence_id, board.find("x").stamp) == (3, 5)
 
@@ -312,20 +314,20 @@ class TestAssignment:
         ("text", "value"),
         [("x := 1", 1), ("x := 1.0", 1.0), ("x := true", 1.0), ("x := 1 + 1", 2.0), ("x := RED", 1.0)],
     )
-    def test_first_value_sets_the_kind_of_number(self, board, text: str, value: float) -> None:
+    def test_first_value_sets_the_kind_of_number(self, board: Blackboard, text: str, value: float) -> None:
         run(text, board)
         assert type(board["x"]) is type(value)
         assert board["x"] == value
         assert not board.find("x").declared.strong
 
-    def test_integer_entry_stays_an_integer(self, board) -> None:
+    def test_integer_entry_stays_an_integer(self, board: Blackboard) -> None:
         assert repr(run("a := 1; a = 3.0; a", board)) == "3"
         assert "cannot assign to 'a'" in error_of("a = 2.5", board).message
         assert repr(run("a = 8; a /= 4; a", board)) == "2"
         error_of("a /= 3", board)
         assert board["a"] == 2
 
-    def test_small_integers_and_bools_are_not_checked(self, board) -> None:
+    def test_small_integers_and_bools_are_not_checked(self, board: Blackboard) -> None:
         board.create("b", BOOL)
         board["b"] = True
         assert run("b = 0; b", board) is False
@@ -333,28 +335,28 @@ class TestAssignment:
         board.set("u", 3, UINT8)
         assert run("u = 300", board) == 300
 
-    def test_unsigned_64_bit_entry_refuses_negative_numbers(self, board) -> None:
+    def test_unsigned_64_bit_entry_refuses_negative_numbers(self, board: Blackboard) -> None:
         board.set("u", 3, UINT64)
         error_of("u = -1", board)
 
-    def test_text_is_converted_to_the_type_of_the_entry(self, board) -> None:
+    def test_text_is_converted_to_the_type_of_the_entry(self, board: Blackboard) -> None:
         board["i"] = 3
         board.set("v", [1], VECTOR_INT)
         assert run("i = '12'", board) == 12
         assert run("v = '1;2'", board) == [1, 2]
         error_of("i = 'abc'", board)
 
-    def test_text_assigned_to_an_untyped_number_becomes_a_real(self, board) -> None:
+    def test_text_assigned_to_an_untyped_number_becomes_a_real(self, board: Blackboard) -> None:
         assert repr(run("a := 1; a = '7'", board)) == "7.0"
         assert run("a = 'true'", board) == 1.0
 
-    def test_number_cannot_be_assigned_to_a_text(self, board) -> None:
+    def test_number_cannot_be_assigned_to_a_text(self, board: Blackboard) -> None:
         board["s"] = "text"
         for text in ("s = 1", "s += 1", "s -= 'a'"):
             error_of(text, board)
         assert run("s += 's'", board) == "texts"
 
-    def test_declared_entry_without_a_value_accepts_any_first_number(self, board) -> None:
+    def test_declared_entry_without_a_value_accepts_any_first_number(self, board: Blackboard) -> None:
         board.create("i", INT)
         board.create("j", INT)
         board.create("s", STRING)
@@ -376,25 +378,25 @@ class TestAssignment:
             ("(1 ? k : 2) + 1", "the operand before '+' has no value: the entry was never written"),
         ],
     )
-    def test_operand_without_a_value_names_its_entry(self, board, text: str, message: str) -> None:
+    def test_operand_without_value_names_entry(self, board: Blackboard, text: str, message: str) -> None:
         board.create("k", INT)
         error = error_of(text, board)
         assert (error.message, error.unwritten_key) == (message, "k" if "'k'" in message else "")
 
-    def test_an_enum_entry_keeps_its_enum(self, board) -> None:
+    def test_an_enum_entry_keeps_its_enum(self, board: Blackboard) -> None:
         board["c"] = Colour.RED
         assert run("c == RED", board) == 1.0
         assert run("c := BLUE", board) is Colour.BLUE
         assert run("c := 7", board) == 7
 
-    def test_remapping_and_the_root_prefix_apply(self, board) -> None:
+    def test_remapping_and_the_root_prefix_apply(self, board: Blackboard) -> None:
         inner = Blackboard(board)
         inner.remap("in", "out")
         run("in := 1; @g := 2; own := 3", inner)
         assert {key: entry.value for key, entry in board.local_entries().items()} == {"out": 1, "g": 2}
         assert inner["own"] == 3
 
-    def test_entries_written_before_an_error_are_kept(self, board) -> None:
+    def test_entries_written_before_an_error_are_kept(self, board: Blackboard) -> None:
         error_of("a := 1; b := missing", board)
         assert board["a"] == 1
 
@@ -404,11 +406,11 @@ class TestTruth:
         ("value", "meant"),
         [(1.0, True), (0.0, False), (2.5, True), (math.nan, True), (1, True), (0, False), (True, True)],
     )
-    def test_truth_of_numbers(self, value, meant: bool) -> None:
+    def test_truth_of_numbers(self, value: bool | float, meant: bool) -> None:
         assert condition_result(value) is meant
 
     @pytest.mark.parametrize("value", [2, -1, -1.0, "true", "", None, [1]])
-    def test_other_types_have_no_truth_value(self, value) -> None:
+    def test_other_types_have_no_truth_value(self, value: Any) -> None:
         with pytest.raises(ScriptError):
             condition_result(value)
 

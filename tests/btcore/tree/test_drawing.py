@@ -58,9 +58,7 @@ def drawing(tree: Tree) -> list[str]:
     return [line.lstrip("└├─│ ") for line in str(tree).split("\n")[1:]]
 
 
-def test_printed_tree_shows_the_statuses_and_the_last_results(
-    tree: Tree, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_printed_tree_shows_statuses_and_last_results(tree: Tree, capsys: pytest.CaptureFixture[str]) -> None:
     print(tree)
     assert capsys.readouterr().out == RUNNING + "\n"
     tree.draw()
@@ -96,7 +94,7 @@ def test_last_results_of_many_children_are_shown(observed: bool) -> None:
     element = "<Sequence>" + "<AlwaysSuccess/>" * 40 + "</Sequence>"
     tree = loads(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{element}</BehaviorTree></root>')
     if observed:
-        tree.count_ticks()
+        tree.start_tick_counts()
         Trace(tree)
     tree.tick_once()
     assert str(tree).count("AlwaysSuccess  (✔ SUCCESS)") == 40

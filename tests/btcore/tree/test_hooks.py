@@ -9,7 +9,7 @@ import pytest
 
 import btcore
 from btcore import Observer, Registry, SimClock, StatefulAction, Status, Transition, action, running
-from btcore.engine.node import count_ticks
+from btcore.engine.node import start_tick_counts
 from btcore.tree.hooks import Hook, HookMode, HookPosition
 
 TREE = """
@@ -32,16 +32,16 @@ def body_of(xml: str) -> str:
     return f'<root BTCPP_format="4"><BehaviorTree ID="Main">{xml}</BehaviorTree></root>'
 
 
-class Bench:
+class HookRig:
     """A tree whose leaves record their ticks, and the statuses that an observer received."""
 
     def __init__(self) -> None:
         self.worked: list[str] = []
-        bench = self
+        rig = self
 
         class Work(btcore.SyncAction):
             def tick(self) -> bool:
-                bench.worked.append(self.name)
+                rig.worked.append(self.name)
                 return True
 
         self.tree = tree_of(TREE, Work)
@@ -66,8 +66,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench() -> Bench:
-    return Bench()
+def rig() -> HookRig:
+    return HookRig()
 
 
 class Ticking:
@@ -113,11 +113,11 @@ def ticking() -> Iterator[Callable[[btcore.Tree], Ticking]]:
         one.end()
 
 
-def test_status_injected_before_the_tick_replaces_the_tick(bench: Bench) -> None:
-    bench.inject("first", Status.FAILURE)
-    assert bench.tree.tick_once() is Status.SUCCESS
-    assert bench.worked == []
-    assert [one for one in bench.seen if one[1] is not Status.RUNNING] == [
+def test_status_injected_before_the_tick_replaces_the_tick(rig: HookRig) -> None:
+    rig.inject("first", Status.FAILURE)
+    assert rig.tree.tick_once() is Status.SUCCESS
+    assert rig.worked == []
+    assert [one for one in rig.seen if one[1] is not Status.RUNNING] == [
         ("first", Status.FAILURE),
         ("try", Status.FAILURE),
         ("rescue", Status.SUCCESS),
@@ -125,30 +125,30 @@ def test_status_injected_before_the_tick_replaces_the_tick(bench: Bench) -> None
     ]
 
 
-def test_status_injected_after_the_tick_replaces_the_result(bench: Bench) -> None:
-    bench.inject("second", Status.FAILURE, HookPosition.POST)
-    assert bench.tree.tick_once() is Status.SUCCESS
-    assert bench.worked == ["first", "second"]
-    assert ("second", Status.FAILURE) in bench.seen
-    assert ("second", Status.SUCCESS) not in bench.seen
+def test_status_injected_after_the_tick_replaces_the_result(rig: HookRig) -> None:
+    rig.inject("second", Status.FAILURE, HookPosition.POST)
+    assert rig.tree.tick_once() is Status.SUCCESS
+    assert rig.worked == ["first", "second"]
+    assert ("second", Status.FAILURE) in rig.seen
+    assert ("second", Status.SUCCESS) not in rig.seen
 
 
 @pytest.mark.parametrize("status", [Status.SKIPPED, Status.RUNNING, Status.IDLE])
 @pytest.mark.parametrize("position", list(HookPosition))
 def test_only_success_and_failure_can_be_injected(
-    bench: Bench, status: Status, position: HookPosition
+    rig: HookRig, status: Status, position: HookPosition
 ) -> None:
-    bench.inject("first", status, position)
-    assert bench.tree.tick_once() is Status.SUCCESS
-    assert bench.worked == ["first", "second"]
+    rig.inject("first", status, position)
+    assert rig.tree.tick_once() is Status.SUCCESS
+    assert rig.worked == ["first", "second"]
 
 
-def test_hook_with_once_fires_once_and_is_removed(bench: Bench) -> None:
-    bench.inject("first", Status.FAILURE, once=True)
-    bench.tree.tick_once()
-    assert bench.tree.hooks.all() == []
-    bench.tree.tick_once()
-    assert bench.worked == ["first", "second"]
+def test_hook_with_once_fires_once_and_is_removed(rig: HookRig) -> None:
+    rig.inject("first", Status.FAILURE, once=True)
+    rig.tree.tick_once()
+    assert rig.tree.hooks.all() == []
+    rig.tree.tick_once()
+    assert rig.worked == ["first", "second"]
 
 
 def test_pre_condition_takes_precedence_over_a_hook() -> None:
@@ -199,38 +199,38 @@ def test_a_running_node_can_be_ended_before_and_after_its_tick() -> None:
     assert calls == ["start", "start"]
 
 
-def test_hook_for_an_unknown_node_is_refused(bench: Bench) -> None:
-    assert not bench.tree.hooks.insert(Hook(999))
-    assert not bench.tree.hooks.unlock(1)
-    assert not bench.tree.hooks.remove(1)
-    assert bench.tree.hooks.all() == []
+def test_hook_for_an_unknown_node_is_refused(rig: HookRig) -> None:
+    assert not rig.tree.hooks.insert(Hook(999))
+    assert not rig.tree.hooks.unlock(1)
+    assert not rig.tree.hooks.remove(1)
+    assert rig.tree.hooks.all() == []
 
 
-def test_hooks_are_listed_with_pre_hooks_first(bench: Bench) -> None:
-    bench.inject("first", Status.FAILURE, HookPosition.POST)
-    bench.inject("second", Status.SUCCESS)
-    places = [(hook.uid, hook.position) for hook in bench.tree.hooks.all()]
-    assert places == [(bench.uid("second"), HookPosition.PRE), (bench.uid("first"), HookPosition.POST)]
+def test_hooks_are_listed_with_pre_hooks_first(rig: HookRig) -> None:
+    rig.inject("first", Status.FAILURE, HookPosition.POST)
+    rig.inject("second", Status.SUCCESS)
+    places = [(hook.uid, hook.position) for hook in rig.tree.hooks.all()]
+    assert places == [(rig.uid("second"), HookPosition.PRE), (rig.uid("first"), HookPosition.POST)]
 
 
-def test_tick_counts_continue_beside_hooks(bench: Bench) -> None:
-    tally = count_ticks(bench.tree.node("first"))
-    bench.inject("first", Status.FAILURE, once=True)
-    bench.tree.tick_once()
-    bench.tree.tick_once()
+def test_tick_counts_continue_beside_hooks(rig: HookRig) -> None:
+    tally = start_tick_counts(rig.tree.node("first"))
+    rig.inject("first", Status.FAILURE, once=True)
+    rig.tree.tick_once()
+    rig.tree.tick_once()
     assert (tally.ticks, tally.failure, tally.success) == (2, 1, 1)
 
 
 def test_two_trees_have_their_own_hooks() -> None:
-    one, other = Bench(), Bench()
+    one, other = HookRig(), HookRig()
     one.inject("first", Status.FAILURE)
     other.tree.tick_once()
     assert other.worked == ["first", "second"]
 
 
-def test_user_callbacks_are_called_before_and_after_a_tick(bench: Bench) -> None:
+def test_user_callbacks_are_called_before_and_after_a_tick(rig: HookRig) -> None:
     asked: list[object] = []
-    node = bench.tree.node("first")
+    node = rig.tree.node("first")
 
     def before(one: btcore.TreeNode) -> Status:
         asked.append(one.name)
@@ -242,81 +242,77 @@ def test_user_callbacks_are_called_before_and_after_a_tick(bench: Bench) -> None
 
     node.set_pre_tick_function(before)
     node.set_post_tick_function(after)
-    bench.tree.tick_once()
+    rig.tree.tick_once()
     assert asked == ["first", Status.SUCCESS]
-    assert bench.worked == ["first"]
+    assert rig.worked == ["first"]
     node.set_pre_tick_function(None)
     node.set_post_tick_function(None)
-    bench.tree.tick_once()
+    rig.tree.tick_once()
     assert len(asked) == 2
 
 
-def test_the_duration_of_a_tick_does_not_count_the_time_at_a_breakpoint(
-    bench: Bench, ticking: type[Ticking]
-) -> None:
+def test_duration_of_tick_does_not_count_time_at_breakpoint(rig: HookRig, ticking: type[Ticking]) -> None:
     durations: list[int] = []
 
     class Durations(Observer):
         def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
             durations.append(duration_ns)
 
-    bench.tree.subscribe(Durations())
-    uid = bench.uid("second")
-    bench.tree.hooks.insert(Hook(uid))
+    rig.tree.subscribe(Durations())
+    uid = rig.uid("second")
+    rig.tree.hooks.insert(Hook(uid))
     began = time.perf_counter_ns()
-    run = ticking(bench.tree)
+    run = ticking(rig.tree)
     wait_until_true(run.stands)
     time.sleep(0.3)
-    assert bench.tree.hooks.unlock(uid)
+    assert rig.tree.hooks.unlock(uid)
     run.end()
     assert 0 < durations[0] < time.perf_counter_ns() - began - 250_000_000
 
 
-def test_a_breakpoint_stops_the_tick_until_it_is_unlocked(bench: Bench, ticking: type[Ticking]) -> None:
+def test_a_breakpoint_stops_the_tick_until_it_is_unlocked(rig: HookRig, ticking: type[Ticking]) -> None:
     fired: list[int] = []
-    bench.tree.hooks.subscribe(lambda hook: fired.append(hook.uid))
-    uid = bench.uid("second")
-    bench.tree.hooks.insert(Hook(uid))
-    run = ticking(bench.tree)
+    rig.tree.hooks.subscribe(lambda hook: fired.append(hook.uid))
+    uid = rig.uid("second")
+    rig.tree.hooks.insert(Hook(uid))
+    run = ticking(rig.tree)
     wait_until_true(run.stands)
-    assert bench.worked == ["first"]
+    assert rig.worked == ["first"]
     assert fired == [uid]
-    assert bench.tree.hooks.unlock(uid)
+    assert rig.tree.hooks.unlock(uid)
     assert run.end() is Status.SUCCESS
-    assert bench.worked == ["first", "second"]
-    assert len(bench.tree.hooks.all()) == 1
+    assert rig.worked == ["first", "second"]
+    assert len(rig.tree.hooks.all()) == 1
 
 
-def test_unlock_sets_the_status_and_may_remove_the_breakpoint(bench: Bench, ticking: type[Ticking]) -> None:
-    uid = bench.uid("second")
-    bench.tree.hooks.insert(Hook(uid, HookPosition.POST))
-    run = ticking(bench.tree)
+def test_unlock_sets_the_status_and_may_remove_the_breakpoint(rig: HookRig, ticking: type[Ticking]) -> None:
+    uid = rig.uid("second")
+    rig.tree.hooks.insert(Hook(uid, HookPosition.POST))
+    run = ticking(rig.tree)
     wait_until_true(run.stands)
-    bench.tree.hooks.unlock(uid, HookPosition.POST, Status.FAILURE, remove_when_done=True)
+    rig.tree.hooks.unlock(uid, HookPosition.POST, Status.FAILURE, remove_when_done=True)
     run.end()
-    assert bench.worked == ["first", "second"]
-    assert ("second", Status.FAILURE) in bench.seen
-    assert bench.tree.hooks.all() == []
+    assert rig.worked == ["first", "second"]
+    assert ("second", Status.FAILURE) in rig.seen
+    assert rig.tree.hooks.all() == []
 
 
-def test_early_unlock_lets_the_next_tick_pass_once(bench: Bench, ticking: type[Ticking]) -> None:
-    uid = bench.uid("first")
-    bench.tree.hooks.insert(Hook(uid))
-    bench.tree.hooks.unlock(uid)
-    assert bench.tree.tick_once() is Status.SUCCESS
-    run = ticking(bench.tree)
+def test_early_unlock_lets_the_next_tick_pass_once(rig: HookRig, ticking: type[Ticking]) -> None:
+    uid = rig.uid("first")
+    rig.tree.hooks.insert(Hook(uid))
+    rig.tree.hooks.unlock(uid)
+    assert rig.tree.tick_once() is Status.SUCCESS
+    run = ticking(rig.tree)
     wait_until_true(run.stands)
-    bench.tree.hooks.unlock(uid)
+    rig.tree.hooks.unlock(uid)
     run.end()
 
 
 @pytest.mark.parametrize("way", ["remove", "remove_all", "disable", "ignore_breakpoints", "insert disabled"])
-def test_ending_a_breakpoint_continues_the_tick_unchanged(
-    bench: Bench, ticking: type[Ticking], way: str
-) -> None:
-    hooks, uid = bench.tree.hooks, bench.uid("first")
+def test_ending_breakpoint_continues_tick_unchanged(rig: HookRig, ticking: type[Ticking], way: str) -> None:
+    hooks, uid = rig.tree.hooks, rig.uid("first")
     hooks.insert(Hook(uid, desired_status=Status.FAILURE))
-    run = ticking(bench.tree)
+    run = ticking(rig.tree)
     wait_until_true(run.stands)
     if way == "remove":
         hooks.remove(uid)
@@ -329,27 +325,27 @@ def test_ending_a_breakpoint_continues_the_tick_unchanged(
     else:
         hooks.insert(Hook(uid, enabled=False, desired_status=Status.FAILURE))
     assert run.end() is Status.SUCCESS
-    assert bench.worked == ["first", "second"]
+    assert rig.worked == ["first", "second"]
 
 
-def test_breakpoint_turned_into_a_replacement_uses_its_status(bench: Bench, ticking: type[Ticking]) -> None:
-    uid = bench.uid("first")
-    bench.tree.hooks.insert(Hook(uid))
-    run = ticking(bench.tree)
+def test_breakpoint_turned_into_a_replacement_uses_its_status(rig: HookRig, ticking: type[Ticking]) -> None:
+    uid = rig.uid("first")
+    rig.tree.hooks.insert(Hook(uid))
+    run = ticking(rig.tree)
     wait_until_true(run.stands)
-    bench.inject("first", Status.FAILURE)
+    rig.inject("first", Status.FAILURE)
     run.end()
-    assert bench.worked == []
-    assert ("first", Status.FAILURE) in bench.seen
+    assert rig.worked == []
+    assert ("first", Status.FAILURE) in rig.seen
 
 
-def test_disabled_hooks_work_again_when_enabled(bench: Bench) -> None:
-    bench.inject("first", Status.FAILURE)
-    bench.tree.hooks.enable_all(False)
-    bench.tree.tick_once()
-    bench.tree.hooks.enable_all(True)
-    bench.tree.tick_once()
-    assert bench.worked == ["first", "second"]
+def test_disabled_hooks_work_again_when_enabled(rig: HookRig) -> None:
+    rig.inject("first", Status.FAILURE)
+    rig.tree.hooks.enable_all(False)
+    rig.tree.tick_once()
+    rig.tree.hooks.enable_all(True)
+    rig.tree.tick_once()
+    assert rig.worked == ["first", "second"]
 
 
 def test_timeout_above_a_breakpoint_fires_after_it() -> None:
@@ -378,27 +374,27 @@ def test_timeout_above_a_breakpoint_fires_after_it() -> None:
 
 def test_hooks_may_be_inserted_and_removed_while_the_tree_ticks() -> None:
     """No hook is left over: in the end the tree works as without hooks."""
-    bench = Bench()
+    rig = HookRig()
     stop = threading.Event()
 
     def tick() -> None:
         while not stop.is_set():
-            bench.tree.tick_once()
+            rig.tree.tick_once()
 
     thread = threading.Thread(target=tick)
     thread.start()
     for turn in range(300):
-        uid = 1 + turn % len(bench.tree.nodes)
+        uid = 1 + turn % len(rig.tree.nodes)
         position = HookPosition(turn % 2)
-        bench.tree.hooks.insert(Hook(uid, position, HookMode(turn // 2 % 2), Status.FAILURE))
-        bench.tree.hooks.unlock(uid, position, Status.SKIPPED, turn % 3 == 0)
-        bench.tree.hooks.remove(uid, position)
+        rig.tree.hooks.insert(Hook(uid, position, HookMode(turn // 2 % 2), Status.FAILURE))
+        rig.tree.hooks.unlock(uid, position, Status.SKIPPED, turn % 3 == 0)
+        rig.tree.hooks.remove(uid, position)
     stop.set()
     thread.join(60)
     assert not thread.is_alive()
-    bench.worked.clear()
-    assert bench.tree.tick_once() is Status.SUCCESS
-    assert bench.worked == ["first", "second"]
+    rig.worked.clear()
+    assert rig.tree.tick_once() is Status.SUCCESS
+    assert rig.worked == ["first", "second"]
 
 
 # --- under an event loop

@@ -21,7 +21,7 @@ from btcore import (
 from btcore.clock import NS_PER_S
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import CallLog, PlanAction, conformance_registry
+from tests.conformance.recorded_cases import Journal, PlanAction, conformance_registry
 
 THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
 
@@ -257,9 +257,7 @@ def test_period_of_zero_advances_a_clock_that_stands_still_to_the_next_deadline(
     assert tree.ticks == 3
 
 
-def test_waiting_node_is_ticked_on_time_and_the_period_continues(
-    make_tree: MakeTree, clock: SimClock
-) -> None:
+def test_waiting_node_is_ticked_on_time_and_period_continues(make_tree: MakeTree, clock: SimClock) -> None:
     ticked: list[int] = []
 
     class Watch(btcore.Observer):
@@ -297,7 +295,7 @@ def test_another_thread_wakes_a_sleeping_tree() -> None:
 
 def test_another_thread_ends_the_wait_between_two_ticks() -> None:
     xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><PlanAction plan="RS"/></BehaviorTree></root>'
-    journal = CallLog()
+    journal = Journal()
     tree = btcore.loads(xml, nodes=conformance_registry(), resources=[journal])
     result: list[Status] = []
     driver = threading.Thread(target=lambda: result.append(tree.tick_while_running(period=200.0)))
@@ -342,7 +340,7 @@ def counter() -> Blackboard:
     return board
 
 
-def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTree, journal: CallLog) -> None:
+def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
         '<Parallel><PlanAction name="a" plan="RR"/><PlanAction name="b" plan="S"/>'
         '<Inverter><PlanAction name="c" plan="RR"/></Inverter></Parallel>'
@@ -357,7 +355,7 @@ def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTr
 
 @pytest.mark.parametrize(("value", "handled"), [("true", True), ("{missing}", False), ("{empty}", False)])
 def test_a_halt_ticks_the_handler_of_a_try_catch_if_its_port_is_true(
-    value: str, handled: bool, make_tree: MakeTree, journal: CallLog
+    value: str, handled: bool, make_tree: MakeTree, journal: Journal
 ) -> None:
     body = '<PlanAction name="a" plan="R"/><PlanSync name="handler" plan="S"/>'
     tree = make_tree(f'<TryCatch catch_on_halt="{value}">{body}</TryCatch>')
@@ -366,7 +364,7 @@ def test_a_halt_ticks_the_handler_of_a_try_catch_if_its_port_is_true(
     assert journal.calls == ["a:start", "a:halted", *(["handler:tick"] if handled else [])]
 
 
-def test_tree_is_a_context_manager_that_halts_it(make_tree: MakeTree, journal: CallLog) -> None:
+def test_tree_is_a_context_manager_that_halts_it(make_tree: MakeTree, journal: Journal) -> None:
     with make_tree('<PlanAction name="a" plan="R"/>') as tree:
         tree.tick_once()
     assert journal.calls == ["a:start", "a:halted"]
@@ -387,9 +385,7 @@ def test_node_is_found_by_its_path_or_by_a_unique_name(make_tree: MakeTree) -> N
 
 
 @pytest.mark.parametrize("path", ["Deep/wave", "Main/Deep/wave", "Deep::9/wave", "elsewhere/wave"])
-def test_path_without_the_number_of_its_subtree_gets_the_full_path_as_a_suggestion(
-    make_tree: MakeTree, path: str
-) -> None:
+def test_path_without_number_of_subtree_gets_full_path_as_suggestion(make_tree: MakeTree, path: str) -> None:
     deep = '<BehaviorTree ID="Deep"><Sequence><AlwaysSuccess name="wave"/></Sequence></BehaviorTree>'
     tree = make_tree('<Sequence><Inverter><SubTree ID="Deep"/></Inverter></Sequence>', others=deep)
     with pytest.raises(BtcoreError, match="did you mean 'Deep::3/wave'"):
@@ -419,12 +415,12 @@ def test_nodes_are_found_by_their_type_in_pre_order(make_tree: MakeTree) -> None
     assert tree.find(SystemClock) == []  # type: ignore[type-var]
 
 
-def test_count_ticks_counts_from_the_first_call(make_tree: MakeTree) -> None:
+def test_tick_counts_begin_with_the_first_call(make_tree: MakeTree) -> None:
     tree = make_tree(
         '<ReactiveSequence name="r"><PlanCondition name="c" plan="SSF"/><PlanAction name="a" plan="RR"/>'
         '<PlanSync name="k" plan="K"/></ReactiveSequence>'
     )
-    counts = tree.count_ticks()
+    counts = tree.start_tick_counts()
     for _ in range(3):
         tree.tick_once()
     c, a, k = counts["c"], counts["a"], counts["k"]
@@ -436,7 +432,7 @@ def test_count_ticks_counts_from_the_first_call(make_tree: MakeTree) -> None:
 
 def test_tick_decided_by_a_condition_counts_with_its_result(make_tree: MakeTree) -> None:
     tree = make_tree('<AlwaysSuccess name="a" _skipIf="true"/>')
-    count = tree.count_ticks()["a"]
+    count = tree.start_tick_counts()["a"]
     tree.tick_once()
     assert (count.ticks, count.skipped) == (1, 1)
 

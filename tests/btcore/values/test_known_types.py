@@ -36,9 +36,7 @@ def test_enum_is_given_by_name_or_by_number(
 
 
 @pytest.mark.parametrize("value", [Gear.DRIVE, 3, "DRIVE", "3"])
-def test_enum_entry_may_be_a_member_a_number_or_a_text(
-    value: object, nodes: Registry, make_tree: MakeTree
-) -> None:
+def test_enum_entry_may_be_member_number_or_text(value: object, nodes: Registry, make_tree: MakeTree) -> None:
     tree = make_tree('<Drives gear="{g}"/>', nodes=nodes)
     entry = tree.blackboard.find("g")
     assert entry is not None

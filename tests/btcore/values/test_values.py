@@ -36,6 +36,7 @@ from btcore.values import (
     to_text,
     type_of,
 )
+from btcore.values.types import ValueType, VectorType
 
 
 class Colour(enum.Enum):
@@ -53,7 +54,7 @@ class Opaque:
     pass
 
 
-def conversion_error(kind, text, format=4):
+def conversion_error(kind: ValueType, text: str, format: int = 4) -> str:
     with pytest.raises(ConversionError) as caught:
         kind.from_text(text, format)
     return str(caught.value)
@@ -112,7 +113,7 @@ class TestTextToValue:
             (VECTOR_INT, "json:[]", []),
         ],
     )
-    def test_a_vector_may_be_a_json_array(self, kind, text: str, value) -> None:
+    def test_a_vector_may_be_a_json_array(self, kind: VectorType, text: str, value: Any) -> None:
         found = kind.from_text(text)
         assert found == value
         assert [type(one) for one in found] == [type(one) for one in value]
@@ -130,7 +131,7 @@ class TestTextToValue:
             (VECTOR_STRING, "json:" + "[" * 100_000),
         ],
     )
-    def test_json_array_of_a_wrong_type_is_refused(self, kind, text: str) -> None:
+    def test_json_array_of_a_wrong_type_is_refused(self, kind: VectorType, text: str) -> None:
         conversion_error(kind, text)
 
     def test_a_node_type_is_read_and_written_as_in_the_xml(self) -> None:
@@ -198,7 +199,7 @@ class TestCast:
             (VECTOR_INT, (1, 2), [1, 2]),
         ],
     )
-    def test_fitting_values_are_cast(self, kind, value, expected) -> None:
+    def test_fitting_values_are_cast(self, kind: ValueType, value: Any, expected: Any) -> None:
         found = kind.cast(value)
         assert found == expected
         assert type(found) is type(expected)
@@ -227,7 +228,7 @@ class TestCast:
             (ANY, None),
         ],
     )
-    def test_other_values_are_refused(self, kind, value) -> None:
+    def test_other_values_are_refused(self, kind: ValueType, value: Any) -> None:
         with pytest.raises(ConversionError):
             kind.cast(value)
 
@@ -256,7 +257,7 @@ class TestTypes:
             (UINT, UINT),
         ],
     )
-    def test_type_of_an_annotation(self, annotation, kind) -> None:
+    def test_type_of_an_annotation(self, annotation: Any, kind: ValueType) -> None:
         assert TypeRegistry().of(annotation) is kind
 
     def test_type_names_are_those_of_c_plus_plus(self) -> None:
@@ -348,7 +349,7 @@ class TestTypeOfAValue:
             ([], ANY),
         ],
     )
-    def test_the_type_follows_the_value(self, value, kind) -> None:
+    def test_the_type_follows_the_value(self, value: Any, kind: ValueType) -> None:
         assert type_of(value) is kind
 
     def test_type_of_an_object_is_its_class(self) -> None:
@@ -379,11 +380,11 @@ class TestValueToText:
             (["é"], 'json:["é"]'),
         ],
     )
-    def test_text_matches_behaviortree_cpp(self, value, text: str) -> None:
+    def test_text_matches_behaviortree_cpp(self, value: Any, text: str) -> None:
         assert to_text(value) == text
 
     @pytest.mark.parametrize("value", [None, Opaque()])
-    def test_a_value_without_a_text_form_raises(self, value) -> None:
+    def test_a_value_without_a_text_form_raises(self, value: Opaque | None) -> None:
         with pytest.raises(ConversionError):
             to_text(value)
 
@@ -404,7 +405,7 @@ class TestValueToText:
         ("99999999999999999999", 1e20),
     ],
 )
-def test_a_constant_of_a_subtree_is_a_whole_number_or_a_text(text: str, value) -> None:
+def test_a_constant_of_a_subtree_is_a_whole_number_or_a_text(text: str, value: float | str) -> None:
     found = parse_constant(text)
     assert found == value
     assert type(found) is type(value)

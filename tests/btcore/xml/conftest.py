@@ -1,15 +1,10 @@
-"""Fixtures of the tests of XML: leaves for trees with errors, and functions for such trees."""
+"""Fixtures of the tests of XML: leaves for trees with errors."""
 
-from collections.abc import Callable
 from typing import Protocol
 
 import pytest
 
 from btcore import In, Registry, SyncAction, action
-from btcore.errors import TreeError
-from btcore.loading.instantiate import instantiate
-from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.read import parse_text
 
 
 class Robot:
@@ -54,18 +49,3 @@ def nodes() -> Registry:
     for ID, thing in {"Drive": drive, "Say": hello}.items():
         made.add(thing, ID=ID)
     return made
-
-
-@pytest.fixture
-def tree_error(
-    nodes: Registry, document: Callable[..., str]
-) -> Callable[[str | tuple[object, ...]], TreeError]:
-    """Return a function that returns a document's error; it takes a text or arguments of *document*."""
-
-    def make(source: str | tuple[object, ...]) -> TreeError:
-        text = source if isinstance(source, str) else document(*source)
-        with pytest.raises(TreeError) as caught:
-            instantiate(plan_document(parse_text(text, "t.xml"), nodes), resources=[nodes])
-        return caught.value
-
-    return make

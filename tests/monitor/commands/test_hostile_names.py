@@ -27,7 +27,7 @@ def test_a_line_stays_a_single_line_without_control_characters(capsys: pytest.Ca
 
 
 @pytest.mark.parametrize("arguments", [["list"], ["clear"], ["break", "*", "--leave"]])
-def test_names_in_a_robot_are_escaped_by_hook(no_threads_left: None, arguments) -> None:
+def test_names_in_a_robot_are_escaped_by_hook(no_threads_left: None, arguments: list[str]) -> None:
     tree = loads(TREE, clock=SimClock())
     with (
         serve(tree, groot2_port=0, allow_control=True) as publisher,

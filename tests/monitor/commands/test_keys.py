@@ -28,7 +28,7 @@ def test_a_key_pair_is_created_and_its_public_key_is_printed(tmp_path: Path) -> 
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The working directory, with the key pairs of a robot, of a known client, and of an unknown client."""
     for name in ("robot", "desk", "unknown_client"):
         create_keys(tmp_path / name)
@@ -51,7 +51,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     ids=["no robot key", "no own key", "wrong mode", "secret robot key", "two robot keys"],
 )
 @pytest.mark.parametrize("command", ["monitor", "record", "hook"])
-def test_missing_and_wrong_keys_are_usage_errors(folder, command: str, options, message: str) -> None:
+def test_missing_and_wrong_keys_are_usage_errors(
+    folder: Path, command: str, options: list[str], message: str
+) -> None:
     arguments = {
         "monitor": ["monitor", ":1", "--no-view", "--save", "run.rrd"],
         "record": ["record", ":1", "-o", "run.btlog"],
@@ -66,7 +68,7 @@ def test_missing_and_wrong_keys_are_usage_errors(folder, command: str, options, 
 
 @pytest.mark.parametrize("command", ["monitor", "record", "hook"])
 def test_an_unknown_key_ends_the_command_with_an_error(
-    folder, endless: btcore.Tree, no_threads_left: None, command: str
+    folder: Path, endless: btcore.Tree, no_threads_left: None, command: str
 ) -> None:
     allowed = RobotKeys("robot", ["desk.pub"])
     with serve(endless, groot2_port=0, keys=allowed, allow_control=True) as publisher:
@@ -84,7 +86,7 @@ def test_an_unknown_key_ends_the_command_with_an_error(
 
 @pytest.mark.parametrize("first", [True, False])
 def test_the_options_of_hook_precede_or_follow_the_address(
-    folder, endless: btcore.Tree, no_threads_left: None, first: bool
+    folder: Path, endless: btcore.Tree, no_threads_left: None, first: bool
 ) -> None:
     allowed = RobotKeys("robot", ["desk.pub"])
     with serve(endless, groot2_port=0, keys=allowed, allow_control=True) as publisher:
@@ -95,7 +97,7 @@ def test_the_options_of_hook_precede_or_follow_the_address(
 
 
 def test_several_robots_have_their_own_keys(
-    folder, endless: btcore.Tree, sample: btcore.Tree, no_threads_left: None
+    folder: Path, endless: btcore.Tree, sample: btcore.Tree, no_threads_left: None
 ) -> None:
     create_keys(folder / "robot2")
     keys = KeyOptions(key_file=folder / "desk", robot_keys=("robot.pub", "robot2.pub")).read(2)

@@ -51,7 +51,7 @@ def monitor(*arguments: str | Path, timeout: float = 120.0) -> subprocess.Comple
         pytest.param(["127.0.0.1:1"], "there is no display here. Use --serve-web", marks=NEEDS_LINUX),
     ],
 )
-def test_a_usage_error_is_reported_with_exit_code_2(arguments, message: str) -> None:
+def test_a_usage_error_is_reported_with_exit_code_2(arguments: list[str], message: str) -> None:
     nowhere_to_show = {"DISPLAY": None, "WAYLAND_DISPLAY": None}
     result = CliRunner().invoke(main, ["monitor", *arguments], prog_name="btcore", env=nowhere_to_show)
     assert result.exit_code == 2

@@ -210,7 +210,7 @@ def _lines(path: Path) -> Iterator[str]:
     ],
 )
 def test_an_error_is_reported_with_exit_code_2_and_leaves_no_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments, message: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(main, ["record", *arguments])

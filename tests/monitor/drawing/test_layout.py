@@ -102,7 +102,7 @@ def below(boxes: list[Box], index: int) -> set[int]:
 
 
 @given(drawings())
-def test_no_two_pills_overlap(drawing) -> None:
+def test_no_two_pills_overlap(drawing: tuple[list[Box], TreeLayout]) -> None:
     boxes, layout = drawing
     drawn = areas(boxes, layout)
     for at, one in enumerate(drawn):
@@ -110,7 +110,9 @@ def test_no_two_pills_overlap(drawing) -> None:
 
 
 @given(drawings())
-def test_the_root_is_on_top_and_children_are_under_their_parents(drawing) -> None:
+def test_root_is_on_top_and_children_are_under_parents(
+    drawing: tuple[list[Box], TreeLayout],
+) -> None:
     boxes, layout = drawing
     placed = areas(boxes, layout)
     for box, place in zip(boxes, placed, strict=True):
@@ -119,7 +121,7 @@ def test_the_root_is_on_top_and_children_are_under_their_parents(drawing) -> Non
 
 
 @given(drawings())
-def test_children_keep_their_order_to_the_right_or_downwards(drawing) -> None:
+def test_children_keep_their_order_to_the_right_or_downwards(drawing: tuple[list[Box], TreeLayout]) -> None:
     boxes, layout = drawing
     placed = areas(boxes, layout)
     for box in boxes:
@@ -130,7 +132,9 @@ def test_children_keep_their_order_to_the_right_or_downwards(drawing) -> None:
 
 
 @given(drawings())
-def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(drawing) -> None:
+def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(
+    drawing: tuple[list[Box], TreeLayout],
+) -> None:
     boxes, layout = drawing
     drawn = areas(boxes, layout)
     for parent, box in enumerate(boxes):
@@ -149,7 +153,7 @@ def test_every_line_joins_parent_and_child_and_crosses_no_other_pill(drawing) ->
 
 
 @given(drawings())
-def test_a_frame_holds_its_subtree_and_nothing_else(drawing) -> None:
+def test_a_frame_holds_its_subtree_and_nothing_else(drawing: tuple[list[Box], TreeLayout]) -> None:
     boxes, layout = drawing
     drawn = areas(boxes, layout)
     assert {frame[0] for frame in layout.frames} == {at for at, box in enumerate(boxes) if box.has_frame}
@@ -164,7 +168,7 @@ def test_a_frame_holds_its_subtree_and_nothing_else(drawing) -> None:
 
 
 @given(drawings())
-def test_a_layout_stays_within_its_size(drawing) -> None:
+def test_a_layout_stays_within_its_size(drawing: tuple[list[Box], TreeLayout]) -> None:
     boxes, layout = drawing
     width, height = layout.size
     for x0, y0, x1, y1 in areas(boxes, layout):
@@ -173,7 +177,7 @@ def test_a_layout_stays_within_its_size(drawing) -> None:
 
 
 @given(trees(), st.booleans())
-def test_a_layout_is_deterministic(boxes, is_quick) -> None:
+def test_a_layout_is_deterministic(boxes: list[Box], is_quick: bool) -> None:
     assert lay_out(boxes, 1.6, COMFORT, is_quick) == lay_out(boxes, 1.6, COMFORT, is_quick)
 
 
@@ -200,7 +204,7 @@ def test_big_trees_are_no_larger_than_the_prototypes_layouts() -> None:
 
 
 @pytest.mark.parametrize("count", [2, 3, 30, 150, 400])
-def test_a_chain_and_a_broom_of_any_length_are_laid_out(count) -> None:
+def test_a_chain_and_a_broom_of_any_length_are_laid_out(count: int) -> None:
     chain = tree_of(list(range(count - 1)), [100.0] * count)
     assert len(lay_out(chain, 1.6, COMFORT).places) == count
     broom = tree_of([0] * (count - 1), [100.0] * count)

@@ -12,7 +12,7 @@ import btcore
 from btcore import NodeExecutionError, Registry, SimClock, Status, Transition, Tree
 from btcore.testing.strategies import xml_documents
 from btcore_monitor.logs import TraceLog
-from tests.conformance.recorded_cases import CallLog, conformance_registry
+from tests.conformance.recorded_cases import Journal, conformance_registry
 
 NODES = conformance_registry()
 
@@ -137,7 +137,7 @@ def test_slices_are_nested_and_ended_in_every_tree(
     text: str, ticks: int, halt: bool, tmp_path_factory: Any
 ) -> None:
     path = tmp_path_factory.mktemp("trace") / "run.json"
-    tree = btcore.loads(text, nodes=NODES, resources=[CallLog()], clock=SimClock(), format=4)
+    tree = btcore.loads(text, nodes=NODES, resources=[Journal()], clock=SimClock(), format=4)
     with TraceLog(tree, path):
         try:
             for _ in range(ticks):
@@ -165,9 +165,7 @@ def test_direct_change_between_results_is_recorded(small: Callable[..., Tree], t
     assert [event["args"]["status"] for event in instants] == ["SUCCESS", "FAILURE"]
 
 
-def test_slice_that_outlives_its_parent_is_cut_and_continued(
-    small: Callable[..., Tree], tmp_path: Path
-) -> None:
+def test_slice_that_outlives_parent_is_cut_and_continued(small: Callable[..., Tree], tmp_path: Path) -> None:
     tree = small('<Inverter name="a"><Inverter name="b"><AlwaysSuccess name="c"/></Inverter></Inverter>')
     running, success, idle = Status.RUNNING, Status.SUCCESS, Status.IDLE
     steps = [(1, idle, running), (2, idle, running), (3, idle, running), (1, running, success)]

@@ -133,7 +133,7 @@ def _run(ticks: int, scene: bool, tree_id: str) -> Iterator[Event]:
 
 
 @pytest.fixture(scope="session")
-def run():
+def run() -> Callable[..., Any]:
     """``run(ticks, scene=True, tree_id=…)``: the events of a bump-and-go run at 10 Hz."""
 
     def events(ticks: int, scene: bool = True, tree_id: str = "a" * 32) -> list[Event]:
@@ -174,13 +174,13 @@ class Recording:
 
 
 @pytest.fixture(scope="session")
-def read():
+def read() -> type:
     """``read(path)``: a recording's rows."""
     return Recording
 
 
 @pytest.fixture(scope="session")
-def recorded():
+def recorded() -> Callable[..., Any]:
     """``recorded(events, path, …)``: the rows of the recording that the screen makes of *events*.
 
     Further arguments are the screen's.
@@ -221,7 +221,7 @@ def _big_tree(count: int) -> ObservedTree:
 
 
 @pytest.fixture
-def big_tree():
+def big_tree() -> Callable[..., Any]:
     """``big_tree(count)``: a tree of *count* nodes, in subtrees of ten."""
     return _big_tree
 
@@ -276,6 +276,6 @@ def _blueprints(path: Path) -> list[dict[str, list[Any]]]:
 
 
 @pytest.fixture
-def blueprints():
+def blueprints() -> Callable[..., Any]:
     """``blueprints(path)``: component → its values, of each blueprint in the order of sending."""
     return _blueprints

@@ -1,19 +1,22 @@
 """Trees too big for a window: folded subtrees, lanes of running leaves, and search by name."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from btcore_monitor.events import ExceptionEvent, ObservedNode, ObservedTree, TransitionEvent, TreeEvent
 from btcore_monitor.screen.folding import MAX_FOLDED_NODES, fold
 from btcore_monitor.screen.style import GROOT
 from btcore_monitor.screen.subtree_drawing import node_entities, split_by_subtree
 from btcore_monitor.screen.tree_view import match_nodes
+from tests.monitor.screen.conftest import Recording
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 SECOND = 10**9
 
 
-def tree_events(tree, *steps):
+def tree_events(tree: ObservedTree, *steps) -> list[TransitionEvent | TreeEvent]:
     """Return the events of *tree* and of *steps*, which are (time in s, uid, status)."""
     events = [TreeEvent(tree, 0, 0, {})]
     status: dict[int, int] = {}
@@ -24,11 +27,11 @@ def tree_events(tree, *steps):
     return events
 
 
-def named(tree, name):
+def named(tree: ObservedTree, name: str) -> ObservedNode:
     return next(node for node in tree.nodes if node.name == name)
 
 
-def colours(recording, tree, origin, t):
+def colours(recording: Recording, tree: ObservedTree, origin: str, t: int) -> dict[int, int]:
     """uid → colour of its pill at *t*, from the entities of all subtrees."""
     found = {}
     _, entities = node_entities(tree, origin)
@@ -38,7 +41,7 @@ def colours(recording, tree, origin, t):
     return found
 
 
-def folded(recording, t):
+def folded(recording: Recording, t: int) -> tuple[int, dict[str, int]]:
     """Return the number of the folded drawing in the view at *t*, and its colours by the nodes' names."""
     inside = [
         entity
@@ -54,14 +57,16 @@ def folded(recording, t):
     )
 
 
-def drawn(recording, origin, part, component, t):
+def drawn(recording: Recording, origin: str, part: str, component: str, t: int) -> list[list[list[float]]]:
     """Return the values that the entities of *part* in all subtrees have at *t*."""
     entities = {entity for entity, _ in recording.rows if entity.startswith(f"/{origin}/")}
     rows = [recording.at(entity, component, t) for entity in sorted(entities) if entity.endswith(f"/{part}")]
     return [one for row in rows for one in row]
 
 
-def test_folding_keeps_the_main_tree_and_no_more_nodes_than_are_readable(big_tree) -> None:
+def test_folding_keeps_main_tree_and_no_more_nodes_than_are_readable(
+    big_tree: Callable[..., Any],
+) -> None:
     tree = big_tree(400)
     small = fold(tree)
     assert len(small.nodes) <= MAX_FOLDED_NODES
@@ -72,20 +77,22 @@ def test_folding_keeps_the_main_tree_and_no_more_nodes_than_are_readable(big_tre
     assert [whole.index(node.uid) for node in small.nodes] == sorted(whole.index(uid) for uid in kept)
 
 
-def test_a_main_tree_of_too_many_nodes_is_not_cut(big_tree) -> None:
+def test_a_main_tree_of_too_many_nodes_is_not_cut(big_tree: Callable[..., Any]) -> None:
     tree = big_tree(1500)
     small = fold(tree)
     assert {node.subtree for node in small.nodes} == {""}
     assert len(small.nodes) == len([node for node in tree.nodes if node.subtree == ""])
 
 
-def test_a_called_tree_that_is_too_large_for_any_drawing_is_unfolded_level_by_level(big_tree) -> None:
+def test_a_called_tree_that_is_too_large_for_any_drawing_is_unfolded_level_by_level(
+    big_tree: Callable[..., Any],
+) -> None:
     tree = big_tree(30)
     assert [node.name for node in fold(tree, most=5).nodes] == ["Day", "Task1", "Steps", "Task11", "Task21"]
 
 
-def test_running_nodes_are_unfolded_with_their_siblings_and_the_others_as_long_as_there_is_room(
-    big_tree,
+def test_running_nodes_are_unfolded_with_siblings_and_others_as_long_as_there_is_room(
+    big_tree: Callable[..., Any],
 ) -> None:
     tree = big_tree(400)
     last = tree.nodes[-1]
@@ -115,7 +122,7 @@ def test_a_big_tree_without_subtrees_is_folded_except_for_its_running_part() -> 
 
 
 def test_a_big_tree_unfolds_what_runs_and_returns_to_an_earlier_drawing(
-    big_tree, tmp_path: Path, recorded
+    big_tree: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
 ) -> None:
     tree = big_tree(400)
     small = fold(tree)
@@ -145,13 +152,15 @@ def test_a_big_tree_unfolds_what_runs_and_returns_to_an_earlier_drawing(
     assert len(drawn(recording, "tree", "running_edges", "LineStrips2D:strips", round(1.5 * SECOND))) == 3
 
 
-def test_a_tree_that_fits_is_drawn_once(run, tmp_path: Path, recorded) -> None:
+def test_a_tree_that_fits_is_drawn_once(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     recording = recorded(run(5), tmp_path / "run.rrd")
     assert not [entity for entity, _ in recording.rows if entity.startswith("/folded")]
 
 
-def test_lanes_of_a_big_tree_name_the_subtree_and_the_running_leaves(
-    big_tree, tmp_path: Path, recorded
+def test_lanes_of_big_tree_name_subtree_and_running_leaves(
+    big_tree: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
 ) -> None:
     tree = big_tree(400)
     first, second, third = (named(tree, name) for name in ("Leaf3", "Leaf4", "Leaf5"))
@@ -166,7 +175,7 @@ def test_lanes_of_a_big_tree_name_the_subtree_and_the_running_leaves(
     ]
     recording = recorded(tree_events(tree, *steps), tmp_path / "run.rrd")
 
-    def lane(name, seconds):
+    def lane(name: str, seconds: float):
         return recording.at(f"/{name}", "StateChange:state", round(seconds * SECOND))[0]
 
     assert [lane("1_subtree", t) for t in (0.5, 1.5, 6)] == ["–", "Task1", "–"]
@@ -175,11 +184,11 @@ def test_lanes_of_a_big_tree_name_the_subtree_and_the_running_leaves(
     assert ("/4_leaf_3", "StateChange:state") not in recording.rows
 
 
-def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run) -> None:
+def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run: Callable[..., Any]) -> None:
     tree = run(1)[1].tree
     names = {node.uid: node.name for node in tree.nodes}
 
-    def found(pattern):
+    def found(pattern: str):
         return [names[uid] for uid in match_nodes(tree, pattern)]
 
     assert found("obst") == ["IsObstacle"]
@@ -190,7 +199,9 @@ def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run) -> None:
     assert found("x") == []
 
 
-def test_found_nodes_are_highlighted_and_have_the_lanes(run, tmp_path: Path, recorded) -> None:
+def test_found_nodes_are_highlighted_and_have_the_lanes(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     recording = recorded(run(70), tmp_path / "run.rrd", find_patterns=["escape", "Turn", "nowhere"])
     halos = recording.of("/tree/highlights", "LineStrips2D:strips")[0][1]
     pills = recording.of("/tree/pills", "LineStrips2D:strips") or recording.of(
@@ -203,7 +214,9 @@ def test_found_nodes_are_highlighted_and_have_the_lanes(run, tmp_path: Path, rec
     assert any("no node's name or path matches 'nowhere'" in line for line in lines)
 
 
-def test_a_node_that_raised_is_marked_until_it_runs_again(run, tmp_path: Path, recorded) -> None:
+def test_a_node_that_raised_is_marked_until_it_runs_again(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     forward, path = 8, "Forward"
     events = run(50)  # Forward is reset at 4.1 s and idle since
     t = events[-2].stamp
@@ -219,7 +232,9 @@ def test_a_node_that_raised_is_marked_until_it_runs_again(run, tmp_path: Path, r
     assert recording.of("/tree/raised", "LineStrips2D:strips")[-1][1] == []
 
 
-def test_the_last_exception_stays_in_the_running_panel(run, tmp_path: Path, recorded) -> None:
+def test_the_last_exception_stays_in_the_running_panel(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     events = run(50)
     message = "/a/t.xml:7: node 'avoid' <Avoid> raised while ticking: Fault: no laser\n  bumpgo\n    avoid"
     events.append(ExceptionEvent(6 * SECOND, 0, "avoid|x", message))
@@ -228,7 +243,9 @@ def test_the_last_exception_stays_in_the_running_panel(run, tmp_path: Path, reco
     assert said.startswith("**avoid¦x** raised at 6.00 s: Fault: no laser\n\n| runs |")
 
 
-def test_an_exception_inside_a_folded_subtree_marks_the_subtree(big_tree, tmp_path: Path, recorded) -> None:
+def test_an_exception_inside_a_folded_subtree_marks_the_subtree(
+    big_tree: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     tree = big_tree(400)
     small = fold(tree)
     leaf = tree.nodes[-1]

@@ -1,6 +1,8 @@
 """The log of transitions: every line has a level, and the viewer shows the selected levels."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rerun.chunk import RrdReader
@@ -37,7 +39,7 @@ def events() -> list:
     ]
 
 
-def test_levels_rise_from_idle_to_exceptions(tmp_path: Path, recorded) -> None:
+def test_levels_rise_from_idle_to_exceptions(tmp_path: Path, recorded: Callable[..., Any]) -> None:
     rows = recorded(events(), tmp_path / "x.rrd")
     texts = [values[0].split()[-1] for _, values in rows.of("/log", "TextLog:text")]
     levels = [values[0] for _, values in rows.of("/log", "TextLog:level")]
@@ -55,8 +57,8 @@ def test_levels_rise_from_idle_to_exceptions(tmp_path: Path, recorded) -> None:
 @pytest.mark.parametrize(
     ("level", "shown"), [("TRACE", None), ("WARN", ["WARN", "ERROR"]), ("ERROR", ["ERROR"])]
 )
-def test_the_window_shows_the_selected_levels_and_the_recording_has_all(
-    level: str, shown, tmp_path: Path, read
+def test_window_shows_selected_levels_and_recording_has_all(
+    level: str, shown: list[str] | None, tmp_path: Path, read: type
 ) -> None:
     path = tmp_path / "x.rrd"
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)), log_level=level)

@@ -1,13 +1,15 @@
 """Statuses have distinguishable colours for people with any kind of colour vision."""
 
 import itertools
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from btcore_monitor.events import TransitionEvent
-from btcore_monitor.screen.style import COLOUR_BLIND, GROOT, PALETTES
+from btcore_monitor.screen.style import COLOUR_BLIND, GROOT, PALETTES, Palette
 from btcore_monitor.viewer_options import PALETTE_NAMES as NAMES
 
 RUNNING, SUCCESS, FAILURE, SKIPPED = range(1, 5)
@@ -54,7 +56,7 @@ def distance(one: int, other: int, vision: str) -> float:
 
 @pytest.mark.parametrize("vision", VISION)
 @pytest.mark.parametrize("paint", ["fill", "rim", "ink"])
-def test_statuses_of_the_colour_blind_palette_differ_for_every_vision(vision, paint: str) -> None:
+def test_statuses_of_the_colour_blind_palette_differ_for_every_vision(vision: str, paint: str) -> None:
     colours = getattr(COLOUR_BLIND, paint)[:5]
     near = {
         pair: distance(colours[pair[0]], colours[pair[1]], vision)
@@ -69,7 +71,7 @@ def test_the_colour_blind_palette_separates_results_better_than_groots() -> None
 
 
 @pytest.mark.parametrize("palette", PALETTES.values(), ids=PALETTES)
-def test_names_are_readable_on_every_pill(palette) -> None:
+def test_names_are_readable_on_every_pill(palette: Palette) -> None:
     """At least 2:1 by WCAG's contrast, for letters that are drawn bold."""
     white = float(linear(palette.text) @ [0.2126, 0.7152, 0.0722])
     for colour in [*palette.fill, palette.busy]:
@@ -81,7 +83,9 @@ def test_the_command_line_lists_all_palettes() -> None:
     assert tuple(PALETTES) == NAMES
 
 
-def test_the_tree_and_the_log_use_the_palette(run, tmp_path: Path, recorded) -> None:
+def test_the_tree_and_the_log_use_the_palette(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     events = run(70)
     recording = recorded(events, tmp_path / "run.rrd", palette=COLOUR_BLIND)
     pills = recording.at("/tree/pills", "LineStrips2D:colors", 4_500_000_000)

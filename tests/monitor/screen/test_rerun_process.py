@@ -6,7 +6,7 @@ import signal
 import stat
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -40,7 +40,7 @@ def listening(pid: int | str = "self") -> list[str]:
 
 
 @pytest.fixture
-def headless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def headless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Make the viewer run without a window. Return the file with the viewer's process ID."""
     folder = tmp_path / "path" / "rerun_cli"
     folder.mkdir(parents=True)
@@ -56,7 +56,7 @@ def headless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         os.kill(int(pid.read_text()), signal.SIGKILL)
 
 
-def test_a_run_with_its_viewer_prints_the_summary_alone(vulkan: None, headless, tmp_path: Path) -> None:
+def test_a_run_with_its_viewer_prints_the_summary_alone(vulkan: None, headless: Path, tmp_path: Path) -> None:
     (tmp_path / "t.xml").write_text(TREE)
     options = ["--monitor", "--fast", "--duration", "30"]
     command = [sys.executable, "-m", "btcore", "run", str(tmp_path / "t.xml"), *options]
@@ -68,9 +68,7 @@ def test_a_run_with_its_viewer_prints_the_summary_alone(vulkan: None, headless, 
     assert {address.partition(":")[0] for address in addresses} <= LOOPBACK
 
 
-def test_a_viewer_without_its_display_is_an_error_with_the_reason(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_viewer_without_display_is_error_with_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":77")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)

@@ -1,6 +1,8 @@
 """The panel that lists the running leaves."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -25,7 +27,7 @@ NODES = (
 
 
 @pytest.fixture
-def panel(recorded, tmp_path: Path):
+def panel(recorded: Callable[..., Any], tmp_path: Path) -> Callable[..., Any]:
     """``panel({second: [(uid, status), …]}, notes)``: the panel's text at the end of each second."""
 
     def texts(ticks: dict[int, list[tuple[int, int]]], notes: dict[str, str] | None = None) -> dict[int, str]:
@@ -47,27 +49,27 @@ def panel(recorded, tmp_path: Path):
     return texts
 
 
-def test_ports_distinguish_running_nodes_with_the_same_name(panel) -> None:
+def test_ports_distinguish_running_nodes_with_the_same_name(panel: Callable[..., Any]) -> None:
     now = panel({1: [(1, RUNNING), (3, RUNNING)], 2: [(3, FAILURE), (4, RUNNING)]})
     assert "| runs | **Move {dock}** |" in now[1]
     assert "| runs | **Move {next}** |" in now[2]
 
 
-def test_a_leaf_that_failed_is_listed_for_one_tick(panel) -> None:
+def test_a_leaf_that_failed_is_listed_for_one_tick(panel: Callable[..., Any]) -> None:
     now = panel({1: [(1, RUNNING), (2, SUCCESS)], 2: [(2, FAILURE), (2, IDLE), (3, RUNNING)], 3: []})
     assert "failed" not in now[1]
     assert "| failed | **Charged** |" in now[2]
     assert "failed" not in now[3], "listed in the tick before"
 
 
-def test_a_tree_that_is_halted_after_its_last_tick_lists_no_running_leaf(panel) -> None:
+def test_a_tree_that_is_halted_after_its_last_tick_lists_no_running_leaf(panel: Callable[..., Any]) -> None:
     now = panel({1: [(1, RUNNING), (3, RUNNING)], 2: [(3, IDLE), (1, IDLE)]})
     assert "| runs | **Move {dock}** |" in now[1]
     assert "| runs | – |" in now[2]
     assert "| root | IDLE |" in now[2]
 
 
-def test_a_long_note_is_below_the_table_where_it_can_wrap(panel) -> None:
+def test_a_long_note_is_below_the_table_where_it_can_wrap(panel: Callable[..., Any]) -> None:
     way = "(-10.6, -12.2), 19.9 m to go, 2 recoveries"
     (now,) = panel({1: [(1, RUNNING)]}, {"localisation": "sure", "goal": way}).values()
     assert "| localisation | sure |" in now

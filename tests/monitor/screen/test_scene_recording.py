@@ -1,7 +1,9 @@
 """The scene of a navigating robot: how its events are written to the recording."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,6 +30,7 @@ from btcore_scene import (
     StaticScene,
     float32,
 )
+from tests.monitor.screen.conftest import Recording
 
 SECOND = 10**9
 
@@ -36,7 +39,9 @@ def rows(name: str, kind: str, *poses: tuple[float, float, float], frame: str = 
     return Poses(name=name, kind=kind, frame=frame, rows=np.array(poses, dtype="<f4").tobytes())
 
 
-def grid(name: str, kind: str, cells: list[list[int]], origin=(1.0, 2.0), frame: str = "map") -> Grid:
+def grid(
+    name: str, kind: str, cells: list[list[int]], origin: tuple[float, float] = (1.0, 2.0), frame: str = "map"
+) -> Grid:
     return Grid(
         name=name,
         kind=kind,
@@ -60,7 +65,7 @@ STATIC = StaticScene(
 
 
 @pytest.fixture
-def show(run, recorded, tmp_path: Path):
+def show(run: Callable[..., Any], recorded: Callable[..., Any], tmp_path: Path) -> Callable[..., Any]:
     """``show({second: changes, …})``: the recording of these changes."""
 
     def made(moved: dict[float, dict], static: StaticScene = STATIC):
@@ -73,14 +78,14 @@ def show(run, recorded, tmp_path: Path):
     return made
 
 
-def colours(recording, name: str, t: float) -> np.ndarray:
+def colours(recording: Recording, name: str, t: float) -> np.ndarray:
     entity = f"/scene/grids/{name}"
     data = recording.at(entity, "GridMap:data", round(t * SECOND))[0]
     size = recording.at(entity, "GridMap:format", round(t * SECOND))[0]
     return np.array(data, dtype=np.uint8).reshape(size["height"], size["width"], 4)
 
 
-def test_the_map_is_at_its_origin_and_unknown_cells_are_transparent(show) -> None:
+def test_the_map_is_at_its_origin_and_unknown_cells_are_transparent(show: Callable[..., Any]) -> None:
     recording = show({0.0: {}})
     painted = colours(recording, "map", 0.0)
     assert painted[1, 1, 3] == 255  # occupied, in the lowest row, which is an image's last
@@ -91,7 +96,7 @@ def test_the_map_is_at_its_origin_and_unknown_cells_are_transparent(show) -> Non
     assert recording.at("/scene/grids/map", "GridMap:cell_size", 0) == [0.5]
 
 
-def test_a_costmap_is_painted_and_stays_until_the_next_costmap(show) -> None:
+def test_a_costmap_is_painted_and_stays_until_the_next_costmap(show: Callable[..., Any]) -> None:
     costs = grid("local_costmap", "costs", [[0, 1, 252], [253, 254, 255]], (0.0, 0.0), frame="odom")
     later = grid("local_costmap", "costs", [[0, 0, 0], [0, 0, 0]], (3.0, 0.0), frame="odom")
     recording = show({1.0: {"grids": [costs]}, 5.0: {"grids": [later]}})
@@ -111,7 +116,7 @@ def test_a_costmap_is_painted_and_stays_until_the_next_costmap(show) -> None:
     assert heights[0] < heights[1]
 
 
-def test_places_and_keep_outs_are_drawn_once(show) -> None:
+def test_places_and_keep_outs_are_drawn_once(show: Callable[..., Any]) -> None:
     recording = show({0.0: {}})
     assert recording.of("/scene/places", "Points3D:labels") == [(None, ["wp1"])]
     strips = recording.of("/scene/areas", "LineStrips3D:strips")[0][1]
@@ -119,7 +124,7 @@ def test_places_and_keep_outs_are_drawn_once(show) -> None:
     assert (min(xs), max(xs), min(ys), max(ys)) == (0.0, 1.0, 0.0, 0.5)
 
 
-def test_a_path_is_a_line_until_an_empty_path_arrives(show) -> None:
+def test_a_path_is_a_line_until_an_empty_path_arrives(show: Callable[..., Any]) -> None:
     path = rows("path", "path", (0, 0, 0), (1, 0, 0), (1, 1, 1.5))
     recording = show({1.0: {"poses": [path]}, 2.0: {}, 3.0: {"poses": [rows("path", "path")]}})
     told = recording.of("/scene/poses/path", "LineStrips3D:strips")
@@ -130,7 +135,9 @@ def test_a_path_is_a_line_until_an_empty_path_arrives(show) -> None:
 
 
 @pytest.mark.parametrize(("kind", "strips"), [("cloud", 1), ("goal", 3), ("estimate", 2), ("odometry", 2)])
-def test_each_kind_of_pose_has_its_shape_at_its_position_and_heading(show, kind: str, strips: int) -> None:
+def test_each_kind_of_pose_has_its_shape_at_its_position_and_heading(
+    show: Callable[..., Any], kind: str, strips: int
+) -> None:
     recording = show({1.0: {"poses": [rows("it", kind, (2.0, 3.0, np.pi / 2))]}})
     drawn = recording.of("/scene/poses/it", "LineStrips3D:strips")[0][1]
     assert len(drawn) == strips
@@ -141,13 +148,13 @@ def test_each_kind_of_pose_has_its_shape_at_its_position_and_heading(show, kind:
     assert furthest[1] > 3.0
 
 
-def test_unchanged_poses_are_not_written_again(show) -> None:
+def test_unchanged_poses_are_not_written_again(show: Callable[..., Any]) -> None:
     goal = {"poses": [rows("goal", "goal", (1, 2, 0))]}
     recording = show({1.0: goal, 2.0: goal, 3.0: goal})
     assert len(recording.of("/scene/poses/goal", "LineStrips3D:strips")) == 1
 
 
-def test_arrows_stay_until_a_list_without_them(show) -> None:
+def test_arrows_stay_until_a_list_without_them(show: Callable[..., Any]) -> None:
     push = Arrow(name="push", frame="base_link", start=(0, 0, 0), end=(1, 2, 0), color=(255, 0, 0, 255))
     pull = replace(push, name="pull", end=(0, 1, 0))
     recording = show({1.0: {"arrows": [push, pull]}, 2.0: {"arrows": [push]}, 3.0: {}, 4.0: {"arrows": []}})
@@ -158,13 +165,13 @@ def test_arrows_stay_until_a_list_without_them(show) -> None:
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("count", [1, 3, 4])
-def test_names_of_any_number_of_places_have_the_text_colour(show, count: int) -> None:
+def test_names_of_any_number_of_places_have_the_text_colour(show: Callable[..., Any], count: int) -> None:
     places = [Place(name=f"wp{at}", position=(at, 0.0, 0.0)) for at in range(count)]
     recording = show({0.0: {}}, replace(STATIC, places=places))
     assert recording.of("/scene/places", "Points3D:colors")[0][1] == [GROOT.text] * count
 
 
-def test_a_robot_without_a_footprint_gets_a_footprint_below_its_base_link(show) -> None:
+def test_a_robot_without_a_footprint_gets_a_footprint_below_its_base_link(show: Callable[..., Any]) -> None:
     at = [Frame("base_link", "map", (1.0, 2.0, 0.25), UPRIGHT)]
     recording = show({1.0: {"frames": at}, 2.0: {"frames": at}})
     footprint = "/scene/frames/base_footprint"
@@ -172,7 +179,7 @@ def test_a_robot_without_a_footprint_gets_a_footprint_below_its_base_link(show) 
     assert recording.of(footprint, "Transform3D:parent_frame")[0][1] == ["base_link"]
 
 
-def test_a_footprint_in_the_scene_replaces_the_default_footprint(show) -> None:
+def test_a_footprint_in_the_scene_replaces_the_default_footprint(show: Callable[..., Any]) -> None:
     link = Frame("base_link", "map", (1.0, 2.0, 0.25), UPRIGHT)
     own = Frame("base_footprint", "map", (5.0, 6.0, 0.0), UPRIGHT)
     footprint = show({1.0: {"frames": [link]}, 2.0: {"frames": [own]}}).of
@@ -180,7 +187,7 @@ def test_a_footprint_in_the_scene_replaces_the_default_footprint(show) -> None:
     assert parents == [(SECOND, ["base_link"]), (2 * SECOND, ["map"])]
 
 
-def test_jitter_is_ignored_and_slow_motion_is_recorded(show) -> None:
+def test_jitter_is_ignored_and_slow_motion_is_recorded(show: Callable[..., Any]) -> None:
     def at(x: float) -> dict:
         return {"frames": [Frame("thing", "map", (x, 0.0, 0.0), UPRIGHT)]}
 
@@ -190,7 +197,7 @@ def test_jitter_is_ignored_and_slow_motion_is_recorded(show) -> None:
     assert [t // SECOND for t, _ in rows] == [1, 8, 10]
 
 
-def test_bounding_boxes_stay_until_a_list_without_them(show) -> None:
+def test_bounding_boxes_stay_until_a_list_without_them(show: Callable[..., Any]) -> None:
     table = BoundingBox(name="table", frame="map", position=(1, 2, 0.5), size=(2, 1, 1))
     turned = replace(table, frame="odom", quaternion=(0, 0, 1, 0), color=(1, 2, 3, 255))
     recording = show({1.0: {"boxes": [table, turned]}, 2.0: {"boxes": [table]}, 3.0: {}, 4.0: {"boxes": []}})
@@ -203,7 +210,9 @@ def test_bounding_boxes_stay_until_a_list_without_them(show) -> None:
 
 
 @pytest.mark.parametrize(("kind", "archetype"), [("jpeg", "EncodedImage"), ("rgb8", "Image")])
-def test_a_picture_without_a_successor_fades_and_shows_its_time(show, kind: str, archetype: str) -> None:
+def test_a_picture_without_a_successor_fades_and_shows_its_time(
+    show: Callable[..., Any], kind: str, archetype: str
+) -> None:
     picture = Picture(name="camera", size=(2, 1), format=kind, data=b"\x01\x02\x03\x04\x05\x06")
     taken = {0.5: {"pictures": [picture]}, 1.0: {"pictures": [picture]}, 5.0: {"pictures": [picture]}}
     recording = show({at / 2: {} for at in range(1, 12)} | taken)
@@ -213,14 +222,14 @@ def test_a_picture_without_a_successor_fades_and_shows_its_time(show, kind: str,
     assert [(t, values) for t, values in words] == [(2.5 * SECOND, ["as of 1.0 s"]), (5 * SECOND, [])]
 
 
-def test_of_ten_pictures_a_second_five_are_recorded(show) -> None:
+def test_of_ten_pictures_a_second_five_are_recorded(show: Callable[..., Any]) -> None:
     picture = Picture(name="camera", size=(2, 1), format="rgb8", data=b"\x01\x02\x03\x04\x05\x06")
     recording = show({at / 10: {"pictures": [picture]} for at in range(10, 20)})
     taken = [t for t, _ in recording.of("/camera/pictures/camera", "Image:buffer")]
     assert taken == pytest.approx([SECOND + k * SECOND // 5 for k in range(5)])
 
 
-def test_pictures_are_recorded_with_their_detections(show) -> None:
+def test_pictures_are_recorded_with_their_detections(show: Callable[..., Any]) -> None:
     jpeg = Picture(name="camera", size=(32, 24), format="jpeg", data=b"\xff\xd8 and so on")
     raw = Picture(name="camera", size=(2, 1), format="rgb8", data=b"\x01\x02\x03\x04\x05\x06")
     found = Detection(picture="camera", name="object", box=(10, 4, 6, 8))
@@ -238,14 +247,14 @@ def test_pictures_are_recorded_with_their_detections(show) -> None:
     assert recording.of("/camera/detections", "Boxes2D:half_sizes")[0][1] == [[3.0, 4.0]]
 
 
-def test_the_camera_frustum_is_as_wide_as_the_field_of_view(show) -> None:
+def test_the_camera_frustum_is_as_wide_as_the_field_of_view(show: Callable[..., Any]) -> None:
     strips = show({0.0: {}}).of("/scene/sight/camera", "LineStrips3D:strips")[0][1]
     rim = np.array(strips[0])
     assert np.ptp(rim[:, 0]) / rim[0, 2] == pytest.approx(32 / 30)
     assert len(strips) == 5
 
 
-def test_meshes_of_a_frame_are_drawn_as_a_single_surface(show) -> None:
+def test_meshes_of_a_frame_are_drawn_as_a_single_surface(show: Callable[..., Any]) -> None:
     corners = float32((0, 0, 0, 1, 0, 0, 0, 1, 0))
     up = float32((0, 0, 1) * 3)
     triangle = np.array([0, 1, 2], "<u4").tobytes()
@@ -266,14 +275,18 @@ def test_meshes_of_a_frame_are_drawn_as_a_single_surface(show) -> None:
         ((0.7, 0.7, 2.2), 0.4, 1),  # a pillar
     ],
 )
-def test_only_walls_and_parts_as_high_as_a_room_are_cut(size, height: float, outlines: int) -> None:
+def test_only_walls_and_parts_as_high_as_a_room_are_cut(
+    size: tuple[float, float, float], height: float, outlines: int
+) -> None:
     part = Box(size=size, position=(0.0, 0.0, size[2] / 2))
     drawings = dict(archetypes([part], around=True))
     assert drawings["box"].half_sizes.as_arrow_array().to_pylist()[0][2] == pytest.approx(height / 2)
     assert len(drawings) == 1 + outlines
 
 
-def test_the_battery_is_a_curve_and_notes_are_in_the_running_panel(run, recorded, tmp_path: Path) -> None:
+def test_the_battery_is_a_curve_and_notes_are_in_the_running_panel(
+    run: Callable[..., Any], recorded: Callable[..., Any], tmp_path: Path
+) -> None:
     events = run(3)
     t = events[-2].stamp
     moved = MovingSceneEvent(t, t, MovingScene(battery=77.5, notes={"localisation": "sure"}))

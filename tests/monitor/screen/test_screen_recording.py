@@ -1,6 +1,8 @@
 """The screen's recording, read back with rerun's own reader."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,18 +22,21 @@ from btcore_monitor.screen.robot_view import RobotView
 from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.screen.style import GROOT
 from btcore_monitor.screen.tick_states import RESET_OFFSET
+from tests.monitor.screen.conftest import Recording
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
 ROOT, AVOID, CLEAR, OBSTACLE, ESCAPE, BACK, TURN, FORWARD = range(1, 9)
 
 
 @pytest.fixture(scope="module")
-def thousand(run, tmp_path_factory: pytest.TempPathFactory, recorded):
+def thousand(
+    run: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory, recorded: Callable[..., Any]
+) -> tuple[list[Any], Recording]:
     events = run(1000)
     return events, recorded(events, tmp_path_factory.mktemp("thousand") / "run.rrd")
 
 
-def test_no_numbered_transition_of_a_thousand_ticks_is_missing(thousand) -> None:
+def test_no_numbered_transition_of_a_thousand_ticks_is_missing(thousand: tuple[list[Any], Recording]) -> None:
     events, recording = thousand
     sent = [event for event in events if isinstance(event, TransitionEvent)]
     columns = {
@@ -47,7 +52,7 @@ def test_no_numbered_transition_of_a_thousand_ticks_is_missing(thousand) -> None
 
 
 def test_a_file_without_a_viewer_is_written_in_large_pieces(
-    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(robot_view, "WRITE_TRANSITIONS_INTERVAL_S", 1000.0)  # s; a slow machine takes long
     monkeypatch.setattr(robot_view, "WRITE_INTERVAL_S", 1000.0)
@@ -61,7 +66,7 @@ def test_a_file_without_a_viewer_is_written_in_large_pieces(
     assert entities.count("/log/numbers") == entities.count("/scene/laser/points") == 1
 
 
-def test_every_tick_has_its_duration_at_its_time(thousand) -> None:
+def test_every_tick_has_its_duration_at_its_time(thousand: tuple[list[Any], Recording]) -> None:
     events, recording = thousand
     ticks = [(one.stamp, one.duration_ns / 1e6) for one in events if isinstance(one, TickEvent)]
     assert [(t, values[0]) for t, values in recording.of("/tick/duration", "Scalars:scalars")] == ticks
@@ -69,7 +74,7 @@ def test_every_tick_has_its_duration_at_its_time(thousand) -> None:
     assert rates == [10.0] * 999
 
 
-def test_pills_have_the_colours_of_the_statuses_at_every_tick(thousand) -> None:
+def test_pills_have_the_colours_of_the_statuses_at_every_tick(thousand: tuple[list[Any], Recording]) -> None:
     events, recording = thousand
     status: dict[int, int] = {}
     for event in events:
@@ -90,7 +95,7 @@ def test_pills_have_the_colours_of_the_statuses_at_every_tick(thousand) -> None:
                 assert colour in allowed, (event.tick, uid)
 
 
-def test_the_first_row_is_idle(run, tmp_path: Path, recorded) -> None:
+def test_the_first_row_is_idle(run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]) -> None:
     recording = recorded(run(1), tmp_path / "run.rrd")
     t, colours = recording.of("/tree/pills", "LineStrips2D:colors")[0]
     assert t == 0
@@ -98,8 +103,8 @@ def test_the_first_row_is_idle(run, tmp_path: Path, recorded) -> None:
     assert recording.of(recording.lane("Back"), "StateChange:state")[0] == (0, ["IDLE"])
 
 
-def test_lanes_show_the_result_of_a_leaf_that_was_reset_in_the_same_tick(
-    run, tmp_path: Path, recorded
+def test_lanes_show_result_of_leaf_that_was_reset_in_same_tick(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
 ) -> None:
     recording = recorded(run(70), tmp_path / "run.rrd")
     second = 10**9
@@ -119,7 +124,9 @@ def test_lanes_show_the_result_of_a_leaf_that_was_reset_in_the_same_tick(
     assert len(recording.of(recording.lane("IsObstacle"), "StateChange:state")) < 10
 
 
-def test_the_running_path_leads_from_the_root_to_the_running_leaf(run, tmp_path: Path, recorded) -> None:
+def test_the_running_path_leads_from_the_root_to_the_running_leaf(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     recording = recorded(run(70), tmp_path / "run.rrd")
     strips = recording.at("/tree/running_edges", "LineStrips2D:strips", 4_500_000_000)
     edges = recording.of("/tree/edges", "LineStrips2D:strips")[0][1]
@@ -128,13 +135,17 @@ def test_the_running_path_leads_from_the_root_to_the_running_leaf(run, tmp_path:
     assert strips[0][-1][1] < strips[1][0][1] < strips[2][0][1]
 
 
-def test_lane_names_keep_the_order_of_the_tree(run, tmp_path: Path, recorded) -> None:
+def test_lane_names_keep_the_order_of_the_tree(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     recording = recorded(run(1), tmp_path / "run.rrd")
     lanes = sorted({entity for entity, component in recording.rows if component == "StateChange:state"})
     assert lanes == ["/1_IsObstacle", "/2_Back", "/3_Turn", "/4_Forward"]
 
 
-def test_the_blackboard_is_a_table_with_changes_in_bold(run, tmp_path: Path, recorded) -> None:
+def test_the_blackboard_is_a_table_with_changes_in_bold(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     recording = recorded(run(130), tmp_path / "run.rrd")
     first = recording.at("/blackboard", "TextDocument:text", 5 * 10**9)[0]
     assert "| bumps | `0` |" in first
@@ -142,7 +153,9 @@ def test_the_blackboard_is_a_table_with_changes_in_bold(run, tmp_path: Path, rec
     assert "| **bumps** | `1` |" in recording.at("/blackboard", "TextDocument:text", 6 * 10**9)[0]
 
 
-def test_a_table_replaces_bars_and_backticks_and_shortens_long_values(run, tmp_path: Path, recorded) -> None:
+def test_a_table_replaces_bars_and_backticks_and_shortens_long_values(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     boards = {
         "": {"a|b": "x`y\nz", "long": "w" * 500, "pi": 3.14159265, "on": True},
         "Patrol": {"goal": "1;2"},
@@ -156,7 +169,7 @@ def test_a_table_replaces_bars_and_backticks_and_shortens_long_values(run, tmp_p
     assert max(len(line) for line in text.splitlines()) < 90
 
 
-def test_the_robot_moves_with_its_laser_and_leaves_a_trail(thousand) -> None:
+def test_the_robot_moves_with_its_laser_and_leaves_a_trail(thousand: tuple[list[Any], Recording]) -> None:
     events, recording = thousand
     ticks = 1000
     frames = recording.of("/scene/frames/base_link", "Transform3D:translation")
@@ -171,7 +184,9 @@ def test_the_robot_moves_with_its_laser_and_leaves_a_trail(thousand) -> None:
     assert [values for _, values in speeds] == [[0.3]] * ticks
 
 
-def test_gaps_and_exceptions_are_lines_in_the_log(run, tmp_path: Path, recorded) -> None:
+def test_gaps_and_exceptions_are_lines_in_the_log(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     events = [
         *run(3),
         LostTransitionsEvent(40, 44),
@@ -182,7 +197,9 @@ def test_gaps_and_exceptions_are_lines_in_the_log(run, tmp_path: Path, recorded)
     assert any("avoid/Back raised: division by zero" in line for line in lines)
 
 
-def test_a_robot_that_returns_with_another_tree_gets_another_recording(run, tmp_path: Path, read) -> None:
+def test_a_robot_that_returns_with_another_tree_gets_another_recording(
+    run: Callable[..., Any], tmp_path: Path, read: type
+) -> None:
     path = tmp_path / "run.rrd"
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)))
     for event in [*run(20), *run(30, tree_id="b" * 32)]:
@@ -193,7 +210,9 @@ def test_a_robot_that_returns_with_another_tree_gets_another_recording(run, tmp_
     assert ticks == [20, 30]
 
 
-def test_the_same_tree_after_a_lost_connection_continues_its_recording(run, tmp_path: Path, recorded) -> None:
+def test_the_same_tree_after_a_lost_connection_continues_its_recording(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     events = run(45)
     again = TreeEvent(events[1].tree, 5 * 10**9, 5 * 10**9, {BACK: RUNNING, ROOT: RUNNING})
     recording = recorded([*events, again], tmp_path / "run.rrd")
@@ -201,14 +220,16 @@ def test_the_same_tree_after_a_lost_connection_continues_its_recording(run, tmp_
     assert len(recording.of("/tree/edges", "LineStrips2D:strips")) == 1
 
 
-def test_a_run_without_ticks_or_scene_is_recorded(run, tmp_path: Path, recorded) -> None:
+def test_a_run_without_ticks_or_scene_is_recorded(
+    run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
+) -> None:
     events = [event for event in run(20, scene=False) if not isinstance(event, TickEvent)]
     recording = recorded(events, tmp_path / "run.rrd")
     assert recording.at(recording.lane("Forward"), "StateChange:state", 2 * 10**9) == ["RUNNING"]
     assert not [entity for entity, _ in recording.rows if entity.startswith("/scene")]
 
 
-def test_recording_a_tick_takes_little_time(run, tmp_path: Path) -> None:
+def test_recording_a_tick_takes_little_time(run: Callable[..., Any], tmp_path: Path) -> None:
     """A fast run makes some 200 ticks a second: recording a tick must take a small part of its 5 ms.
 
     It takes as long as 6,000 to 11,000 conversions of a number to a text, on machines of any speed.

@@ -6,7 +6,9 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,7 +73,7 @@ def _foreign_events():
 
 
 @pytest.fixture
-def recording(run, tmp_path: Path):
+def recording(run: Callable[..., Any], tmp_path: Path) -> tuple[Path, TreeView]:
     path = tmp_path / "run.rrd"
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)))
     events = run(70)
@@ -111,7 +113,7 @@ def close(seen: tuple[int, int, int], wanted: int) -> bool:
 
 
 def test_pills_have_their_places_and_colours_and_equal_pictures_are_equal(
-    vulkan: None, recording, tmp_path: Path
+    vulkan: None, recording: tuple[Path, TreeView], tmp_path: Path
 ) -> None:
     path, view = recording
     wanted = {
@@ -129,7 +131,7 @@ def test_pills_have_their_places_and_colours_and_equal_pictures_are_equal(
     assert (tmp_path / "again.png").read_bytes() == (tmp_path / "tree.png").read_bytes()
 
 
-def test_the_laser_and_the_trail_are_in_the_scene(vulkan: None, recording, tmp_path: Path) -> None:
+def test_laser_and_trail_are_in_scene(vulkan: None, recording: tuple[Path, TreeView], tmp_path: Path) -> None:
     path, _ = recording
     write_screenshot(path, tmp_path / "scene.png", at=5.0, view="Robot")
     with Image.open(tmp_path / "scene.png") as image:
@@ -138,9 +140,7 @@ def test_the_laser_and_the_trail_are_in_the_scene(vulkan: None, recording, tmp_p
         assert (np.abs(pixels - rgb(colour)).max(axis=1) <= 6).sum() > 20
 
 
-def test_texts_in_any_script_are_drawn_in_a_window_of_the_requested_size(
-    vulkan: None, tmp_path: Path
-) -> None:
+def test_texts_in_any_script_are_drawn_in_window_of_requested_size(vulkan: None, tmp_path: Path) -> None:
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "run.rrd")), find_patterns=["充电"])
     for event in _foreign_events():
         screen.process_event(event)
@@ -182,12 +182,12 @@ def test_a_viewer_that_dies_is_an_error_with_its_reason(vulkan: None, tmp_path: 
 
 
 def test_requests_that_rerun_ends_too_early_are_repeated(
-    vulkan: None, recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    vulkan: None, recording: tuple[Path, TreeView], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On a busy machine, each request may end with rerun's timeout of 15 s before the viewer answers."""
     ended = dict.fromkeys(("open", "get_state", "set_time", "take_screenshot"), 0)
 
-    def slow(name):
+    def slow(name: str):
         request = getattr(ViewerClient, name)
 
         def send(*arguments, **options):
@@ -208,8 +208,8 @@ def test_requests_that_rerun_ends_too_early_are_repeated(
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="a process can't be stopped here")
-def test_a_viewer_that_does_not_answer_is_killed(
-    vulkan: None, recording, monkeypatch: pytest.MonkeyPatch
+def test_unresponsive_viewer_is_killed(
+    vulkan: None, recording: tuple[Path, TreeView], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(screenshot_module, "_ANSWER_TIMEOUT_S", 2.0)
 
@@ -222,7 +222,9 @@ def test_a_viewer_that_does_not_answer_is_killed(
         draw()
 
 
-def test_an_unknown_view_is_reported_with_the_existing_views(vulkan: None, recording, tmp_path: Path) -> None:
+def test_an_unknown_view_is_reported_with_the_existing_views(
+    vulkan: None, recording: tuple[Path, TreeView], tmp_path: Path
+) -> None:
     path, _ = recording
     with pytest.raises(ScreenError, match=r"no view 'Camera'.*Blackboard.*Transitions"):
         write_screenshot(path, tmp_path / "none.png", view="Camera")

@@ -1,6 +1,8 @@
 """Several robots in one window: side by side, with one timeline and one file, and separate entities."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from btcore_monitor.events import ObservedNode, ObservedTree, TransitionEvent, TreeEvent
 from btcore_monitor.screen.robot_layouts import SharedLayout
@@ -33,7 +35,9 @@ def seen(tree_id: str, name: str, t: int, wall: int) -> TreeEvent:
     return TreeEvent(ObservedTree(tree_id * 32, name, nodes, {"": name}), t, wall, {1: 0, 2: 0})
 
 
-def test_all_robots_are_in_one_file_and_each_has_its_own_entities(run, read, tmp_path: Path) -> None:
+def test_all_robots_are_in_one_file_and_each_has_its_own_entities(
+    run: Callable[..., Any], read: type, tmp_path: Path
+) -> None:
     path = tmp_path / "two.rrd"
     together = shown(path, ("arm 1", run(30)), ("robot.local", run(60, tree_id="b" * 32)))
     assert together.files == [path]
@@ -43,7 +47,7 @@ def test_all_robots_are_in_one_file_and_each_has_its_own_entities(run, read, tmp
     assert {entity.split("/")[1] for entity, _ in rows.rows} == {"arm_1", "robot_local", "__properties"}
 
 
-def test_frames_with_the_same_name_stay_separate(run, read, tmp_path: Path) -> None:
+def test_frames_with_the_same_name_stay_separate(run: Callable[..., Any], read: type, tmp_path: Path) -> None:
     path = tmp_path / "two.rrd"
     shown(path, ("a", run(3)), ("b", run(3, tree_id="b" * 32)))
     rows = read(path)
@@ -63,8 +67,8 @@ def test_frames_with_the_same_name_stay_separate(run, read, tmp_path: Path) -> N
     assert {name.split("/")[0] for name in named} == {"a", "b"}
 
 
-def test_the_window_has_an_overview_a_tab_for_each_robot_and_the_wall_time(
-    blueprints, run, tmp_path: Path
+def test_window_has_overview_tab_for_each_robot_and_wall_time(
+    blueprints: Callable[..., Any], run: Callable[..., Any], tmp_path: Path
 ) -> None:
     path = tmp_path / "two.rrd"
     shown(path, ("arm", run(3, scene=False)), ("base", run(3, scene=False, tree_id="b" * 32)))
@@ -78,8 +82,8 @@ def test_the_window_has_an_overview_a_tab_for_each_robot_and_the_wall_time(
     assert {origin.split("/")[0] for origin in origins} <= {"arm", "base", ""}
 
 
-def test_a_restarted_robot_gets_new_entities_and_a_tab_for_its_earlier_tree(
-    blueprints, read, tmp_path: Path
+def test_restarted_robot_gets_new_entities_and_tab_for_earlier_tree(
+    blueprints: Callable[..., Any], read: type, tmp_path: Path
 ) -> None:
     path = tmp_path / "two.rrd"
     before = [seen("a", "Old", 0, SECOND), TransitionEvent(1, SECOND, 2 * SECOND, 1, 2, 0, 1)]
@@ -93,7 +97,7 @@ def test_a_restarted_robot_gets_new_entities_and_a_tab_for_its_earlier_tree(
     assert tabs == {"All robots", "arm · New", "base · Base", "arm · Old, earlier"}
 
 
-def test_labels_with_the_same_entity_name_get_separate_entities(read, tmp_path: Path) -> None:
+def test_labels_with_the_same_entity_name_get_separate_entities(read: type, tmp_path: Path) -> None:
     path = tmp_path / "two.rrd"
     shown(path, ("a.b", [seen("a", "T", 0, 0)]), ("a:b", [seen("b", "T", 0, 0)]))
     assert {f"/{place}/tree/edges" for place in ("a_b", "a_b_2")} <= {entity for entity, _ in read(path).rows}

@@ -30,7 +30,7 @@ def test_accented_letters_have_the_width_of_their_plain_letters() -> None:
 
 
 @given(st.text(max_size=30), st.floats(1, 100))
-def test_text_stays_between_its_start_and_its_width(text, height) -> None:
+def test_text_stays_between_its_start_and_its_width(text: str, height: float) -> None:
     width = width_of(text, height)
     for stroke in strokes_of(text, 5.0, 7.0, height):
         for x, y in stroke:
@@ -39,7 +39,7 @@ def test_text_stays_between_its_start_and_its_width(text, height) -> None:
 
 
 @given(st.text(max_size=60), st.integers(6, 40))
-def test_an_elided_name_fits_and_keeps_both_ends(text, room) -> None:
+def test_an_elided_name_fits_and_keeps_both_ends(text: str, room: int) -> None:
     short = elide(text, room)
     assert len(short) <= room
     if len(text) <= room:
@@ -62,7 +62,7 @@ def test_an_elided_name_fits_and_keeps_both_ends(text, room) -> None:
         ("ForceSuccess", "ForceFailure"),
     ],
 )
-def test_similar_kinds_have_different_symbols(pair) -> None:
+def test_similar_kinds_have_different_symbols(pair: tuple[str, str]) -> None:
     one, other = pair
     assert symbol_path(one, "control") != symbol_path(other, "control")
 
@@ -105,6 +105,6 @@ def test_characters_that_the_viewer_lacks_are_replaced(text: str, drawn: str) ->
 
 
 @given(st.text(), st.text())
-def test_spelled_names_can_be_drawn_and_stay_different(one, other) -> None:
+def test_spelled_names_can_be_drawn_and_stay_different(one: str, other: str) -> None:
     assert legible(spell(one)) == spell(one)
     assert one == other or spell(one) != spell(other) or "u" in one + other

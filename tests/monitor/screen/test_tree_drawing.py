@@ -1,6 +1,8 @@
 """How a tree is drawn: the texts of its pills, its entities, and its legend."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,12 +20,12 @@ from btcore_monitor.screen.tree_view import FOLD_ABOVE_NODES, TreeView
 ROOM = (1000.0, 500.0)
 
 
-def node(uid: int, name: str, parent: int = 0, children=(), **more) -> ObservedNode:
+def node(uid: int, name: str, parent: int = 0, children: tuple[int] = (), **more) -> ObservedNode:
     defaults = {"id": name, "type": "control" if children else "action", "path": f"{name}::{uid}"}
     return ObservedNode(uid, name, parent=parent, children=tuple(children), **{**defaults, **more})
 
 
-def observed_tree(*nodes: ObservedNode, subtrees=None) -> ObservedTree:
+def observed_tree(*nodes: ObservedNode, subtrees: Any = None) -> ObservedTree:
     return ObservedTree("f" * 32, "Main", nodes, subtrees or {"": "Main"})
 
 
@@ -52,7 +54,7 @@ def note_of(one: ObservedNode, whole: ObservedTree | None = None) -> str:
         (node(1, "Sleep", ports={"msec": "", "_skipIf": "x"}), ""),
     ],
 )
-def test_the_note_has_the_ports_and_the_id_if_it_differs_from_the_name(made, note: str) -> None:
+def test_the_note_has_the_ports_and_the_id_if_it_differs_from_the_name(made: ObservedNode, note: str) -> None:
     assert note_of(made) == note
 
 
@@ -80,7 +82,9 @@ def test_a_tree_has_notes_unless_they_would_be_too_small_to_read() -> None:
     assert TreeView(RowBuffer(rr.RecordingStream("test")), many, GROOT, ROOM).captions[2].note == ""
 
 
-def test_every_node_is_in_a_branch_and_the_number_of_branches_is_limited(big_tree) -> None:
+def test_every_node_is_in_branch_and_number_of_branches_is_limited(
+    big_tree: Callable[..., Any],
+) -> None:
     assert split_by_subtree(NESTED) == {"": [0, 1, 4], "Drive": [2, 3]}
     big = big_tree(1000)
     parts = split_by_subtree(big)
@@ -98,7 +102,9 @@ def test_subtrees_beyond_the_limit_belong_to_the_branch_around_them() -> None:
     assert split_by_subtree(inner, most=2) == {"": [0], "A": [1, 2]}
 
 
-def test_entities_follow_the_subtrees_and_avoid_the_names_of_drawing_parts(big_tree) -> None:
+def test_entities_follow_subtrees_and_avoid_names_of_drawing_parts(
+    big_tree: Callable[..., Any],
+) -> None:
     entities, subtrees = node_entities(NESTED, "tree")
     assert entities == [
         "tree/Root.1",
@@ -114,7 +120,7 @@ def test_entities_follow_the_subtrees_and_avoid_the_names_of_drawing_parts(big_t
     assert node_entities(odd, "tree")[0] == ["tree/Is_it", "tree/Is_it.2"]
 
 
-def test_all_parts_of_a_subtree_are_below_its_entity(recorded, tmp_path: Path) -> None:
+def test_all_parts_of_a_subtree_are_below_its_entity(recorded: Callable[..., Any], tmp_path: Path) -> None:
     recording = recorded([TreeEvent(NESTED, 0, 0, {})], tmp_path / "run.rrd")
     entities = {entity for entity, _ in recording.rows if entity.startswith("/tree/Drive/")}
     shown = {"frames", "edges", "running_edges", "rims", "pills", "badges", "ink", "raised"}
@@ -125,7 +131,9 @@ def test_all_parts_of_a_subtree_are_below_its_entity(recorded, tmp_path: Path) -
     assert shown <= set(PARTS)
 
 
-def test_the_entity_of_a_node_describes_it_and_has_the_place_of_its_pill(recorded, tmp_path: Path) -> None:
+def test_the_entity_of_a_node_describes_it_and_has_the_place_of_its_pill(
+    recorded: Callable[..., Any], tmp_path: Path
+) -> None:
     one = observed_tree(node(1, "nap", id="Sleep", path="nap", ports={"msec": "500"}))
     recording = recorded([TreeEvent(one, 0, 0, {})], tmp_path / "run.rrd")
     assert recording.of("/tree/nap", "node")[0][1] == ['Sleep  nap  msec="500"']
@@ -133,14 +141,16 @@ def test_the_entity_of_a_node_describes_it_and_has_the_place_of_its_pill(recorde
     assert recording.of("/tree/nap", "LineStrips2D:strips")[0][1] == pill
 
 
-def test_nodes_of_a_big_tree_have_entities_that_draw_nothing(big_tree, recorded, tmp_path: Path) -> None:
+def test_nodes_of_a_big_tree_have_entities_that_draw_nothing(
+    big_tree: Callable[..., Any], recorded: Callable[..., Any], tmp_path: Path
+) -> None:
     recording = recorded([TreeEvent(big_tree(FOLD_ABOVE_NODES + 10), 0, 0, {})], tmp_path / "run.rrd")
     named = [entity for entity, component in recording.rows if component == "node"]
     assert len(named) == FOLD_ABOVE_NODES + 10
     assert not [entity for entity in named if recording.of(entity, "LineStrips2D:strips")]
 
 
-def test_the_legend_is_below_the_tree_in_the_colours_of_the_palette(recorded, tmp_path: Path) -> None:
+def test_legend_is_below_tree_in_colours_of_palette(recorded: Callable[..., Any], tmp_path: Path) -> None:
     recording = recorded([TreeEvent(NESTED, 0, 0, {})], tmp_path / "run.rrd")
     colours = set(recording.of("/tree/legend", "LineStrips2D:colors")[0][1])
     assert {int(one) for one in GROOT.fill[:5]} | {GROOT.raised} <= colours
@@ -151,7 +161,9 @@ def test_the_legend_is_below_the_tree_in_the_colours_of_the_palette(recorded, tm
 
 
 @pytest.mark.parametrize("count", [1, 5, 60, 400])
-def test_the_view_contains_the_tree_and_does_not_magnify_small_trees(big_tree, count: int) -> None:
+def test_the_view_contains_the_tree_and_does_not_magnify_small_trees(
+    big_tree: Callable[..., Any], count: int
+) -> None:
     view = TreeView(RowBuffer(rr.RecordingStream("test")), big_tree(count), GROOT, ROOM)
     x0, y0, x1, y1 = view.bounds()
     width, height = view.layout.size

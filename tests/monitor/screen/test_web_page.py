@@ -1,7 +1,8 @@
 """The page of the web viewer is served with rerun's files, and without requests to other hosts."""
 
 import http.client
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
@@ -9,7 +10,7 @@ from btcore_monitor.screen.page import PageServer, page_files
 
 
 @pytest.fixture(scope="module")
-def fetched(free_port: Callable[[], int]):
+def fetched(free_port: Callable[[], int]) -> Iterator[Callable[..., Any]]:
     """``fetched(path)``: status, body and headers of the page server's response."""
     port = free_port()
     server = PageServer(port, page_files())
@@ -27,7 +28,7 @@ def fetched(free_port: Callable[[], int]):
     server.close()
 
 
-def test_the_page_has_no_links_to_other_hosts(fetched) -> None:
+def test_the_page_has_no_links_to_other_hosts(fetched: Callable[..., Any]) -> None:
     status, page, headers = fetched("/")
     assert status == 200
     assert headers.get_content_type() == "text/html"
@@ -35,7 +36,7 @@ def test_the_page_has_no_links_to_other_hosts(fetched) -> None:
     assert b"fonts.googleapis.com" not in page
 
 
-def test_the_viewer_is_served_with_its_length_for_the_progress_bar(fetched) -> None:
+def test_the_viewer_is_served_with_its_length_for_the_progress_bar(fetched: Callable[..., Any]) -> None:
     status, program, headers = fetched("/re_viewer_bg.wasm?v=1")
     assert status == 200
     assert program.startswith(b"\0asm")
@@ -44,5 +45,5 @@ def test_the_viewer_is_served_with_its_length_for_the_progress_bar(fetched) -> N
 
 
 @pytest.mark.parametrize("path", ["@elsewhere.org/", "99/", "http://elsewhere.org/", "/../sinks.py"])
-def test_a_path_that_is_not_a_file_of_the_page_is_refused(fetched, path: str) -> None:
+def test_a_path_that_is_not_a_file_of_the_page_is_refused(fetched: Callable[..., Any], path: str) -> None:
     assert fetched(path)[0] == 404

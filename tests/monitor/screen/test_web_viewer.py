@@ -6,7 +6,7 @@ import shutil
 import signal
 import time
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +102,7 @@ def test_a_run_that_is_ended_closes_the_viewer(
 
 
 @pytest.fixture
-def browser():
+def browser() -> Iterator[None]:
     """Chromium without a window; skip the test if it is not installed."""
     sync_api = pytest.importorskip("playwright.sync_api")
     places = [shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")]
@@ -117,7 +117,7 @@ def browser():
 
 
 def test_a_live_tree_is_drawn_in_chromium_without_an_error_on_its_console(
-    command: Callable[..., Command], tree_file: Path, browser, free_port: Callable[[], int]
+    command: Callable[..., Command], tree_file: Path, browser: Any, free_port: Callable[[], int]
 ) -> None:
     run = command("run", tree_file, "--serve-web", free_port())
     url = address_of(run)

@@ -1,7 +1,10 @@
 """The views of the window: their time, and the moment of a picture."""
 
+from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -25,14 +28,14 @@ SECOND = 10**9
 FORWARD = 8
 
 
-def axes(blueprint):
+def axes(blueprint: defaultdict) -> set[tuple[int, int]]:
     """Return the boundaries of the time axes of lanes and curves, as pairs."""
     return {tuple(row[0].values()) for row in blueprint["TimeAxis:view_range"]}
 
 
 @pytest.mark.parametrize("ticks", [70, 400, 900])
 def test_axes_begin_with_the_run_and_follow_the_cursor_of_a_long_run(
-    ticks: int, run, blueprints, tmp_path: Path
+    ticks: int, run: Callable[..., Any], blueprints: Callable[..., Any], tmp_path: Path
 ) -> None:
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "run.rrd")))
     events = run(ticks)
@@ -50,8 +53,8 @@ def test_axes_begin_with_the_run_and_follow_the_cursor_of_a_long_run(
         assert sent[-1] == {(-24 * SECOND, 3 * SECOND // 2)}  # from the cursor
 
 
-def test_the_default_moment_of_a_picture_is_thelast_tick_before_the_halt(
-    run, recorded, tmp_path: Path
+def test_default_moment_of_picture_is_last_tick_before_halt(
+    run: Callable[..., Any], recorded: Callable[..., Any], tmp_path: Path
 ) -> None:
     events = run(70)
     last = events[-1:]
@@ -64,8 +67,8 @@ def test_the_default_moment_of_a_picture_is_thelast_tick_before_the_halt(
     assert before[FORWARD - 1] != after[FORWARD - 1]
 
 
-def test_the_column_of_the_time_is_wide_enough_and_lines_do_not_repeat_the_time(
-    run, recorded, tmp_path: Path
+def test_column_of_time_is_wide_enough_and_lines_do_not_repeat_time(
+    run: Callable[..., Any], recorded: Callable[..., Any], tmp_path: Path
 ) -> None:
     """rerun makes the column as wide as the name of its timeline."""
     recording = recorded(run(5), tmp_path / "run.rrd")
@@ -73,8 +76,8 @@ def test_the_column_of_the_time_is_wide_enough_and_lines_do_not_repeat_the_time(
     assert recording.of("/log", "TextLog:text")[0][1] == ["#1      bumpgo        IDLE → RUNNING"]
 
 
-def test_the_blackboards_of_running_subtrees_are_first_with_their_changes(
-    big_tree, recorded, tmp_path: Path
+def test_blackboards_of_running_subtrees_are_first_with_changes(
+    big_tree: Callable[..., Any], recorded: Callable[..., Any], tmp_path: Path
 ) -> None:
     tree = big_tree(60)
     tasks = [node for node in tree.nodes if node.type == "subtree"]
@@ -96,7 +99,7 @@ def test_the_blackboards_of_running_subtrees_are_first_with_their_changes(
     events.append(TickEvent(3, 3 * SECOND, 0, 1, RUNNING))
     recording = recorded(events, tmp_path / "run.rrd")
 
-    def table(second):
+    def table(second: int):
         return recording.at("/blackboard", "TextDocument:text", second * SECOND)[0]
 
     assert table(1).startswith(f"| **{paths[3]}** |")
@@ -105,8 +108,10 @@ def test_the_blackboards_of_running_subtrees_are_first_with_their_changes(
     assert recording.of("/blackboard_history", "TextLog:text") == [(2 * SECOND, [f"{paths[3]}: step: 1 → 2"])]
 
 
-def test_panels_without_data_are_not_in_the_window(run, recorded, blueprints, tmp_path: Path) -> None:
-    def views(name, events):
+def test_panels_without_data_are_not_in_the_window(
+    run: Callable[..., Any], recorded: Callable[..., Any], blueprints: Callable[..., Any], tmp_path: Path
+) -> None:
+    def views(name: str, events: list[Any]):
         recorded(events, tmp_path / name)
         return {name for (name,) in blueprints(tmp_path / name)[-1]["ViewBlueprint:display_name"]}
 
@@ -125,7 +130,7 @@ def test_panels_without_data_are_not_in_the_window(run, recorded, blueprints, tm
 
 
 def test_times_count_from_the_first_data_of_a_robot_whose_clock_began_earlier(
-    run, recorded, tmp_path: Path
+    run: Callable[..., Any], recorded: Callable[..., Any], tmp_path: Path
 ) -> None:
     later = 16_862 * SECOND
     events = [

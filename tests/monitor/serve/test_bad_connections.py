@@ -28,7 +28,7 @@ def ports(publisher: Publisher) -> list[int]:
 
 @pytest.mark.parametrize("name", JUNK)
 def test_both_protocols_work_after_junk_at_any_port(
-    name, endless: btcore.Tree, no_threads_left: None
+    name: str, endless: btcore.Tree, no_threads_left: None
 ) -> None:
     with serve(endless, groot2_port=0, groot1_port=0) as publisher, zmq.Context() as context:
         for port in ports(publisher):

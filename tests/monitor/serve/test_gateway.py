@@ -11,8 +11,9 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zmq
@@ -118,7 +119,9 @@ REQUESTS = {
         *(pytest.param(False, *case, id=f"requests: {name}") for name, case in REQUESTS.items()),
     ],
 )
-def test_bytes_are_checked_the_same_in_one_piece_and_in_many(takes_topics, data, reason) -> None:
+def test_bytes_are_checked_the_same_in_one_piece_and_in_many(
+    takes_topics: bool, data: bytes, reason: str
+) -> None:
     assert verdict(data, takes_topics) == reason
     for seed in range(20):
         assert verdict(data, takes_topics, random.Random(seed)) == reason
@@ -194,7 +197,7 @@ def test_requests_and_subscriptions_of_the_maximum_size_are_forwarded(
 
 
 @pytest.fixture
-def stream():
+def stream() -> Iterator[Callable[..., Any]]:
     """``stream(**options)``: a robot's XPUB socket, and port and close() of the gateway in front of it."""
     with contextlib.ExitStack() as stack:
 
@@ -228,7 +231,7 @@ def subscriber(port: int, *topics: bytes):
         yield client
 
 
-def test_unread_bytes_wait_in_the_gateway_until_there_are_too_many(stream) -> None:
+def test_unread_bytes_wait_in_the_gateway_until_there_are_too_many(stream: Callable[..., Any]) -> None:
     # The robot's socket holds 2 messages per client at most, and then it waits.
     robot, port, _ = stream(sndhwm=2, xpub_nodrop=1)
     picture = frame(bytes(1 << 20))
@@ -251,8 +254,8 @@ def test_unread_bytes_wait_in_the_gateway_until_there_are_too_many(stream) -> No
 
 
 @pytest.mark.usefixtures("in_a_thread")
-def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(
-    stream, monkeypatch: pytest.MonkeyPatch
+def test_connection_has_one_request_at_time_and_port_has_few(
+    stream: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gateway_process, "CLIENT_TIMEOUT_S", 60.0)
     monkeypatch.setattr(gateway_process, "PIECE_TIMEOUT_S", 60.0)
@@ -274,8 +277,8 @@ def test_a_connection_has_one_request_at_a_time_and_a_port_has_few(
 
 
 @pytest.mark.usefixtures("in_a_thread")
-def test_a_request_without_a_reply_delays_the_next_request_for_a_limited_time(
-    stream, monkeypatch: pytest.MonkeyPatch
+def test_request_without_reply_delays_next_request_briefly(
+    stream: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert gateway_process._REQUEST_TOPIC == REQUEST_TOPIC + b"/"
     monkeypatch.setattr(gateway_process, "CLIENT_TIMEOUT_S", 60.0)
@@ -325,9 +328,7 @@ def test_encrypted_clients_are_forwarded_and_limited() -> None:
             between.close()
 
 
-def test_a_connection_more_than_permitted_waits_until_another_ends(
-    endless: btcore.Tree, no_threads_left: None
-) -> None:
+def test_connection_over_the_limit_waits_until_one_ends(endless: btcore.Tree, no_threads_left: None) -> None:
     with serve(endless, groot2_port=0) as publisher:
         address = ("127.0.0.1", publisher.port)
         held = []
@@ -370,9 +371,7 @@ def test_a_client_that_sends_nothing_is_disconnected(endless: btcore.Tree, no_th
 
 
 @pytest.mark.usefixtures("in_a_thread")
-def test_a_client_that_does_not_read_is_disconnected_and_others_are_served(
-    endless: btcore.Tree, no_threads_left: None
-) -> None:
+def test_non_reading_client_is_disconnected_without_harm(endless: btcore.Tree, no_threads_left: None) -> None:
     requests = 100 * (frame(b"", 1) + frame(b"\x02T1234"))
     with (
         serve(endless, groot2_port=0) as publisher,
@@ -488,9 +487,7 @@ def test_the_next_run_removes_the_folder_of_a_killed_robot_and_gateway(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_closed_publisher_sends_its_last_messages_first(
-    endless: btcore.Tree, no_threads_left: None
-) -> None:
+def test_closed_publisher_sends_last_messages_first(endless: btcore.Tree, no_threads_left: None) -> None:
     with zmq.Context() as context, context.socket(zmq.SUB) as client:
         publisher = serve(endless, groot2_port=0)
         client.linger = 0
@@ -506,7 +503,7 @@ def test_a_closed_publisher_sends_its_last_messages_first(
             data = client.recv_multipart()[1]
 
 
-def test_bytes_for_a_client_that_pauses_are_forwarded_at_the_end(stream) -> None:
+def test_bytes_for_a_client_that_pauses_are_forwarded_at_the_end(stream: Callable[..., Any]) -> None:
     robot, port, close = stream(sndhwm=2, xpub_nodrop=1)
     picture = frame(bytes(1 << 20))
     with subscriber(port, b"") as client:

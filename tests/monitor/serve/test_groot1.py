@@ -346,9 +346,7 @@ def test_updates_equal_the_originals_bytes(sample3: btcore.Tree) -> None:
         assert server.update(1.0) == frame
 
 
-def test_random_requests_are_answered_with_the_tree(
-    sample: btcore.Tree, window: Callable[..., Window]
-) -> None:
+def test_random_requests_are_answered_with_tree(sample: btcore.Tree, window: Callable[..., Window]) -> None:
     with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         tree = groot.ask()
@@ -370,9 +368,7 @@ def test_random_requests_are_answered_with_the_tree(
         assert groot.next().steps
 
 
-def test_the_tree_has_the_current_statuses_of_its_nodes(
-    sample: btcore.Tree, window: Callable[..., Window]
-) -> None:
+def test_tree_has_current_statuses_of_nodes(sample: btcore.Tree, window: Callable[..., Window]) -> None:
     with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         assert {node["status"] for node in groot.tree()["nodes"]} == {0}
@@ -441,9 +437,7 @@ def test_a_fast_tree_does_not_exceed_the_update_rate(endless: btcore.Tree) -> No
     assert sum(count for _, count in sent) >= 950, "throttling leaves no transition out"
 
 
-def test_the_last_transitions_are_sent_before_the_end(
-    sample: btcore.Tree, window: Callable[..., Window]
-) -> None:
+def test_last_transitions_are_sent_before_end(sample: btcore.Tree, window: Callable[..., Window]) -> None:
     with serve(sample, groot2_port=None, groot1_port=0) as publisher:
         groot = window(publisher)
         sample.tick_exactly_once()

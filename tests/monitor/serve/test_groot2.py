@@ -107,9 +107,7 @@ def test_blackboards_equal_the_originals_bytes(sample: btcore.Tree, window: Wind
         assert groot.ask("B", b"Main;Sub::6") == captured("v4_blackboard_after")
 
 
-def test_recorded_transitions_equal_the_originals_and_are_read_once(
-    sample: btcore.Tree, window: Windows
-) -> None:
+def test_recorded_transitions_equal_originals_and_are_read_once(sample: btcore.Tree, window: Windows) -> None:
     original = captured("v4_get_transitions")
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
@@ -206,7 +204,7 @@ def test_the_tree_id_is_a_new_random_uuid_for_each_publisher(sample: btcore.Tree
     ],
 )
 def test_an_invalid_request_gets_an_error_of_two_frames(
-    sample: btcore.Tree, window: Windows, frames, sentence: str
+    sample: btcore.Tree, window: Windows, frames: list[bytes], sentence: str
 ) -> None:
     with serve(sample, groot2_port=0) as publisher:
         assert window(publisher).send(*frames) == [b"error", sentence.encode()]
@@ -221,9 +219,7 @@ def test_the_protocol_byte_is_not_checked_and_extra_frames_are_ignored(
         assert reply[1] == captured("v4_status_before_first_tick")
 
 
-def test_a_request_without_a_known_blackboard_is_answered_with_nil(
-    sample: btcore.Tree, window: Windows
-) -> None:
+def test_request_without_known_blackboard_is_answered_with_nil(sample: btcore.Tree, window: Windows) -> None:
     with serve(sample, groot2_port=0) as publisher:
         groot = window(publisher)
         assert groot.ask("B", b"") == b"\xc0"
@@ -241,7 +237,7 @@ def test_the_publisher_survives_random_requests(sample: btcore.Tree, window: Win
 
         @given(header | st.binary(max_size=8), frames)
         @settings(max_examples=4 * settings().max_examples, suppress_health_check=list(HealthCheck))
-        def noise(first, rest):
+        def noise(first: bytes, rest: list[bytes]):
             reply = groot.send(first, *rest)
             assert reply[0] == b"error" or len(reply[0]) == 22
 

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from itertools import combinations, product
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zmq
@@ -247,7 +248,7 @@ TYPE = "[json.exception.type_error.302] type must be {}, but is {}"
     ],
 )
 def test_an_invalid_request_is_refused_with_the_originals_message(
-    sample: btcore.Tree, control: Opening, kind, body, sentence
+    sample: btcore.Tree, control: Opening, kind: str, body: Any, sentence: str
 ) -> None:
     window = control(sample)
     assert window.refused(kind, body) == sentence
@@ -296,7 +297,11 @@ def test_a_hook_at_the_same_place_is_replaced(sample: btcore.Tree, control: Open
     ],
 )
 def test_requests_that_release_a_waiting_tick(
-    sample: btcore.Tree, control: Opening, kind: str, body, left: int
+    sample: btcore.Tree,
+    control: Opening,
+    kind: str,
+    body: dict[str, int] | dict[str, object] | None,
+    left: int,
 ) -> None:
     window = control(sample)
     window.ask("I", BREAKPOINT)
@@ -388,9 +393,7 @@ def test_a_client_that_releases_breakpoints_keeps_hooks_enabled(
         releasing.close()
 
 
-def test_hooks_of_the_program_itself_stay_enabled_without_a_client(
-    sample: btcore.Tree, control: Opening
-) -> None:
+def test_hooks_of_program_itself_stay_enabled_without_client(sample: btcore.Tree, control: Opening) -> None:
     publisher = control(sample, max_heartbeat_delay=0.01).publisher
     sample.hooks.insert(Hook(5, mode=HookMode.REPLACE, desired_status=btcore.Status.FAILURE))
     assert not publisher.wait_for_clients(1, 0.1)

@@ -31,7 +31,7 @@ HANDSHAKES = (
 
 
 @pytest.fixture
-def folder(tmp_path: Path):
+def folder(tmp_path: Path) -> Path:
     """A folder with the key pairs of the robot, of a known client, and of an unknown client."""
     for name in ("robot", "desk", "unknown_client"):
         create_keys(tmp_path / name)
@@ -39,16 +39,16 @@ def folder(tmp_path: Path):
 
 
 @pytest.fixture
-def robot_keys(folder) -> RobotKeys:
+def robot_keys(folder: Path) -> RobotKeys:
     return RobotKeys(folder / "robot", [folder / "desk.pub"])
 
 
 @pytest.fixture
-def desk(folder) -> ClientKeys:
+def desk(folder: Path) -> ClientKeys:
     return ClientKeys(folder / "desk", folder / "robot.pub")
 
 
-def wrong_keys(folder, kind: str) -> ClientKeys | None:
+def wrong_keys(folder: Path, kind: str) -> ClientKeys | None:
     return {
         "none": lambda: None,
         "unknown": lambda: ClientKeys(folder / "unknown_client", folder / "robot.pub"),
@@ -63,7 +63,7 @@ REFUSALS = {
 }
 
 
-def watch(tree, address: str, keys: ClientKeys | None) -> tuple[str, str, int]:
+def watch(tree: btcore.Tree, address: str, keys: ClientKeys | None) -> tuple[str, str, int]:
     """Return how a feed is connected, the name of the tree, and the number of transitions of two ticks."""
     seen: list[TransitionEvent] = []
     how = name = ""
@@ -99,7 +99,10 @@ def test_a_known_client_watches_and_controls(
 
 @pytest.mark.parametrize("ports", [{"groot2_port": 0}, {"groot2_port": None, "groot1_port": 0}])
 def test_a_known_client_watches_by_the_protocols_of_groot(
-    endless: btcore.Tree, robot_keys: RobotKeys, desk: ClientKeys, ports
+    endless: btcore.Tree,
+    robot_keys: RobotKeys,
+    desk: ClientKeys,
+    ports: dict[str, int | None] | dict[str, int],
 ) -> None:
     with serve(endless, **ports, run_channel=False, keys=robot_keys) as publisher:
         how, name, _ = watch(endless, publisher.address, desk)
@@ -108,8 +111,8 @@ def test_a_known_client_watches_by_the_protocols_of_groot(
 
 
 @pytest.mark.parametrize("kind", REFUSALS)
-def test_a_wrong_key_is_reported_to_the_client(
-    endless: btcore.Tree, folder, robot_keys: RobotKeys, kind
+def test_wrong_key_is_reported_to_client(
+    endless: btcore.Tree, folder: Path, robot_keys: RobotKeys, kind: str
 ) -> None:
     with serve(endless, groot2_port=0, keys=robot_keys, allow_control=True) as publisher:
         keys = wrong_keys(folder, kind)
@@ -174,7 +177,7 @@ def connected(address: str, kind: int, keys: ClientKeys | None) -> Iterator[tupl
 
 @pytest.mark.parametrize("kind", REFUSALS)
 def test_every_port_refuses_a_wrong_key(
-    endless: btcore.Tree, folder, robot_keys: RobotKeys, desk: ClientKeys, kind
+    endless: btcore.Tree, folder: Path, robot_keys: RobotKeys, desk: ClientKeys, kind: str
 ) -> None:
     keys = wrong_keys(folder, kind)
     with serve(endless, groot2_port=0, groot1_port=0, keys=robot_keys) as publisher:
@@ -305,8 +308,8 @@ def test_clients_without_keys_can_watch_where_it_is_asked_for(
 @pytest.mark.parametrize(
     "ports", [{"groot2_port": None, "groot1_port": 0}, {"groot2_port": 0, "groot1_port": 0}]
 )
-def test_groot_1_watches_without_keys_where_it_is_asked_for(
-    endless: btcore.Tree, robot_keys: RobotKeys, ports
+def test_groot_1_watches_without_keys_if_allowed(
+    endless: btcore.Tree, robot_keys: RobotKeys, ports: dict[str, int | None] | dict[str, int]
 ) -> None:
     with serve(endless, **ports, keys=robot_keys, watch_port=0) as publisher:
         address = f"tcp://127.0.0.1:{publisher.watch_groot1_port}"

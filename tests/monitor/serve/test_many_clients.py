@@ -1,23 +1,26 @@
 """Many simultaneous clients, some with unusual requests: each gets the replies to its own requests only."""
 
 import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 import zmq
 
 import btcore
 from btcore_monitor.serve import serve
+from btcore_monitor.serve.publisher import Publisher
 from btcore_monitor.serve.request_socket import MAX_WAITING_FRAMES, RequestSocket
 
 
 @pytest.fixture
-def served(endless: btcore.Tree, no_threads_left: None):
+def served(endless: btcore.Tree, no_threads_left: None) -> Iterator[Publisher]:
     with serve(endless, groot2_port=0) as publisher:
         yield publisher
 
 
 @pytest.fixture
-def dealer(served):
+def dealer(served: Publisher) -> Iterator[Callable[..., Any]]:
     """``dealer()``: a client that may send any frames."""
     with contextlib.ExitStack() as stack:
         context = stack.enter_context(zmq.Context())
@@ -35,7 +38,7 @@ def request(kind: bytes, number: int) -> bytes:
     return b"\x02" + kind + number.to_bytes(4, "little")
 
 
-def test_replies_go_to_the_requesting_client(dealer) -> None:
+def test_replies_go_to_the_requesting_client(dealer: Callable[..., Any]) -> None:
     clients = [dealer() for _ in range(20)]
     for turn in range(10):
         for at, client in enumerate(clients):
@@ -48,7 +51,7 @@ def test_replies_go_to_the_requesting_client(dealer) -> None:
         assert not client.poll(0)
 
 
-def test_a_reply_has_the_routing_envelope_of_its_request(dealer) -> None:
+def test_a_reply_has_the_routing_envelope_of_its_request(dealer: Callable[..., Any]) -> None:
     """As with a REP socket, the envelope ends at the first empty frame, and is returned unchanged."""
     client = dealer()
     client.send_multipart([b"first", b"second", b"", request(b"B", 7), b""])
@@ -63,7 +66,9 @@ def test_a_reply_has_the_routing_envelope_of_its_request(dealer) -> None:
     [[b""], [b"", b""], [b"", b"", b""], [b"", b"\x02S1234", b"", b"more"], [b"", b"\x02B1234"]],
     ids=["nothing", "an empty request", "two empty frames", "an additional frame", "a missing frame"],
 )
-def test_an_invalid_request_does_not_affect_other_clients(dealer, frames) -> None:
+def test_an_invalid_request_does_not_affect_other_clients(
+    dealer: Callable[..., Any], frames: list[bytes]
+) -> None:
     odd, client = dealer(), dealer()
     odd.send_multipart(frames)
     client.send_multipart([b"", request(b"S", 1)])
@@ -76,7 +81,7 @@ def test_an_invalid_request_does_not_affect_other_clients(dealer, frames) -> Non
         assert len(answers) <= (2 if socket is odd else 1)
 
 
-def test_clients_that_leave_before_the_reply_do_no_harm(dealer) -> None:
+def test_clients_that_leave_before_the_reply_do_no_harm(dealer: Callable[..., Any]) -> None:
     for _ in range(20):
         with dealer() as gone:
             gone.linger = 100

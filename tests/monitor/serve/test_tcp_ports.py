@@ -33,7 +33,7 @@ def test_a_port_in_use_is_reported_with_alternatives(sample: btcore.Tree) -> Non
     ],
 )
 def test_a_port_in_use_is_reported_and_the_other_ports_are_released(
-    sample: btcore.Tree, protocols, offset: int, bind: str, needed: str
+    sample: btcore.Tree, protocols: tuple[str, str] | tuple[str], offset: int, bind: str, needed: str
 ) -> None:
     with serve(sample, **{"groot2_port": None, **{f"{name}_port": 0 for name in protocols}}) as publisher:
         ports = {
@@ -68,7 +68,9 @@ def test_an_unknown_interface_is_reported(sample: btcore.Tree) -> None:
         ({"groot2_port": None, "groot1_port": 65533}, "choose one from 1 to 65532"),
     ],
 )
-def test_a_port_without_free_ports_above_it_is_out_of_range(sample: btcore.Tree, ports, message: str) -> None:
+def test_a_port_without_free_ports_above_it_is_out_of_range(
+    sample: btcore.Tree, ports: dict[str, int | None] | dict[str, int], message: str
+) -> None:
     with pytest.raises(ServeError, match=message):
         serve(sample, **ports)
 

@@ -6,6 +6,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
@@ -13,6 +14,7 @@ import btcore
 from btcore_monitor.events import (
     BlackboardEvent,
     ConnectionEvent,
+    DataSource,
     LostTransitionsEvent,
     MissingDataEvent,
     TickEvent,
@@ -47,7 +49,7 @@ def with_previous(*steps: tuple[int, int]) -> list[tuple[int, int, int]]:
     return found
 
 
-def source(viewer):
+def source(viewer: Watcher) -> DataSource:
     return viewer.of(TreeEvent)[-1].source
 
 
@@ -230,7 +232,7 @@ def test_a_big_tree_that_changes_in_bursts_is_requested_more_often_and_received_
 
 
 @contextlib.contextmanager
-def another_reader(robot) -> Iterator[None]:
+def another_reader(robot: Any) -> Iterator[None]:
     """Another client that reads the recording again and again while node 4 changes."""
     done = threading.Event()
 

@@ -478,7 +478,7 @@ def test_a_client_of_a_silent_robot_raises_and_can_request_again(sample: btcore.
         ("10.0.0.7/", ("10.0.0.7", 1667)),
     ],
 )
-def test_an_address_may_be_short(text: str, where) -> None:
+def test_an_address_may_be_short(text: str, where: tuple[str, int]) -> None:
     assert parse_address(text)[:2] == where
 
 

@@ -155,9 +155,7 @@ def test_statuses_that_arrive_late_correct_the_statuses_of_the_tree(
     assert not viewer.of(MissingDataEvent), "nothing got lost, since nothing was known"
 
 
-def test_a_lost_update_is_reported_as_a_gap(
-    watch: Callable[..., Watcher], until: Callable[..., None]
-) -> None:
+def test_lost_update_is_reported_as_gap(watch: Callable[..., Watcher], until: Callable[..., None]) -> None:
     with Robot(TREE) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeEvent), "the tree")
@@ -357,9 +355,7 @@ def test_a_groot2_client_detects_a_robot_of_version_3_without_harm(until: Callab
         assert robot.asked == 2
 
 
-def test_watching_requests_the_tree_only_twice(
-    watch: Callable[..., Watcher], until: Callable[..., None]
-) -> None:
+def test_watching_requests_tree_only_twice(watch: Callable[..., Watcher], until: Callable[..., None]) -> None:
     """The tree is requested twice at the beginning, and not again as long as the robot publishes."""
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
@@ -383,8 +379,6 @@ def test_watching_requests_the_tree_only_twice(
         ("1800/1700", "tcp://127.0.0.1:1800", "tcp://127.0.0.1:1700"),
     ],
 )
-def test_an_address_determines_the_port_of_groot1s_updates(
-    text: str, request_at: str, published_at: str
-) -> None:
+def test_address_determines_port_of_groot1s_updates(text: str, request_at: str, published_at: str) -> None:
     address = parse_address(text)
     assert (address.at(), address.published()) == (request_at, published_at)

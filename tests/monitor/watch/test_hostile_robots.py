@@ -13,6 +13,7 @@ import warnings
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgpack
 import pytest
@@ -471,7 +472,7 @@ def watched(robots: Mapping[str, Robot], folder: Path) -> dict[str, Outcome]:
 # One test for all attacks: the robots of all attacks are watched at the same time.
 
 
-def test_hostile_replies_are_reported_and_do_not_stop_the_client(tmp_path: Path, subtests) -> None:
+def test_hostile_replies_are_reported_and_do_not_stop_the_client(tmp_path: Path, subtests: Any) -> None:
     outcomes = watched({name: Robot(replies) for name, replies in REPLIES.items()}, tmp_path)
     for attack, outcome in outcomes.items():
         with subtests.test(attack):
@@ -483,7 +484,7 @@ def test_hostile_replies_are_reported_and_do_not_stop_the_client(tmp_path: Path,
             assert outcome.has_tree == shows_tree
 
 
-def test_hostile_messages_are_reported_and_do_not_stop_the_client(tmp_path: Path, subtests) -> None:
+def test_hostile_messages_are_reported_and_do_not_stop_the_client(tmp_path: Path, subtests: Any) -> None:
     outcomes = watched({name: Robot({}, messages) for name, messages in SCENES.items()}, tmp_path)
     for attack, outcome in outcomes.items():
         with subtests.test(attack):
@@ -527,9 +528,7 @@ def test_record_ends_at_its_time_limit_with_a_message(attacker: Callable[..., Ro
     assert output.endswith(f"error: no tree was seen at {robot.address}, so nothing is recorded\n")
 
 
-def test_monitor_ends_at_its_time_limit_with_a_message(
-    attacker: Callable[..., Robot], tmp_path: Path
-) -> None:
+def test_monitor_ends_at_time_limit_with_message(attacker: Callable[..., Robot], tmp_path: Path) -> None:
     robot = attacker(REPLIES["a blackboard nested 100,000 deep"])
     output = run("monitor", robot.address, "--no-view", "--save", tmp_path / "x.rrd", "--duration", 2.5)
     assert "monitor: blackboard missing: Main isn't shown" in output
@@ -548,7 +547,7 @@ def test_monitor_ends_at_its_time_limit_with_a_message(
     ],
 )
 def test_hook_reports_hostile_replies(
-    attacker: Callable[..., Robot], attack: str, arguments, expected_message: str
+    attacker: Callable[..., Robot], attack: str, arguments: list[str], expected_message: str
 ) -> None:
     robot = attacker(REPLIES[attack])
     assert expected_message in run("hook", robot.address, *arguments)
@@ -564,15 +563,13 @@ def test_hook_reports_hostile_replies(
     ],
 )
 def test_hook_ends_at_its_time_limit_though_notifications_never_end(
-    attacker: Callable[..., Robot], notices, arguments, expected_message: str
+    attacker: Callable[..., Robot], notices: list[bytes], arguments: list[str], expected_message: str
 ) -> None:
     robot = attacker({}, notices)
     assert expected_message in run("hook", robot.address, *arguments, "--within", "0.5")
 
 
-def test_a_time_limit_ends_a_command_that_draws_a_huge_tree(
-    attacker: Callable[..., Robot], tmp_path: Path
-) -> None:
+def test_time_limit_ends_command_that_draws_huge_tree(attacker: Callable[..., Robot], tmp_path: Path) -> None:
     nodes = "".join(f'<A name="node {uid}" _uid="{uid}"/>' for uid in range(2, 60_000))
     robot = attacker({"T": tree_of(f'<Sequence _uid="1">{nodes}</Sequence>')})
     program = (

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rerun.chunk import RrdReader
@@ -65,7 +66,7 @@ def seen() -> TreeEvent:
     return TreeEvent(TREE, 0, 0, {1: IDLE, 2: IDLE}, has_transition_numbers=False, source=WIRE)
 
 
-def shown(events, path: Path) -> Path:
+def shown(events: Any, path: Path) -> Path:
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)))
     for event in events:
         screen.process_event(event)
@@ -124,9 +125,7 @@ def test_missing_data_is_counted_and_shown(seen: TreeEvent, tmp_path: Path) -> N
     assert "| lost | transitions, 1 times |" in now
 
 
-def test_another_data_source_of_the_same_tree_starts_another_recording(
-    seen: TreeEvent, tmp_path: Path
-) -> None:
+def test_another_data_source_of_same_tree_starts_another_recording(seen: TreeEvent, tmp_path: Path) -> None:
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "x.rrd")))
     for event in (seen, TreeEvent(TREE, 10**12, 0, {1: IDLE, 2: IDLE})):
         screen.process_event(event)

@@ -1,5 +1,7 @@
 """The check of recorded transitions: each batch must be consistent with the nodes' statuses."""
 
+from typing import Any
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -40,7 +42,12 @@ def validator_of(robot: Robot) -> RecordingValidator:
 
 
 @given(WALK, WALK, WALK, WALK)
-def test_a_complete_recording_passes_at_any_time_of_the_status_request(one, two, three, four) -> None:
+def test_a_complete_recording_passes_at_any_time_of_the_status_request(
+    one: list[tuple[int, int]],
+    two: list[tuple[int, int]],
+    three: list[tuple[int, int]],
+    four: list[tuple[int, int]],
+) -> None:
     robot = Robot()
     validator = RecordingValidator(START)
     for before, after in ((one, two), (three, four)):
@@ -60,7 +67,9 @@ def test_a_complete_recording_passes_at_any_time_of_the_status_request(one, two,
 
 
 @given(WALK, WALK, WALK, st.data())
-def test_after_a_loss_the_statuses_are_right_or_a_gap_is_reported(one, two, three, data) -> None:
+def test_after_a_loss_the_statuses_are_right_or_a_gap_is_reported(
+    one: list[tuple[int, int]], two: list[tuple[int, int]], three: list[tuple[int, int]], data: Any
+) -> None:
     robot = Robot()
     validator = validator_of(robot)
     batch = robot.walk(one)
@@ -76,7 +85,13 @@ def test_after_a_loss_the_statuses_are_right_or_a_gap_is_reported(one, two, thre
 
 
 @given(WALK, WALK, WALK, WALK, st.data())
-def test_after_a_gap_a_complete_batch_makes_the_statuses_right(one, two, three, four, data) -> None:
+def test_after_a_gap_a_complete_batch_makes_the_statuses_right(
+    one: list[tuple[int, int]],
+    two: list[tuple[int, int]],
+    three: list[tuple[int, int]],
+    four: list[tuple[int, int]],
+    data: Any,
+) -> None:
     robot = Robot()
     validator = validator_of(robot)
     batch = robot.walk(one)

@@ -59,9 +59,7 @@ def robot() -> Iterator[Robot]:
     made.close()
 
 
-def test_messages_that_arrive_too_early_take_limited_memory_and_none_is_lost(
-    robot: Robot, until: Callable[..., None]
-) -> None:
+def test_early_messages_take_limited_memory_and_are_kept(robot: Robot, until: Callable[..., None]) -> None:
     client = RunChannelClient(robot.address)
     received: list[int] = []
 

@@ -5,6 +5,7 @@ import struct
 from ast import literal_eval
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -73,7 +74,7 @@ def test_the_captured_updates_equal_the_listing() -> None:
 
 
 @pytest.mark.parametrize("frame", UPDATES)
-def test_a_captured_update_is_encoded_to_the_same_bytes(frame) -> None:
+def test_a_captured_update_is_encoded_to_the_same_bytes(frame: bytes) -> None:
     update = decode_update(frame)
     assert encode_update(update.statuses.items(), update.transitions) == frame
 
@@ -141,7 +142,7 @@ def test_the_observed_tree_has_uids_from_1_for_a_second_tree_of_a_process() -> N
         ([(7,), ()], "node 1 has node 7 as a child"),
     ],
 )
-def test_nodes_that_do_not_form_a_tree_are_reported(children, message: str) -> None:
+def test_nodes_that_do_not_form_a_tree_are_reported(children: Any, message: str) -> None:
     nodes = tuple(WireNode(uid, below, 0, "n", "N") for uid, below in enumerate(children, start=1))
     with pytest.raises(ProtocolError, match=message):
         read_groot1(WireTree(nodes, ()), UUID)
@@ -170,7 +171,7 @@ def test_a_tree_without_nodes_or_with_a_duplicate_uid_is_reported() -> None:
         (struct.pack("<IIIIHbb", 0, 1, 0, 0, 7, 0, 9), "a status 0–3 of node 7, and got 9"),
     ],
 )
-def test_a_malformed_update_is_reported(frame, message: str) -> None:
+def test_a_malformed_update_is_reported(frame: bytes, message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
         decode_update(frame)
 
@@ -184,7 +185,7 @@ def test_a_malformed_update_is_reported(frame, message: str) -> None:
         (bytes(64), "lacks its field 1"),
     ],
 )
-def test_data_that_is_not_a_tree_is_reported(data, message: str) -> None:
+def test_data_that_is_not_a_tree_is_reported(data: bytes, message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
         decode_tree(data)
 
@@ -237,18 +238,20 @@ changes = st.builds(
 
 
 @given(trees)
-def test_a_tree_is_unchanged_after_encoding_and_decoding(tree) -> None:
+def test_a_tree_is_unchanged_after_encoding_and_decoding(tree: WireTree) -> None:
     assert decode_tree(encode_tree(tree)) == tree
 
 
 @given(st.dictionaries(uids, st.integers(0, 3)), st.lists(changes, max_size=5))
-def test_an_update_is_unchanged_after_encoding_and_decoding(statuses, changed) -> None:
+def test_an_update_is_unchanged_after_encoding_and_decoding(
+    statuses: Any, changed: list[WireTransition]
+) -> None:
     assert decode_update(encode_update(statuses.items(), changed)) == Update(statuses, tuple(changed))
 
 
 @settings(max_examples=3 * settings().max_examples)
 @given(st.binary(max_size=200))
-def test_noise_is_decoded_or_refused(data) -> None:
+def test_noise_is_decoded_or_refused(data: bytes) -> None:
     for decode in (decode_tree, decode_update):
         with suppress(ProtocolError):
             decode(data)
@@ -256,7 +259,7 @@ def test_noise_is_decoded_or_refused(data) -> None:
 
 @settings(max_examples=5 * settings().max_examples)
 @given(st.lists(st.tuples(st.integers(0, len(TREE) - 1), st.integers(0, 255)), min_size=1, max_size=6))
-def test_a_damaged_tree_is_read_or_refused(damage) -> None:
+def test_a_damaged_tree_is_read_or_refused(damage: list[tuple[int, int]]) -> None:
     data = bytearray(TREE)
     for place, byte in damage:
         data[place] = byte
@@ -265,7 +268,7 @@ def test_a_damaged_tree_is_read_or_refused(damage) -> None:
 
 
 @given(st.integers(0, len(TREE) - 1))
-def test_a_truncated_tree_is_read_or_refused(size) -> None:
+def test_a_truncated_tree_is_read_or_refused(size: int) -> None:
     with suppress(ProtocolError):
         decode_tree(TREE[:size])
 

@@ -1,8 +1,10 @@
 """Groot 2's protocol, byte for byte: against captures of BehaviorTree.CPP 4.10.0, and against noise."""
 
 import struct
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -41,7 +43,7 @@ def body_of(name: str) -> bytes:
 
 
 @pytest.mark.parametrize("name", [name for name in REPLIES if name not in REFUSED])
-def test_every_captured_reply_echoes_its_request_and_encodes_to_the_same_bytes(name) -> None:
+def test_every_captured_reply_echoes_its_request_and_encodes_to_the_same_bytes(name: str) -> None:
     asked = frames_of(f"{name}.req")
     header = RequestHeader.decode(asked[0])
     reply = groot2.decode_reply(frames_of(f"{name}.rep"))
@@ -53,7 +55,7 @@ def test_every_captured_reply_echoes_its_request_and_encodes_to_the_same_bytes(n
 
 
 @pytest.mark.parametrize(("name", "sentence"), REFUSED.items())
-def test_a_captured_error_reply_raises_its_message(name, sentence) -> None:
+def test_a_captured_error_reply_raises_its_message(name: str, sentence: str) -> None:
     with pytest.raises(RobotRefusedError) as raised:
         groot2.decode_reply(frames_of(f"{name}.rep"))
     assert str(raised.value) == sentence
@@ -149,7 +151,7 @@ def test_no_blackboards_and_an_empty_blackboard_are_encoded_as_nil() -> None:
         (object(), b"\xc0"),
     ],
 )
-def test_a_value_has_its_shortest_exact_encoding(value, packed) -> None:
+def test_a_value_has_its_shortest_exact_encoding(value: Any, packed: bytes) -> None:
     assert encode_boards({"M": {"k": to_portable(value)}}) == b"\x81\xa1M\x81\xa1k" + packed
 
 
@@ -215,7 +217,7 @@ BOMB = b'<!DOCTYPE r [<!ENTITY a "aaaa">]>' + tree_of(b'<X _uid="1" name="&a;"/>
     ],
     ids=lambda one: one if isinstance(one, str) else "",
 )
-def test_an_invalid_full_tree_is_refused_with_its_reason(xml, expected_message: str) -> None:
+def test_an_invalid_full_tree_is_refused_with_its_reason(xml: bytes, expected_message: str) -> None:
     with pytest.raises(ProtocolError, match=expected_message):
         read_fulltree(xml, UUID)
 
@@ -252,7 +254,7 @@ def test_a_tree_of_a_thousand_levels_is_read() -> None:
     ],
     ids=lambda one: one if isinstance(one, str) else "",
 )
-def test_invalid_bytes_are_reported(decode, data, expected_message: str) -> None:
+def test_invalid_bytes_are_reported(decode: Callable[..., Any], data: bytes, expected_message: str) -> None:
     with pytest.raises(ProtocolError, match=expected_message):
         decode(data)
 
@@ -271,14 +273,14 @@ DECODERS = [
 @pytest.mark.parametrize("decode", DECODERS)
 @given(data=st.binary(max_size=200))
 @settings(max_examples=3 * settings().max_examples)
-def test_noise_raises_nothing_but_a_protocol_error(decode, data) -> None:
+def test_noise_raises_nothing_but_a_protocol_error(decode: Callable[..., Any], data: bytes) -> None:
     with suppress(ProtocolError):
         decode(data)
 
 
 @given(frames=st.lists(st.binary(max_size=40), max_size=4))
 @settings(max_examples=3 * settings().max_examples)
-def test_noisy_frames_raise_nothing_but_a_protocol_error(frames) -> None:
+def test_noisy_frames_raise_nothing_but_a_protocol_error(frames: list[bytes]) -> None:
     for decode in (groot2.decode_reply, groot2.decode_breakpoint_reached):
         with suppress(ProtocolError):
             decode(frames)
@@ -291,6 +293,6 @@ def test_noisy_frames_raise_nothing_but_a_protocol_error(frames) -> None:
         max_leaves=20,
     )
 )
-def test_portable_values_are_unchanged_after_encoding_and_decoding(value) -> None:
+def test_portable_values_are_unchanged_after_encoding_and_decoding(value: Any) -> None:
     sent = to_portable(value)
     assert decode_boards(encode_boards({"M": {"k": sent}})) == {"M": {"k": sent}}

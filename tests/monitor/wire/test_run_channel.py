@@ -3,6 +3,7 @@
 import functools
 from contextlib import suppress
 from dataclasses import fields
+from typing import Any
 
 import msgpack
 import pytest
@@ -53,7 +54,7 @@ NESTED: list[object] = functools.reduce(lambda inner, _: [inner], range(900), []
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
-def test_a_message_is_unchanged_after_encoding_and_decoding(message) -> None:
+def test_a_message_is_unchanged_after_encoding_and_decoding(message: Any) -> None:
     assert decode(encode(message)) == message
 
 
@@ -76,7 +77,7 @@ def test_unknown_fields_and_kinds_of_messages_are_ignored() -> None:
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
-def test_a_missing_or_invalid_field_is_reported(message) -> None:
+def test_a_missing_or_invalid_field_is_reported(message: Any) -> None:
     whole = msgpack.unpackb(encode(message), strict_map_key=False)
     for field in fields(message):
         without = {key: value for key, value in whole.items() if key != field.name}
@@ -108,7 +109,7 @@ def test_a_missing_or_invalid_field_is_reported(message) -> None:
         (MESSAGES[8], {"messages": ["text"]}, "messages as bytes in a 'piece' message"),
     ],
 )
-def test_an_invalid_value_is_reported(message, changed, expected_message: str) -> None:
+def test_an_invalid_value_is_reported(message: Any, changed: Any, expected_message: str) -> None:
     whole = msgpack.unpackb(encode(message), strict_map_key=False)
     with pytest.raises(ProtocolError, match=expected_message):
         decode(msgpack.packb(whole | changed))
@@ -116,7 +117,7 @@ def test_an_invalid_value_is_reported(message, changed, expected_message: str) -
 
 @given(st.binary(max_size=200))
 @settings(max_examples=5 * settings().max_examples)
-def test_noise_raises_nothing_but_a_protocol_error(data) -> None:
+def test_noise_raises_nothing_but_a_protocol_error(data: bytes) -> None:
     with suppress(ProtocolError):
         decode(data)
 
@@ -130,7 +131,7 @@ VALUES = st.recursive(
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
 @given(data=st.data())
-def test_any_value_in_any_field_raises_nothing_but_a_protocol_error(message, data) -> None:
+def test_any_value_in_any_field_raises_nothing_but_a_protocol_error(message: Any, data: Any) -> None:
     whole = msgpack.unpackb(encode(message), strict_map_key=False)
     field = data.draw(st.sampled_from(sorted(whole)))
     with suppress(ProtocolError):

@@ -4,6 +4,7 @@ import math
 import zlib
 from contextlib import suppress
 from dataclasses import asdict, replace
+from typing import Any
 
 import cv2
 import msgpack
@@ -185,7 +186,7 @@ def test_unknown_fields_are_passed_on() -> None:
         ("parts", [{"kind": "blob"}], "box or cylinder or sphere, and got 'blob'"),
     ],
 )  # fmt: skip
-def test_invalid_data_is_reported(key: str, entries, expected_message: str) -> None:
+def test_invalid_data_is_reported(key: str, entries: Any, expected_message: str) -> None:
     static = StaticSceneMessage(ID, STATIC)
     whole = msgpack.unpackb(encode(static if key in ("parts", "meshes") else moving()))
     whole["data"][key] = entries
@@ -212,7 +213,7 @@ VALUES = st.recursive(
 
 @given(data=st.data())
 @settings(max_examples=3 * settings().max_examples)
-def test_any_value_in_a_scene_raises_nothing_but_a_protocol_error(data) -> None:
+def test_any_value_in_a_scene_raises_nothing_but_a_protocol_error(data: Any) -> None:
     whole = msgpack.unpackb(encode(data.draw(st.sampled_from([moving(), StaticSceneMessage(ID, STATIC)]))))
     scene = whole["data"]
     key = data.draw(st.sampled_from(sorted(scene)))

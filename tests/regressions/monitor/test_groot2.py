@@ -74,7 +74,7 @@ def only(nodes: tuple[ObservedNode, ...], kind: str) -> ObservedNode:
 # --- the blackboard ROOT
 
 
-def test_cpp_pr_1168_root_blackboard_in_groot2_dump_of_a_tree_with_an_outer_blackboard(
+def test_cpp_pr_1168_root_blackboard_in_groot2_dump_of_tree_with_outer_blackboard(
     connect: Connect,
 ) -> None:
     outer = Blackboard()

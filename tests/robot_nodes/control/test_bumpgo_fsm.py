@@ -33,7 +33,7 @@ AHEAD, BACK, LEFT, STAND = Twist2D(0.3, 0.0), Twist2D(-0.3, 0.0), Twist2D(0.0, 0
 class Bumping:
     """The process, a laser whose ranges the test sets, and the process's messages with the time (s)."""
 
-    def __init__(self, robot, kind: type[BumpGo] = BumpGo) -> None:
+    def __init__(self, robot: RecordingRobot, kind: type[BumpGo] = BumpGo) -> None:
         self.clock = robot.clock
         self.context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
         self.executor = Executor(robot.schedule, robot.clock)
@@ -79,9 +79,7 @@ def test_a_command_is_sent_twenty_times_a_second(robot: RecordingRobot) -> None:
 
 
 @pytest.mark.parametrize(("distance", "state"), [(1.01, BumpGoState.FORWARD), (0.99, BumpGoState.BACK)])
-def test_a_reading_below_one_metre_is_an_obstacle(
-    robot: RecordingRobot, distance: float, state: BumpGoState
-) -> None:
+def test_reading_below_1_m_is_an_obstacle(robot: RecordingRobot, distance: float, state: BumpGoState) -> None:
     bumping = Bumping(robot)
     bumping.ahead(distance)
     bumping.run(0.2)
@@ -178,9 +176,7 @@ def test_exercise_the_freest_direction_has_room_to_both_sides(robot: RecordingRo
         (-0.1, 0.3, False),
     ],
 )
-def test_exercise_an_obstacle_anywhere_in_the_lane_blocks_it(
-    ahead: float, aside: float, blocked: bool
-) -> None:
+def test_exercise_obstacle_anywhere_in_lane_blocks_it(ahead: float, aside: float, blocked: bool) -> None:
     ranges = np.full(1081, np.inf, dtype=np.float32)
     ranges[::7] = np.nan
     increment = math.radians(0.25)

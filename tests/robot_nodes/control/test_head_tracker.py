@@ -118,7 +118,7 @@ def test_the_debug_image_dims_the_background_and_draws_the_detections_box() -> N
     assert shown[50, 100].tolist() == shown[69, 139].tolist() == [255, 255, 0]
 
 
-def detector(robot, **parameters) -> tuple[ProcessContext, Process, ObjectDetector]:
+def detector(robot: RecordingRobot, **parameters) -> tuple[ProcessContext, Process, ObjectDetector]:
     context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
     executor = Executor(robot.schedule, robot.clock)
     process = ObjectDetector(context, ProcessOptions(parameters=parameters))
@@ -160,14 +160,14 @@ def test_a_command_is_the_position_in_the_picture_from_minus_one_to_one(
 
 
 @pytest.fixture
-def watching(robot: RecordingRobot):
+def watching(robot: RecordingRobot) -> RecordingRobot:
     """A robot with a head and a camera."""
     robot.limits = HeadInfo(-1.3, 1.3, -1.0, 0.7, 3.0)
     robot.turned = HeadPosition(0.0, 0.0, 0)
     return robot
 
 
-def active(robot, **settings) -> HeadTracker:
+def active(robot: RecordingRobot, **settings) -> HeadTracker:
     tracker = HeadTracker(robot, **settings)
     assert tracker.configure()
     assert tracker.activate()
@@ -177,7 +177,9 @@ def active(robot, **settings) -> HeadTracker:
 @pytest.mark.parametrize(
     ("left", "top", "pan", "tilt"), [(600, 220, -1, 0), (0, 220, 1, 0), (300, 440, 0, -1), (300, 0, 0, 1)]
 )
-def test_the_head_turns_towards_the_object(watching, left: int, top: int, pan: int, tilt: int) -> None:
+def test_the_head_turns_towards_the_object(
+    watching: RecordingRobot, left: int, top: int, pan: int, tilt: int
+) -> None:
     """An object to the right needs a smaller pan angle, and an object below a smaller tilt angle."""
     active(watching)
     watching.shown = picture((left, top, 40, 40), stamp=100_000_000)
@@ -186,7 +188,7 @@ def test_the_head_turns_towards_the_object(watching, left: int, top: int, pan: i
     assert np.sign(np.where(np.abs(looked) < 0.01, 0.0, looked)).tolist() == [pan, tilt]
 
 
-def test_the_head_gets_ten_commands_a_second_while_the_tracker_is_active(watching) -> None:
+def test_the_head_gets_ten_commands_a_second_while_the_tracker_is_active(watching: RecordingRobot) -> None:
     tracker = active(watching)
     watching.clock.sleep(2.0)
     assert len(watching.looks) == 20
@@ -195,7 +197,7 @@ def test_the_head_gets_ten_commands_a_second_while_the_tracker_is_active(watchin
     assert len(watching.looks) == 21
 
 
-def test_the_head_returns_to_the_middle_after_100_ms_without_a_detection(watching) -> None:
+def test_the_head_returns_to_the_middle_after_100_ms_without_a_detection(watching: RecordingRobot) -> None:
     active(watching)
     watching.shown = picture((600, 220, 40, 40), stamp=100_000_000)
     watching.clock.sleep(0.2)
@@ -204,7 +206,7 @@ def test_the_head_returns_to_the_middle_after_100_ms_without_a_detection(watchin
     assert watching.looks[-1] == (0.0, 0.0)
 
 
-def test_the_head_returns_to_the_middle_when_the_tracker_is_deactivated(watching) -> None:
+def test_the_head_returns_to_the_middle_when_the_tracker_is_deactivated(watching: RecordingRobot) -> None:
     tracker = active(watching)
     watching.shown = picture((600, 220, 40, 40), stamp=100_000_000)
     watching.clock.sleep(0.1)
@@ -212,7 +214,7 @@ def test_the_head_returns_to_the_middle_when_the_tracker_is_deactivated(watching
     assert watching.looks[-1] == (0.0, 0.0)
 
 
-def test_exercise_a_more_reactive_head_reaches_the_object_sooner(watching) -> None:
+def test_exercise_a_more_reactive_head_reaches_the_object_sooner(watching: RecordingRobot) -> None:
     """The object is to the right by 0.5 rad; the head moves at once, and its picture spans 1.1 rad."""
     needed = {}
     for name, settings in {"book": {}, "reactive": {"tuning": REACTIVE}}.items():

@@ -41,7 +41,7 @@ CASES = {
 }
 
 
-def angle(vector) -> float:
+def angle(vector: np.ndarray) -> float:
     return math.atan2(vector[1], vector[0])
 
 
@@ -70,7 +70,9 @@ QUADRANTS = [
 
 
 @pytest.mark.parametrize(("case", "signs", "push", "sum_"), QUADRANTS)
-def test_3_to_7_an_obstacle_pushes_away(case: str, signs, push, sum_) -> None:
+def test_3_to_7_an_obstacle_pushes_away(
+    case: str, signs: tuple[int, int], push: tuple[float, float], sum_: tuple[float, float]
+) -> None:
     found = forces_from_nearest(CASES[case])
     assert found.attractive.tolist() == [1.0, 0.0]
     assert np.sign(found.repulsive).tolist() == list(signs)
@@ -102,7 +104,7 @@ VELOCITIES = {
 class Avoiding:
     """The avoidance process with a scan at 30 Hz, and its messages."""
 
-    def __init__(self, robot, kind: type[Avoidance] = Avoidance) -> None:
+    def __init__(self, robot: RecordingRobot, kind: type[Avoidance] = Avoidance) -> None:
         self.robot = robot
         self.context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
         self.executor = Executor(robot.schedule, robot.clock)

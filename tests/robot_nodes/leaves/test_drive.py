@@ -9,14 +9,14 @@ from tests.robot_nodes.conftest import RecordingRobot
 TENTH = 100_000_000
 
 
-def tree_of(leaf: str, robot) -> Tree:
+def tree_of(leaf: str, robot: RecordingRobot) -> Tree:
     nodes = Registry.standard()
     nodes.add_plugin("btcore_robot.leaves")
     text = f'<root main_tree_to_execute="T"><BehaviorTree ID="T"><Action ID="{leaf}"/></BehaviorTree></root>'
     return btcore.loads(text, nodes=nodes, resources=[robot])
 
 
-def tick(tree: Tree, robot, times: int) -> Status:
+def tick(tree: Tree, robot: RecordingRobot, times: int) -> Status:
     """Tick at 10 Hz until the result is not RUNNING, at most *limit* times."""
     status = Status.IDLE
     for _ in range(times):
@@ -36,7 +36,7 @@ def tick(tree: Tree, robot, times: int) -> Status:
     ],
 )
 def test_a_leaf_sends_some_thirty_commands_in_its_direction(
-    robot: RecordingRobot, leaf: str, times: int, status, direction
+    robot: RecordingRobot, leaf: str, times: int, status: Status, direction: tuple[int, int]
 ) -> None:
     assert tick(tree_of(leaf, robot), robot, times) is status
     assert len(robot.commands) == pytest.approx(30, abs=1)

@@ -12,7 +12,7 @@ SECOND = 1_000_000_000
 INF = math.inf
 
 
-def tree_of(robot, leaf: str = "IsObstacle", **ports: float) -> Tree:
+def tree_of(robot: RecordingRobot, leaf: str = "IsObstacle", **ports: float) -> Tree:
     nodes = Registry.standard()
     nodes.add_plugin("btcore_robot.leaves")
     written = " ".join(f'{port}="{value}"' for port, value in ports.items())
@@ -20,7 +20,7 @@ def tree_of(robot, leaf: str = "IsObstacle", **ports: float) -> Tree:
     return btcore.loads(text, nodes=nodes, resources=[robot])
 
 
-def obstacle(robot, **ports: float) -> bool:
+def obstacle(robot: RecordingRobot, **ports: float) -> bool:
     return tree_of(robot, **ports).tick_once() is Status.SUCCESS
 
 
@@ -67,9 +67,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("x", "y", "found"), CASES)
-def test_the_corridor_is_a_rectangle_ahead_of_the_laser(
-    robot: RecordingRobot, x: float, y: float, found: bool
-) -> None:
+def test_corridor_is_rectangle_ahead_of_laser(robot: RecordingRobot, x: float, y: float, found: bool) -> None:
     robot.see(math.hypot(x, y), angle_min=math.atan2(y, x))
     assert obstacle(robot, corridor=0.8) is found
 

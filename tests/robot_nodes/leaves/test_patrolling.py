@@ -1,7 +1,8 @@
 """The leaves of the book's patrol: the book's tests (chapter 6.3), and its tree."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -33,7 +34,9 @@ def tree_of(body: str, *resources: object) -> Tree:
     return btcore.loads(text, nodes=nodes, resources=[*resources, HOUSE])
 
 
-def tick(tree: Tree, robot, seconds: float, *, after=lambda: None) -> Status:
+def tick(
+    tree: Tree, robot: RecordingRobot, seconds: float, *, after: Callable[..., Any] = lambda: None
+) -> Status:
     """Tick at 10 Hz until the result is not RUNNING, or until the time is over."""
     status = Status.IDLE
     for _ in range(round(seconds * 10)):
@@ -48,7 +51,7 @@ def tick(tree: Tree, robot, seconds: float, *, after=lambda: None) -> Status:
 class SlowServer(ActionServer[Pose2D, None, None]):
     """A navigator that reaches every goal in 5 s, like the book's test server."""
 
-    def __init__(self, robot) -> None:
+    def __init__(self, robot: RecordingRobot) -> None:
         super().__init__()
         self.goals: list[Pose2D] = []
         self.handles: list[GoalHandle[Pose2D, None, None]] = []
@@ -60,10 +63,10 @@ class SlowServer(ActionServer[Pose2D, None, None]):
         self.handles.append(self.send_goal(goal))
         return self.handles[-1]
 
-    def start(self, handle, now: int, previous) -> None:
+    def start(self, handle: GoalHandle, now: int, previous: object) -> None:
         self.began = now
 
-    def work(self, handle, now: int) -> None:
+    def work(self, handle: GoalHandle, now: int) -> None:
         if handle.goal.x > 900.0:
             handle.abort(208, "there is no way to it")
         elif now - self.began >= 5 * SECOND:
@@ -138,9 +141,7 @@ def test_move_fails_with_the_error_of_the_navigation(
     assert "can't go to (999.00, 0.00): there is no way to it" in caplog.text
 
 
-def test_move_succeeds_when_another_client_cancels_its_goal(
-    robot: RecordingRobot, server: SlowServer
-) -> None:
+def test_move_succeeds_when_another_client_cancels_goal(robot: RecordingRobot, server: SlowServer) -> None:
     tree = tree_of('<Action ID="Move" goal="1;2"/>', robot, server)
     tick(tree, robot, 1.0)
     server.handles[0].cancel()
@@ -230,9 +231,7 @@ def test_battery_checker_btn(robot: RecordingRobot) -> None:
 
 
 @pytest.mark.parametrize(("ports", "threshold"), [("", 10.0), ('low="20"', 20.0)])
-def test_battery_checker_fails_below_its_threshold(
-    robot: RecordingRobot, ports: str, threshold: float
-) -> None:
+def test_battery_checker_fails_below_threshold(robot: RecordingRobot, ports: str, threshold: float) -> None:
     tree = tree_of(f'<Condition ID="BatteryChecker" {ports}/>', robot)
     tree.blackboard["battery_level"] = threshold
     assert tree.tick_once() is Status.SUCCESS
@@ -291,9 +290,7 @@ def test_track_objects_btn_2_a_tick_activates_and_a_halt_deactivates(
     assert tracker.state is LifecycleState.INACTIVE
 
 
-def test_track_objects_btn_3_the_end_of_the_tree_deactivates(
-    robot: RecordingRobot, tracker: HeadTracker
-) -> None:
+def test_track_objects_btn_3_end_of_tree_deactivates(robot: RecordingRobot, tracker: HeadTracker) -> None:
     tracker.configure()
     tree = tree_of('<Action ID="TrackObjects"/>', tracker)
     for _ in range(10):

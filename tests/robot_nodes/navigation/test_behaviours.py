@@ -1,5 +1,6 @@
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from btcore_robot.robot import SonarReading, Twist2D
 from tests.robot_nodes.navigation.conftest import NavigationRig
 
 
-def ended(course, handle, seconds=30.0):
+def ended(course: NavigationRig, handle: Any, seconds: float = 30.0):
     """Return the time (s) until the end."""
     return course.run(seconds, lambda: handle.done)
 
@@ -145,7 +146,7 @@ def test_disabled_collision_checks_ignore_a_wall(floor: Callable[..., Navigation
     ],
 )
 def test_a_timeout_ends_the_behaviour_and_stops_the_robot(
-    floor: Callable[..., NavigationRig], server: str, goal, code
+    floor: Callable[..., NavigationRig], server: str, goal: Any, code: Nav2ErrorCode
 ) -> None:
     course = floor()
     handle = getattr(course, server).send_goal(goal)
@@ -165,8 +166,8 @@ def test_a_timeout_ends_the_behaviour_and_stops_the_robot(
         ("wait", WaitGoal(math.inf), Nav2ErrorCode.WAIT_UNKNOWN),
     ],
 )
-def test_a_goal_that_never_ends_is_refused(
-    floor: Callable[..., NavigationRig], server: str, goal, code
+def test_never_ending_goal_is_refused(
+    floor: Callable[..., NavigationRig], server: str, goal: Any, code: Nav2ErrorCode
 ) -> None:
     course = floor()
     handle = getattr(course, server).send_goal(goal)
@@ -211,7 +212,7 @@ def test_a_cancelled_behaviour_stops(floor: Callable[..., NavigationRig]) -> Non
     [("spin", SpinGoal(2.0, 0.0), 2.0), ("back_up", BackUpGoal(0.8, 0.2, 0.0, True), 0.8)],
 )
 def test_a_behaviour_waits_without_odometry_and_ignores_a_jump_after_it(
-    floor: Callable[..., NavigationRig], action: str, goal, amount: float
+    floor: Callable[..., NavigationRig], action: str, goal: BackUpGoal | SpinGoal, amount: float
 ) -> None:
     course = floor()
     robot = course.robot

@@ -1,5 +1,6 @@
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from tests.robot_nodes.navigation.conftest import NavigationRig, Person
 CORRIDOR = (-1.0, -1.2, 7.0, -1.0), (-1.0, 1.0, 7.0, 1.2)
 
 
-def commands(robot):
+def commands(robot: Any):
     """Return the times (s), speeds (m/s) and turning rates (rad/s) of all commands."""
     return np.array([(stamp / 1e9, v, w) for stamp, v, w in robot.commands]).T
 
@@ -260,7 +261,7 @@ def test_people_are_never_touched_and_the_goal_is_reached(
     path: Callable[..., NavPath],
     follow: Callable[[NavPath], FollowPathGoal],
     person: type[Person],
-    place,
+    place: tuple[float, ...],
 ) -> None:
     course = floor(seed=1)
     course.robot.people.append(person(*place))
@@ -404,7 +405,10 @@ def test_an_idle_controller_sends_no_commands(floor: Callable[..., NavigationRig
     ],
 )
 def test_goals_name_plug_ins_of_the_parameters(
-    floor: Callable[..., NavigationRig], path: Callable[..., NavPath], ids, code
+    floor: Callable[..., NavigationRig],
+    path: Callable[..., NavPath],
+    ids: dict[str, str],
+    code: Nav2ErrorCode | int,
 ) -> None:
     course = floor()
     handle = course.follow_path.send_goal(FollowPathGoal(path((0, 0), (1, 0)), **ids))

@@ -1,8 +1,9 @@
 """FollowPath and the behaviours drive the simulated Tiago."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -24,11 +25,16 @@ START = (-4.8, -4.8)
 
 
 @pytest.fixture
-def arena(course_of: type[NavigationRig]):
+def arena(course_of: type[NavigationRig]) -> Iterator[Callable[..., Any]]:
     """Return the function `arena()`: a Tiago among the arena's boxes, facing east."""
     worlds = []
 
-    def make(at=(*START, 0.0), slip=0.02, slip_sigma=0.03, seed=0):
+    def make(
+        at: tuple[float, float, float] = (*START, 0.0),
+        slip: float = 0.02,
+        slip_sigma: float = 0.03,
+        seed: int = 0,
+    ):
         description = replace(load_world_description("arena_boxes"), pose=Pose2D(*at))
         worlds.append(World(description, seed=seed))
         # There is no localiser here: with the slip of Tiago's wheels, the path would drift into the boxes.
@@ -43,12 +49,12 @@ def arena(course_of: type[NavigationRig]):
         world.close()
 
 
-def touched_nothing(body):
+def touched_nothing(body: SimulatedRobot) -> bool:
     return (body.contacts.collisions, body.contacts.grazes) == (0, 0)
 
 
 def test_an_s_shaped_path_between_boxes_is_followed_without_contact(
-    arena, path: Callable[..., NavPath], follow: Callable[[NavPath], FollowPathGoal]
+    arena: Callable[..., Any], path: Callable[..., NavPath], follow: Callable[[NavPath], FollowPathGoal]
 ) -> None:
     course = arena()
     beside = []
@@ -68,7 +74,7 @@ def test_an_s_shaped_path_between_boxes_is_followed_without_contact(
 
 @pytest.mark.parametrize(("seed", "slip", "slip_sigma"), [(0, 0.0, 0.0), (1, 0.04, 0.015), (2, 0.04, 0.015)])
 def test_a_box_on_a_path_with_a_corner_is_passed(
-    arena,
+    arena: Callable[..., Any],
     path: Callable[..., NavPath],
     follow: Callable[[NavPath], FollowPathGoal],
     seed: int,
@@ -91,7 +97,11 @@ def test_a_box_on_a_path_with_a_corner_is_passed(
     ],
 )
 def test_an_obstacle_on_a_straight_path_is_passed(
-    arena, path: Callable[..., NavPath], follow: Callable[[NavPath], FollowPathGoal], begin, end
+    arena: Callable[..., Any],
+    path: Callable[..., NavPath],
+    follow: Callable[[NavPath], FollowPathGoal],
+    begin: tuple[float, float],
+    end: tuple[float, float],
 ) -> None:
     yaw = math.atan2(end[1] - begin[1], end[0] - begin[0])
     course = arena(at=(*begin, yaw), slip=0.0, slip_sigma=0.0)
@@ -102,7 +112,7 @@ def test_an_obstacle_on_a_straight_path_is_passed(
 
 
 def test_the_arenas_wall_is_not_touched(
-    arena, path: Callable[..., NavPath], follow: Callable[[NavPath], FollowPathGoal]
+    arena: Callable[..., Any], path: Callable[..., NavPath], follow: Callable[[NavPath], FollowPathGoal]
 ) -> None:
     course = arena()
     handle = course.follow_path.send_goal(follow(path(START, (-4.8, -8.0))))
@@ -112,7 +122,7 @@ def test_the_arenas_wall_is_not_touched(
     assert -5.7 < course.robot.true_pose().y < -5.2
 
 
-def test_tiago_spins_and_backs_up(arena) -> None:
+def test_tiago_spins_and_backs_up(arena: Callable[..., Any]) -> None:
     course = arena()
     spin = course.spin.send_goal(SpinGoal(1.57))
     course.run(10.0, lambda: spin.done)

@@ -1,6 +1,8 @@
 """The parts of the controller: smoothed scan, clearance, pursuit, detours, checkers, velocity smoother."""
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +18,11 @@ SECOND = 1_000_000_000
 STEP = math.radians(220.0) / 665
 
 
-def scan_of(ranges):
+def scan_of(ranges: np.ndarray) -> LaserScan:
     return LaserScan(np.array(ranges, np.float32), 0, -math.radians(110.0), STEP, 0.05, 25.0, "laser")
 
 
-def wall_ahead(distance, rays=666):
+def wall_ahead(distance: float, rays: int = 666):
     angles = -math.radians(110.0) + STEP * np.arange(rays)
     return np.where(np.abs(angles) < 1.2, distance / np.cos(angles), np.inf)
 
@@ -53,10 +55,10 @@ def test_smoothing_keeps_readings_without_an_echo_and_below_the_minimum() -> Non
 
 
 @pytest.fixture
-def seen():
+def seen() -> Callable[..., Any]:
     """Return the clearance at a point, with a wall 1 m ahead of the laser and the obstacles of a costmap."""
 
-    def make(costmap=None):
+    def make(costmap: LocalCostmap | None = None):
         field = ClearanceGrid()
         field.update(scan_of(wall_ahead(1.0)), Pose2D(0.0, 0.0, 0.0), costmap or LocalCostmap())
         return field
@@ -64,7 +66,7 @@ def seen():
     return make
 
 
-def test_clearance_is_the_distance_to_the_readings_of_the_scan(seen) -> None:
+def test_clearance_is_the_distance_to_the_readings_of_the_scan(seen: Callable[..., Any]) -> None:
     field = seen()
     assert field.distance_at(0.0, 0.0) == pytest.approx(1.0, abs=0.03)
     assert field.distance_at(0.6, 0.3) == pytest.approx(0.4, abs=0.03)
@@ -74,7 +76,7 @@ def test_clearance_is_the_distance_to_the_readings_of_the_scan(seen) -> None:
     ]
 
 
-def test_obstacles_of_the_costmap_count_unless_the_scan_sees_through_them(seen) -> None:
+def test_obstacles_of_the_costmap_count_unless_the_scan_sees_through_them(seen: Callable[..., Any]) -> None:
     costmap = LocalCostmap()
     for x in (-0.5, 0.5):
         row, col = costmap.cell(x, 0.0)
@@ -84,7 +86,7 @@ def test_obstacles_of_the_costmap_count_unless_the_scan_sees_through_them(seen) 
     assert field.distance_at(0.5, 0.0) == pytest.approx(0.5, abs=0.04)
 
 
-def test_a_keep_out_area_counts_even_if_the_scan_sees_through_it(seen) -> None:
+def test_a_keep_out_area_counts_even_if_the_scan_sees_through_it(seen: Callable[..., Any]) -> None:
     costmap = LocalCostmap()
     row, col = costmap.cell(0.5, 0.0)
     costmap.costs[row, col] = 254
@@ -115,7 +117,7 @@ def test_a_path_with_a_single_point_has_no_remaining_length() -> None:
     assert (pursuit.remaining, pursuit.cross_track_distance) == (0.0, 1.0)
 
 
-def test_a_detour_keeps_its_clearance_and_an_enclosed_target_has_none(seen) -> None:
+def test_a_detour_keeps_its_clearance_and_an_enclosed_target_has_none(seen: Callable[..., Any]) -> None:
     field = seen()
     rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
     cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
@@ -130,7 +132,7 @@ def test_a_detour_keeps_its_clearance_and_an_enclosed_target_has_none(seen) -> N
     assert find_detour(field, Pose2D(0.0, 0.0, 0.0), np.array([(1.4, 0.0)]), 0.32) is None
 
 
-def test_a_detour_stays_on_the_side_of_the_previous_detour(seen) -> None:
+def test_a_detour_stays_on_the_side_of_the_previous_detour(seen: Callable[..., Any]) -> None:
     field = seen()
     rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
     cols = np.arange(160)[None, :] * field.resolution + field.origin[0]

@@ -70,7 +70,9 @@ def test_diagonal_distances_are_measured_between_the_centres_of_cells() -> None:
     inflation_radius=st.sampled_from([0.2, 0.55, 1.0]),
     scaling=st.sampled_from([1.0, 3.0, 10.0]),
 )
-def test_inflation_is_the_formula_on_exact_distances(occupied, radius, inflation_radius, scaling) -> None:
+def test_inflation_is_the_formula_on_exact_distances(
+    occupied: np.ndarray, radius: float, inflation_radius: float, scaling: float
+) -> None:
     inflation = InflationLayer(radius, inflation_radius, scaling, 0.05)
     found = inflation.inflate(np.where(occupied, LETHAL, FREE).astype(np.uint8))
     if occupied.any():
@@ -118,7 +120,7 @@ def test_a_reading_is_placed_by_the_lasers_pose() -> None:
 
 
 @pytest.mark.parametrize("reading", [math.inf, -math.inf, math.nan, 0.04, 25.0, 2.6])
-def test_readings_that_mark_no_obstacle(reading) -> None:
+def test_readings_that_mark_no_obstacle(reading: float) -> None:
     # No echo, too near, broken, under the minimum, at the maximum, over the range of obstacles.
     costmap = GlobalCostmap(floor(8.0))
     costmap.observe(scan(reading), HERE)
@@ -139,7 +141,7 @@ def test_readings_mark_obstacles_from_the_minimum_range_on() -> None:
 @pytest.mark.parametrize(
     ("reading", "cleared_to"), [(math.inf, 3.0), (25.0, 3.0), (8.0, 3.0), (2.0, 1.9), (0.5, 0.4)]
 )
-def test_a_ray_clears_unknown_cells_up_to_its_end_or_its_range(reading, cleared_to: float) -> None:
+def test_a_ray_clears_unknown_cells_up_to_its_end_or_its_range(reading: float, cleared_to: float) -> None:
     costmap = GlobalCostmap(floor(8.0, cells=-1))
     costmap.observe(scan(reading), HERE)
     costmap.update(0)
@@ -150,7 +152,7 @@ def test_a_ray_clears_unknown_cells_up_to_its_end_or_its_range(reading, cleared_
 
 
 @pytest.mark.parametrize("reading", [-math.inf, math.nan, 0.01])
-def test_invalid_readings_clear_nothing(reading) -> None:
+def test_invalid_readings_clear_nothing(reading: float) -> None:
     costmap = GlobalCostmap(floor(cells=-1))
     costmap.observe(scan(reading), HERE)
     costmap.update(0)
@@ -220,7 +222,7 @@ def test_scans_from_outside_the_map_and_across_its_edge_do_no_harm() -> None:
         max_size=6,
     )
 )
-def test_incremental_costs_equal_recomputed_costs(scans) -> None:
+def test_incremental_costs_equal_recomputed_costs(scans: list[tuple[float, float, float, int]]) -> None:
     cells = floor().cells.copy()
     cells[20, 10:60] = 100
     cells[50:, 30] = -1

@@ -31,7 +31,13 @@ START = Pose2D(3.0, 4.0, 0.0)
 class Wanderer:
     """A robot among *walls* whose odometry has errors (left wheel 2 %, turns 5 %) and a laser with noise."""
 
-    def __init__(self, seed=0, walls=WALLS, start=START, range_noise=0.0):
+    def __init__(
+        self,
+        seed: int = 0,
+        walls: tuple[tuple[float, ...], ...] = WALLS,
+        start: Pose2D = START,
+        range_noise: float = 0.0,
+    ) -> None:
         self.walls = walls
         self.random = np.random.default_rng(seed)
         self.time = 0
@@ -54,7 +60,7 @@ class Wanderer:
     def scan(self):
         return self.newest
 
-    def drive(self, v, w, seconds):
+    def drive(self, v: float, w: float, seconds: float) -> None:
         self.time += round(seconds * SECOND)
         left, right = 1.02 * (v - 0.2 * w), v + 0.2 * w
         wrong = ((left + right) / 2, (right - left) / 0.4 * 1.05)
@@ -85,7 +91,7 @@ class Wanderer:
         )
 
 
-def drawn(walls, length, width):
+def drawn(walls: tuple[tuple[float, ...], ...], length: float, width: float) -> OccupancyMap:
     cells = np.zeros((round(width / 0.05), round(length / 0.05)), dtype=np.uint8)
     for box in walls:
         low, high = (round(box[0] / 0.05), round(box[1] / 0.05)), (round(box[2] / 0.05), round(box[3] / 0.05))
@@ -100,7 +106,9 @@ AT_START = AmclParameters(initial_pose_x=START.x, initial_pose_y=START.y)
 class Walk:
     """A driving robot and its localiser, stepped at 10 Hz."""
 
-    def __init__(self, parameters=AT_START, seed=0, field_map=FLAT, **robot):
+    def __init__(
+        self, parameters: AmclParameters = AT_START, seed: int = 0, field_map: OccupancyMap = FLAT, **robot
+    ) -> None:
         self.robot = Wanderer(seed, **robot)
         self.tree = TransformTree()
         self.frames = FrameBroadcaster(self.robot, self.tree)
@@ -108,7 +116,7 @@ class Walk:
             self.robot, field_map, self.tree, np.random.default_rng([seed, 1]), parameters
         )
 
-    def go(self, v, w, seconds):
+    def go(self, v: float, w: float, seconds: float):
         """Drive with a velocity; return the error (m, rad) after each step."""
         errors = []
         for _ in range(round(seconds * 10)):
@@ -116,7 +124,7 @@ class Walk:
             errors.append(self.error())
         return np.array(errors)
 
-    def step(self, v, w):
+    def step(self, v: float, w: float) -> None:
         for _ in range(5):
             self.robot.drive(v, w, 0.02)
             self.frames.step(self.robot.time)
@@ -141,7 +149,7 @@ class Walk:
         ]
         return np.concatenate([self.go(*leg) for leg in legs])
 
-    def until_found(self, seconds=60.0):
+    def until_found(self, seconds: float = 60.0) -> float:
         """Stand during doubt, turn during the search; return the seconds until the localiser is confident."""
         for step in range(round(seconds * 10)):
             self.step(0.0, 0.5 if self.localiser.searching else 0.0)

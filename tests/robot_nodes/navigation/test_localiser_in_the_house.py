@@ -2,6 +2,7 @@
 
 import math
 import threading
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ STEP = 100_000_000
 class House:
     """A localiser on the schedule of a simulated robot in the house."""
 
-    def __init__(self, world):
+    def __init__(self, world: World) -> None:
         self.body = SimulatedRobot(world)
         tree = TransformTree()
         frames = FrameBroadcaster(self.body, tree)
@@ -30,7 +31,7 @@ class House:
         self.body.schedule.add_task(FrameBroadcaster.RATE, Phase.TRANSFORMS, frames.step)
         self.body.schedule.add_task(self.body.laser.rate, Phase.LOCALISER, self.localiser.step)
 
-    def drive(self, v, w, seconds):
+    def drive(self, v: float, w: float, seconds: float):
         """Drive with a velocity; return the errors (m, rad) at 10 Hz."""
         errors = []
         for _ in range(round(seconds * 10)):
@@ -47,13 +48,13 @@ class House:
 
 
 @pytest.fixture
-def house():
+def house() -> Iterator[House]:
     world = World(load_world_description("house"), seed=3)
     yield House(world)
     world.close()
 
 
-def test_the_pose_is_accurate_to_centimetres(house) -> None:
+def test_the_pose_is_accurate_to_centimetres(house: House) -> None:
     errors = np.concatenate(
         [house.drive(*leg) for leg in ((0.0, 0.5, 13.0), (0.3, 0.0, 3.0), (0.2, 0.5, 13.0), (0.0, -0.5, 6.0))]
     )
@@ -63,7 +64,7 @@ def test_the_pose_is_accurate_to_centimetres(house) -> None:
     assert errors[:, 1].max() < 0.08
 
 
-def test_kidnapping_is_noticed_and_the_pose_is_found_again(house) -> None:
+def test_kidnapping_is_noticed_and_the_pose_is_found_again(house: House) -> None:
     house.drive(0.3, 0.0, 3.0)
     house.body.teleport(Pose2D(-5.3, -8.85, 2.0))
     house.drive(0.0, 0.0, 0.5)

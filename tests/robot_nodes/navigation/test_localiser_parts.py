@@ -1,6 +1,7 @@
 """The parts of the localiser in isolation, compared with the values of nav2_amcl."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,13 +26,13 @@ ALPHAS = (0.2, 0.2, 0.2, 0.2)
 EYE = (0.0, 0.0)
 
 
-def empty(metres=10.0, resolution=0.05):
+def empty(metres: float = 10.0, resolution: float = 0.05):
     """Return a map of free floor whose origin is (0, 0)."""
     cells = round(metres / resolution)
     return np.zeros((cells, cells), dtype=np.int8)
 
 
-def walled(cells):
+def walled(cells: np.ndarray):
     """Return a map with a wall of three cells at its edges."""
     cells[:3], cells[-3:], cells[:, :3], cells[:, -3:] = 100, 100, 100, 100
     return cells
@@ -45,7 +46,7 @@ def l_shaped():
     return OccupancyMap(cells, 0.05, (0.0, 0.0))
 
 
-def seen_from(field_map, pose, count=120, reach=20.0):
+def seen_from(field_map: Any, pose: Pose2D, count: int = 120, reach: float = 20.0):
     """Return the ends of beams in all directions, in the frame of a robot at *pose*, by steps of 5 mm."""
     angles = np.linspace(-math.pi, math.pi, count, endpoint=False)
     steps = np.arange(0.0, reach, 0.005)
@@ -58,7 +59,7 @@ def seen_from(field_map, pose, count=120, reach=20.0):
     return np.stack((np.cos(angles), np.sin(angles)), axis=1) * lengths[:, None]
 
 
-def scan(ranges, increment=0.01, range_max=25.0):
+def scan(ranges: np.ndarray, increment: float = 0.01, range_max: float = 25.0) -> LaserScan:
     return LaserScan(
         np.array(ranges, dtype=np.float32), 0, 0.0, increment, 0.05, range_max, "base_laser_link"
     )
@@ -76,7 +77,7 @@ def scan(ranges, increment=0.01, range_max=25.0):
         (3.0, 0.5 * math.exp(-50.0) + 0.5 / 25.0),  # farther than 2 m is 2 m
     ],
 )
-def test_a_weight_is_1_plus_the_cubes_of_its_beams_probabilities(z: float, pz) -> None:
+def test_a_weight_is_1_plus_the_cubes_of_its_beams_probabilities(z: float, pz: float) -> None:
     cells = empty()
     cells[100, 100] = 100
     field = LikelihoodField(OccupancyMap(cells, 0.05, (0.0, 0.0)))
@@ -135,7 +136,7 @@ def test_a_motion_is_decomposed_into_a_turn_a_line_and_a_turn() -> None:
 
 
 @pytest.mark.parametrize("heading", [0.0, math.pi])
-def test_the_noise_of_a_straight_motion_follows_the_model_in_both_directions(heading) -> None:
+def test_the_noise_of_a_straight_motion_follows_the_model_in_both_directions(heading: float) -> None:
     before, after = Pose2D(0.0, 0.0, heading), Pose2D(0.5, 0.0, heading)
     start = np.zeros((200_000, 3))
     start[:, 2] = heading
@@ -207,7 +208,7 @@ def test_the_pose_is_the_mean_of_the_heaviest_cluster_also_across_half_a_turn() 
 
 
 @pytest.mark.parametrize("off", [(0.15, -0.1, 0.06), (-0.12, 0.12, -0.08), (0.0, 0.0, 0.0)])
-def test_a_match_refines_a_guess_to_centimetres(off) -> None:
+def test_a_match_refines_a_guess_to_centimetres(off: tuple[float, float, float]) -> None:
     field_map, true = l_shaped(), Pose2D(3.0, 5.0, 0.7)
     points = seen_from(field_map, true)
     guess = Pose2D(true.x + off[0], true.y + off[1], true.yaw + off[2])
@@ -273,7 +274,7 @@ def test_a_scan_that_turns_with_the_robot_has_not_changed() -> None:
 
 
 @pytest.mark.parametrize("true", [Pose2D(3.0, 5.0, 0.7), Pose2D(8.0, 2.0, -2.5), Pose2D(2.0, 8.5, 3.0)])
-def test_the_whole_map_is_searched_in_slices(true) -> None:
+def test_the_whole_map_is_searched_in_slices(true: Pose2D) -> None:
     field_map = l_shaped()
     search = GlobalSearch(SearchSpace(field_map), seen_from(field_map, true, count=60))
     slices = 1

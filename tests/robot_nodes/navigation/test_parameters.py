@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from textwrap import dedent
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ from tests.robot_nodes.navigation.conftest import NavigationRig
 
 
 @pytest.fixture
-def written(tmp_path: Path):
+def written(tmp_path: Path) -> Callable[..., Any]:
     def write(text: str) -> Path:
         path = tmp_path / "nav.yaml"
         path.write_text(dedent(text), encoding="utf-8")
@@ -47,7 +47,7 @@ def test_the_default_tolerance_of_the_planner_is_zero() -> None:
     assert NavigationParameters().planner.tolerance == 0.0
 
 
-def test_parameters_of_plugins_are_found_below_any_plugin_id(written) -> None:
+def test_parameters_of_plugins_are_found_below_any_plugin_id(written: Callable[..., Any]) -> None:
     figures = load_parameters(
         written("""
         controller_server:
@@ -76,7 +76,7 @@ def test_parameters_of_plugins_are_found_below_any_plugin_id(written) -> None:
     assert figures.warnings == ()
 
 
-def test_parameters_of_nested_costmaps_and_layers_are_found(written) -> None:
+def test_parameters_of_nested_costmaps_and_layers_are_found(written: Callable[..., Any]) -> None:
     figures = load_parameters(
         written("""
         local_costmap:
@@ -113,18 +113,18 @@ def test_parameters_of_nested_costmaps_and_layers_are_found(written) -> None:
     ],
     ids=["with ros__parameters", "flat", "with a namespace", "below a namespace"],
 )
-def test_servers_are_found_in_every_form(written, head: str) -> None:
+def test_servers_are_found_in_every_form(written: Callable[..., Any], head: str) -> None:
     assert load_parameters(written(f"{head}\n    max_beams: 30\n")).amcl.max_beams == 30
 
 
-def test_two_stars_apply_to_every_server(written) -> None:
+def test_two_stars_apply_to_every_server(written: Callable[..., Any]) -> None:
     figures = load_parameters(
         written("/**:\n  ros__parameters:\n    robot_radius: 0.4\n    use_sim_time: true\n")
     )
     assert figures.local_costmap.robot_radius == figures.global_costmap.robot_radius == 0.4
 
 
-def test_foxys_names_of_servers_and_keys_are_accepted(written) -> None:
+def test_foxys_names_of_servers_and_keys_are_accepted(written: Callable[..., Any]) -> None:
     figures = load_parameters(
         written("""
         recoveries_server:
@@ -137,7 +137,7 @@ def test_foxys_names_of_servers_and_keys_are_accepted(written) -> None:
     assert figures.navigator.default_nav_to_pose_bt_xml == "a.xml"
 
 
-def test_the_limits_of_other_controllers_are_accepted(written) -> None:
+def test_the_limits_of_other_controllers_are_accepted(written: Callable[..., Any]) -> None:
     figures = load_parameters(
         written(
             "controller_server:\n  ros__parameters:\n    FollowPath: {vx_max: 0.4, wz_max: 1.9, ax_max: 3}\n"
@@ -148,7 +148,7 @@ def test_the_limits_of_other_controllers_are_accepted(written) -> None:
     assert figures.controller.acc_lim_x == 3.0
 
 
-def test_of_two_plugins_the_first_listed_plugin_is_used(written) -> None:
+def test_of_two_plugins_the_first_listed_plugin_is_used(written: Callable[..., Any]) -> None:
     figures = load_parameters(
         written("""
         controller_server:
@@ -161,7 +161,7 @@ def test_of_two_plugins_the_first_listed_plugin_is_used(written) -> None:
     assert figures.controller.xy_goal_tolerance == 0.1
 
 
-def test_unsupported_keys_are_kept_and_reported_once(written) -> None:
+def test_unsupported_keys_are_kept_and_reported_once(written: Callable[..., Any]) -> None:
     path = written("""
     controller_server:
       ros__parameters:
@@ -183,7 +183,7 @@ def test_unsupported_keys_are_kept_and_reported_once(written) -> None:
     )
 
 
-def test_a_misspelled_key_is_reported_with_a_suggestion(written) -> None:
+def test_a_misspelled_key_is_reported_with_a_suggestion(written: Callable[..., Any]) -> None:
     path = written("amcl:\n  ros__parameters:\n    max_particels: 100\n")
     assert load_parameters(path).warnings[0] == (
         f"{path}:3: amcl.max_particels has no effect; did you mean max_particles?"
@@ -191,7 +191,7 @@ def test_a_misspelled_key_is_reported_with_a_suggestion(written) -> None:
 
 
 @pytest.mark.parametrize("key", ["initial_pose.z", "FollowPath.acc_lim_y", "voxel_layer.z_resolution"])
-def test_nav2s_own_keys_are_not_reported_as_misspelled(written, key: str) -> None:
+def test_nav2s_own_keys_are_not_reported_as_misspelled(written: Callable[..., Any], key: str) -> None:
     server = "amcl" if "pose" in key else "local_costmap" if "voxel" in key else "controller_server"
     figures = load_parameters(written(f"{server}:\n  ros__parameters:\n    {key}: 0.1\n"))
     assert not any("did you mean" in warning for warning in figures.warnings)
@@ -204,7 +204,7 @@ def test_nav2s_own_keys_are_not_reported_as_misspelled(written, key: str) -> Non
         ("tf_broadcast: 1", "amcl.tf_broadcast is 1, and true or false is expected"),
     ],
 )
-def test_an_invalid_value_raises_with_its_line(written, value: str, sentence: str) -> None:
+def test_invalid_value_raises_with_line(written: Callable[..., Any], value: str, sentence: str) -> None:
     path = written(f"amcl:\n  ros__parameters:\n    {value}\n")
     with pytest.raises(ParameterError) as raised:
         load_parameters(path)
@@ -212,13 +212,13 @@ def test_an_invalid_value_raises_with_its_line(written, value: str, sentence: st
 
 
 @pytest.mark.parametrize("footprint", ["[[0.1], [0.2]]", "circle", "[[.inf, 0]]", "[[1e999, 0]]", "7"])
-def test_an_invalid_footprint_raises_with_its_line(written, footprint: str) -> None:
+def test_an_invalid_footprint_raises_with_its_line(written: Callable[..., Any], footprint: str) -> None:
     path = written(f"local_costmap:\n  ros__parameters:\n    footprint: '{footprint}'\n")
     with pytest.raises(ParameterError, match=r"nav.yaml:3: local_costmap.footprint must be a list of points"):
         load_parameters(path)
 
 
-def test_all_invalid_values_are_reported_at_once(written) -> None:
+def test_all_invalid_values_are_reported_at_once(written: Callable[..., Any]) -> None:
     path = written(
         """
         amcl: {ros__parameters: {max_beams: x}}
@@ -230,7 +230,7 @@ def test_all_invalid_values_are_reported_at_once(written) -> None:
     assert str(raised.value).count("\n") == 1
 
 
-def test_numbers_may_have_an_exponent(written) -> None:
+def test_numbers_may_have_an_exponent(written: Callable[..., Any]) -> None:
     assert load_parameters(written("amcl:\n  ros__parameters:\n    sigma_hit: 2e-1\n")).amcl.sigma_hit == 0.2
 
 
@@ -242,7 +242,7 @@ def test_numbers_may_have_an_exponent(written) -> None:
         ("amcl: 3", ":1: amcl must have parameters below it, not a single value"),
     ],
 )
-def test_a_file_with_an_invalid_structure_raises(written, text: str, sentence: str) -> None:
+def test_file_with_invalid_structure_raises(written: Callable[..., Any], text: str, sentence: str) -> None:
     with pytest.raises(ParameterError, match=sentence):
         load_parameters(written(text))
 
@@ -252,7 +252,7 @@ def test_a_missing_file_raises(tmp_path: Path) -> None:
         load_parameters(tmp_path / "none.yaml")
 
 
-def test_an_empty_file_gives_the_default_parameters(written) -> None:
+def test_an_empty_file_gives_the_default_parameters(written: Callable[..., Any]) -> None:
     assert load_parameters(written("")) == NavigationParameters()
 
 
@@ -268,7 +268,7 @@ SECTIONS = {
 
 
 @pytest.mark.parametrize("server", SECTIONS)
-def test_every_field_changes_a_parameter_and_is_not_reported(written, server) -> None:
+def test_every_field_changes_parameter_and_is_not_reported(written: Callable[..., Any], server: str) -> None:
     defaults = getattr(NavigationParameters(), SECTIONS[server])
     hints = get_type_hints(type(defaults), include_extras=True)
     for field in fields(defaults):
@@ -289,10 +289,10 @@ def test_every_field_is_read_by_the_navigation(
     """A field that nothing reads would have no effect, without a warning."""
     unread: dict[str, set[str]] = {}
 
-    def recorded(section: str, parameters):
+    def recorded(section: str, parameters: Any):
         names = unread[section] = {field.name for field in fields(parameters)}
 
-        def read(self, name):
+        def read(self, name: str):
             names.discard(name)
             return object.__getattribute__(self, name)
 
@@ -311,7 +311,7 @@ def test_every_field_is_read_by_the_navigation(
         unread[costmap] -= {"footprint", "publish_frequency", "always_send_full_costmap"}
 
     class Known(NavigationParameters):
-        def for_robot(self, base):
+        def for_robot(self, base: object):
             return self
 
     cells = np.zeros((80, 80), dtype=np.int8)
@@ -321,7 +321,7 @@ def test_every_field_is_read_by_the_navigation(
     # Read by `Exploration` only, for a new map.
     unread["global_costmap"].discard("resolution")
 
-    def run(seconds):
+    def run(seconds: float):
         robot.clock.wait_until(robot.clock.now() + int(seconds * 1e9), threading.Event())
 
     run(1.0)
@@ -352,7 +352,7 @@ NAV2_KEYS = {
 """Keys of Nav2's parameter files without effect here."""
 
 
-def test_keys_of_nav2_without_effect_are_reported_in_one_warning(written) -> None:
+def test_keys_of_nav2_without_effect_are_reported_in_one_warning(written: Callable[..., Any]) -> None:
     content = {
         server: {"ros__parameters": dict.fromkeys(keys.split(), 1)} for server, keys in NAV2_KEYS.items()
     }
@@ -361,7 +361,7 @@ def test_keys_of_nav2_without_effect_are_reported_in_one_warning(written) -> Non
     assert load_parameters(path).warnings == (f"{path}: no effect here: {listed}",)
 
 
-def test_settings_that_others_override_are_reported(written) -> None:
+def test_settings_that_others_override_are_reported(written: Callable[..., Any]) -> None:
     path = written("""
     /**: {ros__parameters: {max_beams: 30, nothing: 1}}
     controller_server:

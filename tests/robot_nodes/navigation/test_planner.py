@@ -1,5 +1,6 @@
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -126,7 +127,7 @@ def test_the_costs_of_cells_are_navfns() -> None:
 
 
 @given(grids(), st.booleans())
-def test_the_found_path_is_the_cheapest_path(grid, allow_unknown) -> None:
+def test_the_found_path_is_the_cheapest_path(grid: Any, allow_unknown: bool) -> None:
     values, start, goal = grid
     costs = grid_costs(values, allow_unknown=allow_unknown)
     least = least_costs(costs, start)
@@ -142,7 +143,9 @@ def test_the_found_path_is_the_cheapest_path(grid, allow_unknown) -> None:
 
 
 @given(grids(), st.data())
-def test_bounds_of_a_floor_with_fewer_obstacles_find_the_cheapest_path(grid, data) -> None:
+def test_bounds_of_a_floor_with_fewer_obstacles_find_the_cheapest_path(
+    grid: tuple[np.ndarray, tuple[int, int], tuple[int, int]], data: Any
+) -> None:
     values, first, goal = grid
     kept = data.draw(arrays(np.bool_, values.shape, elements=st.booleans(), fill=st.nothing()))
     floor = grid_costs(np.where(kept & (values != UNKNOWN), values, 0).astype(np.uint8))
@@ -168,7 +171,9 @@ def test_bounds_of_an_enclosed_start_can_be_used_for_another_start() -> None:
 
 
 @given(grids())
-def test_a_smoothed_path_avoids_walls_and_costs_hardly_more(grid) -> None:
+def test_a_smoothed_path_avoids_walls_and_costs_hardly_more(
+    grid: tuple[np.ndarray, tuple[int, int], tuple[int, int]],
+) -> None:
     values, start, goal = grid
     costs = grid_costs(values.repeat(3, axis=0).repeat(3, axis=1))
     start, goal = (3 * start[0] + 1, 3 * start[1] + 1), (3 * goal[0] + 1, 3 * goal[1] + 1)
@@ -217,7 +222,7 @@ def test_a_smoothed_path_is_shorter_than_the_path_of_cells(rooms: GlobalCostmap)
 
 
 @given(st.lists(st.tuples(st.floats(0.1, 7.9), st.floats(0.1, 4.7)), min_size=2, max_size=2))
-def test_a_path_keeps_the_robots_radius_from_obstacles(places) -> None:
+def test_a_path_keeps_the_robots_radius_from_obstacles(places: list[tuple[float, float]]) -> None:
     costmap = GlobalCostmap(drawn(ROOMS))
     start, goal = (Pose2D(x, y, 0.0) for x, y in places)
     assume(costmap.cost(start.x, start.y) < INSCRIBED)
@@ -311,7 +316,7 @@ def test_a_path_through_poses_passes_each_in_turn(rooms: GlobalCostmap) -> None:
 
 
 @pytest.mark.parametrize("poses", [[], [WEST]])
-def test_a_path_through_fewer_than_two_poses_raises(rooms: GlobalCostmap, poses) -> None:
+def test_a_path_through_fewer_than_two_poses_raises(rooms: GlobalCostmap, poses: list[Pose2D]) -> None:
     with pytest.raises(PlannerError) as fault:
         Planner(rooms).plan_through(poses, 0)
     assert fault.value.code == Nav2ErrorCode.NO_VIAPOINTS_GIVEN
@@ -344,7 +349,9 @@ def test_a_leg_that_fails_is_reported_with_the_code_of_its_action(rooms: GlobalC
         (Pose2D(3.9, 0.1, 0.0), EAST, Nav2ErrorCode.START_OCCUPIED),
     ],
 )
-def test_an_invalid_start_or_goal_raises_with_its_code(rooms: GlobalCostmap, start, goal, code) -> None:
+def test_an_invalid_start_or_goal_raises_with_its_code(
+    rooms: GlobalCostmap, start: Pose2D, goal: Pose2D, code: Nav2ErrorCode
+) -> None:
     with pytest.raises(PlannerError) as fault:
         Planner(rooms).plan(start, goal, 0)
     assert fault.value.code == code
@@ -381,7 +388,9 @@ def test_an_observed_obstacle_that_blocks_the_way_or_the_goal_is_named_with_its_
         (Pose2D(8.01, 1.0, 0.0), Nav2ErrorCode.GOAL_OUTSIDE_MAP),
     ],
 )
-def test_a_goal_that_the_map_excludes_is_refused_without_a_plan(rooms: GlobalCostmap, goal, code) -> None:
+def test_a_goal_that_the_map_excludes_is_refused_without_a_plan(
+    rooms: GlobalCostmap, goal: Pose2D, code: Nav2ErrorCode
+) -> None:
     with pytest.raises(PlannerError) as fault:
         Planner(rooms).check_goal(goal)
     assert fault.value.code == code

@@ -9,7 +9,8 @@ import pytest
 from btcore import Run, RunSettings, Settings, SettingsError
 from btcore.program_runner import TreelessProgram
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import GivenSettings, choose
+from btcore.runs.choice import choose
+from btcore.runs.settings import GivenSettings
 from btcore_navigation.leaves.explore import Explorer, MapFile
 from btcore_navigation.leaves.navigate import PoseNavigator
 from btcore_navigation.mapping.exploration import Exploration

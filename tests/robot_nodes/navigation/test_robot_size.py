@@ -23,7 +23,7 @@ TURTLEBOT, TIAGO, WIDE = 0.18, 0.27, 0.45
 """The radii (m) of a robot like TurtleBot 4, of Tiago, and of a wide robot."""
 
 
-def boxes_around_gap(width: float):
+def boxes_around_gap(width: float) -> tuple[tuple[float, ...], ...]:
     """Return a corridor, closed at both ends, with a wall in its middle that has a gap of *width* (m).
 
     The edges of the gap are in the middle of cells of the costmaps: noise does not change their cells.
@@ -39,7 +39,7 @@ def boxes_around_gap(width: float):
     )
 
 
-def map_of(boxes) -> OccupancyMap:
+def map_of(boxes: tuple[tuple[float, ...], ...]) -> OccupancyMap:
     cells = np.zeros((60, 120), dtype=np.int8)
     for x0, y0, x1, y1 in boxes:
         rows = slice(round((y0 + 1.5) / 0.05), round((y1 + 1.5) / 0.05))
@@ -55,7 +55,7 @@ def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(
     floor: Callable[..., NavigationRig],
     path: Callable[..., NavPath],
     follow: Callable[[NavPath], FollowPathGoal],
-    radius,
+    radius: float,
     gap: float,
     passes: bool,
 ) -> None:

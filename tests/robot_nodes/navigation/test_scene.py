@@ -2,6 +2,7 @@
 
 import math
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,7 @@ class House:
 
 
 @pytest.fixture
-def house():
+def house() -> Iterator[House]:
     made = House()
     yield made
     made.world.close()
@@ -57,7 +58,7 @@ def poses(entry: Poses) -> np.ndarray:
     return np.frombuffer(entry.rows, dtype="<f4").reshape(-1, 3)
 
 
-def test_the_static_scene_has_the_map_and_the_keep_out_areas(house) -> None:
+def test_the_static_scene_has_the_map_and_the_keep_out_areas(house: House) -> None:
     static = house.navigation.static_scene()
     (grid,) = static.grids
     known = house.navigation.map
@@ -68,7 +69,7 @@ def test_the_static_scene_has_the_map_and_the_keep_out_areas(house) -> None:
     assert not of(house.run(3.0), "grids", "map")
 
 
-def test_path_and_goal_are_sent_once_and_removed_when_the_goal_has_ended(house) -> None:
+def test_path_and_goal_are_sent_once_and_removed_when_the_goal_has_ended(house: House) -> None:
     house.navigation.static_scene()
     assert [len(poses(one)) for one in of(house.run(0.2), "poses", "path")] == [0]
     handle = house.navigation.go_to(Pose2D(1.07, -12.38, 0.5))
@@ -87,7 +88,7 @@ def test_path_and_goal_are_sent_once_and_removed_when_the_goal_has_ended(house) 
     assert after[-1].notes["goal"] == "–"
 
 
-def test_a_path_that_is_followed_without_a_navigator_is_sent(house) -> None:
+def test_a_path_that_is_followed_without_a_navigator_is_sent(house: House) -> None:
     house.run(1.0)
     servers = house.navigation.servers
     path = servers.compute_path.planner.plan(Pose2D(0.0, 0.0, 0.0), Pose2D(1.0, 0.5, 0.0), 0)
@@ -101,7 +102,9 @@ def test_a_path_that_is_followed_without_a_navigator_is_sent(house) -> None:
     assert scenes[-1].notes["goal"].endswith(" m to go")
 
 
-def test_costmaps_are_sent_when_they_changed_at_limited_rates_and_poses_and_particles_are_sent(house) -> None:
+def test_costmaps_are_sent_when_they_changed_at_limited_rates_and_poses_and_particles_are_sent(
+    house: House,
+) -> None:
     house.navigation.static_scene()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
     scenes = house.run(6.0)
@@ -131,7 +134,7 @@ def test_costmaps_are_sent_when_they_changed_at_limited_rates_and_poses_and_part
     assert math.hypot(middle[0] - true.x, middle[1] - true.y) < 1.0
 
 
-def test_a_new_viewer_gets_all_data_again(house) -> None:
+def test_a_new_viewer_gets_all_data_again(house: House) -> None:
     house.navigation.static_scene()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
     house.run(2.0)
@@ -142,7 +145,7 @@ def test_a_new_viewer_gets_all_data_again(house) -> None:
     assert {one.name for one in again.poses} == {"path", "goal", "particles", "estimate", "odometry"}
 
 
-def test_a_kidnapped_robot_is_shown_as_lost_and_turns_to_find_its_pose(house) -> None:
+def test_a_kidnapped_robot_is_shown_as_lost_and_turns_to_find_its_pose(house: House) -> None:
     house.navigation.static_scene()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
     house.run(10.0)

@@ -3,9 +3,11 @@
 import math
 import re
 import threading
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -77,7 +79,7 @@ class Flat:
         self.navigation = Navigation(self.body, known, random, TREES, parameters)
         self.speeds: list[float] = []
 
-    def run(self, seconds: float, until=lambda: False) -> float:
+    def run(self, seconds: float, until: Callable[..., Any] = lambda: False) -> float:
         """Advance the time until a condition is true; return the seconds that this took."""
         began, self.speeds = self.world.now(), []
         end = began + round(seconds * NS_PER_S)
@@ -93,7 +95,7 @@ class Flat:
 
 
 @pytest.fixture
-def flat():
+def flat() -> Iterator[Callable[..., Any]]:
     made = []
 
     def make(*faults: Fault, **options) -> Flat:
@@ -106,7 +108,7 @@ def flat():
         one.world.close()
 
 
-def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(flat) -> None:
+def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(flat: Callable[..., Any]) -> None:
     home = flat()
     handle = home.navigation.go_to(Pose2D(3.0, -1.0, 1.0))
     home.run(5.0)
@@ -123,7 +125,7 @@ def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(flat) -> N
     assert home.navigation.outcomes()[0].goal == Pose2D(3.0, -1.0, 1.0)
 
 
-def test_a_new_goal_replaces_the_current_goal_without_a_stop(flat) -> None:
+def test_a_new_goal_replaces_the_current_goal_without_a_stop(flat: Callable[..., Any]) -> None:
     home = flat()
     first = home.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
     home.run(6.0)
@@ -138,7 +140,9 @@ def test_a_new_goal_replaces_the_current_goal_without_a_stop(flat) -> None:
     assert [one.status for one in home.navigation.outcomes()] == ["CANCELED", "SUCCEEDED"]
 
 
-def test_a_goal_that_is_sent_just_before_the_arrival_at_another_goal_is_reached(flat) -> None:
+def test_goal_that_is_sent_just_before_arrival_at_another_goal_is_reached(
+    flat: Callable[..., Any],
+) -> None:
     home = flat()
     first = home.navigation.go_to(Pose2D(1.5, 0.0, 0.0))
     home.run(20.0, lambda: home.distance_to(1.5, 0.0) < 0.26 or first.done)
@@ -148,7 +152,7 @@ def test_a_goal_that_is_sent_just_before_the_arrival_at_another_goal_is_reached(
     assert home.distance_to(0.0, 1.2) < 0.35
 
 
-def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat) -> None:
+def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat: Callable[..., Any]) -> None:
     home = flat()
     handle = home.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
     home.run(5.0)
@@ -164,7 +168,7 @@ def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat) -> None:
     assert [one.status for one in home.navigation.outcomes()] == ["CANCELED"]
 
 
-def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(flat) -> None:
+def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(flat: Callable[..., Any]) -> None:
     home = flat()
     home.run(0.5)
     seen = home.body.scan()
@@ -179,8 +183,8 @@ def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(flat) -> N
     assert home.distance_to(3.0, -1.0) < 0.35
 
 
-def test_a_search_on_a_wrong_map_ends_and_a_new_goal_starts_another_search(
-    flat, monkeypatch: pytest.MonkeyPatch
+def test_search_on_wrong_map_ends_and_new_goal_searches_again(
+    flat: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The laser's outage of 20 s is not part of the search: without scans nothing is known about the pose."""
     monkeypatch.setattr(stack, "SEARCH_LIMIT_S", 30.0)
@@ -209,8 +213,8 @@ def test_a_search_on_a_wrong_map_ends_and_a_new_goal_starts_another_search(
         (Pose2D(4.3, 1.9, 0.0), Nav2ErrorCode.NO_VALID_PATH, 60.0),
     ],
 )
-def test_a_goal_that_cannot_be_reached_ends_with_the_planners_reason(
-    flat, goal, code, seconds: float
+def test_goal_that_cannot_be_reached_ends_with_planners_reason(
+    flat: Callable[..., Any], goal: Pose2D, code: Nav2ErrorCode, seconds: float
 ) -> None:
     home = flat()
     handle = home.navigation.go_to(goal)
@@ -221,7 +225,7 @@ def test_a_goal_that_cannot_be_reached_ends_with_the_planners_reason(
     assert [one.status for one in home.navigation.outcomes()] == ["ABORTED"]
 
 
-def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(flat) -> None:
+def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(flat: Callable[..., Any]) -> None:
     home = flat()
     handle = home.navigation.go_to(Pose2D(1.05, 1.5, 0.0))
     home.run(2.0, lambda: handle.done)
@@ -231,7 +235,7 @@ def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(flat) -> None:
     assert again.result.code == Nav2ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE
 
 
-def test_a_failure_names_the_server_that_is_not_active(flat) -> None:
+def test_a_failure_names_the_server_that_is_not_active(flat: Callable[..., Any]) -> None:
     home = flat()
     home.navigation.servers.compute_path.is_active = False
     tree = "navigation/navigate_w_replanning_time.xml"
@@ -245,7 +249,7 @@ def test_a_failure_names_the_server_that_is_not_active(flat) -> None:
     )
 
 
-def test_several_goals_are_passed_in_their_order(flat) -> None:
+def test_several_goals_are_passed_in_their_order(flat: Callable[..., Any]) -> None:
     home = flat()
     goals = [Pose2D(0.0, 1.5, 0.0), Pose2D(0.3, -1.2, 0.0), Pose2D(2.5, 0.0, 0.0)]
     handle = home.navigation.go_through(goals)
@@ -268,7 +272,7 @@ def test_several_goals_are_passed_in_their_order(flat) -> None:
     assert [one.state.name for one in handle.result.value] == ["COMPLETED"] * 3
 
 
-def test_the_waypoint_follower_lists_missed_waypoints_or_stops(flat) -> None:
+def test_the_waypoint_follower_lists_missed_waypoints_or_stops(flat: Callable[..., Any]) -> None:
     home = flat()
     goals = (Pose2D(0.5, 0.0, 0.0), Pose2D(50.0, 0.0, 0.0), Pose2D(0.0, 0.3, 0.0))
     results = []
@@ -288,7 +292,7 @@ def test_the_waypoint_follower_lists_missed_waypoints_or_stops(flat) -> None:
     assert handle.result.code == Nav2ErrorCode.NO_VALID_WAYPOINTS
 
 
-def test_a_new_map_of_another_size_is_used_for_the_pose_and_for_paths(flat) -> None:
+def test_a_new_map_of_another_size_is_used_for_the_pose_and_for_paths(flat: Callable[..., Any]) -> None:
     home = flat()
     home.run(2.0)
     x0, y0 = home.navigation.map.origin
@@ -313,7 +317,7 @@ def test_a_new_map_of_another_size_is_used_for_the_pose_and_for_paths(flat) -> N
     assert home.navigation.global_costmap.costs.shape == wide.shape
 
 
-def test_without_localisation_the_robot_stands_and_goals_fail(flat) -> None:
+def test_without_localisation_the_robot_stands_and_goals_fail(flat: Callable[..., Any]) -> None:
     home = flat()
     handle = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
     home.run(3.0)
@@ -328,7 +332,9 @@ def test_without_localisation_the_robot_stands_and_goals_fail(flat) -> None:
     assert home.navigation.estimate() is not None
 
 
-def test_a_goal_can_have_its_own_tree_and_a_path_of_nav2_selects_our_tree_of_that_name(flat) -> None:
+def test_a_goal_can_have_its_own_tree_and_a_path_of_nav2_selects_our_tree_of_that_name(
+    flat: Callable[..., Any],
+) -> None:
     home = flat()
     named = "/opt/ros/humble/share/nav2_bt_navigator/behavior_trees/navigate_w_replanning_time.xml"
     handle = home.navigation.navigate_to_pose.send_goal(NavigateGoal((Pose2D(0.8, 0.0, 0.0),), named))
@@ -337,7 +343,7 @@ def test_a_goal_can_have_its_own_tree_and_a_path_of_nav2_selects_our_tree_of_tha
     assert "RecoveryNode" not in {node.id for node in home.navigation.navigate_to_pose.tree.nodes}
 
 
-def test_an_invalid_tree_fails_only_its_own_goal(flat, tmp_path: Path) -> None:
+def test_an_invalid_tree_fails_only_its_own_goal(flat: Callable[..., Any], tmp_path: Path) -> None:
     home = flat()
     file = tmp_path / "tree.xml"
     for text in (
@@ -357,7 +363,7 @@ def test_an_invalid_tree_fails_only_its_own_goal(flat, tmp_path: Path) -> None:
     assert after.status is GoalStatus.SUCCEEDED
 
 
-def test_a_leaf_that_raises_fails_the_goal_and_stops_the_robot(flat, tmp_path: Path) -> None:
+def test_leaf_that_raises_fails_goal_and_stops_robot(flat: Callable[..., Any], tmp_path: Path) -> None:
     home = flat()
     file = tmp_path / "tree.xml"
     file.write_text(
@@ -374,7 +380,7 @@ def test_a_leaf_that_raises_fails_the_goal_and_stops_the_robot(flat, tmp_path: P
     assert home.body.ramped_twist()[0] == pytest.approx(0.0, abs=0.02)
 
 
-def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(flat) -> None:
+def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(flat: Callable[..., Any]) -> None:
     home = flat(Fault("laser", 6 * NS_PER_S, 11 * NS_PER_S))
     handle = home.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
     home.run(6.0)
@@ -390,7 +396,7 @@ def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(flat) -> 
 
 @pytest.mark.parametrize("during", ["carried to another room", "restarted at zero"])
 def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(
-    flat, caplog: pytest.LogCaptureFixture, during: str
+    flat: Callable[..., Any], caplog: pytest.LogCaptureFixture, during: str
 ) -> None:
     home = flat(Fault("odometry", 6 * NS_PER_S, 11 * NS_PER_S))
     handle = home.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
@@ -435,7 +441,7 @@ def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(
     ],
 )
 def test_a_goal_fails_after_a_long_outage_with_its_cause(
-    flat, monkeypatch: pytest.MonkeyPatch, sensor: str, code: str, reading: str, tree: str
+    flat: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, sensor: str, code: str, reading: str, tree: str
 ) -> None:
     monkeypatch.setattr(sensor_watch, "MAX_OUTAGE_S", 2.0)
     home = flat(Fault(sensor, 3 * NS_PER_S, 99 * NS_PER_S))
@@ -448,7 +454,9 @@ def test_a_goal_fails_after_a_long_outage_with_its_cause(
     assert Nav2ErrorCode(handle.result.code).name == code
 
 
-def test_a_goal_fails_with_an_empty_battery_and_another_is_reached_after_recharging(flat) -> None:
+def test_a_goal_fails_with_an_empty_battery_and_another_is_reached_after_recharging(
+    flat: Callable[..., Any],
+) -> None:
     home = flat()
     home.body.battery_model.level = 0.6
     handle = home.navigation.go_to(Pose2D(2.5, 0.0, 0.0))
@@ -463,7 +471,7 @@ def test_a_goal_fails_with_an_empty_battery_and_another_is_reached_after_recharg
     assert again.status is GoalStatus.SUCCEEDED
 
 
-def test_a_goal_waits_for_a_laser_that_fails_at_the_start(flat) -> None:
+def test_a_goal_waits_for_a_laser_that_fails_at_the_start(flat: Callable[..., Any]) -> None:
     home = flat(Fault("laser", 0, 4 * NS_PER_S))
     handle = home.navigation.go_to(Pose2D(1.5, 1.0, 0.0))
     home.run(3.9)
@@ -473,7 +481,7 @@ def test_a_goal_waits_for_a_laser_that_fails_at_the_start(flat) -> None:
     assert handle.status is GoalStatus.SUCCEEDED
 
 
-def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(flat) -> None:
+def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(flat: Callable[..., Any]) -> None:
     home = flat()
     handle = home.navigation.go_to(Pose2D(2.5, -1.2, 0.0))
     home.run(5.0)
@@ -493,7 +501,7 @@ def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(flat) -> No
     assert home.distance_to(2.5, -1.2) < 0.35
 
 
-def test_a_new_goal_ends_the_recovery_of_the_previous_goal(flat) -> None:
+def test_a_new_goal_ends_the_recovery_of_the_previous_goal(flat: Callable[..., Any]) -> None:
     home = flat()
     first = home.navigation.go_to(Pose2D(4.3, 1.9, 0.0))
     home.run(60.0, lambda: home.navigation.servers.wait.busy)
@@ -506,7 +514,7 @@ def test_a_new_goal_ends_the_recovery_of_the_previous_goal(flat) -> None:
     assert second.status is GoalStatus.SUCCEEDED
 
 
-def test_the_same_goal_again_gets_a_new_path(flat) -> None:
+def test_the_same_goal_again_gets_a_new_path(flat: Callable[..., Any]) -> None:
     home = flat()
     first = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
     home.run(4.0)
@@ -528,14 +536,16 @@ def test_the_same_goal_again_gets_a_new_path(flat) -> None:
         ("", "navigate_to_pose_w_replanning_and_recovery.xml"),
     ],
 )
-def test_a_tree_in_the_parameters_selects_our_tree_or_the_default_tree(flat, named: str, meant: str) -> None:
+def test_a_tree_in_the_parameters_selects_our_tree_or_the_default_tree(
+    flat: Callable[..., Any], named: str, meant: str
+) -> None:
     usual = NavigationParameters()
     navigator = replace(usual.navigator, default_nav_to_pose_bt_xml=named)
     home = flat(parameters=replace(usual, navigator=navigator))
     assert home.navigation.navigate_to_pose.default_tree == TREES / "navigation" / meant
 
 
-def test_a_goal_waits_until_the_pose_is_known(flat, caplog: pytest.LogCaptureFixture) -> None:
+def test_goal_waits_until_pose_is_known(flat: Callable[..., Any], caplog: pytest.LogCaptureFixture) -> None:
     home = flat(start=Pose2D(3.0, -1.2, 2.0))
     handle = home.navigation.go_to(Pose2D(0.0, 0.0, 0.0))
     home.run(1.0)

@@ -2,7 +2,9 @@
 
 import re
 import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -84,7 +86,7 @@ class TwoRooms:
 
 
 @pytest.fixture
-def two_rooms():
+def two_rooms() -> Iterator[Callable[..., Any]]:
     made = []
 
     def make(*crates: Crate, tree: str = "") -> TwoRooms:
@@ -115,8 +117,12 @@ def two_rooms():
     ],
     ids=["recharge_under_a_crate", "two_closed_doors"],
 )
-def test_a_blocked_goal_ends_with_the_place_of_the_obstacle(
-    two_rooms, tree, crates, code, cause: str
+def test_blocked_goal_ends_with_place_of_obstacle(
+    two_rooms: Callable[..., Any],
+    tree: str,
+    crates: tuple[tuple[float, float, float], tuple[float, float, float]] | tuple[tuple[float, float, float]],
+    code: Nav2ErrorCode,
+    cause: str,
 ) -> None:
     rooms = two_rooms(*crates, tree=tree)
     assert rooms.run(150.0) < 90.0
@@ -133,7 +139,11 @@ def test_a_blocked_goal_ends_with_the_place_of_the_obstacle(
 @pytest.mark.parametrize(
     ("crates", "tree"), [((ON_RECHARGE,), ""), ((SOUTH_DOOR, NORTH_DOOR), NAV2)], ids=["default", "nav2"]
 )
-def test_a_goal_is_reached_when_the_obstacle_goes_away(two_rooms, crates, tree) -> None:
+def test_a_goal_is_reached_when_the_obstacle_goes_away(
+    two_rooms: Callable[..., Any],
+    crates: tuple[tuple[float, float, float], tuple[float, float, float]] | tuple[tuple[float, float, float]],
+    tree: str,
+) -> None:
     rooms = two_rooms(*crates, tree=tree)
     rooms.run(25.0)
     assert not rooms.handle.done
@@ -142,7 +152,9 @@ def test_a_goal_is_reached_when_the_obstacle_goes_away(two_rooms, crates, tree) 
     assert rooms.handle.status is GoalStatus.SUCCEEDED
 
 
-def test_the_navigator_ends_the_goal_of_a_tree_that_never_gives_up(two_rooms, tmp_path: Path) -> None:
+def test_the_navigator_ends_the_goal_of_a_tree_that_never_gives_up(
+    two_rooms: Callable[..., Any], tmp_path: Path
+) -> None:
     file = tmp_path / "tree.xml"
     file.write_text(
         '<root BTCPP_format="4"><BehaviorTree ID="T"><RetryUntilSuccessful num_attempts="-1">'

@@ -117,9 +117,7 @@ def locator(body: SimulatedRobot) -> ObjectLocator:
     return locator
 
 
-def test_each_box_lies_in_a_piece_of_wooden_furniture_of_the_house(
-    body: SimulatedRobot, locator: ObjectLocator
-) -> None:
+def test_each_box_lies_in_wooden_furniture_of_house(body: SimulatedRobot, locator: ObjectLocator) -> None:
     assert locator.activate()
     body.move_head(-1.2, -0.15)
     wait(body, 2.6)
@@ -137,9 +135,7 @@ def test_each_box_lies_in_a_piece_of_wooden_furniture_of_the_house(
     assert {"counter_east", "table_south_east"} <= found
 
 
-def test_the_nearest_box_has_the_place_and_height_of_its_furniture(
-    body: SimulatedRobot, locator: ObjectLocator
-) -> None:
+def test_nearest_box_has_place_and_height_of_furniture(body: SimulatedRobot, locator: ObjectLocator) -> None:
     locator.activate()
     body.move_head(-1.2, -0.15)
     wait(body, 2.6)

@@ -25,7 +25,7 @@ LASER = "base_laser_link"
 class Looking:
     """A robot whose laser is 0.2 m ahead of its middle, its transforms, and processes around it."""
 
-    def __init__(self, robot) -> None:
+    def __init__(self, robot: RecordingRobot) -> None:
         self.robot = robot
         self.lines: list[LogMessage] = []
         self.context = ProcessContext(robot.clock, robot.schedule, self.lines.append, robot=robot)
@@ -43,7 +43,7 @@ class Looking:
         broadcaster.step(self.robot.clock.now())
         self.robot.schedule.add_task(50.0, Phase.TRANSFORMS, broadcaster.step)
 
-    def add(self, kind, **parameters) -> Process:
+    def add(self, kind: type, **parameters) -> Process:
         process = kind(self.context, ProcessOptions(parameters=parameters))
         self.executor.add(process)
         return process
@@ -163,7 +163,7 @@ def test_exercise_the_displacement_of_each_second(looking: Looking) -> None:
 
 
 @pytest.mark.parametrize(("distance", "colour"), [(9.0, GREEN), (3.0, GREEN), (0.5, RED), (0.1, RED)])
-def test_exercise_the_arrow_is_green_far_away_and_red_near(distance: float, colour) -> None:
+def test_exercise_arrow_is_green_far_away_and_red_near(distance: float, colour: tuple[float, ...]) -> None:
     assert distance_colour(distance) == colour
 
 

@@ -18,7 +18,7 @@ from btcore_robot.process.process import (
 from btcore_robot.process.programs import UnknownProgramError, create_processes
 from btcore_robot.process.topics import TopicError
 from btcore_robot.robot import Phase
-from tests.robot_nodes.conftest import RecordingRobot
+from tests.robot_nodes.conftest import RecordingRobot, SteppedClock
 
 SECOND = 10**9
 
@@ -26,7 +26,7 @@ SECOND = 10**9
 class Desk:
     """A clock, an executor, and the log messages."""
 
-    def __init__(self, clock) -> None:
+    def __init__(self, clock: SteppedClock) -> None:
         self.clock = clock
         self.lines: list[LogMessage] = []
         self.context = ProcessContext(clock, clock, self.lines.append)

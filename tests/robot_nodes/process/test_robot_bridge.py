@@ -20,7 +20,7 @@ from tests.robot_nodes.conftest import RecordingRobot
 class Bridged:
     """A robot with a bridge, and a process that uses its topics."""
 
-    def __init__(self, robot) -> None:
+    def __init__(self, robot: RecordingRobot) -> None:
         self.robot = robot
         self.context = ProcessContext(robot.clock, robot.schedule, lambda line: None, robot=robot)
         self.other = Process("other", self.context)

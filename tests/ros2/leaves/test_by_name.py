@@ -121,9 +121,7 @@ def test_aborted_goal_fails_with_its_result_and_a_reason(session: RosSession) ->
         ('"{goal}"', {"goal": Fibonacci.Goal(order=2)}),
     ],
 )
-def test_goal_may_be_an_entry_or_contain_entries(
-    session: RosSession, goal: str, entries: dict[str, object]
-) -> None:
+def test_goal_may_be_or_contain_entries(session: RosSession, goal: str, entries: dict[str, object]) -> None:
     tree = tree_of(COUNT.replace("""'json:{"order": 3}'""", goal), session, **entries)
     assert tree.tick_while_running() is Status.SUCCESS
     assert list(tree.blackboard["result"].sequence) == [0, 1]

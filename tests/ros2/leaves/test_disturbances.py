@@ -25,10 +25,10 @@ from tests.ros2.discovery import wait_until_known, wait_until_service_knows
 
 LIMIT_S = 60
 NUMBERS = itertools.count()
-PATIENT = 'server_timeout="60000" wait_for_server_timeout="60000"'
-CALL = f"""<RosServiceCall service_name="{{name}}" type="std_srvs/srv/SetBool" {PATIENT}
+LONG_TIMEOUTS = 'server_timeout="60000" wait_for_server_timeout="60000"'
+CALL = f"""<RosServiceCall service_name="{{name}}" type="std_srvs/srv/SetBool" {LONG_TIMEOUTS}
     request='json:{{{{"data": "{{{{on}}}}"}}}}' response="{{{{answer}}}}" response_field="message"/>"""
-ACT = f"""<RosActionCall action_name="{{name}}" type="test_msgs/action/Fibonacci" {PATIENT}
+ACT = f"""<RosActionCall action_name="{{name}}" type="test_msgs/action/Fibonacci" {LONG_TIMEOUTS}
     goal='json:{{{{"order": 1}}}}' feedback="{{{{feedback}}}}" feedback_field="sequence[0]"/>"""
 READ = """<RosTopicRead topic_name="{name}" type="std_msgs/msg/Int32" field="data" message="{{read}}"
     timeout="60000"/>"""

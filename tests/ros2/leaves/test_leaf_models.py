@@ -42,7 +42,7 @@ DISCOVERY_MS = 5000
 """The time (ms) in which the other side has to appear."""
 
 
-class Stage:
+class LeafRig:
     """A leaf whose ticks and halts are checked, and the session of the other side.
 
     Attributes:
@@ -111,259 +111,259 @@ class Stage:
         self.other.close()
 
 
-def action_schedule(stage: Stage) -> None:
+def action_schedule(rig: LeafRig) -> None:
     """Run RosActionCall: goals that end in every way, and servers that are missing, of another type, or lost.
 
     A goal also ends because it is rejected, or because the server does not answer.
     """
     attributes = """type="test_msgs/action/Fibonacci" goal='json:{"order": "{n}"}'"""
-    RosActionServer[Any, Any, Any](stage.other, NestedMessage, "other_type")
-    stage.load(f'name="other_type" {attributes}', n=3)
-    stage.pass_time(DISCOVERY_MS + 1)
-    stage.wait_for(lambda: stage.tick() is FAILURE and "has the type" in stage.error)
-    stage.load(f'name="count" {attributes}', n=3)
-    assert stage.tick() is RUNNING
-    stage.halt()  # while the leaf waits for a server
-    assert stage.tick() is RUNNING
-    stage.pass_time(DISCOVERY_MS + 1)
-    assert stage.tick() is FAILURE
-    assert "no action server" in stage.error
-    assert stage.tick() is FAILURE  # at once
-    stage.load(f'name="count" wait_for_server_timeout="60000" {attributes}', n=3)
-    stage.pass_time(59_999)
-    assert stage.tick() is RUNNING
+    RosActionServer[Any, Any, Any](rig.other, NestedMessage, "other_type")
+    rig.load(f'name="other_type" {attributes}', n=3)
+    rig.pass_time(DISCOVERY_MS + 1)
+    rig.wait_for(lambda: rig.tick() is FAILURE and "has the type" in rig.error)
+    rig.load(f'name="count" {attributes}', n=3)
+    assert rig.tick() is RUNNING
+    rig.halt()  # while the leaf waits for a server
+    assert rig.tick() is RUNNING
+    rig.pass_time(DISCOVERY_MS + 1)
+    assert rig.tick() is FAILURE
+    assert "no action server" in rig.error
+    assert rig.tick() is FAILURE  # at once
+    rig.load(f'name="count" wait_for_server_timeout="60000" {attributes}', n=3)
+    rig.pass_time(59_999)
+    assert rig.tick() is RUNNING
     reject_reason = ""
     server = RosActionServer[Any, Any, Any](
-        stage.other, Fibonacci, "count", reject_reason=lambda goal: reject_reason
+        rig.other, Fibonacci, "count", reject_reason=lambda goal: reject_reason
     )
-    wait_until_known(stage.session, "count")
-    canceller = stage.other.node.create_client(CancelGoal, "count/_action/cancel_goal")
-    stage.wait_for(canceller.service_is_ready)
+    wait_until_known(rig.session, "count")
+    canceller = rig.other.node.create_client(CancelGoal, "count/_action/cancel_goal")
+    rig.wait_for(canceller.service_is_ready)
 
     def accepted() -> Any:
-        assert stage.tick() is RUNNING
-        stage.wait_for(lambda: server.waiting)
+        assert rig.tick() is RUNNING
+        rig.wait_for(lambda: server.waiting)
         return server.take()
 
     goal = accepted()
     goal.publish_feedback(Fibonacci.Feedback(sequence=[1]))
-    stage.wait_for(lambda: stage.tick() is RUNNING and "feedback" in stage.tree.blackboard)
-    stage.halt()
-    stage.wait_for(lambda: goal.cancel_requested)
+    rig.wait_for(lambda: rig.tick() is RUNNING and "feedback" in rig.tree.blackboard)
+    rig.halt()
+    rig.wait_for(lambda: goal.cancel_requested)
     goal.canceled()
 
     goal = accepted()
     goal.publish_feedback(Fibonacci.Feedback(sequence=[2]))
     goal.succeed(Fibonacci.Result(sequence=[0, 1]))
-    stage.tick_until(SUCCESS)
+    rig.tick_until(SUCCESS)
     accepted().abort(Fibonacci.Result(sequence=[0]))
-    stage.tick_until(FAILURE)
-    assert "aborted the goal" in stage.error
+    rig.tick_until(FAILURE)
+    assert "aborted the goal" in rig.error
     goal = accepted()
     canceller.call_async(CancelGoal.Request())  # all goals
-    stage.wait_for(lambda: goal.cancel_requested)
+    rig.wait_for(lambda: goal.cancel_requested)
     goal.canceled()
-    stage.tick_until(FAILURE)
-    assert "cancelled by" in stage.error
+    rig.tick_until(FAILURE)
+    assert "cancelled by" in rig.error
     reject_reason = "no"
-    stage.tick_until(FAILURE)
-    assert "rejected the goal" in stage.error
+    rig.tick_until(FAILURE)
+    assert "rejected the goal" in rig.error
     reject_reason = ""
 
-    stage.sleeps = True
-    assert stage.tick() is RUNNING
-    stage.pass_time()
-    assert stage.tick() is FAILURE
-    assert "did not answer" in stage.error
-    stage.sleeps = False
-    stage.wait_for(lambda: not stage.session.unfinished)  # the server knows that this goal is cancelled
+    rig.sleeps = True
+    assert rig.tick() is RUNNING
+    rig.pass_time()
+    assert rig.tick() is FAILURE
+    assert "did not answer" in rig.error
+    rig.sleeps = False
+    rig.wait_for(lambda: not rig.session.unfinished)  # the server knows that this goal is cancelled
     accepted()
-    for entity in tuple(stage.other.node.waitables):
+    for entity in tuple(rig.other.node.waitables):
         if isinstance(entity, ActionServer):
             entity.destroy()
 
     def is_lost() -> bool:
-        stage.pass_time()  # the time between two checks whether the server exists
-        return stage.tick() is FAILURE
+        rig.pass_time()  # the time between two checks whether the server exists
+        return rig.tick() is FAILURE
 
-    stage.wait_for(is_lost)
-    assert "disappeared" in stage.error
+    rig.wait_for(is_lost)
+    assert "disappeared" in rig.error
 
 
-def service_schedule(stage: Stage) -> None:
+def service_schedule(rig: LeafRig) -> None:
     """Run RosServiceCall: responses, and servers that are missing, of another type, silent or lost."""
     attributes = """type="std_srvs/SetBool" request='json:{"data": "{on}"}'"""
-    node = stage.other.node
+    node = rig.other.node
     node.create_service(Trigger, "other_type", lambda request, response: response)
-    stage.load(f'name="other_type" {attributes}', on=True)
-    stage.pass_time(DISCOVERY_MS + 1)
-    stage.wait_for(lambda: stage.tick() is FAILURE and "has the type" in stage.error)
-    stage.load(f'name="switch" {attributes}', on=True)
-    assert stage.tick() is RUNNING
-    stage.halt()  # while the leaf waits for a server
-    assert stage.tick() is RUNNING
-    stage.pass_time(DISCOVERY_MS + 1)
-    assert stage.tick() is FAILURE
-    assert "no service" in stage.error
-    assert stage.tick() is FAILURE  # at once
+    rig.load(f'name="other_type" {attributes}', on=True)
+    rig.pass_time(DISCOVERY_MS + 1)
+    rig.wait_for(lambda: rig.tick() is FAILURE and "has the type" in rig.error)
+    rig.load(f'name="switch" {attributes}', on=True)
+    assert rig.tick() is RUNNING
+    rig.halt()  # while the leaf waits for a server
+    assert rig.tick() is RUNNING
+    rig.pass_time(DISCOVERY_MS + 1)
+    assert rig.tick() is FAILURE
+    assert "no service" in rig.error
+    assert rig.tick() is FAILURE  # at once
 
     def switch(request: Any, response: Any) -> Any:
         response.success = request.data
         return response
 
-    stage.load(f'name="switch" wait_for_server_timeout="60000" {attributes}', on=True)
-    stage.pass_time(59_999)
-    assert stage.tick() is RUNNING
+    rig.load(f'name="switch" wait_for_server_timeout="60000" {attributes}', on=True)
+    rig.pass_time(59_999)
+    assert rig.tick() is RUNNING
     service = node.create_service(SetBool, "switch", switch)
-    known = RosActionServer[Any, Any, Any](stage.other, Fibonacci, "known")
-    wait_until_known(stage.session, known.name)
-    stage.tick_until(SUCCESS)
-    stage.tree.blackboard["on"] = False
-    stage.tick_until(FAILURE)
-    assert "did not succeed" in stage.error
-    stage.sleeps = True
-    assert stage.tick() is RUNNING
-    stage.halt()
-    assert stage.tick() is RUNNING
-    stage.pass_time()
-    assert stage.tick() is FAILURE
-    assert "did not answer" in stage.error
-    assert stage.tick() is RUNNING
+    known = RosActionServer[Any, Any, Any](rig.other, Fibonacci, "known")
+    wait_until_known(rig.session, known.name)
+    rig.tick_until(SUCCESS)
+    rig.tree.blackboard["on"] = False
+    rig.tick_until(FAILURE)
+    assert "did not succeed" in rig.error
+    rig.sleeps = True
+    assert rig.tick() is RUNNING
+    rig.halt()
+    assert rig.tick() is RUNNING
+    rig.pass_time()
+    assert rig.tick() is FAILURE
+    assert "did not answer" in rig.error
+    assert rig.tick() is RUNNING
     node.destroy_service(service)
-    stage.sleeps = False
-    stage.pass_time()
-    stage.tick_until(FAILURE)
-    assert "did not answer" in stage.error
+    rig.sleeps = False
+    rig.pass_time()
+    rig.tick_until(FAILURE)
+    assert "did not answer" in rig.error
 
 
-def publish_schedule(stage: Stage) -> None:
+def publish_schedule(rig: LeafRig) -> None:
     """Run RosTopicPublish: without a subscriber, and with subscribers of another type and of its type."""
     attributes = """type="std_msgs/String" message='json:{"data": "{word}"}'"""
-    node, heard = stage.other.node, []
+    node, heard = rig.other.node, []
     node.create_subscription(Bool, "other_type", heard.append, 1)
-    stage.load(f'name="other_type" {attributes}', word="one")
-    stage.wait_for(lambda: stage.session.node.count_subscribers("other_type"))
-    stage.pass_time(DISCOVERY_MS + 1)
-    assert stage.tick() is SUCCESS
-    assert stage.error.endswith("its type is std_msgs/msg/Bool")
-    stage.load(f'name="words" {attributes}', word="one")
-    assert stage.tick() is RUNNING
-    stage.halt()  # while the leaf waits for a subscriber
-    assert stage.tick() is RUNNING
-    stage.pass_time(DISCOVERY_MS + 1)
-    assert stage.tick() is SUCCESS
-    assert "no subscriber of the topic 'words' gets the message: nothing subscribes to it" in stage.error
-    stage.load(f'name="words" qos="latched" wait_for_subscriber_timeout="0" {attributes}', word="one")
-    assert stage.tick() is SUCCESS  # at once
-    assert stage.error == ""
-    stage.load(f'name="words" wait_for_subscriber_timeout="60000" {attributes}', word="two")
-    stage.pass_time(59_999)
-    assert stage.tick() is RUNNING
+    rig.load(f'name="other_type" {attributes}', word="one")
+    rig.wait_for(lambda: rig.session.node.count_subscribers("other_type"))
+    rig.pass_time(DISCOVERY_MS + 1)
+    assert rig.tick() is SUCCESS
+    assert rig.error.endswith("its type is std_msgs/msg/Bool")
+    rig.load(f'name="words" {attributes}', word="one")
+    assert rig.tick() is RUNNING
+    rig.halt()  # while the leaf waits for a subscriber
+    assert rig.tick() is RUNNING
+    rig.pass_time(DISCOVERY_MS + 1)
+    assert rig.tick() is SUCCESS
+    assert "no subscriber of the topic 'words' gets the message: nothing subscribes to it" in rig.error
+    rig.load(f'name="words" qos="latched" wait_for_subscriber_timeout="0" {attributes}', word="one")
+    assert rig.tick() is SUCCESS  # at once
+    assert rig.error == ""
+    rig.load(f'name="words" wait_for_subscriber_timeout="60000" {attributes}', word="two")
+    rig.pass_time(59_999)
+    assert rig.tick() is RUNNING
     node.create_subscription(String, "words", lambda message: heard.append(message.data), 1)
-    stage.tick_until(SUCCESS)
-    stage.wait_for(lambda: heard)
-    assert (heard, stage.error) == (["two"], "")
+    rig.tick_until(SUCCESS)
+    rig.wait_for(lambda: heard)
+    assert (heard, rig.error) == (["two"], "")
 
 
-def read_schedule(stage: Stage) -> None:
+def read_schedule(rig: LeafRig) -> None:
     """Run RosTopicRead: messages before and after its start, old messages, and topics that are silent."""
     attributes = 'type="std_msgs/String" max_age="0.5" timeout="{timeout}"'
-    node = stage.other.node
+    node = rig.other.node
     node.create_publisher(Bool, "other_type", 1)
-    stage.load(f'name="other_type" {attributes}', timeout=0)
-    stage.wait_for(lambda: stage.tick() is FAILURE and "its type is std_msgs/msg/Bool" in stage.error)
+    rig.load(f'name="other_type" {attributes}', timeout=0)
+    rig.wait_for(lambda: rig.tick() is FAILURE and "its type is std_msgs/msg/Bool" in rig.error)
     attributes += ' name="words"'
-    stage.load(attributes, timeout=SERVER_MS)
+    rig.load(attributes, timeout=SERVER_MS)
 
     def fails() -> str:
-        assert stage.tick() is RUNNING
-        stage.pass_time()
-        assert stage.tick() is FAILURE
-        return stage.error
+        assert rig.tick() is RUNNING
+        rig.pass_time()
+        assert rig.tick() is FAILURE
+        return rig.error
 
-    assert stage.tick() is RUNNING
-    stage.pass_time(DISCOVERY_MS - 1)
-    assert stage.tick() is RUNNING  # ROS 2 may not have found the publisher yet
-    stage.pass_time()
-    assert stage.tick() is FAILURE
+    assert rig.tick() is RUNNING
+    rig.pass_time(DISCOVERY_MS - 1)
+    assert rig.tick() is RUNNING  # ROS 2 may not have found the publisher yet
+    rig.pass_time()
+    assert rig.tick() is FAILURE
     assert "nothing publishes it" in fails()
-    stage.load(f'name="late" {attributes.partition(" name=")[0]}', timeout=SERVER_MS)
-    assert stage.tick() is RUNNING
-    stage.pass_time()
-    assert stage.tick() is RUNNING
+    rig.load(f'name="late" {attributes.partition(" name=")[0]}', timeout=SERVER_MS)
+    assert rig.tick() is RUNNING
+    rig.pass_time()
+    assert rig.tick() is RUNNING
     node.create_publisher(String, "late", 1)
-    stage.wait_for(lambda: stage.session.node.count_publishers("late"))
-    stage.pass_time()
-    assert stage.tick() is FAILURE, "the timeout counts as soon as there is a publisher"
-    assert "have sent nothing" in stage.error
-    stage.load(attributes, timeout=SERVER_MS)
-    stage.tree.blackboard["timeout"] = 0
-    assert stage.tick() is FAILURE  # at once
-    stage.tree.blackboard["timeout"] = SERVER_MS
+    rig.wait_for(lambda: rig.session.node.count_publishers("late"))
+    rig.pass_time()
+    assert rig.tick() is FAILURE, "the timeout counts as soon as there is a publisher"
+    assert "have sent nothing" in rig.error
+    rig.load(attributes, timeout=SERVER_MS)
+    rig.tree.blackboard["timeout"] = 0
+    assert rig.tick() is FAILURE  # at once
+    rig.tree.blackboard["timeout"] = SERVER_MS
 
     publisher = node.create_publisher(String, "words", 1)
-    stage.wait_for(publisher.get_subscription_count)
-    assert stage.tick() is RUNNING
-    stage.halt()
-    assert stage.tick() is RUNNING
+    rig.wait_for(publisher.get_subscription_count)
+    assert rig.tick() is RUNNING
+    rig.halt()
+    assert rig.tick() is RUNNING
     publisher.publish(String(data="after the start"))
-    stage.tick_until(SUCCESS)
-    stage.load(attributes, timeout=SERVER_MS)
-    assert stage.tick() is SUCCESS  # at once, with the message that arrived before
-    stage.pass_time(501)
+    rig.tick_until(SUCCESS)
+    rig.load(attributes, timeout=SERVER_MS)
+    assert rig.tick() is SUCCESS  # at once, with the message that arrived before
+    rig.pass_time(501)
     assert "have sent nothing" in fails()
-    assert stage.tick() is RUNNING
+    assert rig.tick() is RUNNING
     node.destroy_publisher(publisher)
-    stage.pass_time()
-    stage.wait_for(lambda: not stage.session.node.count_publishers("words"))
-    assert stage.tick() is FAILURE
+    rig.pass_time()
+    rig.wait_for(lambda: not rig.session.node.count_publishers("words"))
+    assert rig.tick() is FAILURE
 
 
-def look_up_schedule(stage: Stage, attributes: str, **entries: object) -> None:
+def look_up_schedule(rig: LeafRig, attributes: str, **entries: object) -> None:
     """Run a leaf that looks up the frame `base` in `map`: unknown, known, and too old."""
-    stage.load(f'{attributes} timeout="{{timeout}}" max_age="0.5"', timeout=SERVER_MS, **entries)
-    publisher = stage.other.node.create_publisher(TFMessage, "/tf", 10)
-    stage.wait_for(publisher.get_subscription_count)
-    assert stage.tick() is RUNNING
-    stage.halt()
-    assert stage.tick() is RUNNING
-    stage.pass_time()
-    assert stage.tick() is FAILURE
-    assert "no frame is known yet" in stage.error
-    assert stage.tick() is RUNNING
+    rig.load(f'{attributes} timeout="{{timeout}}" max_age="0.5"', timeout=SERVER_MS, **entries)
+    publisher = rig.other.node.create_publisher(TFMessage, "/tf", 10)
+    rig.wait_for(publisher.get_subscription_count)
+    assert rig.tick() is RUNNING
+    rig.halt()
+    assert rig.tick() is RUNNING
+    rig.pass_time()
+    assert rig.tick() is FAILURE
+    assert "no frame is known yet" in rig.error
+    assert rig.tick() is RUNNING
     transform = TransformStamped(child_frame_id="base")
     transform.header.frame_id, transform.header.stamp.sec = "map", 1
     publisher.publish(TFMessage(transforms=[transform]))
-    stage.tick_until(SUCCESS)
-    assert stage.tick() is SUCCESS  # at once
-    stage.pass_time()
-    assert stage.tick() is RUNNING
-    stage.pass_time()
-    assert stage.tick() is FAILURE
-    assert "max_age" in stage.error
-    stage.tree.blackboard["timeout"] = 0
-    assert stage.tick() is FAILURE  # at once
+    rig.tick_until(SUCCESS)
+    assert rig.tick() is SUCCESS  # at once
+    rig.pass_time()
+    assert rig.tick() is RUNNING
+    rig.pass_time()
+    assert rig.tick() is FAILURE
+    assert "max_age" in rig.error
+    rig.tree.blackboard["timeout"] = 0
+    assert rig.tick() is FAILURE  # at once
 
 
-def read_transform_schedule(stage: Stage) -> None:
+def read_transform_schedule(rig: LeafRig) -> None:
     """Run RosTransformRead."""
-    look_up_schedule(stage, 'child="base"')
+    look_up_schedule(rig, 'child="base"')
 
 
-def transform_pose_schedule(stage: Stage) -> None:
+def transform_pose_schedule(rig: LeafRig) -> None:
     """Run RosPoseTransform."""
-    look_up_schedule(stage, 'pose="{pose}"', pose={"header": {"frame_id": "base"}})
+    look_up_schedule(rig, 'pose="{pose}"', pose={"header": {"frame_id": "base"}})
 
 
-def publish_transform_schedule(stage: Stage) -> None:
+def publish_transform_schedule(rig: LeafRig) -> None:
     """Run RosTransformPublish: with a pose, and with numbers that are no pose."""
     heard: list[Any] = []
-    stage.other.node.create_subscription(TFMessage, "/tf", heard.append, 10)
-    stage.load('child="box" pose="{pose}"', pose={"header": {"frame_id": "base"}})
-    stage.wait_for(lambda: stage.tick() is SUCCESS and heard)
-    stage.tree.blackboard["pose"] = {"pose": {"position": {"x": "nan"}}}
-    assert stage.tick() is FAILURE
-    assert "not finite" in stage.error
+    rig.other.node.create_subscription(TFMessage, "/tf", heard.append, 10)
+    rig.load('child="box" pose="{pose}"', pose={"header": {"frame_id": "base"}})
+    rig.wait_for(lambda: rig.tick() is SUCCESS and heard)
+    rig.tree.blackboard["pose"] = {"pose": {"position": {"x": "nan"}}}
+    assert rig.tick() is FAILURE
+    assert "not finite" in rig.error
 
 
 SCHEDULES = {
@@ -385,11 +385,11 @@ def test_leaf_follows_its_model(ID: str, monkeypatch: pytest.MonkeyPatch) -> Non
     for owner, name in ((ActionClient, "send_goal_async"), (Client, "call_async")):
         monkeypatch.setattr(owner, name, getattr(owner, name))  # restored after the test
         records(owner, name, watch.used, lambda *_, name=name: name)
-    stage = Stage(ID, watch)
+    rig = LeafRig(ID, watch)
     try:
-        SCHEDULES[ID](stage)
+        SCHEDULES[ID](rig)
     finally:
-        stage.close()
+        rig.close()
     assert sorted(set(watch.faults)) == []
     model = model_of(SHIPPED[ID])
     allowed = {*model.results, *([RUNNING, IDLE] if model.lasts else [])}  # IDLE: it was halted

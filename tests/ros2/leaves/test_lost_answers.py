@@ -33,7 +33,7 @@ GOAL = """<root BTCPP_format="4"><BehaviorTree ID="Main"><RosActionCall name="{}
     type="test_msgs/action/Fibonacci" goal='json:{{"order": 3}}'/></BehaviorTree></root>"""
 
 
-class Bench:
+class LeafRig:
     """A leaf with a goal, and its server.
 
     Attributes:
@@ -88,8 +88,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
-    made = Bench()
+def rig() -> Iterator[LeafRig]:
+    made = LeafRig()
     yield made
     made.session.close()
     made.other.close()
@@ -109,20 +109,20 @@ def lose_answers(monkeypatch: pytest.MonkeyPatch, owner: object, name: str, coun
 
 
 def test_cancellation_whose_answer_is_lost_is_sent_again(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    rig: LeafRig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
-    bench.start()
-    goal = bench.accepted()
-    bench.wait_for(lambda: bench.tree.tick_once() and next(iter(bench.tree))._goal.accepted)
+    rig.start()
+    goal = rig.accepted()
+    rig.wait_for(lambda: rig.tree.tick_once() and next(iter(rig.tree))._goal.accepted)
     sent = lose_answers(monkeypatch, ClientGoalHandle, "cancel_goal_async", 2)
-    bench.tree.halt()
-    bench.wait_for(lambda: goal.cancel_requested)
-    assert bench.session.unfinished
-    bench.wait_for(lambda: not bench.session.unfinished)  # the third was answered
+    rig.tree.halt()
+    rig.wait_for(lambda: goal.cancel_requested)
+    assert rig.session.unfinished
+    rig.wait_for(lambda: not rig.session.unfinished)  # the third was answered
     assert len(sent) == 3
     goal.canceled()
-    bench.wait_for(lambda: "was cancelled: it ended as CANCELED" in caplog.text)
+    rig.wait_for(lambda: "was cancelled: it ended as CANCELED" in caplog.text)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_cancellation_whose_answer_is_lost_is_sent_again(
     ],
 )
 def test_goal_that_ended_without_an_answer_is_not_said_to_go_on(
-    bench: Bench,
+    rig: LeafRig,
     rejects: bool,
     ends_before: bool,
     outcome: str,
@@ -142,48 +142,48 @@ def test_goal_that_ended_without_an_answer_is_not_said_to_go_on(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.INFO)
-    bench.rejects = rejects
+    rig.rejects = rejects
     lose_answers(monkeypatch, direct_take, "send_goal", 1)
     lose_answers(monkeypatch, ClientGoalHandle, "get_result_async", 0 if ends_before else 2)
-    bench.start()
-    goal = None if rejects else bench.accepted()
+    rig.start()
+    goal = None if rejects else rig.accepted()
     if goal is not None and ends_before:
         goal.succeed()
-    bench.answer_all()
-    bench.tree.halt()
+    rig.answer_all()
+    rig.tree.halt()
     if goal is not None and not ends_before:
-        bench.wait_for(lambda: goal.cancel_requested)
+        rig.wait_for(lambda: goal.cancel_requested)
         goal.canceled()
-    bench.follow_up()
-    assert f"the goal on '{bench.name}' was cancelled: {outcome}" in caplog.text
+    rig.follow_up()
+    assert f"the goal on '{rig.name}' was cancelled: {outcome}" in caplog.text
     assert "may still work on it" not in caplog.text
 
 
 def test_goal_that_goes_on_after_its_cancellation_is_reported(
-    bench: Bench, caplog: pytest.LogCaptureFixture
+    rig: LeafRig, caplog: pytest.LogCaptureFixture
 ) -> None:
-    bench.start()
-    goal = bench.accepted()
-    bench.tree.halt()
-    bench.wait_for(lambda: goal.cancel_requested)
-    bench.follow_up()
-    assert f"'{bench.name}' has not ended the goal; it may still work on it" in caplog.text
+    rig.start()
+    goal = rig.accepted()
+    rig.tree.halt()
+    rig.wait_for(lambda: goal.cancel_requested)
+    rig.follow_up()
+    assert f"'{rig.name}' has not ended the goal; it may still work on it" in caplog.text
 
 
 def test_goal_of_a_server_that_is_visible_again_is_cancelled(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    rig: LeafRig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
-    bench.start()
-    goal = bench.accepted()
-    (leaf,) = bench.tree
-    bench.wait_for(lambda: bench.tree.tick_once() and leaf._goal.accepted)
+    rig.start()
+    goal = rig.accepted()
+    (leaf,) = rig.tree
+    rig.wait_for(lambda: rig.tree.tick_once() and leaf._goal.accepted)
     with monkeypatch.context() as outage:
         outage.setattr(leaf._endpoint.get(), "server_is_ready", lambda: False)
-        bench.wait_for(lambda: bench.tree.tick_once() is Status.FAILURE)
+        rig.wait_for(lambda: rig.tree.tick_once() is Status.FAILURE)
     assert "disappeared while it worked on the goal" in leaf.error_message
     assert not goal.cancel_requested
-    assert not bench.session.unfinished
-    bench.wait_for(lambda: goal.cancel_requested)
+    assert not rig.session.unfinished
+    rig.wait_for(lambda: goal.cancel_requested)
     goal.canceled()
-    bench.wait_for(lambda: "was cancelled: it ended as CANCELED" in caplog.text)
+    rig.wait_for(lambda: "was cancelled: it ended as CANCELED" in caplog.text)

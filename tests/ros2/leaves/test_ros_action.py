@@ -53,7 +53,7 @@ class Planned(RosAction):
         return F
 
 
-class Impatient(Planned):
+class ShortTimeout(Planned):
     server_timeout = 100
 
 
@@ -92,7 +92,7 @@ class WithoutType(Planned):
     action_type = None
 
 
-NODES = (Planned, Impatient, Unknown, Stops, Unnamed, Unfinished, WrongGoal, Misspelled, WithoutType)
+NODES = (Planned, ShortTimeout, Unknown, Stops, Unnamed, Unfinished, WrongGoal, Misspelled, WithoutType)
 
 
 @pytest.fixture(scope="module")
@@ -283,11 +283,11 @@ def test_goal_that_is_answered_too_late_is_cancelled(
 ) -> None:
     caplog.set_level(logging.INFO)
     tag = next(TAGS)
-    status, leaf = run(session, Plan(answer_slots=100, end=End.NEVER, tag=tag), "Impatient")
+    status, leaf = run(session, Plan(answer_slots=100, end=End.NEVER, tag=tag), "ShortTimeout")
     assert (status, leaf.errors) == (F, [ActionErrorCode.SEND_GOAL_TIMEOUT])
     assert "'planned' did not answer the goal within 100 ms" in leaf.error_message
     assert session.wait_for(lambda: "canceled" in server.of(tag), LIMIT_S)
-    message = "Impatient::1: the goal on 'planned' was cancelled: it ended as CANCELED"
+    message = "ShortTimeout::1: the goal on 'planned' was cancelled: it ended as CANCELED"
     assert session.wait_for(lambda: message in caplog.messages, LIMIT_S)
 
 
@@ -327,7 +327,7 @@ def test_goal_whose_acceptance_was_lost_is_cancelled(
 
     caplog.set_level(logging.INFO)
     tag = next(TAGS)
-    tree = load(session, f'<Impatient order="{Plan(end=End.NEVER, tag=tag).order}"/>')
+    tree = load(session, f'<ShortTimeout order="{Plan(end=End.NEVER, tag=tag).order}"/>')
     leaf = leaf_of(tree)
     while leaf._goal is None:
         assert tree.tick_once() is R
@@ -335,7 +335,7 @@ def test_goal_whose_acceptance_was_lost_is_cancelled(
     assert tree.tick_while_running(period=0.01) is F
     assert leaf.errors == [ActionErrorCode.SEND_GOAL_TIMEOUT]
     assert session.wait_for(lambda: "canceled" in server.of(tag), LIMIT_S)
-    message = "Impatient::1: the goal on 'planned' was cancelled: it ended as CANCELED"
+    message = "ShortTimeout::1: the goal on 'planned' was cancelled: it ended as CANCELED"
     assert session.wait_for(lambda: message in caplog.messages, LIMIT_S)
 
 
@@ -344,7 +344,7 @@ def test_cancellation_of_a_goal_that_the_server_does_not_know_yet(
 ) -> None:
     tag = next(TAGS)
     # The answer arrives after the goal was first cancelled by its ID.
-    status, _ = run(session, Plan(answer_slots=100, end=End.NEVER, tag=tag), "Impatient")
+    status, _ = run(session, Plan(answer_slots=100, end=End.NEVER, tag=tag), "ShortTimeout")
     assert status is F
     assert session.wait_for(lambda: "canceled" in server.of(tag), LIMIT_S)
 

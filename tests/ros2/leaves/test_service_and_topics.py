@@ -50,7 +50,7 @@ class Increment(RosService):
         return F
 
 
-class Impatient(Increment):
+class ShortTimeout(Increment):
     server_timeout = 50
 
 
@@ -92,7 +92,7 @@ def session(server: ServerProcess) -> Iterator[RosSession]:
 
 def load(session: RosSession, body: str) -> Tree:
     nodes = Registry.standard()
-    nodes.add(Increment, Impatient, Unknown, Say, Hear, HearAgain)
+    nodes.add(Increment, ShortTimeout, Unknown, Say, Hear, HearAgain)
     text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
     return btcore.loads(text, nodes=nodes, resources=[session], clock=session.clock)
 
@@ -111,7 +111,7 @@ def test_response(server: ServerProcess, session: RosSession) -> None:
 
 
 def test_late_response_is_ignored(server: ServerProcess, session: RosSession) -> None:
-    tree = load(session, '<Impatient number="{n}" delay_ms="{delay}" sum="{sum}"/>')
+    tree = load(session, '<ShortTimeout number="{n}" delay_ms="{delay}" sum="{sum}"/>')
     tree.blackboard["n"], tree.blackboard["delay"] = 70, 2000
     assert tree.tick_while_running(period=0.01) is F
     leaf = leaf_of(tree)

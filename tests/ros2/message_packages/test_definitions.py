@@ -77,7 +77,7 @@ def test_packages_are_ordered_by_their_needs(tmp_path: Path) -> None:
     assert not incomplete
 
 
-def test_interfaces_whose_messages_are_missing_are_left_out_with_those_that_contain_them(
+def test_interfaces_with_missing_messages_are_left_out_with_those_containing_them(
     tmp_path: Path,
 ) -> None:
     workspace = write(
@@ -116,9 +116,7 @@ def test_only_keeps_what_the_named_interface_contains() -> None:
         ({"a/msg/A.msg": "int8 x\n", "a/package.xml": "<package>"}, r"a/package.xml: "),
     ],
 )
-def test_mistakes_are_reported_with_their_place(
-    tmp_path: Path, files: Mapping[str, str], message: str
-) -> None:
+def test_mistakes_are_reported_with_place(tmp_path: Path, files: Mapping[str, str], message: str) -> None:
     with pytest.raises(RosError, match=message):
         find_packages([write(tmp_path, files)])
 

@@ -20,7 +20,7 @@ from btcore_navigation.nodes import action_node
 LIMIT = 120.0  # s: for a machine that is much slower
 
 
-PATIENT = """
+LONG_TIMEOUTS = """
 from btcore_navigation.nodes import action_node
 action_node.MIN_ACCEPTANCE_MS = 60_000
 from btcore_ros2.nav2 import navigator_server
@@ -50,7 +50,7 @@ def plain_nav2(request: pytest.FixtureRequest) -> Iterator[subprocess.Popen[str]
     process.communicate(timeout=LIMIT)
 
 
-class ClientBench:
+class ClientRig:
     """A session with the servers of Nav2, and what the other process has received."""
 
     def __init__(self) -> None:
@@ -59,7 +59,7 @@ class ClientBench:
         from btcore_ros2.nav2.client import Nav2Client
         from btcore_ros2.session import RosSession
 
-        self.session = RosSession("bench")
+        self.session = RosSession("rig")
         self.client = Nav2Client(self.session)
         self.received: list[tuple[str, Any]] = []
         self.session.node.create_subscription(String, "received", self.take, 100)
@@ -119,27 +119,27 @@ def _handles(tree: Tree) -> list[dict[str, object]]:
 
 
 @pytest.fixture(scope="module")
-def shared_bench(plain_nav2: subprocess.Popen[str]) -> Iterator[ClientBench]:
-    """A bench that has found the other process."""
-    bench = ClientBench()
-    bench.client.odometry()
-    found = bench.session.wait_for(
+def shared_rig(plain_nav2: subprocess.Popen[str]) -> Iterator[ClientRig]:
+    """A rig that has found the other process."""
+    rig = ClientRig()
+    rig.client.odometry()
+    found = rig.session.wait_for(
         lambda: (
-            bench.client.pose()
-            and bench.client.odometry()
-            and bench.session.node.count_publishers("received")
-            and bench.marker.get_subscription_count()
+            rig.client.pose()
+            and rig.client.odometry()
+            and rig.session.node.count_publishers("received")
+            and rig.marker.get_subscription_count()
         ),
         LIMIT,
     )
     assert found
-    yield bench
-    bench.session.close()
+    yield rig
+    rig.session.close()
 
 
 @pytest.fixture
-def bench(shared_bench: ClientBench, monkeypatch: pytest.MonkeyPatch) -> ClientBench:
-    """The bench of the module, without what was received before, whose nodes wait long for an answer."""
+def rig(shared_rig: ClientRig, monkeypatch: pytest.MonkeyPatch) -> ClientRig:
+    """The rig of the module, without what was received before, whose nodes wait long for an answer."""
     monkeypatch.setattr(action_node, "MIN_ACCEPTANCE_MS", 1000 * LIMIT)
-    shared_bench.forget()
-    return shared_bench
+    shared_rig.forget()
+    return shared_rig

@@ -3,12 +3,13 @@
 import math
 import subprocess
 import sys
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from tests.ros2.nav2.conftest import ClientBench
+from tests.ros2.nav2.conftest import ClientRig
 
 pytest.importorskip("rclpy")
 pytest.importorskip("nav2_msgs")
@@ -39,7 +40,7 @@ SPIN = '<Spin spin_dist="1.5" server_name="{}/spin" error_code_id="{{code}}" err
 
 
 @pytest.fixture
-def impatient(bench: ClientBench, monkeypatch: pytest.MonkeyPatch):
+def short_limits(rig: ClientRig, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the nodes wait for an answer as long as for users."""
     monkeypatch.setattr(action_node, "MIN_ACCEPTANCE_MS", MIN_ACCEPTANCE_MS)
 
@@ -67,25 +68,25 @@ def impatient(bench: ClientBench, monkeypatch: pytest.MonkeyPatch):
         ('<NavigateThroughPoses goals="2;0|2;3"/>', "navigate_through_poses", {"behavior_tree": ""}),
     ],
 )
-def test_the_server_receives_the_ports(bench: ClientBench, leaf: str, action: str, expected) -> None:
-    assert bench.run(bench.tree(leaf)) is Status.SUCCESS
-    assert bench.session.wait_for(lambda: bench.received, LIMIT)
-    name, goal = bench.received[0]
+def test_server_receives_ports(rig: ClientRig, leaf: str, action: str, expected: dict[str, Any]) -> None:
+    assert rig.run(rig.tree(leaf)) is Status.SUCCESS
+    assert rig.session.wait_for(lambda: rig.received, LIMIT)
+    name, goal = rig.received[0]
     assert name == action
     assert {key: goal[key] for key in expected} == expected
 
 
-def test_compute_path_writes_the_path(bench: ClientBench) -> None:
-    tree = bench.tree(
+def test_compute_path_writes_the_path(rig: ClientRig) -> None:
+    tree = rig.tree(
         '<ComputePathToPose goal="2;0" start="1;0" planner_id="Lattice"'
         ' path="{path}" error_code_id="{code}"/>'
     )
-    assert bench.run(tree) is Status.SUCCESS
+    assert rig.run(tree) is Status.SUCCESS
     assert tree.blackboard["path"].goal == AHEAD
     assert tree.blackboard["path"].stamp > 0
     assert tree.blackboard["code"] == 0
-    assert bench.session.wait_for(lambda: bench.received, LIMIT)
-    _, goal = bench.received[0]
+    assert rig.session.wait_for(lambda: rig.received, LIMIT)
+    _, goal = rig.received[0]
     assert (goal["planner_id"], goal["use_start"], goal["start"]["pose"]["position"]["x"]) == (
         "Lattice",
         True,
@@ -93,99 +94,99 @@ def test_compute_path_writes_the_path(bench: ClientBench) -> None:
     )
 
 
-def test_compute_path_through_poses_passes_all_goals(bench: ClientBench) -> None:
-    tree = bench.tree('<ComputePathThroughPoses goals="{goals}" path="{path}"/>', goals=[AHEAD, LEFT])
-    assert bench.run(tree) is Status.SUCCESS
+def test_compute_path_through_poses_passes_all_goals(rig: ClientRig) -> None:
+    tree = rig.tree('<ComputePathThroughPoses goals="{goals}" path="{path}"/>', goals=[AHEAD, LEFT])
+    assert rig.run(tree) is Status.SUCCESS
     path = tree.blackboard["path"]
     assert [(pose.x, pose.y) for pose in (path[1], path[2])] == [(2, 0), (2, 3)]
     assert path[2].yaw == pytest.approx(1.0)
 
 
-def test_smooth_path_writes_the_result(bench: ClientBench) -> None:
-    tree = bench.tree(
+def test_smooth_path_writes_the_result(rig: ClientRig) -> None:
+    tree = rig.tree(
         '<SmoothPath unsmoothed_path="{path}" smoothed_path="{out}" was_completed="{done}"/>', path=PATH
     )
-    assert bench.run(tree) is Status.SUCCESS
+    assert rig.run(tree) is Status.SUCCESS
     assert np.allclose(tree.blackboard["out"].poses, PATH.poses)
     assert tree.blackboard["done"] is True
 
 
-def test_follow_path_writes_its_feedback_while_it_runs(bench: ClientBench) -> None:
-    tree = bench.tree(
+def test_follow_path_writes_its_feedback_while_it_runs(rig: ClientRig) -> None:
+    tree = rig.tree(
         '<FollowPath path="{path}" tracking_feedback="{how}" server_name="hang/follow_path"/>', path=PATH
     )
     find = tree.blackboard.find
-    assert bench.run(tree, lambda: find("how") is not None and find("how").value) is Status.RUNNING
+    assert rig.run(tree, lambda: find("how") is not None and find("how").value) is Status.RUNNING
     assert tree.blackboard["how"].distance_to_goal == 1.5
     tree.halt()
-    assert bench.session.wait_for(lambda: "hang/follow_path canceled" in bench.names(), LIMIT)
+    assert rig.session.wait_for(lambda: "hang/follow_path canceled" in rig.names(), LIMIT)
 
 
-def test_follow_path_sends_a_changed_path_without_cancelling(bench: ClientBench) -> None:
-    tree = bench.tree('<FollowPath path="{path}" server_name="hang/follow_path"/>', path=PATH)
-    bench.run(tree, lambda: bench.names().count("hang/follow_path") == 1)
+def test_follow_path_sends_a_changed_path_without_cancelling(rig: ClientRig) -> None:
+    tree = rig.tree('<FollowPath path="{path}" server_name="hang/follow_path"/>', path=PATH)
+    rig.run(tree, lambda: rig.names().count("hang/follow_path") == 1)
     tree.blackboard["path"] = NavPath(PATH.poses[:2], 1)
-    assert bench.run(tree, lambda: bench.names().count("hang/follow_path") == 2) is Status.RUNNING
-    assert bench.names() == ["hang/follow_path", "hang/follow_path"]
+    assert rig.run(tree, lambda: rig.names().count("hang/follow_path") == 2) is Status.RUNNING
+    assert rig.names() == ["hang/follow_path", "hang/follow_path"]
     tree.halt()
     # Plain rclpy servers work on both goals; a server of Nav2 would have ended the first.
-    bench.client.cancel_goals("follow_path", "hang/follow_path")
-    assert bench.session.wait_for(lambda: bench.names().count("hang/follow_path canceled") == 2, LIMIT)
+    rig.client.cancel_goals("follow_path", "hang/follow_path")
+    assert rig.session.wait_for(lambda: rig.names().count("hang/follow_path canceled") == 2, LIMIT)
 
 
 # --- failures
 
 
-def test_an_aborted_goal_is_a_failure_with_code_and_message(bench: ClientBench) -> None:
-    tree = bench.tree(SPIN.format("abort"))
-    assert bench.run(tree) is Status.FAILURE
+def test_an_aborted_goal_is_a_failure_with_code_and_message(rig: ClientRig) -> None:
+    tree = rig.tree(SPIN.format("abort"))
+    assert rig.run(tree) is Status.FAILURE
     assert (tree.blackboard["code"], tree.blackboard["why"]) == (Nav2ErrorCode.SPIN_TF_ERROR, "no transform")
 
 
-def test_compute_path_clears_the_path_when_it_is_aborted(bench: ClientBench) -> None:
+def test_compute_path_clears_the_path_when_it_is_aborted(rig: ClientRig) -> None:
     leaf = '<ComputePathToPose goal="2;0" path="{path}" server_name="abort/compute_path_to_pose"/>'
-    tree = bench.tree(leaf, path=PATH)
-    assert bench.run(tree) is Status.FAILURE
+    tree = rig.tree(leaf, path=PATH)
+    assert rig.run(tree) is Status.FAILURE
     assert len(tree.blackboard["path"]) == 0
 
 
-def test_a_rejected_goal_is_a_failure(bench: ClientBench) -> None:
-    tree = bench.tree(SPIN.format("reject"))
-    assert bench.run(tree) is Status.FAILURE
+def test_a_rejected_goal_is_a_failure(rig: ClientRig) -> None:
+    tree = rig.tree(SPIN.format("reject"))
+    assert rig.run(tree) is Status.FAILURE
     assert tree.blackboard["code"] == Nav2ErrorCode.GOAL_REJECTED
     assert tree.blackboard["why"] == "the action server 'reject/spin' rejected the goal"
 
 
-@pytest.mark.usefixtures("impatient")
+@pytest.mark.usefixtures("short_limits")
 def test_a_missing_server_is_a_failure_after_the_time_out(
-    bench: ClientBench, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    rig: ClientRig, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bench.client, "discovery_ns", 0)
-    tree = bench.tree(SPIN.format("hagn"))
-    began = bench.session.clock.now()
-    assert bench.run(tree) is Status.FAILURE
-    assert bench.session.clock.now() - began > 1_000_000_000
+    monkeypatch.setattr(rig.client, "discovery_ns", 0)
+    tree = rig.tree(SPIN.format("hagn"))
+    began = rig.session.clock.now()
+    assert rig.run(tree) is Status.FAILURE
+    assert rig.session.clock.now() - began > 1_000_000_000
     assert tree.blackboard["code"] == Nav2ErrorCode.SEND_GOAL_FAILURE
     assert "no action server 'hagn/spin' (nav2_msgs/action/Spin): start it" in tree.blackboard["why"]
     assert "hagn/spin" in caplog.text
-    assert bench.client.last_goals()[4].result.message == tree.blackboard["why"]
+    assert rig.client.last_goals()[4].result.message == tree.blackboard["why"]
 
 
-@pytest.mark.usefixtures("impatient")
-def test_a_server_that_accepts_too_late_is_told_to_cancel(bench: ClientBench) -> None:
-    tree = bench.tree(SPIN.format("late"))
-    assert bench.run(tree) is Status.FAILURE
+@pytest.mark.usefixtures("short_limits")
+def test_a_server_that_accepts_too_late_is_told_to_cancel(rig: ClientRig) -> None:
+    tree = rig.tree(SPIN.format("late"))
+    assert rig.run(tree) is Status.FAILURE
     assert tree.blackboard["why"] == "the action server 'late/spin' did not answer the goal in time"
-    assert bench.session.wait_for(lambda: "late/spin canceled" in bench.names(), LIMIT)
+    assert rig.session.wait_for(lambda: "late/spin canceled" in rig.names(), LIMIT)
 
 
-@pytest.mark.usefixtures("impatient")
-def test_server_timeout_is_respected_above_a_second(bench: ClientBench) -> None:
-    tree = bench.tree('<Spin server_name="late/spin" server_timeout="60000"/>')
-    end = bench.session.clock.now() + 1_300_000_000
-    assert bench.run(tree, lambda: bench.session.clock.now() > end) is Status.RUNNING
+@pytest.mark.usefixtures("short_limits")
+def test_server_timeout_is_respected_above_a_second(rig: ClientRig) -> None:
+    tree = rig.tree('<Spin server_name="late/spin" server_timeout="60000"/>')
+    end = rig.session.clock.now() + 1_300_000_000
+    assert rig.run(tree, lambda: rig.session.clock.now() > end) is Status.RUNNING
     tree.halt()
-    assert bench.session.wait_for(lambda: "late/spin canceled" in bench.names(), LIMIT)
+    assert rig.session.wait_for(lambda: "late/spin canceled" in rig.names(), LIMIT)
 
 
 def wait_server(name: str, execute: str) -> "subprocess.Popen[bytes]":
@@ -218,21 +219,21 @@ node.destroy_node()
     ids=["starts late", "ends"],
 )
 def test_a_server_starts_late_and_may_end_while_it_works(
-    bench: ClientBench, execute: str, result, reason: str
+    rig: ClientRig, execute: str, result: Status, reason: str
 ) -> None:
     name = f"{result.name.lower()}/wait"
-    tree = bench.tree(f'<Wait server_name="{name}" server_timeout="120000" error_msg="{{why}}"/>')
+    tree = rig.tree(f'<Wait server_name="{name}" server_timeout="120000" error_msg="{{why}}"/>')
     assert tree.tick_exactly_once() is Status.RUNNING
     with wait_server(name, execute) as process:
         try:
-            assert bench.run(tree) is result
+            assert rig.run(tree) is result
         finally:
             process.kill()
     assert tree.blackboard["why"] == (f"the action server '{name}'{reason}" if reason else "")
 
 
 def test_the_time_for_the_discovery_of_a_server_is_a_parameter() -> None:
-    with RosSession("patient", arguments=["-p", "wait_for_service_timeout:=25000"]) as session:
+    with RosSession("long_timeout", arguments=["-p", "wait_for_service_timeout:=25000"]) as session:
         assert [Nav2Client(session).discovery_ns for _ in range(2)] == [25_000_000_000] * 2
         client = Nav2Client(session)
         handle = client.go_to(AHEAD)
@@ -263,72 +264,70 @@ def test_move_waits_for_the_discovery_of_the_navigator() -> None:
 
 
 @pytest.mark.parametrize(("recovery", "result"), [("true", Status.FAILURE), ("false", Status.SUCCESS)])
-def test_aborted_teleoperation_fails_only_as_a_recovery(bench: ClientBench, recovery: str, result) -> None:
+def test_aborted_teleoperation_fails_only_as_recovery(rig: ClientRig, recovery: str, result: Status) -> None:
     ports = f'is_recovery="{recovery}" server_name="abort/assisted_teleop" error_code_id="{{code}}"'
-    tree = bench.tree(f"<AssistedTeleop {ports}/>")
-    assert bench.run(tree) is result
+    tree = rig.tree(f"<AssistedTeleop {ports}/>")
+    assert rig.run(tree) is result
     assert tree.blackboard["code"] == 732
 
 
-def test_an_action_of_another_release_is_a_failure(
-    bench: ClientBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_action_of_another_release_is_failure(rig: ClientRig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr("nav2_msgs.action.ComputeRoute", raising=False)
-    tree = bench.tree('<ComputeRoute goal="1;2" use_poses="true" route="{route}" error_msg="{why}"/>')
-    assert bench.run(tree) is Status.FAILURE
+    tree = rig.tree('<ComputeRoute goal="1;2" use_poses="true" route="{route}" error_msg="{why}"/>')
+    assert rig.run(tree) is Status.FAILURE
     assert tree.blackboard["why"] == (
         "the installed nav2_msgs has no action/ComputeRoute: it belongs to another release"
     )
     assert tree.blackboard["route"] == Route()
 
 
-def test_nodes_of_a_route_become_goals(bench: ClientBench) -> None:
-    tree = bench.tree('<ExtractRouteNodesAsGoals route="{r}" goals="{goals}"/>', r=Route((AHEAD, LEFT)))
-    assert bench.run(tree) is Status.SUCCESS
+def test_nodes_of_a_route_become_goals(rig: ClientRig) -> None:
+    tree = rig.tree('<ExtractRouteNodesAsGoals route="{r}" goals="{goals}"/>', r=Route((AHEAD, LEFT)))
+    assert rig.run(tree) is Status.SUCCESS
     assert tree.blackboard["goals"] == [AHEAD, LEFT]
 
 
 # --- cancellations
 
 
-def test_a_halt_returns_at_once_and_cancels_the_goal(bench: ClientBench) -> None:
-    tree = bench.tree(SPIN.format("hang"))
-    bench.run(tree, lambda: bench.names() == ["hang/spin"])
-    bench.wait(0.1)
+def test_a_halt_returns_at_once_and_cancels_the_goal(rig: ClientRig) -> None:
+    tree = rig.tree(SPIN.format("hang"))
+    rig.run(tree, lambda: rig.names() == ["hang/spin"])
+    rig.wait(0.1)
     drains: list[None] = []
-    end = bench.session.after_drain(lambda: drains.append(None))
+    end = rig.session.after_drain(lambda: drains.append(None))
     tree.halt()
     assert not drains  # it waited for nothing
     end()
-    assert bench.session.wait_for(lambda: "hang/spin canceled" in bench.names(), LIMIT)
+    assert rig.session.wait_for(lambda: "hang/spin canceled" in rig.names(), LIMIT)
 
 
-def test_a_goal_that_another_client_cancels_is_a_success(bench: ClientBench) -> None:
-    tree = bench.tree(SPIN.format("hang"))
-    bench.run(tree, lambda: bench.names() == ["hang/spin"])
-    bench.wait(0.1)
+def test_a_goal_that_another_client_cancels_is_a_success(rig: ClientRig) -> None:
+    tree = rig.tree(SPIN.format("hang"))
+    rig.run(tree, lambda: rig.names() == ["hang/spin"])
+    rig.wait(0.1)
     with RosSession("other") as session:
         other = Nav2Client(session)
         handle = other.cancel_goals("spin", "hang/spin")
         assert session.wait_for(lambda: handle.status is GoalStatus.SUCCEEDED, LIMIT)
-    assert bench.run(tree) is Status.SUCCESS
+    assert rig.run(tree) is Status.SUCCESS
     assert tree.blackboard["code"] == 0
 
 
-def test_a_cancel_node_ends_the_goals_of_its_server(bench: ClientBench) -> None:
-    running = bench.tree(SPIN.format("hang"))
-    bench.run(running, lambda: bench.names() == ["hang/spin"])
-    bench.wait(0.1)
-    assert bench.run(bench.tree('<CancelSpin server_name="hang/spin"/>')) is Status.SUCCESS
-    assert bench.run(running) is Status.SUCCESS
+def test_a_cancel_node_ends_the_goals_of_its_server(rig: ClientRig) -> None:
+    running = rig.tree(SPIN.format("hang"))
+    rig.run(running, lambda: rig.names() == ["hang/spin"])
+    rig.wait(0.1)
+    assert rig.run(rig.tree('<CancelSpin server_name="hang/spin"/>')) is Status.SUCCESS
+    assert rig.run(running) is Status.SUCCESS
 
 
-def test_a_refused_cancellation_is_logged(bench: ClientBench, caplog: pytest.LogCaptureFixture) -> None:
-    tree = bench.tree(SPIN.format("stubborn"))
-    bench.run(tree, lambda: bench.names() == ["stubborn/spin"])
-    bench.wait(0.1)
+def test_a_refused_cancellation_is_logged(rig: ClientRig, caplog: pytest.LogCaptureFixture) -> None:
+    tree = rig.tree(SPIN.format("stubborn"))
+    rig.run(tree, lambda: rig.names() == ["stubborn/spin"])
+    rig.wait(0.1)
     tree.halt()
-    assert bench.session.wait_for(lambda: "refused to cancel" in caplog.text, LIMIT)
+    assert rig.session.wait_for(lambda: "refused to cancel" in caplog.text, LIMIT)
 
 
 # --- services
@@ -357,50 +356,50 @@ def test_a_refused_cancellation_is_logged(bench: ClientBench, caplog: pytest.Log
         ("<ReinitializeGlobalLocalization/>", "reinitialize_global_localization", {}),
     ],
 )
-def test_a_service_receives_its_request(bench: ClientBench, leaf: str, service: str, expected) -> None:
-    tree = bench.tree(leaf)
-    assert bench.run(tree) is Status.SUCCESS
-    assert bench.session.wait_for(lambda: bench.received, LIMIT)
-    name, request = bench.received[0]
+def test_service_receives_request(rig: ClientRig, leaf: str, service: str, expected: dict[str, Any]) -> None:
+    tree = rig.tree(leaf)
+    assert rig.run(tree) is Status.SUCCESS
+    assert rig.session.wait_for(lambda: rig.received, LIMIT)
+    name, request = rig.received[0]
     assert name == service
     assert {key: request[key] for key in expected} == expected
 
 
-def test_clearing_counts_as_a_recovery_once(bench: ClientBench) -> None:
-    tree = bench.tree('<ClearEntireCostmap service_name="local_costmap/clear_entirely_local_costmap"/>')
-    assert bench.run(tree) is Status.SUCCESS
+def test_clearing_counts_as_a_recovery_once(rig: ClientRig) -> None:
+    tree = rig.tree('<ClearEntireCostmap service_name="local_costmap/clear_entirely_local_costmap"/>')
+    assert rig.run(tree) is Status.SUCCESS
     assert tree.blackboard["number_recoveries"] == 1
 
 
 @pytest.mark.parametrize("node", ["IsPathValid", "ValidatePath"])
 @pytest.mark.parametrize(("length", "result"), [(2, Status.SUCCESS), (3, Status.FAILURE)])
-def test_a_path_is_checked(bench: ClientBench, node: str, length: int, result) -> None:
-    tree = bench.tree(f'<{node} path="{{path}}" max_cost="200"/>', path=NavPath(PATH.poses[:length], 0))
-    assert bench.run(tree) is result
-    assert bench.session.wait_for(lambda: bench.received, LIMIT)
-    assert bench.received[0][1]["max_cost"] == 200
+def test_a_path_is_checked(rig: ClientRig, node: str, length: int, result: Status) -> None:
+    tree = rig.tree(f'<{node} path="{{path}}" max_cost="200"/>', path=NavPath(PATH.poses[:length], 0))
+    assert rig.run(tree) is result
+    assert rig.session.wait_for(lambda: rig.received, LIMIT)
+    assert rig.received[0][1]["max_cost"] == 200
 
 
-def test_validate_path_writes_the_poses_in_collision(bench: ClientBench) -> None:
-    tree = bench.tree('<ValidatePath path="{path}" collision_poses="{hits}"/>', path=PATH)
-    assert bench.run(tree) is Status.FAILURE
+def test_validate_path_writes_the_poses_in_collision(rig: ClientRig) -> None:
+    tree = rig.tree('<ValidatePath path="{path}" collision_poses="{hits}"/>', path=PATH)
+    assert rig.run(tree) is Status.FAILURE
     assert tree.blackboard["hits"] == [Pose2D(1.0, 0.0, 0.0)]
 
 
-def test_goals_in_collision_are_removed(bench: ClientBench) -> None:
+def test_goals_in_collision_are_removed(rig: ClientRig) -> None:
     goals = [AHEAD, LEFT, Pose2D(9.0, 9.0, 0.0)]
-    tree = bench.tree('<RemoveInCollisionGoals input_goals="{goals}" output_goals="{left}"/>', goals=goals)
-    assert bench.run(tree) is Status.SUCCESS
+    tree = rig.tree('<RemoveInCollisionGoals input_goals="{goals}" output_goals="{left}"/>', goals=goals)
+    assert rig.run(tree) is Status.SUCCESS
     assert tree.blackboard["left"] == goals[:2]
 
 
-def test_a_service_that_reports_a_failure_is_a_failure(bench: ClientBench) -> None:
-    tree = bench.tree('<RemoveInCollisionGoals input_goals="" output_goals="{left}"/>')
-    assert bench.run(tree) is Status.FAILURE
+def test_a_service_that_reports_a_failure_is_a_failure(rig: ClientRig) -> None:
+    tree = rig.tree('<RemoveInCollisionGoals input_goals="" output_goals="{left}"/>')
+    assert rig.run(tree) is Status.FAILURE
     assert tree.blackboard["left"] == []
 
 
-@pytest.mark.usefixtures("impatient")
+@pytest.mark.usefixtures("short_limits")
 @pytest.mark.parametrize(
     ("service", "message"),
     [
@@ -410,39 +409,39 @@ def test_a_service_that_reports_a_failure_is_a_failure(bench: ClientBench) -> No
     ],
 )
 def test_a_service_that_does_not_answer_is_a_failure(
-    bench: ClientBench,
+    rig: ClientRig,
     caplog: pytest.LogCaptureFixture,
     monkeypatch: pytest.MonkeyPatch,
     service: str,
     message: str,
 ) -> None:
-    monkeypatch.setattr(bench.client, "discovery_ns", 0)
-    assert bench.run(bench.tree(f'<ClearEntireCostmap service_name="{service}"/>')) is Status.FAILURE
+    monkeypatch.setattr(rig.client, "discovery_ns", 0)
+    assert rig.run(rig.tree(f'<ClearEntireCostmap service_name="{service}"/>')) is Status.FAILURE
     assert message in caplog.text
 
 
 def test_a_service_of_another_release_is_a_failure(
-    bench: ClientBench, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    rig: ClientRig, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delattr("nav2_msgs.srv.ClearCostmapAroundPose", raising=False)
-    tree = bench.tree('<ClearCostmapAroundPose pose="1;2" service_name="global_costmap/clear_around_pose"/>')
-    assert bench.run(tree) is Status.FAILURE
+    tree = rig.tree('<ClearCostmapAroundPose pose="1;2" service_name="global_costmap/clear_around_pose"/>')
+    assert rig.run(tree) is Status.FAILURE
     assert "no srv/ClearCostmapAroundPose: it belongs to another release" in caplog.text
 
 
 # --- pose, odometry, battery and topics
 
 
-def test_the_pose_comes_from_tf(bench: ClientBench) -> None:
-    pose = bench.client.pose()
+def test_the_pose_comes_from_tf(rig: ClientRig) -> None:
+    pose = rig.client.pose()
     assert (pose.x, pose.y, pose.yaw) == pytest.approx((1.0, 2.0, math.pi / 2))
-    assert bench.run(bench.tree('<TransformAvailable parent="map" child="base_link"/>')) is Status.SUCCESS
-    assert bench.run(bench.tree('<GoalReached goal="1.1;2"/>')) is Status.SUCCESS
-    assert bench.run(bench.tree('<GoalReached goal="2;2"/>')) is Status.FAILURE
+    assert rig.run(rig.tree('<TransformAvailable parent="map" child="base_link"/>')) is Status.SUCCESS
+    assert rig.run(rig.tree('<GoalReached goal="1.1;2"/>')) is Status.SUCCESS
+    assert rig.run(rig.tree('<GoalReached goal="2;2"/>')) is Status.FAILURE
 
 
 def test_the_pose_is_new_after_a_jump_of_the_clock() -> None:
-    def transform(second, x, child="base_footprint", parent="odom"):
+    def transform(second: int, x: float, child: str = "base_footprint", parent: str = "odom"):
         frame = TransformStamped(child_frame_id=child)
         frame.header.frame_id, frame.header.stamp.sec = parent, second
         frame.transform.translation.x = x
@@ -456,7 +455,7 @@ def test_the_pose_is_new_after_a_jump_of_the_clock() -> None:
         static.publish(TFMessage(transforms=[transform(0, 10.0, "odom", "map")]))
         listener = PoseListener(session)
 
-        def is_at(x, *frames):
+        def is_at(x: float, *frames):
             publisher.publish(TFMessage(transforms=frames))
             return session.wait_for(lambda: listener.pose() == Pose2D(x, 0.0, 0.0), LIMIT)
 
@@ -466,36 +465,36 @@ def test_the_pose_is_new_after_a_jump_of_the_clock() -> None:
         assert is_at(15.0, transform(3, 5.0))
 
 
-def test_a_selector_reads_its_latched_topic(bench: ClientBench) -> None:
-    tree = bench.tree(
+def test_a_selector_reads_its_latched_topic(rig: ClientRig) -> None:
+    tree = rig.tree(
         '<PlannerSelector topic_name="planner_selector" default_planner="Grid" selected_planner="{planner}"/>'
     )
-    assert bench.session.wait_for(lambda: bench.client.latest("planner_selector", str), LIMIT)
-    assert bench.run(tree) is Status.SUCCESS
+    assert rig.session.wait_for(lambda: rig.client.latest("planner_selector", str), LIMIT)
+    assert rig.run(tree) is Status.SUCCESS
     assert tree.blackboard["planner"] == "Lattice"
 
 
-def test_the_goal_updater_reads_its_topic(bench: ClientBench) -> None:
-    tree = bench.tree(
+def test_the_goal_updater_reads_its_topic(rig: ClientRig) -> None:
+    tree = rig.tree(
         '<GoalUpdater input_goal="{goal}" output_goal="{moved}"><AlwaysSuccess/></GoalUpdater>', goal=AHEAD
     )
-    assert bench.session.wait_for(lambda: bench.client.latest("goal_update", Pose2D), LIMIT)
-    assert bench.run(tree) is Status.SUCCESS
+    assert rig.session.wait_for(lambda: rig.client.latest("goal_update", Pose2D), LIMIT)
+    assert rig.run(tree) is Status.SUCCESS
     assert tree.blackboard["moved"] == Pose2D(7.0, 0.0, 0.0)
 
 
-def test_the_battery_is_read(bench: ClientBench) -> None:
-    bench.client.battery("/battery_status")
-    assert bench.session.wait_for(lambda: bench.client.battery("/battery_status"), LIMIT)
+def test_the_battery_is_read(rig: ClientRig) -> None:
+    rig.client.battery("/battery_status")
+    assert rig.session.wait_for(lambda: rig.client.battery("/battery_status"), LIMIT)
     for leaf, result in (
         ('<IsBatteryLow min_battery="0.3"/>', Status.SUCCESS),
         ('<IsBatteryLow min_battery="0.2"/>', Status.FAILURE),
         ('<IsBatteryLow min_battery="25" is_voltage="true"/>', Status.SUCCESS),
         ("<IsBatteryCharging/>", Status.SUCCESS),
     ):
-        assert bench.run(bench.tree(leaf)) is result
+        assert rig.run(rig.tree(leaf)) is result
 
 
-def test_a_moving_robot_has_not_stopped(bench: ClientBench) -> None:
-    assert bench.run(bench.tree('<CheckStopStatus velocity_threshold="0.1"/>')) is Status.FAILURE
-    assert bench.client.odometry().twist.v == 0.5
+def test_a_moving_robot_has_not_stopped(rig: ClientRig) -> None:
+    assert rig.run(rig.tree('<CheckStopStatus velocity_threshold="0.1"/>')) is Status.FAILURE
+    assert rig.client.odometry().twist.v == 0.5

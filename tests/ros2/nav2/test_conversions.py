@@ -1,6 +1,7 @@
 """Goals, feedback and results are the same after a conversion to messages and back."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -55,7 +56,7 @@ GOALS = [
 ]
 
 
-def transmit(message):
+def transmit(message: Any):
     """Return what a receiver gets."""
     return deserialize_message(serialize_message(message), type(message))
 
@@ -65,7 +66,7 @@ def is_close(first: Pose2D, second: Pose2D) -> bool:
 
 
 @pytest.mark.parametrize("goal", GOALS, ids=lambda goal: type(goal).__name__)
-def test_goals_survive_the_transmission(goal) -> None:
+def test_goals_survive_the_transmission(goal: Any) -> None:
     converter = action_of(goal)
     message = converter.type.Goal()
     converter.write_goal(goal, message)
@@ -98,7 +99,7 @@ def test_goals_survive_the_transmission(goal) -> None:
         ("navigate_through_poses", NavigateFeedback(Pose2D(1.0, 2.0, 0.0), 2.5, 3, 1.5, 2)),
     ],
 )
-def test_feedback_survives_the_transmission(action: str, feedback) -> None:
+def test_feedback_survives_the_transmission(action: str, feedback: Any) -> None:
     converter = ACTIONS[action]
     message = converter.type.Feedback()
     converter.write_feedback(feedback, message)

@@ -26,7 +26,7 @@ from btcore_ros2.nav2.conversions import pose_to_stamped
 from btcore_ros2.nav2.pose_listener import PoseListener
 from btcore_ros2.session import RosSession
 from tests.ros2.discovery import wait_until_known
-from tests.ros2.nav2.conftest import PATIENT
+from tests.ros2.nav2.conftest import LONG_TIMEOUTS
 
 LIMIT = 120.0
 NAVIGATION = "navigation --world arena --camera off --start 0,0,0 --without-navigators"
@@ -35,7 +35,7 @@ NAVIGATION = "navigation --world arena --camera off --start 0,0,0 --without-navi
 @contextmanager
 def running(arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Run a command of `btcore ros2`, and end it like Ctrl-C unless it has ended."""
-    command = [sys.executable, "-c", PATIENT, "ros2", *arguments.split()]
+    command = [sys.executable, "-c", LONG_TIMEOUTS, "ros2", *arguments.split()]
     with subprocess.Popen(command, text=True, env={**os.environ, "NO_COLOR": "1"}) as process:
         try:
             yield process

@@ -30,7 +30,7 @@ from btcore_ros2.nav2 import navigator_server
 from btcore_ros2.nav2.conversions import pose_to_stamped, poses_to_goals
 from btcore_ros2.session import RosSession
 from tests.ros2.discovery import wait_until_known
-from tests.ros2.nav2.conftest import PATIENT
+from tests.ros2.nav2.conftest import LONG_TIMEOUTS
 
 PLAIN_NAV2 = ("--without-navigator",)
 LIMIT = 120.0
@@ -61,9 +61,9 @@ BROKEN = '<root BTCPP_format="4"><BehaviorTree ID="B"><Script code="a := missing
 
 
 @pytest.fixture(scope="module")
-def navigator(shared_bench: Any) -> Iterator[subprocess.Popen[str]]:
+def navigator(shared_rig: Any) -> Iterator[subprocess.Popen[str]]:
     """The process of the navigator."""
-    command = [sys.executable, "-c", PATIENT, "ros2", "navigator", "--ros-args", "-r spare:=other"]
+    command = [sys.executable, "-c", LONG_TIMEOUTS, "ros2", "navigator", "--ros-args", "-r spare:=other"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     with process:
         yield process
@@ -74,15 +74,15 @@ def navigator(shared_bench: Any) -> Iterator[subprocess.Popen[str]]:
 class Client:
     """A plain rclpy client of both actions."""
 
-    def __init__(self, bench: Any) -> None:
-        self.bench = bench
-        self.to_pose = ActionClient(bench.session.node, NavigateToPose, "navigate_to_pose")
-        self.through_poses = ActionClient(bench.session.node, NavigateThroughPoses, "navigate_through_poses")
+    def __init__(self, rig: Any) -> None:
+        self.rig = rig
+        self.to_pose = ActionClient(rig.session.node, NavigateToPose, "navigate_to_pose")
+        self.through_poses = ActionClient(rig.session.node, NavigateThroughPoses, "navigate_through_poses")
         self.feedback: list[Any] = []
-        assert bench.session.wait_for(
+        assert rig.session.wait_for(
             lambda: self.to_pose.server_is_ready() and self.through_poses.server_is_ready(), LIMIT
         )
-        wait_until_known(bench.session, "navigate_to_pose")
+        wait_until_known(rig.session, "navigate_to_pose")
 
     def send(self, x: float, tree: Any = "") -> Any:
         """Send a goal to (x, 0), and return its handle."""
@@ -95,7 +95,7 @@ class Client:
 
     def wait(self, future: Any) -> Any:
         """Return the result of a future."""
-        assert self.bench.session.wait_for(future.done, LIMIT)
+        assert self.rig.session.wait_for(future.done, LIMIT)
         return future.result()
 
     def result(self, handle: Any) -> tuple[GoalStatus, Any]:
@@ -105,22 +105,20 @@ class Client:
 
     def wait_until_received(self, name: str, count: int = 1) -> None:
         """Wait until a server of Nav2 has received goals."""
-        received = self.bench.session.wait_for(lambda: self.bench.names().count(name) >= count, LIMIT)
-        assert received, self.bench.names()
+        received = self.rig.session.wait_for(lambda: self.rig.names().count(name) >= count, LIMIT)
+        assert received, self.rig.names()
 
 
 @pytest.fixture(scope="module")
-def shared_client(shared_bench: Any, navigator: Any) -> Client:
-    made = Client(shared_bench)
+def shared_client(shared_rig: Any, navigator: Any) -> Client:
+    made = Client(shared_rig)
     # The navigator knows the robot's pose some time after its start.
-    assert shared_bench.session.wait_for(
-        lambda: made.result(made.send(2.0))[0] is GoalStatus.SUCCEEDED, LIMIT
-    )
+    assert shared_rig.session.wait_for(lambda: made.result(made.send(2.0))[0] is GoalStatus.SUCCEEDED, LIMIT)
     return made
 
 
 @pytest.fixture
-def client(shared_client: Client, bench: Any) -> Client:
+def client(shared_client: Client, rig: Any) -> Client:
     shared_client.feedback.clear()
     return shared_client
 
@@ -140,8 +138,8 @@ def test_the_default_tree_reaches_the_goal(client: Client) -> None:
     assert (status, result.error_code, result.error_msg) == (GoalStatus.SUCCEEDED, 0, "")
     client.wait_until_received("follow_path")
     # A slow machine plans again while the path is followed.
-    assert client.bench.names()[0] == "compute_path_to_pose"
-    assert set(client.bench.names()) == {"compute_path_to_pose", "follow_path"}
+    assert client.rig.names()[0] == "compute_path_to_pose"
+    assert set(client.rig.names()) == {"compute_path_to_pose", "follow_path"}
 
 
 def test_goals_through_poses_reach_the_last_pose(client: Client) -> None:
@@ -153,7 +151,7 @@ def test_goals_through_poses_reach_the_last_pose(client: Client) -> None:
 
 def test_feedback_has_pose_times_and_distance(client: Client, drive: str) -> None:
     handle = client.send(2.0, drive)
-    assert client.bench.session.wait_for(
+    assert client.rig.session.wait_for(
         lambda: client.feedback and client.feedback[-1].distance_remaining > 0, LIMIT
     )
     feedback = client.feedback[-1]
@@ -185,11 +183,11 @@ def test_a_new_goal_for_the_same_tree_takes_over_without_a_halt(client: Client, 
     assert client.result(first)[0] is GoalStatus.ABORTED
     client.wait_until_received("compute_path_to_pose", 2)
     client.wait_until_received("hang/follow_path", 2)
-    assert "hang/follow_path canceled" not in client.bench.names()
+    assert "hang/follow_path canceled" not in client.rig.names()
     assert client.wait(second.cancel_goal_async()).goals_canceling
     assert client.result(second)[0] is GoalStatus.CANCELED
     # Plain rclpy servers work on both goals; a server of Nav2 would have ended the first.
-    client.bench.client.cancel_goals("follow_path", "hang/follow_path")
+    client.rig.client.cancel_goals("follow_path", "hang/follow_path")
     client.wait_until_received("hang/follow_path canceled", 2)
 
 
@@ -226,8 +224,8 @@ def test_the_result_has_the_error_code_of_the_server_that_failed(client: Client,
     ("text", "code", "message"),
     [("<root", 9001, "tree.xml"), (BROKEN, 9000, "missing"), (None, 9001, "tree.xml")],
 )
-def test_a_tree_that_cannot_be_used_aborts_the_goal(
-    client: Client, tmp_path: Path, text, code: int, message: str
+def test_unusable_tree_aborts_the_goal(
+    client: Client, tmp_path: Path, text: str | None, code: int, message: str
 ) -> None:
     file = tmp_path / "tree.xml"
     if text is not None:
@@ -253,11 +251,11 @@ def test_a_goal_in_an_unknown_frame_is_aborted(client: Client) -> None:
 
 
 def test_the_topic_goal_pose_starts_the_default_tree(client: Client) -> None:
-    publisher = client.bench.session.node.create_publisher(PoseStamped, "goal_pose", 1)
-    assert client.bench.session.wait_for(lambda: publisher.get_subscription_count() > 0, LIMIT)
+    publisher = client.rig.session.node.create_publisher(PoseStamped, "goal_pose", 1)
+    assert client.rig.session.wait_for(lambda: publisher.get_subscription_count() > 0, LIMIT)
     publisher.publish(pose_to_stamped(Pose2D(4.0, 0.0, 0.0)))
     client.wait_until_received("follow_path")
-    goals = [goal for name, goal in client.bench.received if name == "compute_path_to_pose"]
+    goals = [goal for name, goal in client.rig.received if name == "compute_path_to_pose"]
     assert goals[0]["goal"]["pose"]["position"]["x"] == 4.0
     # A goal of the same tree replaces it, so that the navigator is free at the end of the test.
     assert client.result(client.send(2.0))[0] is GoalStatus.SUCCEEDED
@@ -269,10 +267,10 @@ def test_ctrl_c_cancels_the_goals_and_ends_the_process(
     handle = client.send(2.0, drive)
     client.wait_until_received("hang/follow_path")
     result = handle.get_result_async()
-    wait_until_known(client.bench.session, "navigate_to_pose")  # the request has arrived, too
+    wait_until_known(client.rig.session, "navigate_to_pose")  # the request has arrived, too
     navigator.send_signal(signal.SIGINT)
     client.wait_until_received("hang/follow_path canceled")
-    assert client.bench.session.wait_for(result.done, LIMIT)
+    assert client.rig.session.wait_for(result.done, LIMIT)
     assert result.result().status == GoalStatus.ABORTED
     output = navigator.communicate(timeout=LIMIT)[1]
     assert navigator.returncode == 130

@@ -32,19 +32,19 @@ def run(folder: Path, text: str, *options: str) -> subprocess.CompletedProcess[s
     return subprocess.run(command, capture_output=True, text=True, timeout=2 * LIMIT, check=False)
 
 
-def test_the_tree_uses_the_servers_of_nav2(bench: Any, tmp_path: Path) -> None:
+def test_the_tree_uses_the_servers_of_nav2(rig: Any, tmp_path: Path) -> None:
     done = run(tmp_path, NAVIGATE, "--nav2")
     if "did not answer the goal in time" in done.stderr:
         # A server whose client was discovered a moment ago may lose its response, with a warning of rclpy.
-        bench.received.clear()
+        rig.received.clear()
         done = run(tmp_path, NAVIGATE, "--nav2")
     assert done.returncode == 0, done.stderr
-    assert bench.session.wait_for(lambda: "wait" in bench.names(), LIMIT)
-    assert bench.names() == ["compute_path_to_pose", "follow_path", "wait"]
-    assert bench.received[0][1]["planner_id"] == "Lattice"
+    assert rig.session.wait_for(lambda: "wait" in rig.names(), LIMIT)
+    assert rig.names() == ["compute_path_to_pose", "follow_path", "wait"]
+    assert rig.received[0][1]["planner_id"] == "Lattice"
 
 
-def test_a_failure_names_the_server_and_the_reason(bench: Any, tmp_path: Path) -> None:
+def test_a_failure_names_the_server_and_the_reason(rig: Any, tmp_path: Path) -> None:
     leaf = '<Spin server_name="abort/spin" server_timeout="60000"/>'
     text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{leaf}</BehaviorTree></root>'
     done = run(tmp_path, text, "--nav2")

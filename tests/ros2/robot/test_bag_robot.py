@@ -325,9 +325,7 @@ def test_wait_for_a_save_ends_with_the_bag(run: Callable[..., Result], tmp_path:
     assert "until the end of the recording" in result.stderr
 
 
-def test_options_of_the_simulated_robot_have_no_effect_on_a_bag(
-    run: Callable[..., Result], tmp_path: Path
-) -> None:
+def test_options_of_simulated_robot_have_no_effect_on_bag(run: Callable[..., Result], tmp_path: Path) -> None:
     BagFile(tmp_path).write()
     message = "warning: --world has no effect: bag_robot provides the Robot"
     assert message in run("--world", "house").stderr

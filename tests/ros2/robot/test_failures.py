@@ -58,9 +58,7 @@ def test_topic_that_stops(session: RosSession, fresh_robot: PointRobotProcess, t
     assert session.wait_for(drives, LIMIT)
 
 
-def test_jump_of_the_robots_clock(
-    session: RosSession, fresh_robot: PointRobotProcess, tmp_path: Path
-) -> None:
+def test_jump_of_robots_clock(session: RosSession, fresh_robot: PointRobotProcess, tmp_path: Path) -> None:
     process = fresh_robot
     robot = RosRobot(session, describe(tmp_path))
     wait(robot, 2.2)

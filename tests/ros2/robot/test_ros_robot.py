@@ -121,9 +121,7 @@ def test_a_missing_camera_matters_only_when_it_is_used(
         assert robot.camera_info
 
 
-def test_robot_that_does_not_answer(
-    session: RosSession, point_robot: PointRobotProcess, tmp_path: Path
-) -> None:
+def test_unresponsive_robot(session: RosSession, point_robot: PointRobotProcess, tmp_path: Path) -> None:
     RosRobot(session, describe(tmp_path)).close()  # the topics of the robot are known
     text = DESCRIPTION.replace("start_timeout: 60", "start_timeout: 5").replace(
         "topic: /scan", "topic: /lidar"

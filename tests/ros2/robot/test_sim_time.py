@@ -47,7 +47,7 @@ def process() -> Iterator[PointRobotProcess]:
 
 
 @pytest.fixture(autouse=True)
-def patient_search(monkeypatch: pytest.MonkeyPatch) -> None:
+def long_clock_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search for the topic of the clock until it is found, on a slow machine."""
     monkeypatch.setattr(ros_robot, "CLOCK_SEARCH", LIMIT)
 

@@ -40,7 +40,7 @@ import os, threading
 from btcore_ros2.session import RosSession
 from btcore_ros2.simulation.lockstep import LockstepClock
 
-clock = LockstepClock(RosSession("dying"), 60.0)
+clock = LockstepClock(RosSession("lockstep"), 60.0)
 death = clock.now() + 300_000_000
 clock.add_task(10.0, 0, lambda now: os.kill(os.getpid(), 9) if now >= death else None)
 clock.wait_until(clock.now() + 10**9, threading.Event())
@@ -179,9 +179,7 @@ def test_world_outlives_a_client_that_dies(world: SimProcess) -> None:
         assert clock.now() == now + TENTH
 
 
-def test_world_that_stands_still_goes_on_where_it_was(
-    world: SimProcess, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stopped_world_goes_on_where_it_was(world: SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lockstep, "RETRY", 0.05)  # requests are repeated meanwhile
     with RosSession("patient") as session:
         clock = LockstepClock(session, LIMIT)

@@ -48,9 +48,7 @@ ROUND = """<root BTCPP_format="4"><BehaviorTree ID="Round"><Sequence>
 </Sequence></BehaviorTree></root>"""
 
 
-def test_a_patrol_drives_to_a_waypoint_beside_the_map(
-    start: Callable[..., SimProcess], tmp_path: Path
-) -> None:
+def test_patrol_drives_to_waypoint_beside_map(start: Callable[..., SimProcess], tmp_path: Path) -> None:
     simulation = start("--world", "house", "--camera", "off", "--lockstep")
     simulation.wait_until_ready()
     save_map(rasterise(load_world_description("house")), tmp_path / "house.yaml")

@@ -580,9 +580,7 @@ def test_copy_of_numbers_to_an_entry_of_another_type_raises() -> None:
 
 
 @pytest.mark.parametrize(("value", "name"), [("1", "long"), ("0.5 + 0.5", "double")])
-def test_copy_of_a_scripts_number_to_an_entry_of_integers_raises_as_in_an_ordinary_tree(
-    value: str, name: str
-) -> None:
+def test_copy_of_scripts_number_to_integer_entry_raises_as_in_ordinary_tree(value: str, name: str) -> None:
     body = f'<Sequence><Script code="e := {value}"/><SetBlackboard value="{{e}}" output_key="b"/></Sequence>'
     tree = BatchTree.loads(document(body), 2, blackboard={"b": [1, 2]})
     with pytest.raises(BatchNodeError, match=f"'b' cannot change from int to {name}"):

@@ -107,7 +107,7 @@ def test_bounds_apply_to_all_processes() -> None:
     assert detail == "the memory limit of 1 MB was reached"
 
 
-def test_one_process_ends_the_search_if_values_are_equal_only_to_themselves(
+def test_one_process_ends_search_if_values_equal_only_themselves(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     waiting: list[int] = []

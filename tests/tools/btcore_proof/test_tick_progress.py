@@ -146,9 +146,7 @@ def ticks_of(xml: str) -> set[tuple[Hashable, Hashable, int]]:
 
 
 @pytest.mark.parametrize("name", TREES)
-def test_equal_moments_are_searched_once_and_all_ticks_are_found(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_equal_moments_are_searched_once_with_all_ticks(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     found = ticks_of(TREES[name])
     monkeypatch.setattr(TickProgress, "moment", lambda self, node: None)
     every = ticks_of(TREES[name])

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from btcore import Blackboard, Registry, SimClock, Status, loads
 from btcore.blackboard.ports import PortRole
-from btcore.engine.node import TreeNode, count_ticks
+from btcore.engine.node import TreeNode, start_tick_counts
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.testing.strategies import xml_documents
@@ -23,7 +23,7 @@ from btcore_proof.interrupts import OpaqueStateError
 from btcore_proof.state_graph import StateTable
 from btcore_proof.timer_order import NO_TIMERS, Advance
 from btcore_proof.tree_state import NOW, StateKeeper, TreeState
-from tests.conformance.recorded_cases import CallLog, conformance_registry
+from tests.conformance.recorded_cases import Journal, conformance_registry
 
 NODES = conformance_registry()
 SAME_TIME = Advance((), NO_TIMERS)
@@ -36,7 +36,7 @@ def grown(xml: str, format: int = 4) -> Tree:
     if format == 4:
         for key in ("a", "b", "c"):
             board[key] = 0
-    resources = [CallLog()]
+    resources = [Journal()]
     if format == 3:
         return loads(xml, nodes=NODES, resources=resources, clock=clock)
     return loads(xml, nodes=NODES, resources=resources, blackboard=board, clock=clock)
@@ -154,7 +154,7 @@ def test_a_restored_node_knows_the_writes_that_it_has_seen(is_written: bool) -> 
         tree.blackboard["a"] = 1
     keeper = StateKeeper(tree)
     keeper.restore(keeper.capture(), SAME_TIME)
-    counts = count_ticks(tree.nodes[-1])
+    counts = start_tick_counts(tree.nodes[-1])
     tree.tick_exactly_once()
     assert counts.ticks == is_written
 

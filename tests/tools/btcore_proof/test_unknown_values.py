@@ -45,9 +45,7 @@ def answers(body: str, *questions: str, jobs: int = 1) -> dict[str, Answer]:
 @pytest.mark.parametrize(
     "jobs", [1, pytest.param(2, marks=pytest.mark.skipif(not CAN_FORK, reason="needs fork()"))]
 )
-def test_a_comparison_with_an_unknown_value_has_both_results(
-    jobs: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_comparison_with_unknown_value_has_both_results(jobs: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(btcore_proof.search, "_FEW_STATES", 0)
     found = answers(
         '<Sequence><Measure level="{level}"/><IfThenElse><ScriptCondition code="level &lt; 20"/><Left/>'

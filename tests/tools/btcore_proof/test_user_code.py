@@ -269,7 +269,7 @@ def test_a_run_whose_timers_are_not_repeated_is_not_shown(decorator: type[btcore
 
 
 @pytest.mark.parametrize("decorator", ["UserSwallow", Returns], indirect=True)
-def test_a_caught_interrupt_that_changes_no_decision_makes_the_answer_unknown(
+def test_caught_interrupt_changing_no_decision_makes_answer_unknown(
     decorator: type[btcore.TreeNode],
 ) -> None:
     inner = ADDS.format(decorator.__name__)
@@ -387,7 +387,7 @@ def test_code_whose_state_is_declared_is_searched(
 
 
 @pytest.mark.parametrize("decorator", [StartInTimeFields, ComparesNow])
-def test_code_that_compares_the_time_within_a_tick_makes_the_answer_unknown(
+def test_code_that_compares_time_within_tick_makes_answer_unknown(
     decorator: type[btcore.TreeNode],
 ) -> None:
     answer = answer_about(decorator, question="never Left & Right")

@@ -36,9 +36,7 @@ class Check(ConditionLeaf):
         ("result", {"on_halt": ["progress"], "results": ["SUCCESS"]}, {"SUCCESS"}),
     ],
 )
-def test_writes_that_do_not_depend_on_the_result(
-    entry: str, declared: dict[str, object], refuted: set[str]
-) -> None:
+def test_writes_not_depending_on_result(entry: str, declared: dict[str, object], refuted: set[str]) -> None:
     # The Timeout halts Follow.
     body = f"""<Sequence>
       <ForceSuccess><Timeout msec="9">

@@ -54,9 +54,7 @@ def test_transitions_to_idle_can_be_ignored(captures: Path) -> None:
 
 
 @given(st.lists(step), st.lists(step), st.lists(step))
-def test_common_part_is_the_longest_common_beginning(
-    common: list[Step], first: list[Step], second: list[Step]
-) -> None:
+def test_common_part_is_longest_beginning(common: list[Step], first: list[Step], second: list[Step]) -> None:
     found = find_divergence(common + first, common + second)
     back = find_divergence(common + second, common + first)
     if found is None:

@@ -1,7 +1,7 @@
 """The changes of a conversion: edits of the document's text, and a diagnostic for each."""
 
 from btcore.diagnostic_codes import DiagnosticCode
-from btcore.errors import Diagnostic
+from btcore.diagnostics import Diagnostic
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import DocumentEditor, Edit, escape_value
 from btcore.xml.read.element import Element, ElementPart

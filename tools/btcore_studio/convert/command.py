@@ -10,7 +10,7 @@ from btcore import bundled_trees
 from btcore.cli import files, terminal
 from btcore.cli.node_libraries import LibraryOptions, load_libraries
 from btcore.diagnostic_codes import Severity
-from btcore.errors import Diagnostic
+from btcore.diagnostics import Diagnostic
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.input_files import read_file

@@ -12,12 +12,13 @@ from btcore.diagnostic_codes import (
     UNDETERMINED_MAIN_TREE,
     UNKNOWN_FORMAT,
 )
-from btcore.errors import Diagnostic, TreeError
+from btcore.diagnostics import Diagnostic
+from btcore.errors import TreeError
 from btcore.registry.registry import Registry
 from btcore.xml.define import parse_format
 from btcore.xml.edit.editor import Edit, apply_edits
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.diagnostics import sort_diagnostics
+from btcore.xml.read.diagnostic_collector import sort_diagnostics
 from btcore.xml.read.dialect import DIALECTS
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import Document, parse_text

@@ -168,8 +168,9 @@ def _rename_keys(
     """Yield the edits that give the keys of a node the new *names*."""
     scanned = tree.definition.document.source_map.scanned(node.element)
     texts: dict[str, str] = {}
-    for port, text, is_explicit in node.ports:
-        key, _ = port_uses(port, text, is_explicit, 4)
+    for binding in node.bindings:
+        port, text = binding.port, binding.text
+        key, _ = port_uses(port, text, binding.is_explicit, 4)
         if key is not None and names[key] != key:
             is_braced = remapped_key(text, port.name) is not None
             texts[port.name] = f"{{{names[key]}}}" if is_braced else names[key]

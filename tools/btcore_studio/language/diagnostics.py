@@ -5,7 +5,8 @@ from typing import Any, Final, NamedTuple
 
 from lsprotocol import types
 
-from btcore.errors import Diagnostic, TreeError, shown_diagnostics
+from btcore.diagnostics import Diagnostic, shown_diagnostics
+from btcore.errors import TreeError
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import Edit

@@ -9,7 +9,8 @@ from typing import Any, Final
 
 from btcore import diagnostic_codes
 from btcore.blackboard.ports import Port
-from btcore.errors import Diagnostic, RegistrationError, TreeError, shown_diagnostics
+from btcore.diagnostics import Diagnostic, shown_diagnostics
+from btcore.errors import RegistrationError, TreeError
 from btcore.input_files import read_file
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry

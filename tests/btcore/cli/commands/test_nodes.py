@@ -73,9 +73,7 @@ def test_nodes_of_a_model_are_exported_with_their_metadata(cli: Cli, tmp_path: P
     }
 
 
-def test_environment_variable_limits_the_installed_libraries(
-    cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_environment_variable_limits_installed_libraries(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "RosTopicPublish" in json.loads(cli("nodes", "--json").stdout)
     monkeypatch.setenv("BTCORE_ENTRY_POINTS", "robot_nodes sim")
     limited = json.loads(cli("nodes", "--json").stdout)

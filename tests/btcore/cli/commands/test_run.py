@@ -81,7 +81,7 @@ def test_a_missing_object_of_an_own_class_is_explained(cli: Cli, tree_file: Tree
     result = cli("run", tree_file("<Weigh/>"), "--plugin", tmp_path / "weighing.py")
     assert result.exit_code == 2
     assert "E118 <Weigh> needs a Scale" in result.stderr
-    assert "derive the class from btcore.TreeState" in result.stderr
+    assert "derive the class from btcore.TreeResource" in result.stderr
 
 
 def test_a_leaf_that_fails_with_an_object_that_exists_has_no_hint_about_objects(
@@ -314,9 +314,7 @@ def test_first_ctrl_c_ends_an_endless_tick_between_two_nodes(
 
 
 @pytest.mark.parametrize("format", [3, 4])
-def test_tick_limit_ends_the_run_with_an_error_that_names_the_node(
-    cli: Cli, tree_file: TreeFile, format: int
-) -> None:
+def test_tick_limit_ends_run_with_error_that_names_node(cli: Cli, tree_file: TreeFile, format: int) -> None:
     tree = tree_file('<Repeat name="busy" num_cycles="-1"><AlwaysSuccess/></Repeat>')
     result = cli("run", tree, "--format", format, "--tick-limit", "0.05")
     assert result.exit_code == 3
@@ -341,9 +339,7 @@ def _lines(stream: IO[str] | None) -> Any:
     return (line.rstrip("\n") for line in stream)
 
 
-def test_table_shows_the_tree_and_the_results_of_each_node(
-    cli: Cli, tree_file: TreeFile, library: Path
-) -> None:
+def test_table_shows_tree_and_results_of_each_node(cli: Cli, tree_file: TreeFile, library: Path) -> None:
     tree = tree_file('<Sequence name="day"><BatteryOk/><Walk name="stroll" steps="2"/></Sequence>')
     shown = cli("run", tree, "--plugin", library, "--fast").stderr
     assert "SUCCESS" in shown

@@ -88,9 +88,7 @@ def test_tree_option_selects_the_main_tree(cli: Cli, tmp_path: Path) -> None:
     assert "E108 unknown main tree 'C'" in cli("validate", "--tree", "C", file).stdout
 
 
-def test_validate_reports_errors_that_a_run_finds_only_at_its_first_tick(
-    cli: Cli, tree_file: TreeFile
-) -> None:
+def test_validate_reports_errors_that_run_finds_only_at_first_tick(cli: Cli, tree_file: TreeFile) -> None:
     file = tree_file("<IfThenElse><AlwaysSuccess/></IfThenElse>")
     validated = cli("validate", file)
     assert validated.exit_code == 2
@@ -108,9 +106,7 @@ def test_json_lists_the_diagnostics(cli: Cli, tree_file: TreeFile) -> None:
     assert only["url"].endswith("reference/errors.html#e101--unknown-node")
 
 
-def test_a_hundred_diagnostics_of_a_file_are_shown_and_the_others_counted(
-    cli: Cli, tree_file: TreeFile
-) -> None:
+def test_hundred_diagnostics_of_file_are_shown_and_others_counted(cli: Cli, tree_file: TreeFile) -> None:
     tree = tree_file("<Sequence>" + "<Nonsense/><Sleep/>" * 120 + "</Sequence>")
     result = cli("validate", tree)
     assert result.stdout.count("E101") == 100

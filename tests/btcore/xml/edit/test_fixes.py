@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from btcore.errors import Diagnostic, TreeError
+from btcore.diagnostics import Diagnostic
+from btcore.errors import TreeError
 from btcore.input_files import real_path
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
@@ -96,9 +97,7 @@ class Edited:
          '<Sequence _skipIf="true"><AlwaysSuccess/></Sequence>'),
     ],
 )  # fmt: skip
-def test_a_fix_removes_the_mistake(
-    tmp_path: Path, code: str, before: str, title: str, after: str | None
-) -> None:
+def test_fix_removes_mistake(tmp_path: Path, code: str, before: str, title: str, after: str | None) -> None:
     edited = Edited(tmp_path / "größe.xml", MAIN.format(before))
     count = edited.codes().count(code)
     text = edited.fixes(code)[title]

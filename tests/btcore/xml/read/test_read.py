@@ -8,6 +8,7 @@ import pytest
 import btcore
 from btcore.errors import XmlSyntaxError
 from btcore.xml.read.read import parse_file, parse_text
+from tests.btcore.message_cases import read_cases
 
 
 def tree_error(text: str) -> str:
@@ -81,126 +82,22 @@ def test_doctype_that_only_names_the_root_is_accepted() -> None:
 
 # --- invalid XML
 
+MESSAGES = read_cases(Path(__file__).with_name("messages.txt"))
 
-@pytest.mark.parametrize(
-    ("text", "expected_message"),
-    [
-        (
-            "",
-            """
-            t.xml: E001 the document is empty
-                  a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>
-            """,
-        ),
-        (
-            "not a tree at all",
-            """
-            t.xml:1:1: E002 not XML: the document does not begin with a tag
-               1 |  not a tree at all
-                 |  ^
-                  a tree looks like: <root BTCPP_format="4"><BehaviorTree ID="Main">…</BehaviorTree></root>
-            """,
-        ),
-        (
-            "<root>\n  <Sequence>\n  </Fallback>\n</root>",
-            """
-            t.xml:3:3: E002 expected </Sequence>, but found </Fallback>
-               3 |    </Fallback>
-                 |    ^^^^^^^^^^^
-                  <Sequence> was opened in line 2, column 3
-            """,
-        ),
-        (
-            "<root>\n  <Sequence>\n",
-            """
-            t.xml:2:3: E002 <Sequence> is never closed
-               2 |    <Sequence>
-                 |    ^^^^^^^^^
-                  write </Sequence>, or <Sequence … />
-            """,
-        ),
-        (
-            '<root>\n  <Say text="hello/>\n</root>',
-            """
-            t.xml:2:3: E002 missing closing quote in the tag <Say …>
-               2 |    <Say text="hello/>
-                 |    ^^^^
-            """,
-        ),
-        (
-            "<root>\n  <Say text=hello/>\n</root>",
-            """
-            t.xml:2:13: E002 an attribute's value must be in quotes
-               2 |    <Say text=hello/>
-                 |              ^
-            """,
-        ),
-        (
-            '<root>\n  <Say text="a" text="b"/>\n</root>',
-            """
-            t.xml:2:17: E002 the attribute text is written twice in one tag
-               2 |    <Say text="a" text="b"/>
-                 |                  ^^^^
-                  remove one of them
-            """,
-        ),
-        (
-            "<root/>\n  and more",
-            """
-            t.xml:2:3: E002 something follows the end of the document
-               2 |    and more
-                 |    ^
-                  all trees must be inside one <root>…</root>
-            """,
-        ),
-        (
-            "<root>\n  <?foo bar?>\n</root>",
-            """
-            t.xml:2:3: E002 <?…?> is allowed only before everything else
-               2 |    <?foo bar?>
-                 |    ^^^^^^^^^^^
-                  remove it, or move it to the start of the document
-            """,
-        ),
-        (
-            "<root>\n  <Say text/>\n</root>",
-            """
-            t.xml:2:8: E002 the attribute text has no value
-               2 |    <Say text/>
-                 |         ^^^^
-                  write text="…"
-            """,
-        ),
-        (
-            '<root><Say text="&#xD800;"/></root>',
-            """
-            t.xml:1:18: E002 &#xD800; is not a character
-               1 |  <root><Say text="&#xD800;"/></root>
-                 |                   ^^^^^^^^
-                  remove it
-            """,
-        ),
-        (
-            "<root><!-- oh </root>",
-            """
-            t.xml:1:7: E002 the comment is not closed
-               1 |  <root><!-- oh </root>
-                 |        ^^^^
-                  close it with -->
-            """,
-        ),
-        (
-            "<root>\n\x00</root>",
-            """
-            t.xml:2:1: E002 invalid XML: the text contains a NUL character
-               2 |  \\x00</root>
-                 |  ^^^^
-            """,
-        ),
-    ],
-)
-def test_invalid_xml_is_refused_with_its_position(text: str, expected_message: str) -> None:
-    assert tree_error(text) == message(expected_message)
+
+@pytest.mark.parametrize("case", MESSAGES)
+def test_invalid_xml_is_refused_with_its_position(case: str) -> None:
+    text, expected = MESSAGES[case]
+    assert tree_error(text.rstrip("\n")) == expected
+
+
+def test_nul_character_is_refused() -> None:
+    expected = "t.xml:2:1: E002 invalid XML: the text contains a NUL character"
+    assert tree_error("<root>\n\x00</root>").splitlines() == [
+        expected,
+        "   2 |  \\x00</root>",
+        "     |  ^^^^",
+    ]
 
 
 def test_positions_refer_to_the_original_text_after_escaping() -> None:

@@ -63,9 +63,7 @@ def test_a_wider_window_finds_a_larger_offset(walls: CorrelationGrid, seen: Seen
     assert np.abs(relative_pose(true, near)).max() > 0.3
 
 
-def test_the_score_distinguishes_a_match_from_a_mismatch(
-    walls: CorrelationGrid, seen: Seen, room: Boxes
-) -> None:
+def test_score_distinguishes_match_from_mismatch(walls: CorrelationGrid, seen: Seen, room: Boxes) -> None:
     scan, true = seen(room, Pose2D(0.2, 0.1, 0.4), 1), np.array((0.2, 0.1, 0.4))
     assert walls.score(true, scan.outline.points) > 2 * walls.score(
         true + np.array((0.4, 0.3, 0.2)), scan.outline.points

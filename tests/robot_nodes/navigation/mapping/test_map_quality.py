@@ -54,9 +54,7 @@ def quality_at(maze: Mapper, poses: NDArray[np.float64]) -> MapQuality:
 
 
 @pytest.mark.parametrize("shift", [(0.2, 0.1, 0.03), (0.4, 0.0, 0.0)])
-def test_rays_pass_through_the_walls_of_a_map_with_walls_drawn_twice(
-    maze: Mapper, shift: tuple[float, float, float]
-) -> None:
+def test_rays_pass_through_walls_of_map_drawn_twice(maze: Mapper, shift: tuple[float, float, float]) -> None:
     """The way back is drawn at a wrong place, as after a drift that no loop has corrected."""
     poses = maze.poses.copy()
     poses[len(poses) // 2 :] += shift

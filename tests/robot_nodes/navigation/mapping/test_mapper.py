@@ -24,9 +24,7 @@ def test_the_pose_in_a_room_is_right_in_spite_of_odometry_errors(survey: Mapping
 
 
 @pytest.mark.parametrize("odometry", ["goes on", "starts anew"])
-def test_the_pose_is_right_after_an_outage_of_the_odometry(
-    survey: MappingRig, room: Boxes, odometry: str
-) -> None:
+def test_pose_is_right_after_outage_of_odometry(survey: MappingRig, room: Boxes, odometry: str) -> None:
     led = survey(room, Pose2D(-2.0, 0.0, 0.0), slip=1.05).along((2.0, -0.8), (2.4, 0.3))
     led.interrupt(Pose2D(0.0, 0.0, 0.0) if odometry == "starts anew" else None)
     assert not led.mapper.confident
@@ -38,9 +36,7 @@ def test_the_pose_is_right_after_an_outage_of_the_odometry(
     assert led.error() < 0.1
 
 
-def test_the_mapper_searches_after_the_robot_was_carried_away_without_odometry(
-    survey: MappingRig, room: Boxes
-) -> None:
+def test_mapper_searches_after_robot_was_carried_without_odometry(survey: MappingRig, room: Boxes) -> None:
     led = survey(room, Pose2D(-2.0, 0.0, 0.0)).along((2.0, -0.8))
     led.interrupt(None)
     led.true, back = Pose2D(-1.8, 1.4, 2.2), led.true

@@ -16,7 +16,7 @@ from btcore_navigation.smoother import SmootherServer
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import TransformTree
-from tests.conformance.recorded_cases import CallLog, PlanAction
+from tests.conformance.recorded_cases import Journal, PlanAction
 from tests.robot_nodes.navigation.conftest import NavigationRig
 
 HALF = 5.0  # m from the middle of the hall to its walls
@@ -52,13 +52,13 @@ class TransformLocaliser:
         self.searches += 1
 
 
-class Bench:
+class NodeRig:
     """A robot, its servers, and trees of Nav2's nodes and of leaves with planned results."""
 
-    def __init__(self, course) -> None:
+    def __init__(self, course: NavigationRig) -> None:
         self.course = course
         self.robot = course.robot
-        self.journal = CallLog()
+        self.journal = Journal()
         self.localiser = TransformLocaliser(course.tree)
         self.costmap = GlobalCostmap(hall())
         self.compute_path = PlannerServer(Planner(self.costmap), self.localiser.pose)
@@ -122,14 +122,14 @@ class Bench:
 
 
 @pytest.fixture
-def bench(floor: Callable[..., NavigationRig]) -> Bench:
-    return Bench(floor())
+def rig(floor: Callable[..., NavigationRig]) -> NodeRig:
+    return NodeRig(floor())
 
 
 @pytest.fixture
-def among(floor: Callable[..., NavigationRig]) -> Callable[..., Bench]:
-    """Return the function `among(*boxes)`, which returns a bench with boxes on the floor."""
-    return lambda *boxes: Bench(floor(*boxes))
+def among(floor: Callable[..., NavigationRig]) -> Callable[..., NodeRig]:
+    """Return the function `among(*boxes)`, which returns a rig with boxes on the floor."""
+    return lambda *boxes: NodeRig(floor(*boxes))
 
 
 def plan(name: str, letters: str) -> str:

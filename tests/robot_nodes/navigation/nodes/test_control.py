@@ -5,27 +5,27 @@ from collections.abc import Callable
 import pytest
 
 from btcore import BtcoreError, NodeExecutionError, Status
-from tests.robot_nodes.navigation.nodes.conftest import Bench
+from tests.robot_nodes.navigation.nodes.conftest import NodeRig
 
 
 def test_pipeline_ticks_earlier_children_again_while_a_later_child_runs(
-    bench: Bench, plan: Callable[[str, str], str], restarting_leaf: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str], restarting_leaf: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(
+    tree = rig.tree(
         f"<PipelineSequence>{restarting_leaf('a', 'S')}{plan('b', 'R')}{plan('c', 'S')}</PipelineSequence>"
     )
-    assert bench.letters(tree, 3) == "RRR"
-    assert bench.journal.take() == ["a:start", "b:start", "a:start", "b:running", "a:start", "b:running"]
+    assert rig.letters(tree, 3) == "RRR"
+    assert rig.journal.take() == ["a:start", "b:start", "a:start", "b:running", "a:start", "b:running"]
 
 
 def test_pipeline_continues_past_an_earlier_child_that_runs_again(
-    bench: Bench, plan: Callable[[str, str], str], restarting_leaf: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str], restarting_leaf: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(
+    tree = rig.tree(
         f"<PipelineSequence>{restarting_leaf('a', 'S|RRS')}{plan('b', 'RRRS')}</PipelineSequence>"
     )
-    assert bench.letters(tree, 4) == "RRRS"
-    assert [call for call in bench.journal.take() if call.startswith("b")] == [
+    assert rig.letters(tree, 4) == "RRRS"
+    assert [call for call in rig.journal.take() if call.startswith("b")] == [
         "b:start",
         "b:running",
         "b:running",
@@ -34,47 +34,45 @@ def test_pipeline_continues_past_an_earlier_child_that_runs_again(
 
 
 def test_pipeline_waits_for_a_running_child_before_it_starts_the_next_child(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(f"<PipelineSequence>{plan('a', 'RRS')}{plan('b', 'S')}</PipelineSequence>")
-    assert bench.letters(tree, 3) == "RRS"
-    assert bench.journal.take() == ["a:start", "a:running", "a:running", "b:start"]
+    tree = rig.tree(f"<PipelineSequence>{plan('a', 'RRS')}{plan('b', 'S')}</PipelineSequence>")
+    assert rig.letters(tree, 3) == "RRS"
+    assert rig.journal.take() == ["a:start", "a:running", "a:running", "b:start"]
 
 
 def test_pipeline_fails_and_halts_all_when_any_child_fails(
-    bench: Bench, plan: Callable[[str, str], str], restarting_leaf: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str], restarting_leaf: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|F')}{plan('b', 'R')}</PipelineSequence>")
-    assert bench.letters(tree, 2) == "RF"
-    assert bench.journal.take() == ["a:start", "b:start", "a:start", "b:halted"]
+    tree = rig.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|F')}{plan('b', 'R')}</PipelineSequence>")
+    assert rig.letters(tree, 2) == "RF"
+    assert rig.journal.take() == ["a:start", "b:start", "a:start", "b:halted"]
 
 
 def test_pipeline_halts_a_running_earlier_child_when_the_last_child_succeeds(
-    bench: Bench, plan: Callable[[str, str], str], restarting_leaf: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str], restarting_leaf: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|R')}{plan('b', 'RS')}</PipelineSequence>")
-    assert bench.letters(tree, 2) == "RS"
-    assert bench.journal.take()[-2:] == ["b:running", "a:halted"]
+    tree = rig.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|R')}{plan('b', 'RS')}</PipelineSequence>")
+    assert rig.letters(tree, 2) == "RS"
+    assert rig.journal.take()[-2:] == ["b:running", "a:halted"]
 
 
 def test_pipeline_starts_at_the_first_child_after_a_halt(
-    bench: Bench, plan: Callable[[str, str], str], restarting_leaf: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str], restarting_leaf: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|R')}{plan('b', 'R')}</PipelineSequence>")
-    bench.letters(tree, 1)
+    tree = rig.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|R')}{plan('b', 'R')}</PipelineSequence>")
+    rig.letters(tree, 1)
     tree.halt()
-    bench.journal.take()
-    assert bench.letters(tree, 1) == "R"
-    assert bench.journal.take() == ["a:start"]
+    rig.journal.take()
+    assert rig.letters(tree, 1) == "R"
+    assert rig.journal.take() == ["a:start"]
 
 
 def test_pipeline_is_skipped_only_when_all_children_are(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    assert (
-        bench.letters(bench.tree("<PipelineSequence>" + plan("a", "K") * 2 + "</PipelineSequence>"), 1) == "S"
-    )
-    tree = bench.tree(f"<PipelineSequence>{plan('a', 'K')}{plan('b', 'S')}</PipelineSequence>")
+    assert rig.letters(rig.tree("<PipelineSequence>" + plan("a", "K") * 2 + "</PipelineSequence>"), 1) == "S"
+    tree = rig.tree(f"<PipelineSequence>{plan('a', 'K')}{plan('b', 'S')}</PipelineSequence>")
     assert tree.tick_exactly_once() is Status.SUCCESS
 
 
@@ -82,42 +80,36 @@ def recovery(main: str, recovery: str, retries: str = "") -> str:
     return f"<RecoveryNode {retries}>{main}{recovery}</RecoveryNode>"
 
 
-def test_recovery_retries_in_the_tick_in_which_the_second_child_succeeds(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(recovery(plan("main", "F|S"), plan("help", "S")))
-    assert bench.letters(tree, 1) == "S"
-    assert bench.journal.take() == ["main:start", "help:start", "main:start"]
+def test_recovery_retries_in_the_tick_of_the_recovery(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(recovery(plan("main", "F|S"), plan("help", "S")))
+    assert rig.letters(tree, 1) == "S"
+    assert rig.journal.take() == ["main:start", "help:start", "main:start"]
 
 
-def test_recovery_fails_after_a_single_retry_by_default(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    assert bench.letters(bench.tree(recovery(plan("main", "F"), plan("help", "S"))), 1) == "F"
-    assert bench.journal.take().count("main:start") == 2
-    tree = bench.tree(recovery(plan("main", "F"), plan("help", "S"), 'number_of_retries="4"'))
-    assert bench.letters(tree, 1) == "F"
-    assert bench.journal.take().count("main:start") == 5
+def test_recovery_fails_after_single_retry_by_default(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    assert rig.letters(rig.tree(recovery(plan("main", "F"), plan("help", "S"))), 1) == "F"
+    assert rig.journal.take().count("main:start") == 2
+    tree = rig.tree(recovery(plan("main", "F"), plan("help", "S"), 'number_of_retries="4"'))
+    assert rig.letters(tree, 1) == "F"
+    assert rig.journal.take().count("main:start") == 5
 
 
-def test_recovery_with_no_retries_never_recovers(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(recovery(plan("main", "F"), plan("help", "S"), 'number_of_retries="0"'))
-    assert bench.letters(tree, 1) == "F"
-    assert bench.journal.take() == ["main:start"]
+def test_recovery_with_no_retries_never_recovers(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(recovery(plan("main", "F"), plan("help", "S"), 'number_of_retries="0"'))
+    assert rig.letters(tree, 1) == "F"
+    assert rig.journal.take() == ["main:start"]
 
 
-def test_recovery_fails_when_the_second_child_fails(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(recovery(plan("main", "F"), plan("help", "F"), 'number_of_retries="4"'))
-    assert bench.letters(tree, 1) == "F"
-    assert bench.journal.take() == ["main:start", "help:start"]
+def test_recovery_fails_when_the_second_child_fails(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(recovery(plan("main", "F"), plan("help", "F"), 'number_of_retries="4"'))
+    assert rig.letters(tree, 1) == "F"
+    assert rig.journal.take() == ["main:start", "help:start"]
 
 
-def test_recovery_does_not_tick_the_first_child_while_the_second_runs(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(recovery(plan("main", "RF|S"), plan("help", "RRS")))
-    assert bench.letters(tree, 4) == "RRRS"
-    assert bench.journal.take() == [
+def test_recovery_skips_first_child_while_second_runs(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(recovery(plan("main", "RF|S"), plan("help", "RRS")))
+    assert rig.letters(tree, 4) == "RRRS"
+    assert rig.journal.take() == [
         "main:start",
         "main:running",
         "help:start",
@@ -127,154 +119,136 @@ def test_recovery_does_not_tick_the_first_child_while_the_second_runs(
     ]
 
 
-def test_recovery_resets_its_count_after_a_success_and_after_a_halt(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(recovery(plan("main", "F|S"), plan("help", "S")))
-    assert bench.letters(tree, 3) == "SSS"
-    halted = bench.tree(recovery(plan("main", "F|R|F|S"), plan("help", "S")))
-    assert bench.letters(halted, 1) == "R"
+def test_recovery_resets_count_after_success_and_halt(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(recovery(plan("main", "F|S"), plan("help", "S")))
+    assert rig.letters(tree, 3) == "SSS"
+    halted = rig.tree(recovery(plan("main", "F|R|F|S"), plan("help", "S")))
+    assert rig.letters(halted, 1) == "R"
     halted.halt()
-    assert bench.letters(halted, 1) == "S"
+    assert rig.letters(halted, 1) == "S"
 
 
-def test_recovery_is_skipped_with_its_first_child(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(
+def test_recovery_is_skipped_with_its_first_child(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(
         f"<Fallback>{recovery(plan('main', 'K'), plan('help', 'S'))}{plan('next', 'F')}</Fallback>"
     )
     assert tree.tick_exactly_once() is Status.FAILURE
-    assert "help:start" not in bench.journal.take()
+    assert "help:start" not in rig.journal.take()
 
 
-def test_a_skipped_second_child_is_a_failure_and_not_a_retry(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(recovery(plan("main", "F|F|S"), plan("help", "K|S")))
-    assert bench.letters(tree, 1) == "F"
-    assert bench.letters(tree, 1) == "S"
+def test_skipped_second_child_is_failure_and_not_retry(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(recovery(plan("main", "F|F|S"), plan("help", "K|S")))
+    assert rig.letters(tree, 1) == "F"
+    assert rig.letters(tree, 1) == "S"
 
 
-def test_recovery_needs_two_children(bench: Bench, plan: Callable[[str, str], str]) -> None:
+def test_recovery_needs_two_children(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
     with pytest.raises(BtcoreError, match="two children"):
-        bench.tree(f"<RecoveryNode>{plan('main', 'S')}</RecoveryNode>")
+        rig.tree(f"<RecoveryNode>{plan('main', 'S')}</RecoveryNode>")
 
 
 def robin(*children: str, wrap: bool = True) -> str:
     return f'<RoundRobin wrap_around="{str(wrap).lower()}">{"".join(children)}</RoundRobin>'
 
 
-def test_round_robin_ticks_the_next_child_after_a_success(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(robin(plan("a", "S"), plan("b", "S"), plan("c", "S")))
-    assert bench.letters(tree, 4) == "SSSS"
-    assert bench.journal.take() == ["a:start", "b:start", "c:start", "a:start"]
+def test_round_robin_ticks_next_child_after_success(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(robin(plan("a", "S"), plan("b", "S"), plan("c", "S")))
+    assert rig.letters(tree, 4) == "SSSS"
+    assert rig.journal.take() == ["a:start", "b:start", "c:start", "a:start"]
 
 
-def test_round_robin_stays_with_a_child_that_runs(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(robin(plan("a", "RS"), plan("b", "S")))
-    assert bench.letters(tree, 3) == "RSS"
-    assert bench.journal.take() == ["a:start", "a:running", "b:start"]
+def test_round_robin_stays_with_a_child_that_runs(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(robin(plan("a", "RS"), plan("b", "S")))
+    assert rig.letters(tree, 3) == "RSS"
+    assert rig.journal.take() == ["a:start", "a:running", "b:start"]
 
 
 def test_round_robin_ticks_the_next_child_in_the_same_tick_after_a_failure(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(robin(plan("a", "F"), plan("b", "S"), plan("c", "S")))
-    assert bench.letters(tree, 1) == "S"
-    assert bench.journal.take() == ["a:start", "b:start"]
+    tree = rig.tree(robin(plan("a", "F"), plan("b", "S"), plan("c", "S")))
+    assert rig.letters(tree, 1) == "S"
+    assert rig.journal.take() == ["a:start", "b:start"]
 
 
-def test_round_robin_fails_when_all_have_failed(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(robin(plan("a", "F"), plan("b", "F")))
-    assert bench.letters(tree, 1) == "F"
-    assert bench.journal.take() == ["a:start", "b:start"]
+def test_round_robin_fails_when_all_have_failed(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(robin(plan("a", "F"), plan("b", "F")))
+    assert rig.letters(tree, 1) == "F"
+    assert rig.journal.take() == ["a:start", "b:start"]
 
 
-def test_round_robin_forgets_earlier_failures_after_a_success(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(robin(plan("a", "F"), plan("b", "S|F"), plan("c", "F")))
-    assert bench.letters(tree, 2) == "SF"
-    assert bench.journal.take() == ["a:start", "b:start", "c:start", "a:start", "b:start"]
+def test_round_robin_forgets_failures_after_success(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(robin(plan("a", "F"), plan("b", "S|F"), plan("c", "F")))
+    assert rig.letters(tree, 2) == "SF"
+    assert rig.journal.take() == ["a:start", "b:start", "c:start", "a:start", "b:start"]
 
 
-def test_round_robin_without_wrapping_fails_after_its_last_child(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(robin(plan("a", "S"), plan("b", "S"), wrap=False))
-    assert bench.letters(tree, 3) == "SFS"
-    assert bench.journal.take() == ["a:start", "b:start", "a:start"]
+def test_round_robin_without_wrapping_fails_at_end(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(robin(plan("a", "S"), plan("b", "S"), wrap=False))
+    assert rig.letters(tree, 3) == "SFS"
+    assert rig.journal.take() == ["a:start", "b:start", "a:start"]
 
 
-def test_round_robin_does_not_wrap_by_default(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(f"<RoundRobin>{plan('a', 'S')}{plan('b', 'S')}</RoundRobin>")
-    assert bench.letters(tree, 2) == "SF"
+def test_round_robin_does_not_wrap_by_default(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f"<RoundRobin>{plan('a', 'S')}{plan('b', 'S')}</RoundRobin>")
+    assert rig.letters(tree, 2) == "SF"
 
 
 def test_round_robin_begins_with_the_first_child_after_a_halt(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(robin(plan("a", "S"), plan("b", "R")))
-    bench.letters(tree, 2)
+    tree = rig.tree(robin(plan("a", "S"), plan("b", "R")))
+    rig.letters(tree, 2)
     tree.halt()
-    bench.journal.take()
-    bench.letters(tree, 1)
-    assert bench.journal.take() == ["a:start"]
+    rig.journal.take()
+    rig.letters(tree, 1)
+    assert rig.journal.take() == ["a:start"]
 
 
-def test_nonblocking_sequence_ticks_every_child_in_each_tick(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(f"<NonblockingSequence>{plan('a', 'R')}{plan('b', 'R')}</NonblockingSequence>")
-    assert bench.letters(tree, 2) == "RR"
-    assert bench.journal.take() == ["a:start", "b:start", "a:running", "b:running"]
+def test_nonblocking_sequence_ticks_all_in_each_tick(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f"<NonblockingSequence>{plan('a', 'R')}{plan('b', 'R')}</NonblockingSequence>")
+    assert rig.letters(tree, 2) == "RR"
+    assert rig.journal.take() == ["a:start", "b:start", "a:running", "b:running"]
 
 
 def test_nonblocking_sequence_succeeds_only_when_all_succeed_in_one_tick(
-    bench: Bench, plan: Callable[[str, str], str], restarting_leaf: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str], restarting_leaf: Callable[[str, str], str]
 ) -> None:
     text = f"<NonblockingSequence>{restarting_leaf('a', 'S|RS')}{plan('b', 'RS')}</NonblockingSequence>"
-    assert bench.letters(bench.tree(text), 3) == "RRS"
+    assert rig.letters(rig.tree(text), 3) == "RRS"
 
 
-def test_nonblocking_sequence_fails_and_halts_all_when_one_fails(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(f"<NonblockingSequence>{plan('a', 'R')}{plan('b', 'RF')}</NonblockingSequence>")
-    assert bench.letters(tree, 2) == "RF"
-    assert bench.journal.take()[-1] == "a:halted"
+def test_nonblocking_sequence_halts_all_when_one_fails(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f"<NonblockingSequence>{plan('a', 'R')}{plan('b', 'RF')}</NonblockingSequence>")
+    assert rig.letters(tree, 2) == "RF"
+    assert rig.journal.take()[-1] == "a:halted"
 
 
 PERSISTENT = '<PersistentSequence current_child_idx="{at}">{a}{b}</PersistentSequence>'
 
 
 def test_persistent_sequence_continues_at_its_child_after_a_halt(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
     text = PERSISTENT.replace("{a}", plan("a", "S")).replace("{b}", plan("b", "R|S"))
-    tree = bench.tree(text, at=0)
-    assert bench.letters(tree, 1) == "R"
+    tree = rig.tree(text, at=0)
+    assert rig.letters(tree, 1) == "R"
     tree.halt()
-    bench.journal.take()
+    rig.journal.take()
     assert tree.blackboard["at"] == 1
-    assert bench.letters(tree, 1) == "S"
-    assert bench.journal.take() == ["b:start"]
+    assert rig.letters(tree, 1) == "S"
+    assert rig.journal.take() == ["b:start"]
     assert tree.blackboard["at"] == 0
 
 
-def test_persistent_sequence_starts_at_the_first_child_after_a_failure(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_persistent_sequence_restarts_after_failure(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
     text = PERSISTENT.replace("{a}", plan("a", "S")).replace("{b}", plan("b", "F"))
-    tree = bench.tree(text, at=0)
-    assert bench.letters(tree, 1) == "F"
+    tree = rig.tree(text, at=0)
+    assert rig.letters(tree, 1) == "F"
     assert tree.blackboard["at"] == 0
 
 
-def test_persistent_sequence_requires_the_entry_with_its_index(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_persistent_sequence_requires_entry_with_index(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
     text = PERSISTENT.replace("{a}", plan("a", "S")).replace("{b}", plan("b", "S"))
     with pytest.raises(NodeExecutionError, match="current_child_idx"):
-        bench.tree(text).tick_exactly_once()
+        rig.tree(text).tick_exactly_once()

@@ -10,327 +10,307 @@ from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.navigator import MAX_STALL_S, MIN_PROGRESS_SPEED, NavigateGoal, Navigator
 from btcore_navigation.path import NavPath
 from btcore_robot.robot import Phase, Pose2D
-from tests.robot_nodes.navigation.nodes.conftest import Bench
+from tests.robot_nodes.navigation.nodes.conftest import NodeRig
 
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
 
 
-def starts(bench) -> int:
-    return bench.journal.take().count("a:start")
+def starts(rig: NodeRig) -> int:
+    return rig.journal.take().count("a:start")
 
 
 def test_rate_controller_ticks_its_child_at_first_and_then_at_its_rate(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(f'<RateController hz="2">{plan("a", "S")}</RateController>')
-    assert bench.letters(tree, 11, every=0.1) == "SRRRRSRRRRS"
-    assert starts(bench) == 3
+    tree = rig.tree(f'<RateController hz="2">{plan("a", "S")}</RateController>')
+    assert rig.letters(tree, 11, every=0.1) == "SRRRRSRRRRS"
+    assert starts(rig) == 3
 
 
 def test_rate_controller_ticks_its_child_ten_times_a_second_by_default(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(f"<RateController>{plan('a', 'S')}</RateController>")
-    assert bench.letters(tree, 5, every=0.05) == "SRSRS"
+    tree = rig.tree(f"<RateController>{plan('a', 'S')}</RateController>")
+    assert rig.letters(tree, 5, every=0.05) == "SRSRS"
 
 
-def test_rate_controller_ticks_a_running_child_in_every_tick(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(f'<RateController hz="1">{plan("a", "RRS")}</RateController>')
-    assert bench.letters(tree, 4, every=0.1) == "RRSR"
-    assert bench.journal.take() == ["a:start", "a:running", "a:running"]
+def test_rate_controller_ticks_running_child_each_tick(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f'<RateController hz="1">{plan("a", "RRS")}</RateController>')
+    assert rig.letters(tree, 4, every=0.1) == "RRSR"
+    assert rig.journal.take() == ["a:start", "a:running", "a:running"]
 
 
 def test_rate_controller_counts_from_the_childs_last_success(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(f'<RateController hz="1">{plan("a", "RRRRRRS")}</RateController>')
-    assert bench.letters(tree, 7, every=0.1) == "RRRRRRS"
-    starts(bench)
-    bench.letters(tree, 9, every=0.1)
-    assert starts(bench) == 0
-    bench.letters(tree, 1)
-    assert starts(bench) == 1
+    tree = rig.tree(f'<RateController hz="1">{plan("a", "RRRRRRS")}</RateController>')
+    assert rig.letters(tree, 7, every=0.1) == "RRRRRRS"
+    starts(rig)
+    rig.letters(tree, 9, every=0.1)
+    assert starts(rig) == 0
+    rig.letters(tree, 1)
+    assert starts(rig) == 1
 
 
-def test_rate_controller_does_not_count_from_a_failure(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(f'<RateController hz="1">{plan("a", "RF")}</RateController>')
-    assert bench.letters(tree, 2, every=0.9) == "RF"
-    assert bench.letters(tree, 1) == "R"
-    assert starts(bench) == 2
+def test_rate_controller_does_not_count_from_a_failure(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f'<RateController hz="1">{plan("a", "RF")}</RateController>')
+    assert rig.letters(tree, 2, every=0.9) == "RF"
+    assert rig.letters(tree, 1) == "R"
+    assert starts(rig) == 2
 
 
-def test_rate_controller_starts_again_after_a_halt(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(f'<RateController hz="0.1">{plan("a", "S")}</RateController>')
-    bench.letters(tree, 2)
+def test_rate_controller_starts_again_after_a_halt(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f'<RateController hz="0.1">{plan("a", "S")}</RateController>')
+    rig.letters(tree, 2)
     tree.halt()
-    assert bench.letters(tree, 1) == "S"
+    assert rig.letters(tree, 1) == "S"
 
 
-def test_rate_controller_starts_again_after_it_was_skipped(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_rate_controller_restarts_after_a_skip(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
     rated = f'<RateController hz="0.1" _skipIf="off">{plan("a", "S")}</RateController>'
-    tree = bench.tree(f"<Fallback>{rated}<AlwaysSuccess/></Fallback>", off=False)
-    bench.letters(tree, 1)
+    tree = rig.tree(f"<Fallback>{rated}<AlwaysSuccess/></Fallback>", off=False)
+    rig.letters(tree, 1)
     tree.blackboard["off"] = True
-    bench.letters(tree, 1)
+    rig.letters(tree, 1)
     tree.blackboard["off"] = False
-    starts(bench)
-    bench.letters(tree, 1)
-    assert starts(bench) == 1
+    starts(rig)
+    rig.letters(tree, 1)
+    assert starts(rig) == 1
 
 
-def test_distance_controller_ticks_its_child_after_each_distance(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(f'<DistanceController distance="0.5">{plan("a", "S")}</DistanceController>')
-    assert bench.letters(tree, 2) == "SR"
-    bench.move(0.4)
-    assert bench.letters(tree, 1) == "R"
-    bench.move(0.4, 0.4)
-    assert bench.letters(tree, 2) == "SR"
-    bench.move(0.8, 0.4)
-    assert bench.letters(tree, 1) == "R"
+def test_distance_controller_ticks_child_per_distance(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f'<DistanceController distance="0.5">{plan("a", "S")}</DistanceController>')
+    assert rig.letters(tree, 2) == "SR"
+    rig.move(0.4)
+    assert rig.letters(tree, 1) == "R"
+    rig.move(0.4, 0.4)
+    assert rig.letters(tree, 2) == "SR"
+    rig.move(0.8, 0.4)
+    assert rig.letters(tree, 1) == "R"
 
 
-def test_distance_controller_ticks_its_child_after_1_m_by_default(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(f"<DistanceController>{plan('a', 'S')}</DistanceController>")
-    assert bench.letters(tree, 1) == "S"
-    bench.move(0.9)
-    assert bench.letters(tree, 1) == "R"
-    bench.move(1.1)
-    assert bench.letters(tree, 1) == "S"
+def test_distance_controller_ticks_child_per_metre(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f"<DistanceController>{plan('a', 'S')}</DistanceController>")
+    assert rig.letters(tree, 1) == "S"
+    rig.move(0.9)
+    assert rig.letters(tree, 1) == "R"
+    rig.move(1.1)
+    assert rig.letters(tree, 1) == "S"
 
 
 def test_distance_controller_ticks_a_running_child_in_every_tick(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(f"<DistanceController>{plan('a', 'RRS')}</DistanceController>")
-    assert bench.letters(tree, 4) == "RRSR"
+    tree = rig.tree(f"<DistanceController>{plan('a', 'RRS')}</DistanceController>")
+    assert rig.letters(tree, 4) == "RRSR"
 
 
 def test_distance_controller_fails_when_the_pose_is_unknown(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(f"<DistanceController>{plan('a', 'S')}</DistanceController>")
-    bench.localiser.confident = False
-    assert bench.letters(tree, 1) == "F"
-    assert starts(bench) == 0
-    bench.localiser.confident = True
-    assert bench.letters(tree, 1) == "S"
+    tree = rig.tree(f"<DistanceController>{plan('a', 'S')}</DistanceController>")
+    rig.localiser.confident = False
+    assert rig.letters(tree, 1) == "F"
+    assert starts(rig) == 0
+    rig.localiser.confident = True
+    assert rig.letters(tree, 1) == "S"
 
 
 SPEED = '<SpeedController min_rate="0.5" max_rate="2" max_speed="0.4">{}</SpeedController>'
 
 
 def test_speed_controller_uses_the_shortest_period_first_and_then_the_speed(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(SPEED.format(plan("a", "S")))
+    tree = rig.tree(SPEED.format(plan("a", "S")))
     # Standing: half a second to the second tick of the child, two seconds to the third.
-    assert bench.letters(tree, 27, every=0.1) == "S" + "RRRRS" + "R" * 19 + "SR"
+    assert rig.letters(tree, 27, every=0.1) == "S" + "RRRRS" + "R" * 19 + "SR"
 
 
-def test_speed_controller_uses_the_mean_speed(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(SPEED.format(plan("a", "S")))
+def test_speed_controller_uses_the_mean_speed(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(SPEED.format(plan("a", "S")))
     found = ""
     for _ in range(40):
-        bench.robot.drive(0.2, 0.0)
-        found += bench.letters(tree, 1, every=0.1)
+        rig.robot.drive(0.2, 0.0)
+        found += rig.letters(tree, 1, every=0.1)
     # 0.2 of 0.4 m/s is in the middle of 0.5 and 2 Hz: 1.25 Hz, every 0.8 s.
     assert found.rstrip("R").endswith("SRRRRRRRS")
 
 
-def test_speed_controller_starts_again_for_another_goal(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(SPEED.format(plan("a", "S")), goal=HERE)
-    bench.letters(tree, 8, every=0.1)
+def test_speed_controller_restarts_for_another_goal(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(SPEED.format(plan("a", "S")), goal=HERE)
+    rig.letters(tree, 8, every=0.1)
     tree.blackboard["goal"] = THERE
-    assert bench.letters(tree, 6, every=0.1) == "SRRRRS"
+    assert rig.letters(tree, 6, every=0.1) == "SRRRRS"
 
 
-def test_speed_controller_returns_the_result_of_its_child(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    assert bench.letters(bench.tree(SPEED.format(plan("a", "RF"))), 2) == "RF"
+def test_speed_controller_returns_result_of_child(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    assert rig.letters(rig.tree(SPEED.format(plan("a", "RF"))), 2) == "RF"
 
 
-def test_speed_controller_requires_rates_above_zero(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(f'<SpeedController min_rate="0">{plan("a", "S")}</SpeedController>')
+def test_speed_controller_requires_rates_above_zero(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f'<SpeedController min_rate="0">{plan("a", "S")}</SpeedController>')
     with pytest.raises(NodeExecutionError, match="rates above 0"):
         tree.tick_exactly_once()
 
 
 def test_goal_updated_controller_ticks_its_child_at_first_and_for_another_goal(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(f"<GoalUpdatedController>{plan('a', 'S')}</GoalUpdatedController>", goal=HERE)
-    assert bench.letters(tree, 2) == "SR"
+    tree = rig.tree(f"<GoalUpdatedController>{plan('a', 'S')}</GoalUpdatedController>", goal=HERE)
+    assert rig.letters(tree, 2) == "SR"
     tree.blackboard["goal"] = THERE
-    assert bench.letters(tree, 2) == "SR"
+    assert rig.letters(tree, 2) == "SR"
     tree.blackboard["goals"] = [HERE]
-    assert bench.letters(tree, 2) == "SR"
+    assert rig.letters(tree, 2) == "SR"
 
 
-def test_goal_updated_controller_reads_the_entry_of_its_port(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
+def test_goal_updated_controller_reads_entry_of_port(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
     child = plan("a", "S")
-    tree = bench.tree(
+    tree = rig.tree(
         f'<GoalUpdatedController goal="{{mine}}">{child}</GoalUpdatedController>', goal=HERE, mine=HERE
     )
-    bench.letters(tree, 1)
+    rig.letters(tree, 1)
     tree.blackboard["goal"] = THERE
-    assert bench.letters(tree, 1) == "R"
+    assert rig.letters(tree, 1) == "R"
     tree.blackboard["mine"] = THERE
-    assert bench.letters(tree, 1) == "S"
+    assert rig.letters(tree, 1) == "S"
 
 
-def test_goal_updated_controller_ticks_a_running_child_in_every_tick(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(f"<GoalUpdatedController>{plan('a', 'RRS')}</GoalUpdatedController>", goal=HERE)
-    assert bench.letters(tree, 4) == "RRSR"
+def test_goal_updated_controller_ticks_running_child(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f"<GoalUpdatedController>{plan('a', 'RRS')}</GoalUpdatedController>", goal=HERE)
+    assert rig.letters(tree, 4) == "RRSR"
 
 
 ENTRIES = 'input_goal="{goal}" output_goal="{to}" input_goals="{goals}" output_goals="{all}"'
 UPDATER = f"<GoalUpdater {ENTRIES}>{{}}</GoalUpdater>"
 
 
-def test_goal_updater_copies_its_inputs_to_its_outputs(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE, goals=[HERE, THERE])
-    assert bench.letters(tree, 2) == "SS"
+def test_goal_updater_copies_its_inputs_to_its_outputs(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE, goals=[HERE, THERE])
+    assert rig.letters(tree, 2) == "SS"
     assert tree.blackboard["to"] == HERE
     assert tree.blackboard["all"] == [HERE, THERE]
 
 
-def test_goal_updater_prefers_the_goals_of_its_topics(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE, goals=[HERE])
-    bench.servers.topics["goal_update"] = THERE
-    bench.servers.topics["goals_update"] = [THERE]
-    bench.letters(tree, 1)
+def test_goal_updater_prefers_the_goals_of_its_topics(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE, goals=[HERE])
+    rig.servers.topics["goal_update"] = THERE
+    rig.servers.topics["goals_update"] = [THERE]
+    rig.letters(tree, 1)
     assert tree.blackboard["to"] == THERE
     assert tree.blackboard["all"] == [THERE]
 
 
 def test_goal_updater_prefers_a_goal_that_is_newer_than_the_topics_goal(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE)
-    bench.servers.topics["goal_update"] = THERE
-    bench.letters(tree, 1)
+    tree = rig.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE)
+    rig.servers.topics["goal_update"] = THERE
+    rig.letters(tree, 1)
     tree.blackboard["goal"] = newest = Pose2D(3.0, 0.0, 0.0)
-    bench.letters(tree, 1)
+    rig.letters(tree, 1)
     assert tree.blackboard["to"] == newest
 
 
-def test_goal_updater_ticks_its_child_in_every_tick(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(f"<GoalUpdater>{plan('a', 'RF')}</GoalUpdater>")
-    assert bench.letters(tree, 2) == "RF"
+def test_goal_updater_ticks_its_child_in_every_tick(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f"<GoalUpdater>{plan('a', 'RF')}</GoalUpdater>")
+    assert rig.letters(tree, 2) == "RF"
 
 
-def test_single_trigger_fails_after_its_child_has_ended_once(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    tree = bench.tree(f"<SingleTrigger>{plan('a', 'RS')}</SingleTrigger>")
-    assert bench.letters(tree, 4) == "RSFF"
-    assert bench.journal.take() == ["a:start", "a:running"]
+def test_single_trigger_fails_after_child_ended_once(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f"<SingleTrigger>{plan('a', 'RS')}</SingleTrigger>")
+    assert rig.letters(tree, 4) == "RSFF"
+    assert rig.journal.take() == ["a:start", "a:running"]
 
 
-def test_single_trigger_fails_after_a_failure_of_its_child(
-    bench: Bench, plan: Callable[[str, str], str]
-) -> None:
-    assert bench.letters(bench.tree(f"<SingleTrigger>{plan('a', 'F|S')}</SingleTrigger>"), 2) == "FF"
+def test_single_trigger_fails_after_failure_of_child(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    assert rig.letters(rig.tree(f"<SingleTrigger>{plan('a', 'F|S')}</SingleTrigger>"), 2) == "FF"
 
 
-def test_single_trigger_is_ready_again_after_a_halt(bench: Bench, plan: Callable[[str, str], str]) -> None:
-    tree = bench.tree(f"<SingleTrigger>{plan('a', 'S')}</SingleTrigger>")
-    assert bench.letters(tree, 2) == "SF"
+def test_single_trigger_is_ready_again_after_a_halt(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
+    tree = rig.tree(f"<SingleTrigger>{plan('a', 'S')}</SingleTrigger>")
+    assert rig.letters(tree, 2) == "SF"
     tree.halt()
-    assert bench.letters(tree, 1) == "S"
+    assert rig.letters(tree, 1) == "S"
 
 
 NEAR_END = '<PathLongerOnApproach path="{path}">{}</PathLongerOnApproach>'
 
 
-def detour(path, length: float) -> NavPath:
+def detour(path: Callable[..., NavPath], length: float) -> NavPath:
     """Return a path of *length* (m) to the end of the straight path of 1 m."""
     return path((0, 0), (0.5, (length**2 - 1) ** 0.5 / 2), (1, 0))
 
 
 def test_path_longer_on_approach_ticks_its_child_for_a_much_longer_path(
-    bench: Bench, plan: Callable[[str, str], str], path: Callable[..., NavPath]
+    rig: NodeRig, plan: Callable[[str, str], str], path: Callable[..., NavPath]
 ) -> None:
-    tree = bench.tree(NEAR_END.replace("{}", plan("a", "RS")), path=path((0, 0), (1, 0)))
-    assert bench.letters(tree, 2) == "SS"
+    tree = rig.tree(NEAR_END.replace("{}", plan("a", "RS")), path=path((0, 0), (1, 0)))
+    assert rig.letters(tree, 2) == "SS"
     tree.blackboard["path"] = detour(path, 3.0)
-    assert bench.letters(tree, 3) == "RSS"
-    assert bench.journal.take() == ["a:start", "a:running"]
+    assert rig.letters(tree, 3) == "RSS"
+    assert rig.journal.take() == ["a:start", "a:running"]
 
 
 def test_path_longer_on_approach_succeeds_for_less_than_twice_the_length(
-    bench: Bench, plan: Callable[[str, str], str], path: Callable[..., NavPath]
+    rig: NodeRig, plan: Callable[[str, str], str], path: Callable[..., NavPath]
 ) -> None:
-    tree = bench.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((0, 0), (1, 0)))
-    bench.letters(tree, 1)
+    tree = rig.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((0, 0), (1, 0)))
+    rig.letters(tree, 1)
     tree.blackboard["path"] = detour(path, 1.9)
-    assert bench.letters(tree, 1) == "S"
+    assert rig.letters(tree, 1) == "S"
 
 
 def test_path_longer_on_approach_applies_only_to_the_last_three_metres(
-    bench: Bench, plan: Callable[[str, str], str], path: Callable[..., NavPath]
+    rig: NodeRig, plan: Callable[[str, str], str], path: Callable[..., NavPath]
 ) -> None:
-    tree = bench.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((-3, 0), (1, 0)))
-    bench.letters(tree, 1)
+    tree = rig.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((-3, 0), (1, 0)))
+    rig.letters(tree, 1)
     tree.blackboard["path"] = path((-3, 0), (-3, 4), (1, 4), (1, 0))
-    assert bench.letters(tree, 1) == "S"
+    assert rig.letters(tree, 1) == "S"
 
 
 def test_path_longer_on_approach_does_not_compare_paths_to_different_goals(
-    bench: Bench, plan: Callable[[str, str], str], path: Callable[..., NavPath]
+    rig: NodeRig, plan: Callable[[str, str], str], path: Callable[..., NavPath]
 ) -> None:
-    tree = bench.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((0, 0), (1, 0)))
-    bench.letters(tree, 1)
+    tree = rig.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((0, 0), (1, 0)))
+    rig.letters(tree, 1)
     tree.blackboard["path"] = path((0, 0), (4, 0))
-    assert bench.letters(tree, 1) == "S"
+    assert rig.letters(tree, 1) == "S"
 
 
 def test_path_longer_on_approach_succeeds_without_an_earlier_path(
-    bench: Bench, plan: Callable[[str, str], str]
+    rig: NodeRig, plan: Callable[[str, str], str]
 ) -> None:
-    tree = bench.tree(NEAR_END.replace("{}", plan("a", "F")))
+    tree = rig.tree(NEAR_END.replace("{}", plan("a", "F")))
     assert tree.tick_exactly_once() is Status.SUCCESS
 
 
 def test_path_longer_on_approach_halts_its_child_when_the_path_is_short_again(
-    bench: Bench, plan: Callable[[str, str], str], path: Callable[..., NavPath]
+    rig: NodeRig, plan: Callable[[str, str], str], path: Callable[..., NavPath]
 ) -> None:
-    tree = bench.tree(NEAR_END.replace("{}", plan("a", "R")), path=path((0, 0), (1, 0)))
-    bench.letters(tree, 1)
+    tree = rig.tree(NEAR_END.replace("{}", plan("a", "R")), path=path((0, 0), (1, 0)))
+    rig.letters(tree, 1)
     tree.blackboard["path"] = detour(path, 3.0)
-    bench.letters(tree, 2)
+    rig.letters(tree, 2)
     tree.blackboard["path"] = path((0, 0), (1, 0))
-    assert bench.letters(tree, 1) == "S"
-    assert bench.journal.take()[-1] == "a:halted"
+    assert rig.letters(tree, 1) == "S"
+    assert rig.journal.take()[-1] == "a:halted"
 
 
 @pytest.mark.parametrize(("tree", "ends"), [("{}", True), (UPDATER, False)], ids=["fixed", "updated"])
 def test_the_navigator_expects_no_progress_towards_a_goal_that_may_move(
-    bench: Bench, tmp_path: Path, tree: str, ends: bool
+    rig: NodeRig, tmp_path: Path, tree: str, ends: bool
 ) -> None:
     plan = '<ComputePathToPose goal="{goal}" path="{path}"/><Sleep msec="1000000"/>'
     inside = tree.replace("{}", f"<Sequence>{plan}</Sequence>")
     file = tmp_path / "tree.xml"
     file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="T">{inside}</BehaviorTree></root>', "utf-8")
-    navigator = Navigator(bench.servers, file, clock=bench.robot.clock, resources=[bench.robot])
-    bench.robot.schedule.add_task(2.0, Phase.PLANNER, navigator.step)
+    navigator = Navigator(rig.servers, file, clock=rig.robot.clock, resources=[rig.robot])
+    rig.robot.schedule.add_task(2.0, Phase.PLANNER, navigator.step)
     handle = navigator.send_goal(NavigateGoal((THERE,)))
-    bench.wait(MAX_STALL_S + 2.0 * THERE.x / MIN_PROGRESS_SPEED)
+    rig.wait(MAX_STALL_S + 2.0 * THERE.x / MIN_PROGRESS_SPEED)
     assert handle.done == ends
     if ends:
         assert handle.result.code == Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS

@@ -69,9 +69,7 @@ GROOT_1 = '<Parallel threshold="1"><AlwaysSuccess/></Parallel>'
         ("<OpenGripper/>", "E101 unknown node <OpenGripper>"),
     ],
 )
-def test_success_is_only_reported_for_a_file_that_is_valid(
-    cli: Cli, old: Path, body: str, error: str
-) -> None:
+def test_success_is_only_reported_for_file_that_is_valid(cli: Cli, old: Path, body: str, error: str) -> None:
     text = f'<root><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     old.write_text(text)
     result = cli("convert", old.name)

@@ -257,9 +257,7 @@ CASES = recorded_cases()
 
 @settings(max_examples=2 * settings().max_examples)
 @given(case=st.sampled_from(CASES), data=st.data())
-def test_only_tags_are_changed_and_a_second_conversion_changes_nothing(
-    case: dict[str, Any], data: st.DataObject
-) -> None:
+def test_only_tags_are_changed_and_only_once(case: dict[str, Any], data: st.DataObject) -> None:
     def spread(tag: re.Match[str]) -> str:
         return re.sub(r" (?=[\w]+=)", lambda _: data.draw(GAPS), tag[0]) + data.draw(BETWEEN)
 

@@ -8,7 +8,8 @@ import pytest
 pytest.importorskip("pygls")
 
 from btcore import Registry
-from btcore.errors import Diagnostic, TreeError
+from btcore.diagnostics import Diagnostic
+from btcore.errors import TreeError
 from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_file
 from btcore_studio.language.diagnostics import Report, check, merge

@@ -72,9 +72,7 @@ def offered(project: Project, document: SourceDocument, cut: int) -> set[str]:
     return {item.label for item in complete(project, broken, cut).items}
 
 
-def test_what_a_file_contains_is_offered_where_it_is_typed(
-    project: Project, document: SourceDocument
-) -> None:
+def test_what_file_contains_is_offered_where_it_is_typed(project: Project, document: SourceDocument) -> None:
     for element in chosen(nodes_of(document), document, 4):
         assert element.tag in offered(project, document, element.tag_start + 1)
         # What a call can connect may be written below it.

@@ -66,9 +66,7 @@ def test_installed_node_is_drawn_even_if_the_file_describes_another(tmp_path: Pa
     ("code", "attributes"),
     [("E201", 'msecs="5"'), ("E202", 'msec="five"'), ("E206", 'msec="5" _skipIf="1 +"')],
 )
-def test_errors_in_attributes_do_not_prevent_the_drawing(
-    tree_file: TreeFile, code: str, attributes: str
-) -> None:
+def test_errors_in_attributes_do_not_prevent_drawing(tree_file: TreeFile, code: str, attributes: str) -> None:
     text = f'<root BTCPP_format="4"><BehaviorTree ID="A"><Sleep {attributes}/></BehaviorTree></root>'
     assert code in [item["code"] for item in tree_file.read(text).summary()["diagnostics"]]
     [node] = drawing(tree_file, text)["nodes"]
@@ -101,9 +99,7 @@ def test_every_call_can_be_folded(tree_file: TreeFile) -> None:
     assert 'class="frame"' not in folded["svg"]
 
 
-def test_large_tree_is_folded_at_its_deepest_levels(
-    tree_file: TreeFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_large_tree_is_folded_at_deepest_levels(tree_file: TreeFile, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tree_reading, "MAX_CARDS", 6)
     shown = drawing(tree_file)
     assert shown["svg"].count("data-uid") == 6

@@ -5,7 +5,8 @@ from collections.abc import Sequence, Sized
 from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import UNKNOWN_NODE, DiagnosticCode
-from btcore.errors import Diagnostic, PortError, TreeError, UnknownNodeError, XmlSyntaxError
+from btcore.diagnostics import Diagnostic
+from btcore.errors import PortError, TreeError, UnknownNodeError, XmlSyntaxError
 
 MAX_COMPARISONS: Final = 50_000
 """Maximum number of comparisons of misspelt names with known names; each takes about 30 µs."""

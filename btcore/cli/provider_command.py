@@ -1,8 +1,8 @@
-"""The options of providers: which commands have them, and how they become settings."""
+"""Commands with the options of providers, and the runs of these commands."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Unpack
 
 import click
 from click.core import ParameterSource
@@ -11,14 +11,17 @@ from btcore import entry_points
 from btcore.cli import terminal
 from btcore.errors import ProviderError, SettingsError
 from btcore.field_options import FieldOption, create_options
+from btcore.loading.load import LoadArguments
 from btcore.options import Options, from_values, required_option_names
 from btcore.registry.registry import Plugin, import_plugin
 from btcore.runs.available_providers import AvailableProviders, providers_in
 from btcore.runs.providers import Provider
-from btcore.runs.settings import RunSettings, Settings
+from btcore.runs.run import Run, TreelessProgram
+from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.suggestions import join_names
+from btcore.xml.plan.plan import Plans
 
-_META_KEY: Final = "btcore.cli.provider_options"
+_META_KEY: Final = "btcore.cli.provider_command"
 
 
 class CommandProviders(NamedTuple):
@@ -62,35 +65,35 @@ def find_providers(
     has_own = any(provider.settings for provider in available.of_user)
     if has_all_options or has_own or not words <= known:
         options = _create_provider_options(available.all(), own)
-    found = ctx.meta[_META_KEY] = CommandProviders(available, options, plugins)
-    return found
+    providers = ctx.meta[_META_KEY] = CommandProviders(available, options, plugins)
+    return providers
 
 
 def command_providers(ctx: click.Context) -> CommandProviders:
     """Return the providers for the command with the context *ctx*."""
     if _META_KEY not in ctx.meta:  # nothing was parsed
         return find_providers(ctx, ctx.command.params, (), has_all_options=True)
-    found: CommandProviders = ctx.meta[_META_KEY]
-    return found
+    providers: CommandProviders = ctx.meta[_META_KEY]
+    return providers
 
 
 def _create_provider_options(
     providers: Sequence[Provider], own: Sequence[click.Parameter]
 ) -> list[FieldOption]:
     """Return the options of *providers*' settings, without settings that *own* options belong to."""
-    kinds = {option.struct for option in own if isinstance(option, FieldOption)} | {RunSettings}
+    known = {option.struct for option in own if isinstance(option, FieldOption)} | {RunSettings}
     names = ["--help", *(name for option in own for name in (*option.opts, option.name or ""))]
     taken = dict.fromkeys(names, "the command")
     options: list[FieldOption] = []
     for provider in providers:
-        for kind in [kind for kind in provider.settings if kind not in kinds]:
-            kinds.add(kind)
-            options += _without_clash(provider, kind, taken)
+        for settings in [settings for settings in provider.settings if settings not in known]:
+            known.add(settings)
+            options += _without_clash(provider, settings, taken)
     return options
 
 
-def _without_clash(provider: Provider, kind: type[Settings], taken: dict[str, str]) -> list[FieldOption]:
-    options = create_options(kind)
+def _without_clash(provider: Provider, settings: type[Settings], taken: dict[str, str]) -> list[FieldOption]:
+    options = create_options(settings)
     for option in options:
         for name in (option.opts[0], option.name or ""):
             if name in taken:
@@ -132,9 +135,9 @@ class ProviderCommand(click.Command):
         """
         sections: dict[str, list[tuple[str, str]]] = {}
         users: dict[type[Options], Provider] = {
-            kind: provider
+            settings: provider
             for provider in command_providers(ctx).available.of_user
-            for kind in provider.settings
+            for settings in provider.settings
         }
         for option in self.get_params(ctx):
             record = option.get_help_record(ctx)
@@ -158,48 +161,6 @@ def _plugins_in(args: Sequence[str]) -> Iterator[str]:
             yield value
 
 
-def given_options(ctx: click.Context) -> list[FieldOption]:
-    """Return the options of settings that were given to the command with the context *ctx*."""
-    not_given = (None, ParameterSource.DEFAULT)
-    return [
-        option
-        for option in ctx.command.get_params(ctx)
-        if isinstance(option, FieldOption)
-        and issubclass(option.struct, Settings)
-        and ctx.get_parameter_source(option.name or "") not in not_given
-    ]
-
-
-def settings_of(ctx: click.Context, defaults: Mapping[str, Any] | None = None) -> list[Settings]:
-    """Return the settings whose options were given to the command with the context *ctx*.
-
-    Settings that lack a required option are left out, with a warning.
-
-    Args:
-        defaults: Values of options that were not given, by the names of their parameters, as in click's
-            `default_map`.
-    """
-    given = given_options(ctx)
-    values = {option.name or "": ctx.params[option.name or ""] for option in given}
-    if defaults:
-        every = (kind for provider in command_providers(ctx).available.all() for kind in provider.settings)
-        given += [item for kind in every for item in create_options(kind) if item.name in defaults]
-        values = {**defaults, **values}
-    found: list[Settings] = []
-    for kind in dict.fromkeys(option.struct for option in given):
-        try:
-            settings = from_values(kind, values)
-        except SettingsError as error:
-            raise click.UsageError(str(error)) from error
-        if isinstance(settings, Settings):
-            found.append(settings)
-        else:
-            needed = join_names(required_option_names(kind))
-            names = join_names([option.opts[0] for option in given if option.struct is kind])
-            terminal.print_warning(f"{names}: no effect without {needed}")
-    return found
-
-
 @contextmanager
 def explain_missing_options(ctx: click.Context) -> Iterator[None]:
     """Return a context that explains that an unknown option may come from a package that is not installed."""
@@ -216,3 +177,94 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
         raise click.UsageError(
             f"{text}. The option may belong to a provider that cannot be loaded: {packages}", ctx
         ) from error
+
+
+class CommandRun(Run):
+    """A run of a command of class `ProviderCommand`.
+
+    Options that no provider uses are printed, and what the providers raise when they are closed.
+
+    Args:
+        ctx: The context of the command.
+        source: The tree or the program.
+        prepare: As in `Run`.
+        settings: Settings in place of those of the command line.
+        provided: As in `Run`.
+        used: Classes of settings that the command uses itself.
+        option_defaults: Values of options that were not given, by the names of their parameters.
+        arguments: As in `Run`.
+    """
+
+    def __init__(
+        self,
+        ctx: click.Context,
+        source: Plans | TreelessProgram,
+        prepare: Callable[[Any], None] | None = None,
+        *,
+        settings: Sequence[Settings] = (),
+        provided: Sequence[object] = (),
+        used: Iterable[type[Settings]] = (),
+        option_defaults: Mapping[str, Any] | None = None,
+        **arguments: Unpack[LoadArguments],
+    ) -> None:
+        super().__init__(
+            source,
+            settings=GivenSettings([*_settings_of(ctx, option_defaults or {}), *settings]),
+            provided=provided,
+            providers=command_providers(ctx).available,
+            prepare=prepare,
+            **arguments,
+        )
+        self._ctx = ctx
+        self._used = frozenset(used)
+
+    def warn_unused(self, unused: type[Settings], reason: str) -> None:
+        """Print a warning for the given options of *unused*, unless the command uses them itself."""
+        if unused in self._used:
+            return
+        names = [option.opts[0] for option in _given_options(self._ctx) if option.struct is unused]
+        have = "has" if len(names) == 1 else "have"
+        terminal.print_warning(f"{join_names(names)} {have} no effect: {reason}")
+
+    def handle_closing_errors(self, error: BaseException | None) -> None:
+        """Print the errors, which also determine the exit code."""
+        for closing_error in self.closing_errors:
+            terminal.print_error(str(closing_error))
+
+
+def _given_options(ctx: click.Context) -> list[FieldOption]:
+    """Return the options of settings that were given."""
+    not_given = (None, ParameterSource.DEFAULT)
+    return [
+        option
+        for option in ctx.command.get_params(ctx)
+        if isinstance(option, FieldOption)
+        and issubclass(option.struct, Settings)
+        and ctx.get_parameter_source(option.name or "") not in not_given
+    ]
+
+
+def _settings_of(ctx: click.Context, defaults: Mapping[str, Any]) -> list[Settings]:
+    """Return the settings of which an option was given, or has a value in *defaults*.
+
+    Settings that lack a required option are left out, with a warning.
+    """
+    options = _given_options(ctx)
+    values = {**defaults, **{option.name or "": ctx.params[option.name or ""] for option in options}}
+    if defaults:
+        providers = command_providers(ctx).available.all()
+        structs = [struct for provider in providers for struct in provider.settings]
+        options += [item for struct in structs for item in create_options(struct) if item.name in defaults]
+    given: list[Settings] = []
+    for struct in dict.fromkeys(option.struct for option in options):
+        try:
+            settings = from_values(struct, values)
+        except SettingsError as error:
+            raise click.UsageError(str(error)) from error
+        if isinstance(settings, Settings):
+            given.append(settings)
+        else:
+            needed = join_names(required_option_names(struct))
+            names = join_names([option.opts[0] for option in options if option.struct is struct])
+            terminal.print_warning(f"{names}: no effect without {needed}")
+    return given

@@ -1,0 +1,98 @@
+"""Reloading the tree of `btcore run --watch` whenever its file is saved."""
+
+from btcore.cli import terminal
+from btcore.cli.progress import Progress
+from btcore.cli.provider_command import CommandRun
+from btcore.cli.run_report import print_leaf_error
+from btcore.cli.tree_source import TreeSource
+from btcore.errors import BtcoreError, NodeExecutionError
+from btcore.loading.hot_reload import FileWatcher, rebuild_tree
+from btcore.runs.providers import fits
+from btcore.runs.tick_loop import LoopEnd, TickLoop
+from btcore.status import Status
+
+
+class Reloads:
+    """Ticks the tree of a run, replaces it when its file is saved, and prints what happens.
+
+    Args:
+        source: The file of the tree.
+        files: Detects that the file, or one that it includes, was saved.
+        progress: The status line of the run.
+
+    Attributes:
+        printed_error: The last exception of a leaf, which was printed; None without one.
+    """
+
+    def __init__(self, run: CommandRun, source: TreeSource, files: FileWatcher, progress: Progress) -> None:
+        self.printed_error: NodeExecutionError | None = None
+        self._run = run
+        self._source = source
+        self._files = files
+        self._progress = progress
+        self._count = 0
+
+    def tick(self, loop: TickLoop) -> LoopEnd:
+        """Tick the tree, and those that replace it, until the run ends; return the reason.
+
+        After the end of a tree, also by an exception of a leaf, wait for the next save. The exception is
+        raised at the end of the run, unless another tree has replaced that tree.
+        """
+        run = self._run
+        loop.reload = self._reload
+        while True:
+            end: LoopEnd | None = "done"
+            try:
+                end = loop.run()
+            except NodeExecutionError as error:
+                run.error = error
+                self._print_leaf_error(error)
+            if end == "done":
+                status = None if run.error is not None else run.status
+                self._progress.show_waiting(status, self._source.path.name)
+                end = loop.wait_for_reload()
+            if end is not None:
+                if run.error is not None:
+                    raise run.error
+                return end
+
+    def _reload(self) -> bool:
+        """Replace the tree by that in its file, if the file was saved and has no errors; return whether."""
+        if not self._files.was_saved():
+            return False
+        run, tree = self._run, self._run.tree
+        try:
+            plans = self._source.read_plans()
+            try:
+                new_tree = rebuild_tree(tree, plans, run.resources)
+            except BtcoreError as error:
+                types = plans.required_resources()
+                if not all(any(fits(resource, type) for resource in run.resources) for type in types):
+                    error.add_note(
+                        "resources are created only at the start of a run: start a new run for this tree"
+                    )
+                raise
+        except BtcoreError as error:
+            with self._progress.suspend():
+                terminal.print_btcore_error(error)
+                action = "continues" if tree.status is Status.RUNNING else "is kept"
+                terminal.print_warning(f"{self._source.path.name} has errors: the previous tree {action}")
+            return False
+        try:
+            tree.halt()
+        except NodeExecutionError as error:
+            self._print_leaf_error(error)
+        new_tree.start_tick_counts()
+        self._count += 1
+        run.report["reloads"] = self._count
+        with self._progress.suspend():
+            terminal.print_diagnostics(plans.diagnostics.warnings)
+            terminal.print_labelled("reloaded", str(self._source.path))
+        self._progress.set_tree(new_tree)
+        run.replace_tree(new_tree)
+        return True
+
+    def _print_leaf_error(self, error: NodeExecutionError) -> None:
+        self.printed_error = error
+        with self._progress.suspend():
+            print_leaf_error(error, self._run.tree)

@@ -1,0 +1,204 @@
+"""Diagnostics: errors and warnings about a document, with their places, hints and fixes."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from typing import Final, Literal, NamedTuple
+
+from btcore.diagnostic_codes import DiagnosticCode
+from btcore.escaping import escape_controls
+from btcore.suggestions import suggestion
+
+FixOperation = Literal[
+    "add_children", "call_tree", "close_tag", "connect", "create_entry", "create_tree", "declare_node",
+    "end_tag", "escape", "insert_text", "name_tree", "remove", "remove_children", "rename",
+    "rename_attribute", "rename_element", "replace_text", "set_attributes", "set_format", "set_value",
+    "wrap_children",
+]  # fmt: skip
+"""The operations of `Fix`; btcore/xml/edit/fixes.py describes each of them."""
+
+
+class Fix(NamedTuple):
+    """A change that removes the cause of a diagnostic; `btcore.xml.edit.fixes` makes edits of the text.
+
+    Attributes:
+        operation: The operation, applied at the place of the diagnostic.
+        arguments: The arguments of the operation, such as the new name.
+        is_safe: Whether the change needs no decision of a person: the document means the same as before, or
+            it was invalid and can mean nothing else. `btcore validate --fix` applies these changes.
+    """
+
+    operation: FixOperation
+    arguments: tuple[str | int, ...] = ()
+    is_safe: bool = False
+
+
+class Hint(NamedTuple):
+    """How to correct the problem of a diagnostic: its attributes `hint`, `fixes` and `outer_key`."""
+
+    text: str = ""
+    fixes: tuple[Fix, ...] = ()
+    outer_key: str = ""
+
+    @classmethod
+    def of(cls, hint: "str | Hint") -> "Hint":
+        """Return *hint*; a text becomes a hint without fixes."""
+        return hint if isinstance(hint, Hint) else cls(hint)
+
+    @classmethod
+    def similar_name(cls, name: str) -> "Hint":
+        """Return the hint that the marked name may be a misspelt *name*."""
+        return cls(suggestion(f"'{name}'"), (Fix("rename", (name,)),))
+
+
+class Diagnostic(NamedTuple):
+    """One error or warning about a document.
+
+    Attributes:
+        code: The stable code (docs/reference/errors.md explains each code).
+        message: What is wrong.
+        file: The file; "" = the document was given as a text.
+        line: The line, from 1; 0 = unknown.
+        column: The column in characters, from 1; 0 = unknown.
+        hint: How to correct the problem, or "".
+        source: The text of the line.
+        width: The number of characters to mark.
+        fixes: Changes of the document that remove the problem, the best first.
+        outer_key: The key of an entry that a calling tree or the program may write instead; "" = none.
+
+    Examples:
+        >>> import btcore
+        >>> b = btcore.Builder()
+        >>> try:
+        ...     b.build(b.Inverter())
+        ... except btcore.TreeError as error:
+        ...     diagnostic = error.diagnostics[0]
+        >>> diagnostic.code, diagnostic.is_error, diagnostic.code.summary
+        ('E104', True, 'wrong number of children')
+    """
+
+    code: DiagnosticCode
+    message: str
+    file: str = ""
+    line: int = 0
+    column: int = 0
+    hint: str = ""
+    source: str = ""
+    width: int = 1
+    fixes: tuple[Fix, ...] = ()
+    outer_key: str = ""
+
+    @property
+    def is_error(self) -> bool:
+        """Whether the problem prevents loading the tree, or makes every tick raise."""
+        return self.code.severity == "error"
+
+    @property
+    def where(self) -> str:
+        """`file:line:column`, without the unknown parts."""
+        parts = [self.file or "<text>"]
+        if self.line:
+            parts.append(str(self.line))
+            if self.column:
+                parts.append(str(self.column))
+        return ":".join(parts)
+
+    def __str__(self) -> str:
+        return "".join(text for _, text in diagnostic_parts(self))
+
+
+DiagnosticPart = Literal["place", "code", "message", "line", "carets", "hint"]
+
+
+def diagnostic_parts(diagnostic: Diagnostic) -> Iterator[tuple[DiagnosticPart, str]]:
+    """Yield the parts of the text of a diagnostic, which the terminal prints in different styles."""
+    yield "place", f"{diagnostic.where}: "
+    yield "code", diagnostic.code
+    yield "message", f" {diagnostic.message}"
+    if diagnostic.source and diagnostic.line:
+        shown = excerpt(diagnostic.source, diagnostic.line, diagnostic.column, diagnostic.width)
+        line, line_break, carets = shown.partition("\n")
+        yield "line", f"\n{line}"
+        yield "carets", line_break + carets
+    if diagnostic.hint:
+        yield "hint", f"\n      {diagnostic.hint}"
+
+
+class LiteralProblem(NamedTuple):
+    """A literal in the text of a port that is invalid, found by `TreeNode.check_literals`.
+
+    Attributes:
+        port: The name of the port.
+        message: What is wrong.
+        hint: How to correct the problem, or "".
+        start: The number of the first invalid character in the text, from 1; 0 = the whole text.
+        width: The number of invalid characters.
+        is_unchecked: Whether the literal could not be checked, which is a warning (W215) instead of an error.
+
+    Examples:
+        >>> import btcore
+        >>> class Goto(btcore.SyncAction):
+        ...     room: btcore.In[str]
+        ...     @classmethod
+        ...     def check_literals(cls, literals):
+        ...         if literals.get("room", "kitchen") not in ("kitchen", "hall"):
+        ...             yield btcore.LiteralProblem("room", "unknown room", "rooms: kitchen and hall")
+        >>> [problem.message for problem in Goto.check_literals({"room": "cellar"})]
+        ['unknown room']
+    """
+
+    port: str
+    message: str
+    hint: str = ""
+    start: int = 0
+    width: int = 0
+    is_unchecked: bool = False
+
+
+def excerpt(source: str, line: int, column: int, width: int = 1, max_width: int = 100) -> str:
+    """Return a line of text with carets below the marked characters. Control characters are escaped.
+
+    Args:
+        source: The line.
+        line: The number of the line, from 1.
+        column: The column of the first marked character, from 1; 0 = no marks.
+        width: The number of marked characters.
+        max_width: The maximum number of characters shown; a longer line is cut.
+    """
+    start = max(0, min(column - 1 - max_width // 3, len(source) - max_width))
+    shown = source[start : start + max_width].replace("\t", " ")
+    if not column:
+        return f"   {line} |  {escape_controls(shown)}"
+    first = column - 1 - start
+    last = first + max(1, min(width, max_width, len(source) - column + 1))
+    before, marked, after = map(escape_controls, (shown[:first], shown[first:last], shown[last:]))
+    gap = " " * (len(str(line)) + 3) + " |  "
+    # Beyond the end of the line, a caret is below no character.
+    indent = len(before) + first - len(shown[:first])
+    carets = len(marked) + last - first - len(shown[first:last])
+    return f"   {line} |  {before}{marked}{after}\n{gap}{' ' * indent}{'^' * carets}"
+
+
+MAX_SHOWN_DIAGNOSTICS: Final = 100
+"""The maximum number of diagnostics of one file in a message."""
+
+
+def shown_diagnostics(diagnostics: Iterable[Diagnostic]) -> tuple[list[Diagnostic], list[str]]:
+    """Return the first 100 diagnostics of each file, and a sentence that counts the others of each file."""
+    shown: list[Diagnostic] = []
+    kept: Counter[str] = Counter()
+    omitted: dict[str, Counter[str]] = {}
+    for diagnostic in diagnostics:
+        file = diagnostic.file
+        if kept[file] < MAX_SHOWN_DIAGNOSTICS:
+            kept[file] += 1
+            shown.append(diagnostic)
+        else:
+            severity = diagnostic.code.severity
+            noun = severity if severity in ("error", "warning") else "change"
+            omitted.setdefault(file, Counter())[noun] += 1
+    sentences = [
+        f"{file or '<text>'}: "
+        + " and ".join(f"{count:,} more {noun}{'s' * (count > 1)}" for noun, count in counts.items())
+        for file, counts in omitted.items()
+    ]
+    return shown, sentences
