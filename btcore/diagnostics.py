@@ -154,7 +154,7 @@ class LiteralProblem(NamedTuple):
     is_unchecked: bool = False
 
 
-def excerpt(source: str, line: int, column: int, width: int = 1, room: int = 100) -> str:
+def excerpt(source: str, line: int, column: int, width: int = 1, max_width: int = 100) -> str:
     """Return a line of text with carets below the marked characters. Control characters are escaped.
 
     Args:
@@ -162,14 +162,14 @@ def excerpt(source: str, line: int, column: int, width: int = 1, room: int = 100
         line: The number of the line, from 1.
         column: The column of the first marked character, from 1; 0 = no marks.
         width: The number of marked characters.
-        room: The maximum number of characters shown; a longer line is cut.
+        max_width: The maximum number of characters shown; a longer line is cut.
     """
-    start = max(0, min(column - 1 - room // 3, len(source) - room))
-    shown = source[start : start + room].replace("\t", " ")
+    start = max(0, min(column - 1 - max_width // 3, len(source) - max_width))
+    shown = source[start : start + max_width].replace("\t", " ")
     if not column:
         return f"   {line} |  {escape_controls(shown)}"
     first = column - 1 - start
-    last = first + max(1, min(width, room, len(source) - column + 1))
+    last = first + max(1, min(width, max_width, len(source) - column + 1))
     before, marked, after = map(escape_controls, (shown[:first], shown[first:last], shown[last:]))
     gap = " " * (len(str(line)) + 3) + " |  "
     # Beyond the end of the line, a caret is below no character.
