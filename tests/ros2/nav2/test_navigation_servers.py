@@ -36,7 +36,7 @@ from btcore_robot.occupancy_map import OccupancyMap, save_map
 from btcore_ros2.interfaces import load_interface
 from btcore_ros2.session import RosSession
 from tests.ros2.action_client import LIMIT_S, ClientProcess
-from tests.ros2.nav2.conftest import PATIENT
+from tests.ros2.nav2.conftest import LONG_TIMEOUTS
 from tests.ros2.nav2.rviz_displays import DISPLAYS, Qos
 
 SUCCEEDED, CANCELED, ABORTED = (
@@ -509,7 +509,7 @@ def test_default_tree_of_nav2_in_another_process(navigation: NavigationProcess) 
     """Nav2's default tree, with its nodes as clients, reaches its goal through the navigation."""
     tree = subprocess.Popen(
         [
-            *(sys.executable, "-c", PATIENT, "run", "--nav2", "--set", "goal=0.2;-0.2;0.0"),
+            *(sys.executable, "-c", LONG_TIMEOUTS, "run", "--nav2", "--set", "goal=0.2;-0.2;0.0"),
             *("navigation/navigate_to_pose_w_replanning_and_recovery", "--duration", str(LIMIT_S)),
         ],
         stderr=subprocess.PIPE,
