@@ -13,6 +13,7 @@ from msgspec.structs import FieldInfo
 from btcore.errors import BtcoreError
 from btcore.options import Options, describe_field, from_values, option_name
 
+# For users; packages of btcore also import `FieldOption` and `create_options`.
 __all__ = ["FiniteRange", "add_options", "pass_options"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])

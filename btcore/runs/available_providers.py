@@ -37,8 +37,6 @@ class AvailableProviders:
                 name = getattr(provider, "__name__", repr(provider))
                 raise TypeError(f"{name} is not a provider: mark the function by @btcore.provider")
         self.core = [random_numbers, tree_logs]
-        for provider in self.core:
-            provider.is_installed = True
         self.unavailable: list[entry_points.UnavailableEntryPoint] = []
         self._uses_installed = uses_installed
         self._loaded: dict[str, Provider | None] = {}
@@ -85,7 +83,6 @@ class AvailableProviders:
             if isinstance(loaded, entry_points.UnavailableEntryPoint):
                 self.unavailable.append(loaded._replace(name=loaded.name.partition("-")[0]))
             elif isinstance(loaded.value, Provider):
-                loaded.value.is_installed = True
                 self._loaded[point.value] = loaded.value
             else:
                 raise ProviderError(

@@ -281,7 +281,7 @@ class _Attempt:
         return (
             bool(provider.required_settings),
             provider in self._used,
-            not provider.is_installed,
+            provider in self._available.of_user,
             bool(needed) and all(any(other in self._used for other in of_type) for of_type in needed),
             not provider.is_default,
         )

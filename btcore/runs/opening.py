@@ -17,7 +17,7 @@ from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, choose, unused_settings
 from btcore.runs.providers import Need, Provider, Report, fits, full_name, is_settings
-from btcore.runs.settings import GivenSettings, RunSettings, Settings
+from btcore.runs.settings import GivenSettings, Settings
 from btcore.tree.tree import Tree
 
 
@@ -210,9 +210,7 @@ class OpenedProviders:
                 f"the provider {provider} declares a Clock, but provides no object with a clock"
             )
         clock = next((provided for provided in self._provided if is_clock(provided)), None)
-        run_settings = self._settings.find(RunSettings)
-        is_fast = run_settings is not None and run_settings.fast
-        return clock or (SimClock() if is_fast else SystemClock())
+        return clock or (SimClock() if self._settings.run_settings.fast else SystemClock())
 
     def replace_tree(self, tree: Tree) -> None:
         """Let the providers that follow the tree follow *tree*; those that cannot are opened again."""

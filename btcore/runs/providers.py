@@ -124,8 +124,6 @@ class Provider:
 
     Attributes:
         name: The name of the function.
-        is_installed: Whether the provider comes from btcore or an installed package, not from the user's
-            program.
     """
 
     def __init__(
@@ -136,7 +134,6 @@ class Provider:
         self.function = function
         self.name = function.__name__
         self.is_default = default
-        self.is_installed = False
         self._provides = provides
         self.__doc__ = function.__doc__
         self.__module__ = function.__module__

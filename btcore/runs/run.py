@@ -32,7 +32,7 @@ from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
 from btcore.runs.opening import OpenedProviders
 from btcore.runs.providers import EndReason, Provider, Report
-from btcore.runs.settings import GivenSettings, RunSettings, Settings
+from btcore.runs.settings import GivenSettings, Settings
 from btcore.runs.tick_loop import TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
@@ -166,7 +166,7 @@ class Run:
         self._prepare = prepare
         # Those of a command are checked already.
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
-        self.run_settings = self.settings.find(RunSettings) or RunSettings()
+        self.run_settings = self.settings.run_settings
         self.report = Report()
         self.elapsed_s = 0.0
         self.wall_s = 0.0

@@ -72,3 +72,10 @@ class GivenSettings(dict[type[Settings], Settings]):
         if given is None and not required_option_names(settings):
             given = settings()
         return given  # type: ignore[return-value]
+
+    @property
+    def run_settings(self) -> RunSettings:
+        """The `RunSettings`, given or with their defaults."""
+        run_settings = self.find(RunSettings)
+        assert run_settings is not None, "no field is required"
+        return run_settings

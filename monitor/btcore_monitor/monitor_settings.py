@@ -97,7 +97,7 @@ class MonitorSettings(OutputOptions, Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_needed_options()
-        self.choose_ports()
+        self.choose_ports()  # raises if the ports are out of range
         # Files, packages and the display are checked here, because the provider is opened after the robot.
         if self.key_file is not None:
             RobotKeys(self.key_file, self.allow_key)  # reads the keys

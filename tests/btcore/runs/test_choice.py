@@ -1,7 +1,7 @@
 """Which providers a run uses, in which order they are opened and closed, and the errors about them."""
 
 import inspect
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Protocol
@@ -66,9 +66,16 @@ class OutputSettings(Settings):
     output: Annotated[str | None, option("The file.")] = None  # type: ignore[assignment]
 
 
-def run_with(*providers: Provider, want: Any = (), settings: Any = (), provided: Any = ()) -> Run:
-    """Return the run of a program that wants types, with no installed providers."""
+def run_with(
+    *providers: Provider,
+    want: Any = (),
+    settings: Any = (),
+    provided: Any = (),
+    installed: Mapping[str, Provider] | None = None,
+) -> Run:
+    """Return the run of a program that wants types; no other providers are installed."""
     source = AvailableProviders(providers, uses_installed=False)
+    source._loaded = dict(installed or {})
     program = TreelessProgram("Test", lambda: False)
     run = Run(program, provided=provided, settings=[FAST, *settings], providers=source)
     return run.want(*want)
@@ -403,9 +410,7 @@ def make_provider(number: int, plan: Plan, log: list[tuple[str, int]]) -> Provid
     function.__annotations__ = {**hints, "return": Iterator[TYPES[plan.provides[0]]]}  # type: ignore[valid-type]
     parameters = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in hints]
     function.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    made = Provider(function, [TYPES[index] for index in plan.provides[1:]], plan.is_default)
-    made.is_installed = plan.is_installed
-    return made
+    return Provider(function, [TYPES[index] for index in plan.provides[1:]], plan.is_default)
 
 
 @given(st.lists(plans, max_size=6), st.lists(st.integers(0, 5), unique=True), st.sampled_from(["", "body"]))
@@ -414,9 +419,11 @@ def test_random_providers_open_after_their_needs_and_close_in_reverse(
 ) -> None:
     log: list[tuple[str, int]] = []
     made = [make_provider(number, plan, log) for number, plan in enumerate(chosen)]
+    installed = {str(number): made[number] for number, plan in enumerate(chosen) if plan.is_installed}
+    users = [provider for provider in made if provider not in installed.values()]
     with (
         suppress(BtcoreError, KeyError),
-        run_with(*made).want(*(TYPES[index] for index in wanted), optional=True) as run,
+        run_with(*users, installed=installed).want(*(TYPES[index] for index in wanted), optional=True) as run,
     ):
         for index in wanted:
             found = run.find(TYPES[index])
@@ -437,8 +444,7 @@ def test_an_installed_provider_comes_before_the_default_of_the_core() -> None:
     def dice() -> object:
         return "dice"
 
-    dice.is_installed = True
-    with Run(TreelessProgram("Test"), providers=[dice]).want("random.Random") as run:
+    with run_with(want=["random.Random"], installed={"dice": dice}) as run:
         assert run.resources == ["dice"]
 
 
