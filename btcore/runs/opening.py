@@ -5,7 +5,7 @@ An exception whose message is not meant for the user becomes a `ProviderError` t
 
 import contextlib
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from traceback import walk_tb
 from types import TracebackType
 from typing import Any
@@ -69,7 +69,7 @@ class OpenedProvider:
                 raise  # the exception of the run, or its explanation by the provider
             self.error = self.error or own_error
 
-    def follow(self, tree: Tree) -> bool:
+    def replace_tree(self, tree: Tree) -> bool:
         """Pass *tree* to what was provided; return False if it has no method `replace_tree`."""
         replace_tree = getattr(self.value, "replace_tree", None)
         if replace_tree is None:
@@ -93,13 +93,12 @@ class OpenedProvider:
         return next(fitting, next(iter(self.objects), None))
 
 
-class OpenedProviders:
-    """The used providers of a run, and the objects that they and the program provide.
+class RunProviders:
+    """The providers of a run, which are chosen and then opened, and the objects of the run.
 
     Args:
         provided: The objects of the program.
         clock: The clock that the program has given, or None.
-        tree: Returns the tree of the run.
         report: The report of the run.
 
     Attributes:
@@ -113,19 +112,14 @@ class OpenedProviders:
         settings: GivenSettings,
         provided: Sequence[object],
         clock: Clock | None,
-        tree: Callable[[], Tree],
         report: Report,
     ) -> None:
         self._available = available
         self._settings = settings
         self._provided = provided
         self._clock = clock
-        self._of_run: dict[Any, Callable[[], object]] = {
-            Clock: lambda: self.clock,
-            Tree: tree,
-            Report: lambda: report,
-            Resources: lambda: self.resources,
-        }
+        self._report = report
+        self._tree: Tree | None = None
         self._opened: dict[Provider, OpenedProvider] = {}
         self.choice = Choice()
         self.resources = Resources()
@@ -148,8 +142,8 @@ class OpenedProviders:
             if provider is not None and self.choice.follows_tree(provider):
                 raise ProviderError(_unavailable_to_leaves(provider))
 
-    def open_for_leaves(self, types: Sequence[Any], stack: contextlib.ExitStack) -> None:
-        """Open the providers that need no tree, which *stack* closes, and fill the resources.
+    def open_before_tree(self, types: Sequence[Any], stack: contextlib.ExitStack) -> None:
+        """Open the providers that do not follow the tree, and fill the resources.
 
         Args:
             types: The types of which a leaf or the program gets the object of the chosen provider.
@@ -167,8 +161,9 @@ class OpenedProviders:
             if chosen is not None:
                 self.resources.choose(needed, chosen)
 
-    def open_for_tree(self, stack: contextlib.ExitStack) -> None:
-        """Open the providers that need the tree, which exists now. Its leaves do not get their objects."""
+    def open_after_tree(self, tree: Tree, stack: contextlib.ExitStack) -> None:
+        """Open the providers that follow *tree*, whose leaves do not get their objects."""
+        self._tree = tree
         for provider in self.choice.order:
             if self.choice.follows_tree(provider):
                 self._open(provider, stack)
@@ -214,10 +209,11 @@ class OpenedProviders:
 
     def replace_tree(self, tree: Tree) -> None:
         """Let the providers that follow the tree follow *tree*; those that cannot are opened again."""
+        self._tree = tree
         again: dict[Provider, OpenedProvider] = {}
         for provider, opened in self._opened.items():  # each after those that it needs
             if provider.needs_tree:
-                is_new = not opened.follow(tree)
+                is_new = not opened.replace_tree(tree)
             else:
                 is_new = any(other in again for other in self.choice.providers_for(provider))
             if is_new:
@@ -268,8 +264,14 @@ class OpenedProviders:
         return {need.parameter: self._argument(provider, need) for need in provider.needs}
 
     def _argument(self, provider: Provider, need: Need) -> object:
-        if need.type in self._of_run:
-            return self._of_run[need.type]()
+        if need.type is Clock:
+            return self.clock
+        if need.type is Tree:
+            return self._tree
+        if need.type is Report:
+            return self._report
+        if need.type is Resources:
+            return self.resources
         if is_settings(need.type):
             return self._settings.find(need.type)
         chosen = self._find(need.type_name)

@@ -30,7 +30,7 @@ from btcore.loading.load import (
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
-from btcore.runs.opening import OpenedProviders
+from btcore.runs.opening import RunProviders
 from btcore.runs.providers import EndReason, Provider, Report
 from btcore.runs.settings import GivenSettings, Settings
 from btcore.runs.tick_loop import TickLoop, Until
@@ -172,9 +172,7 @@ class Run:
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
         clock = arguments.get("clock")
-        self._opened = OpenedProviders(
-            available, self.settings, list(provided), clock, lambda: self.tree, self.report
-        )
+        self._providers = RunProviders(available, self.settings, list(provided), clock, self.report)
         self._loop = TickLoop(self.run_settings)
         self._signals = EndingSignals()
         self._stack = ExitStack()
@@ -197,7 +195,7 @@ class Run:
 
     def find(self, type: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
         """Return the object of a type among the resources, or None."""
-        return self._opened.find(type)  # type: ignore[return-value]
+        return self._providers.find(type)  # type: ignore[return-value]
 
     def __enter__(self) -> Self:
         try:
@@ -211,15 +209,15 @@ class Run:
     def _enter(self) -> None:
         with ExitStack() as stack:
             stack.enter_context(self._signals)
-            opened = self._opened
-            opened.choose(self._leaf_types, self._wanted, self._optional)
-            opened.open_for_leaves([*self._leaf_types, *self._wanted, *self._optional], stack)
+            providers = self._providers
+            providers.choose(self._leaf_types, self._wanted, self._optional)
+            providers.open_before_tree([*self._leaf_types, *self._wanted, *self._optional], stack)
             self._loop.trees = [self._create_tree(source) for source in self._sources]
             if self._prepare is not None:
                 self._prepare(self)
-            opened.open_for_tree(stack)
+            providers.open_after_tree(self.tree, stack)
             stack.callback(self._halt)
-            for unused, reason in opened.unused_settings().items():
+            for unused, reason in providers.unused_settings().items():
                 self.warn_unused(unused, reason)
             self._stack = stack.pop_all()
 
@@ -251,17 +249,17 @@ class Run:
     @property
     def choice(self) -> Choice:
         """The used providers."""
-        return self._opened.choice
+        return self._providers.choice
 
     @property
     def resources(self) -> Resources:
         """The objects for leaves; the object of a used provider comes before others of its type."""
-        return self._opened.resources
+        return self._providers.resources
 
     @property
     def clock(self) -> Clock:
         """The clock of the run."""
-        return self._opened.clock
+        return self._providers.clock
 
     def _create_tree(self, source: Plans | TreelessProgram) -> Tree:
         if isinstance(source, TreelessProgram):
@@ -271,7 +269,7 @@ class Run:
             with PausedGarbageCollection():
                 return create_tree(source, {**arguments, "resources": self.resources, "clock": self.clock})
         except TreeError as error:
-            for note in self._opened.missing_notes(self._leaf_types):
+            for note in self._providers.missing_notes(self._leaf_types):
                 error.add_note(note)
             raise
 
@@ -358,7 +356,7 @@ class Run:
     def replace_tree(self, tree: Tree) -> None:
         """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
         self._loop.replace_tree(tree)
-        self._opened.replace_tree(tree)
+        self._providers.replace_tree(tree)
 
     @contextmanager
     def _leaf_error_kept(self) -> Iterator[None]:
@@ -439,7 +437,7 @@ class Run:
     @property
     def closing_errors(self) -> list[BtcoreError]:
         """What the providers raised when they were closed, such as `OutputError`."""
-        return self._opened.errors
+        return self._providers.errors
 
     def _joint_closing_error(self) -> BtcoreError:
         if len(self.closing_errors) == 1:
