@@ -1,4 +1,4 @@
-"""The rules for names of nodes, trees and ports, both in registrations and in XML."""
+"""The rules for names of nodes, trees and ports, both in registrations and in XML; reserved attributes."""
 
 from typing import Final
 
@@ -6,11 +6,11 @@ from typing import Final
 FORBIDDEN: Final = frozenset(" \t\r\n<>&\"'/\\:*?|.") | {chr(code) for code in (*range(32), 127)}
 """The characters that are not allowed in an ID."""
 _RESERVED_IN_3: Final = frozenset({"ID", "name", "_description"})
+PRECONDITION_ATTRIBUTES: Final = ("_failureIf", "_successIf", "_skipIf", "_while")
+POSTCONDITION_ATTRIBUTES: Final = ("_onHalted", "_onFailure", "_onSuccess", "_post")
+SCRIPT_ATTRIBUTES: Final = frozenset(PRECONDITION_ATTRIBUTES + POSTCONDITION_ATTRIBUTES)
 # Without "_autoremap": the models that BehaviorTree.CPP writes list it as a port of SubTree.
-_RESERVED_ATTRIBUTES: Final = frozenset(
-    {"ID", "name", "_failureIf", "_successIf", "_skipIf", "_while"}
-    | {"_onHalted", "_onFailure", "_onSuccess", "_post"}
-)
+_RESERVED_ATTRIBUTES: Final = SCRIPT_ATTRIBUTES | {"ID", "name"}
 RESERVED_IDS: Final = frozenset({"Root", "root"})
 """The names that no node or tree may have."""
 

@@ -22,6 +22,7 @@ from btcore.lint.ports import conversion_error, entry_hint, is_listed, valid_lit
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.lint.scripts import is_constant
 from btcore.lint.unwritten_keys import is_declaration
+from btcore.names import POSTCONDITION_ATTRIBUTES
 from btcore.registry.manifest import Manifest
 from btcore.registry.mock_nodes import is_mock
 from btcore.script.expressions import Assignment, Literal, Name
@@ -29,7 +30,6 @@ from btcore.status import SUCCESS
 from btcore.values import INT64, STRING
 from btcore.xml.plan.key_uses import WRITING, AccessKind, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.read.dialect import POSTCONDITION_ATTRIBUTES
 
 ChildPlace = tuple[NodePlan, int]
 """The parent of a node, and the node's index among the children."""

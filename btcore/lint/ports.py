@@ -31,7 +31,7 @@ from btcore.engine.signature import PortAttribute
 from btcore.errors import ConversionError
 from btcore.lint.possible_results import is_built_in
 from btcore.lint.reporter import LintReporter, node_label
-from btcore.names import is_port_name, port_name_error
+from btcore.names import SCRIPT_ATTRIBUTES, is_port_name, port_name_error
 from btcore.registry.manifest import Manifest
 from btcore.registry.mock_nodes import is_mock
 from btcore.suggestions import join_names, nearest_name
@@ -39,7 +39,6 @@ from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorT
 from btcore.values.numbers import whole_float
 from btcore.xml.plan.hints import value_hint
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES
 from btcore.xml.read.read import Document
 
 # Longer texts are not checked: the search for the longest number takes quadratic time.

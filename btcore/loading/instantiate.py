@@ -101,8 +101,9 @@ def _find_clock(resources: Sequence[object]) -> Clock:
 class SubtreeDraft:
     """The nodes of one tree while they are created; `instantiate` makes a `btcore.Subtree` of it.
 
-    *prefix* begins the paths of its nodes. *inputs* holds the inputs that nodes with equal texts share. The
-    other attributes are those of `Subtree`.
+    Attributes:
+        prefix: The beginning of the paths of its nodes.
+        inputs: The inputs that nodes with equal texts share, by those of the plans.
     """
 
     __slots__ = ("blackboard", "document", "inputs", "nodes", "path", "plan", "prefix")

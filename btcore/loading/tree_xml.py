@@ -3,11 +3,10 @@
 from collections.abc import Iterable
 
 from btcore.engine.node import TreeNode
-from btcore.names import is_port_name
+from btcore.names import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES, is_port_name
 from btcore.status import NodeType
 from btcore.tree.tree import Subtree, Tree
 from btcore.xml.models.tree_nodes_model import model_lines, quoted
-from btcore.xml.read.dialect import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
 
 _STEP = "    "
 

@@ -15,18 +15,13 @@ from btcore.blackboard.ports import Port
 from btcore.cli import terminal
 from btcore.cli.node_libraries import PaletteOptions, load_libraries
 from btcore.field_options import pass_options
+from btcore.names import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.status import NodeType, Status
 from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, EnumType, ValueType
 from btcore.xml.models.tree_nodes_model import TAG_OF
-from btcore.xml.read.dialect import (
-    DIALECTS,
-    EXPLICIT_TAGS,
-    PORT_TAGS,
-    POSTCONDITION_ATTRIBUTES,
-    PRECONDITION_ATTRIBUTES,
-)
+from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS
 
 __all__ = ["write_schema"]
 

@@ -6,10 +6,10 @@ from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.diagnostics import Diagnostic, FixOperation
-from btcore.names import is_port_name
+from btcore.names import SCRIPT_ATTRIBUTES, is_port_name
 from btcore.suggestions import nearest_name
 from btcore.xml.edit.editor import DocumentEditor, Edit, apply_edits, escape_value
-from btcore.xml.read.dialect import EXPLICIT_TAGS, SCRIPT_ATTRIBUTES
+from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.scan import Place, ScannedElement, scan
 from btcore.xml.read.tinyxml2_compat import BARE_MARKUP_CHARACTER

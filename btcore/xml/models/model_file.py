@@ -14,7 +14,7 @@ from btcore.blackboard.ports import Direction, Port, remapped_key
 from btcore.diagnostic_codes import INVALID_NAME, MISSING_ID, UNREADABLE_FILE
 from btcore.diagnostics import Diagnostic
 from btcore.errors import RegistrationError, TreeError
-from btcore.names import is_port_name, port_name_error
+from btcore.names import SCRIPT_ATTRIBUTES, is_port_name, port_name_error
 from btcore.registry.mock_nodes import make_mock_class
 from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
@@ -22,7 +22,7 @@ from btcore.status import NodeType
 from btcore.values import ANY, ValueType
 from btcore.xml.define import parse_format
 from btcore.xml.read.diagnostic_collector import DiagnosticCollector
-from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS, SCRIPT_ATTRIBUTES
+from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import Document, parse_file, read
 

@@ -21,19 +21,13 @@ from btcore.diagnostic_codes import (
 from btcore.diagnostics import Fix, Hint
 from btcore.engine.node_config import EMPTY_MAPPING
 from btcore.errors import ConversionError
-from btcore.names import is_port_name
+from btcore.names import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES, SCRIPT_ATTRIBUTES, is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.values import BOOL
 from btcore.xml.define import Definitions, TreeDefinition, tree_hint
 from btcore.xml.read.diagnostic_collector import DiagnosticCollector
-from btcore.xml.read.dialect import (
-    EXPLICIT_TAGS,
-    POSTCONDITION_ATTRIBUTES,
-    PRECONDITION_ATTRIBUTES,
-    SCRIPT_ATTRIBUTES,
-    Dialect,
-)
+from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
 from btcore.xml.read.element import Element, ElementPart
 
 if TYPE_CHECKING:
@@ -149,9 +143,17 @@ class SubtreeCall:
 class NodePlan:
     """The plan of a node. `outline_trees` creates it, and `TreePlanner` adds ports and conditions.
 
-    *depth* counts from the `<BehaviorTree>`, which has depth 0. *bindings* holds the ports that the
-    document sets, in its order, then the other ports that have a default. *attributes* holds the attributes
-    that are neither ports nor conditions.
+    Attributes:
+        element: The element of the node.
+        depth: The depth of the element; that of the `<BehaviorTree>` is 0.
+        id: The ID of the node.
+        manifest: The registration of the node; None if it is unknown.
+        name: The name of the node; None = its ID.
+        conditions: The texts of the pre- and post-conditions, by attribute.
+        attributes: The attributes that are neither ports nor conditions.
+        bindings: The ports that the document sets, in its order, then the other ports that have a default.
+        children: The plans of the children.
+        subtree_call: The call of a tree; None for all nodes except SubTree.
     """
 
     __slots__ = (
@@ -183,8 +185,13 @@ class NodePlan:
 class TreePlan:
     """A tree definition with its node plans.
 
-    *calls* holds a SubtreeCall for each of its SubTree nodes. *depth* is the number of its levels, *size* the
-    number of its nodes. *has_unknown_nodes* is True if the plans of unknown nodes were removed.
+    Attributes:
+        definition: The definition of the tree.
+        root: The plan of the root; None if the tree has no known root.
+        calls: The calls of trees by its nodes.
+        depth: The number of its levels.
+        size: The number of its nodes.
+        has_unknown_nodes: Whether plans of unknown nodes were removed.
     """
 
     def __init__(self, definition: TreeDefinition, root: NodePlan | None) -> None:
@@ -214,8 +221,9 @@ class TreePlan:
 class KnownNode:
     """A registered node, with a cache of the bindings of its ports: node plans with equal texts share them.
 
-    *bindings_by_text* maps the name of a port, then its text, to the binding. *defaults* holds a binding for
-    each port that has a default.
+    Attributes:
+        bindings_by_text: The bindings by the name of the port, then by its text.
+        defaults: A binding for each port that has a default.
     """
 
     __slots__ = ("bindings_by_text", "defaults", "id", "manifest", "ports")

@@ -1,4 +1,4 @@
-"""The table of differences between the XML of BehaviorTree.CPP 4 and 3, and the names of attributes."""
+"""The table of differences between the XML of BehaviorTree.CPP 4 and 3, and the names of elements."""
 
 from typing import Final, NamedTuple
 
@@ -14,9 +14,6 @@ EXPLICIT_TAGS: Final = {
 }
 # The elements of a TreeNodesModel that declare ports.
 PORT_TAGS: Final = {f"{direction.value}_port": direction for direction in Direction}
-PRECONDITION_ATTRIBUTES: Final = ("_failureIf", "_successIf", "_skipIf", "_while")
-POSTCONDITION_ATTRIBUTES: Final = ("_onHalted", "_onFailure", "_onSuccess", "_post")
-SCRIPT_ATTRIBUTES: Final = frozenset(PRECONDITION_ATTRIBUTES + POSTCONDITION_ATTRIBUTES)
 # Nodes renamed or dropped since format 3, as Groot 1 writes them, and their replacements in format 4.
 NODE_REPLACEMENTS: Final = {
     "SequenceStar": "SequenceWithMemory",
@@ -32,21 +29,22 @@ NODE_REPLACEMENTS: Final = {
 class Dialect(NamedTuple):
     """The rules of one XML format.
 
-    - *subtree_tags*: the tags that call a subtree.
-    - *tags_with_unchecked_children*: those of them whose children are an error, and are not checked.
-    - *tags_with_ignored_children*: those of them whose children are checked, but ignored.
-    - *comment_attributes*: attributes of a node that are kept, although they are neither ports nor scripts.
-    - *has_conditions*: nodes have pre- and post-conditions.
-    - *allows_non_port_attributes*: any other attribute whose name is not a valid port name is ignored.
-    - *last_tree_wins*: the last of several trees with the same ID is used, otherwise the first.
-    - *type_from_id*: the type of a node such as `<Action ID="…">` comes from its ID, not from its tag.
-    - *requires_explicit_tag_for_id*: only an explicit tag such as `<Action ID="…">` may have an ID.
-    - *checks_literals*: a text that doesn't convert to the port's type is an error when the tree is loaded.
-    - *controls_requiring_children*: control nodes that need a child if their ID is the tag (None = all).
-    - *checks_leaf_children*: children of a leaf whose ID is the tag are an error.
-    - *checks_names*: the ID of a tree must be a valid name, and not the name of a node. The names of ports in
-      models of subtrees must be valid, and names of nodes have no control characters.
-    - *max_depth*: maximum depth of elements below a BehaviorTree.
+    Attributes:
+        subtree_tags: The tags that call a subtree.
+        tags_with_unchecked_children: Those of them whose children are an error, and are not checked.
+        tags_with_ignored_children: Those of them whose children are checked, but ignored.
+        comment_attributes: Attributes of a node that are kept, although they are neither ports nor scripts.
+        has_conditions: Whether nodes have pre- and post-conditions.
+        allows_non_port_attributes: Whether another attribute is ignored if its name is not a valid port name.
+        last_tree_wins: Whether the last of several trees with the same ID is used; otherwise, the first is.
+        type_from_id: Whether the ID of a node such as `<Action ID="…">` determines its type; else its tag.
+        requires_explicit_tag_for_id: Whether only an explicit tag such as `<Action ID="…">` may have an ID.
+        checks_literals: Whether a text that does not convert to the type of its port is an error of loading.
+        controls_requiring_children: The control nodes that need a child if their ID is the tag; None = all.
+        checks_leaf_children: Whether children of a leaf whose ID is the tag are an error.
+        checks_names: Whether the ID of a tree must be a valid name, and not the name of a node, the names of
+            ports in models of subtrees must be valid, and names of nodes must have no control characters.
+        max_depth: The maximum depth of elements below a BehaviorTree.
     """
 
     format: int

@@ -4,13 +4,12 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 
 from btcore.blackboard.ports import SCRIPT_ROLES, remapped_key
-from btcore.names import port_name_error
+from btcore.names import SCRIPT_ATTRIBUTES, port_name_error
 from btcore.script import lexer
 from btcore.xml.edit.editor import DocumentEditor, Edit, EditError, apply_edits, escape_value
 from btcore.xml.plan.key_uses import TreeKeys, find_name_uses, port_uses
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES
 from btcore.xml.read.element import Element
 
 

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Port, remapped_key
+from btcore.names import SCRIPT_ATTRIBUTES
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.lexer import END, Token, tokenize
-from btcore.xml.read.dialect import SCRIPT_ATTRIBUTES
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement, value_offsets
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.project_symbols import symbols_of

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Port, braced_key, remapped_key
+from btcore.names import SCRIPT_ATTRIBUTES
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script import lexer
@@ -22,7 +23,7 @@ from btcore.xml.plan.key_uses import (
     port_uses,
 )
 from btcore.xml.plan.tree_plan import SubtreeCall
-from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS, SCRIPT_ATTRIBUTES
+from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS
 from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, value_offsets
 
 _CALL_TAGS: Final = DIALECTS[3].subtree_tags
