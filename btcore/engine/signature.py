@@ -163,31 +163,37 @@ class Parameter:
 
 
 def port_from_annotation(
-    name: str, annotation: object, kind_of: Callable[[Any], ValueType], default: object = UNSET
+    name: str, annotation: object, value_type_of: Callable[[Any], ValueType], default: object = UNSET
 ) -> Port | None:
     """Return the port that *annotation* declares, or None if it does not declare a port.
 
     Args:
         annotation: The annotation of an attribute or a parameter.
-        kind_of: Returns the ValueType for the type in In[…], which may be a ValueType itself.
+        value_type_of: Returns the ValueType for the type in In[…], which may be a ValueType itself.
         default: The default value; UNSET = the port is mandatory.
     """
     inner, *marks = _type_and_marks(annotation)
     mark = _port_mark(marks)
     if mark is None:
         return None
-    value_type = next((item for item in marks if isinstance(item, ValueType)), inner)
+    annotated_type = next((item for item in marks if isinstance(item, ValueType)), inner)
     if mark.put:
-        value_type = typing.get_args(inner)[0][0]
+        annotated_type = typing.get_args(inner)[0][0]
     description = next((item for item in marks if isinstance(item, str)), "")
-    text = None
-    if default is not UNSET:
-        try:
-            text = (default or "") if default is None or isinstance(default, str) else to_text(default)
-        except ConversionError:
-            text = repr(default)
     value = UNSET if isinstance(default, str) else default
-    return Port(name, mark.direction, kind_of(value_type), text, description, value)
+    text = _default_text(default)
+    return Port(name, mark.direction, value_type_of(annotated_type), text, description, value)
+
+
+def _default_text(default: object) -> str | None:
+    if default is UNSET:
+        return None
+    if default is None or isinstance(default, str):
+        return default or ""
+    try:
+        return to_text(default)
+    except ConversionError:
+        return repr(default)
 
 
 def check_parameter_writable(name: str, function_name: str, annotation: object) -> None:

@@ -66,7 +66,7 @@ class DryRun(NodeCreator):
         """Create *tree*, and fill the attributes. Return the errors that loading the tree would report."""
         self.create_nodes(tree)
         for use in self._recorded:
-            entry = self._entry(use)
+            entry = self._find_or_create_entry(use)
             if entry is not None:
                 self.uses.setdefault(entry, []).append(use)
         # A node that reads a key from an entry which the tree writes may write to any entry.
@@ -92,7 +92,7 @@ class DryRun(NodeCreator):
                 homes.setdefault(entry, (tree, key))
         return homes
 
-    def _entry(self, use: EntryUse) -> Entry | None:
+    def _find_or_create_entry(self, use: EntryUse) -> Entry | None:
         entry = use.scope.find(use.key)
         if entry is not None:
             return entry
@@ -127,7 +127,7 @@ class DryRun(NodeCreator):
         for binding in node_plan.bindings:
             self._recorded += self._uses_of_port(node_plan, binding, draft)
         for attribute, text in node_plan.conditions.items():
-            self._script(node_plan, attribute, text, document, blackboard)
+            self._record_script_uses(node_plan, attribute, text, document, blackboard)
         if node_plan.manifest is not None:
             self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(node_plan.manifest)
             self.has_mocks = self.has_mocks or is_mock(node_plan.manifest.cls)
@@ -137,13 +137,13 @@ class DryRun(NodeCreator):
         key, accesses = port_uses(port, binding.text, binding.is_explicit, self.format)
         if port.role in SCRIPT_ROLES:
             if key is None:
-                self._script(node_plan, port.name, binding.text, document, board)
+                self._record_script_uses(node_plan, port.name, binding.text, document, board)
             else:
                 self.has_untracked_access = True
         for access in accesses if key else ():
             yield EntryUse(access, key or "", board, document, node_plan, port.name, 0, port)
 
-    def _script(
+    def _record_script_uses(
         self, node_plan: NodePlan, attribute: str, text: str, document: Document, board: Blackboard
     ) -> None:
         self._recorded += (
@@ -156,7 +156,7 @@ class DryRun(NodeCreator):
         document, outer = draft.document, draft.blackboard
         inner = super().create_scope(node_plan, call, draft)
         for attribute, text in node_plan.conditions.items():
-            self._script(node_plan, attribute, text, document, outer)
+            self._record_script_uses(node_plan, attribute, text, document, outer)
         if inner is not outer:
             use = EntryUse(AccessKind.MENTIONS, call.tree_id, outer, document, node_plan, "ID")
             self.entrances[inner] = use

@@ -77,7 +77,7 @@ def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, write: str, reporter: Li
 
 def _check_port(dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, reporter: LintReporter) -> None:
     if port.role is PortRole.WRITTEN_ENTRY:
-        _check_copied_text(dry_run, entry, use, reporter)
+        _check_written_literal(dry_run, entry, use, reporter)
     elif entry.declared is STRING and port.type.strong and not issubclass(port.type.python_type, str):
         write = f"the port '{use.attribute}' of {node_label(use.node)} writes {port.type.name}"
         _warn(dry_run, entry, use, write, reporter)
@@ -105,15 +105,15 @@ def _written_value(use: EntryUse) -> Binding | None:
     return next((binding for binding in bindings if binding.port.role is PortRole.WRITTEN_VALUE), None)
 
 
-def _written_text(use: EntryUse) -> str | None:
+def _written_literal(use: EntryUse) -> str | None:
     """Return the literal that a SetBlackboard writes, or None if it copies an entry."""
     written = _written_value(use)
     return written.text if written is not None and written.key is None else None
 
 
-def _check_copied_text(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintReporter) -> None:
+def _check_written_literal(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintReporter) -> None:
     """Warn if the literal that a SetBlackboard writes doesn't convert to the type of the entry."""
-    text = _written_text(use)
+    text = _written_literal(use)
     if text is None or not entry.declared.strong:
         return
     try:
@@ -206,7 +206,7 @@ def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], reporter: Lint
 def _writes_literal(use: EntryUse) -> bool:
     if use.port is None or use.port.role is not PortRole.WRITTEN_ENTRY:
         return False
-    return use.access is AccessKind.WRITES and _written_text(use) is not None
+    return use.access is AccessKind.WRITES and _written_literal(use) is not None
 
 
 def _may_set_type(use: EntryUse) -> bool:
@@ -245,7 +245,7 @@ def _runs_before(script: EntryUse, use: EntryUse, places: Mapping[NodePlan, Chil
 
 
 def _warn_untyped(use: EntryUse, creator: EntryUse, reporter: LintReporter) -> None:
-    text = _written_text(use) or ""
+    text = _written_literal(use) or ""
     text = "…" if "'" in text else text
     message = (
         f"{node_label(use.node)} writes a text to the entry '{use.key}', which has no type: "

@@ -110,10 +110,10 @@ class Parallel(ParallelNode):
     def tick(self) -> Status:
         """Tick the children that have not completed."""
         count = len(self._children)
-        given = cast(int, self.get_input("success_count"))
-        given_failures = cast(int, self.get_input("failure_count"))
-        needed = required_results(given, count, "successes")
-        allowed = required_results(given_failures, count, "failures")
+        success_count = cast(int, self.get_input("success_count"))
+        failure_count = cast(int, self.get_input("failure_count"))
+        success_limit = required_results(success_count, count, "successes")
+        failure_limit = required_results(failure_count, count, "failures")
         self.set_status(RUNNING)
         # Only the skips of this tick count: a skipped child is ticked again, and may complete.
         skipped = 0
@@ -130,10 +130,12 @@ class Parallel(ParallelNode):
                     skipped += 1
                 elif status is IDLE:
                     raise self.idle_child_error(index)
-            if self._successes >= needed or (given < 0 and self._successes + skipped >= needed):
+            if self._successes >= success_limit or (
+                success_count < 0 and self._successes + skipped >= success_limit
+            ):
                 return self.finish(SUCCESS)
-            # Not ">= allowed", as in BehaviorTree.CPP: if a later tick reads a lower limit, it is missed.
-            if count - self._failures < needed or self._failures == allowed:
+            # Not ">=", as in BehaviorTree.CPP: if a later tick reads a lower limit, it is missed.
+            if count - self._failures < success_limit or self._failures == failure_limit:
                 return self.finish(FAILURE)
         return SKIPPED if skipped == count else RUNNING
 
@@ -158,7 +160,7 @@ class ParallelAll(ParallelNode):
     def tick(self) -> Status:
         """Tick the children that have not completed."""
         count = len(self._children)
-        allowed = required_results(cast(int, self.get_input("max_failures")), count, "failures")
+        failure_limit = required_results(cast(int, self.get_input("max_failures")), count, "failures")
         self.set_status(RUNNING)
         skipped = 0
         for index in range(count):
@@ -179,4 +181,4 @@ class ParallelAll(ParallelNode):
         # A child that is skipped in the tick in which the last child completes is not waited for.
         if skipped + len(self._completed) < count:
             return RUNNING
-        return self.finish(FAILURE if self._failures >= allowed else SUCCESS)
+        return self.finish(FAILURE if self._failures >= failure_limit else SUCCESS)

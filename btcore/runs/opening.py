@@ -149,6 +149,10 @@ class RunProviders:
             types: The types of which a leaf or the program gets the object of the chosen provider.
             stack: The stack that closes the providers.
         """
+        used = dict.fromkeys(struct for provider in self.choice.order for struct in provider.settings)
+        for settings in map(self._settings.find, used):
+            if settings is not None:
+                settings.check_environment()
         self.resources += self._provided
         for provider in self.choice.order:
             if not self.choice.follows_tree(provider):

@@ -26,6 +26,16 @@ class Settings(Options):
         20.0
     """
 
+    def check_environment(self) -> None:
+        """Check what the settings need of the machine, such as files, packages or a display.
+
+        A run calls it for the settings of the used providers before it opens the first of them, so that it
+        does not fail after a robot has started. The default does nothing.
+
+        Raises:
+            BtcoreError: Something is missing.
+        """
+
 
 class RunSettings(Settings):
     """The settings of every run, which any provider can use as a parameter.

@@ -98,11 +98,13 @@ class MonitorSettings(OutputOptions, Settings):
         super().__post_init__()
         self._check_needed_options()
         self.choose_ports()  # raises if the ports are out of range
-        # Files, packages and the display are checked here, because the provider is opened after the robot.
-        if self.key_file is not None:
-            RobotKeys(self.key_file, self.allow_key)  # reads the keys
         if self.save is not None:
             check_is_recording(self.save)
+
+    def check_environment(self) -> None:
+        """Check the files, the packages and the display that the settings need."""
+        if self.key_file is not None:
+            RobotKeys(self.key_file, self.allow_key)  # reads the keys
         for name, file in self.output_files.items():
             check_writable(name, file)
         if "groot1" in self.publish:

@@ -17,7 +17,7 @@ CACHE_TIME = 10 * NS_PER_S
 MAP_FRAME, ODOM_FRAME, BASE_FRAME = "map", "odom", "base_footprint"
 """The frames of the map, of odometry, and of the robot."""
 
-_UNIT = 1e-3  # tolerance of the length of a unit quaternion
+_LENGTH_TOLERANCE = 1e-3  # of a unit quaternion
 
 
 class TransformError(RobotError):
@@ -294,7 +294,7 @@ def _newest(up: tuple[_Link, ...], down: tuple[_Link, ...]) -> int:
 def _check(frame: TransformStamped) -> None:
     x, y, z, w = frame.quaternion
     length = math.sqrt(x * x + y * y + z * z + w * w)
-    if not abs(length - 1.0) <= _UNIT:
+    if not abs(length - 1.0) <= _LENGTH_TOLERANCE:
         raise TransformError(
             f"'{frame.child}' in '{frame.parent}': the quaternion {frame.quaternion} has length {length:g}; "
             "a rotation has length 1 (x, y, z, w)"
@@ -324,7 +324,7 @@ class FrameBroadcaster:
     """The rate (Hz) at which `step` should run."""
 
     def __init__(
-        self, robot: Robot, tree: TransformTree, odom: str = "odom", base: str = "base_footprint"
+        self, robot: Robot, tree: TransformTree, odom: str = ODOM_FRAME, base: str = BASE_FRAME
     ) -> None:
         self._robot = robot
         self._tree = tree

@@ -16,6 +16,8 @@ from btcore.errors import BtcoreError
 # The batch engine removes a set b from a set a with `a ^ (a & b)`. `a & ~b` creates a negative integer,
 # which `&` converts to two's complement: it takes twice the time for 1,000 agents, 5 times for 100,000.
 
+AgentSet: TypeAlias = int
+"""A set of agents."""
 Mask: TypeAlias = NDArray[np.bool_]
 """An array of shape (agents,) that is True for the selected agents."""
 Indices: TypeAlias = NDArray[np.intp]
@@ -44,7 +46,7 @@ class AgentSets:
         self._last_mask: Mask = np.zeros(self.count, dtype=np.bool_)
         self._last_mask.flags.writeable = False
 
-    def mask(self, agents: int) -> Mask:
+    def mask(self, agents: AgentSet) -> Mask:
         """Return the mask of the set *agents*; it is read-only."""
         if agents == self.all_agents:
             return self._full
@@ -62,7 +64,7 @@ class AgentSets:
         """Return the set of the agents for which *mask*, an array of bools, is True."""
         return int.from_bytes(np.packbits(mask, None, "little").tobytes(), "little")
 
-    def indices(self, agents: int) -> Indices:
+    def indices(self, agents: AgentSet) -> Indices:
         """Return the indices of the set *agents*, ascending."""
         return np.flatnonzero(self.mask(agents))
 
@@ -93,7 +95,7 @@ class Counters:
     def __init__(self) -> None:
         self.planes: list[int] = []
 
-    def add(self, agents: int) -> None:
+    def add(self, agents: AgentSet) -> None:
         """Increment the counts of *agents*."""
         planes = self.planes
         for index, plane in enumerate(planes):
@@ -104,7 +106,7 @@ class Counters:
         if agents:
             planes.append(agents)
 
-    def clear(self, agents: int) -> None:
+    def clear(self, agents: AgentSet) -> None:
         """Set the counts of *agents* to 0."""
         planes = self.planes
         for index, plane in enumerate(planes):
@@ -113,7 +115,7 @@ class Counters:
         while planes and not planes[-1]:
             planes.pop()
 
-    def below(self, limit: int, agents: int) -> int:
+    def below(self, limit: int, agents: AgentSet) -> int:
         """Return those of *agents* whose count is less than *limit*."""
         if limit <= 0:
             return 0
@@ -128,7 +130,7 @@ class Counters:
                 same ^= same & plane
         return less
 
-    def equal(self, number: int, agents: int) -> int:
+    def equal(self, number: int, agents: AgentSet) -> int:
         """Return those of *agents* whose count is *number*."""
         if number.bit_length() > len(self.planes):
             return 0
@@ -160,7 +162,7 @@ class UnaryCounters:
         copy.levels = self.levels.copy()
         return copy
 
-    def add(self, agents: int) -> None:
+    def add(self, agents: AgentSet) -> None:
         """Increment the counts of *agents* that are below the maximum."""
         for index, level in enumerate(self.levels):
             self.levels[index] = level | agents
@@ -172,7 +174,7 @@ class UnaryCounters:
         """Return the agents whose count is *number* or more; -1 (all bits set, all agents) for 0 or less."""
         return -1 if number <= 0 else self.levels[number - 1] if number <= len(self.levels) else 0
 
-    def clear(self, agents: int) -> None:
+    def clear(self, agents: AgentSet) -> None:
         """Set the counts of *agents* to 0."""
         for index, level in enumerate(self.levels):
             if level:
@@ -195,7 +197,7 @@ class Timer:
         # No agent's deadline is before this time, so that most checks need no array.
         self._first = 0
 
-    def start(self, agents: int, now: int, milliseconds: int) -> None:
+    def start(self, agents: AgentSet, now: int, milliseconds: int) -> None:
         """Set the deadline of *agents* to *milliseconds* after *now* (ns)."""
         deadline = now + milliseconds * NS_PER_MS
         if agents == self.agent_sets.all_agents:
@@ -208,16 +210,16 @@ class Timer:
         self.waiting |= agents
         self.wake_ups |= agents
 
-    def due(self, agents: int, now: int) -> int:
+    def due(self, agents: AgentSet, now: int) -> int:
         """Return those of *agents* that wait for a deadline which has passed at *now* (ns)."""
         return self._past(agents & self.waiting, now)
 
-    def stop(self, agents: int) -> None:
+    def stop(self, agents: AgentSet) -> None:
         """Cancel the deadlines and the wake-ups of *agents*."""
         self.forget(agents)
         self.wake_ups ^= self.wake_ups & agents
 
-    def forget(self, agents: int) -> None:
+    def forget(self, agents: AgentSet) -> None:
         """Cancel the deadlines of *agents*, but not the wake-ups."""
         self.waiting ^= self.waiting & agents
 
@@ -227,7 +229,7 @@ class Timer:
         self.wake_ups ^= due
         return due
 
-    def _past(self, agents: int, now: int) -> int:
+    def _past(self, agents: AgentSet, now: int) -> int:
         if not agents or now < self._first:
             return 0
         return self.agent_sets.from_mask(self._deadlines <= now) & agents

@@ -5,6 +5,7 @@ from typing import Any
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeError
 from btcore.nodes.switch import values_equal
+from btcore_batch.agent_sets import AgentSet
 from btcore_batch.context import BatchContext
 from btcore_batch.node import NO_RESULTS, BatchNode, Results, merge_results
 from btcore_batch.ports import BatchInput
@@ -13,7 +14,7 @@ from btcore_batch.ports import BatchInput
 class BranchNode(BatchNode):
     """The base class of nodes with a condition and one or two branches."""
 
-    def check_child_count(self, agents: int) -> bool:
+    def check_child_count(self, agents: AgentSet) -> bool:
         """Return whether there are two or three children; if not, record an error for *agents*."""
         count = len(self.children)
         if count in (2, 3):
@@ -31,7 +32,7 @@ class IfThenElse(BranchNode):
         # For each child, the agents for which the condition has chosen it. Element 0, the condition, stays 0.
         self._chosen = [0, 0, 0]
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick the condition for agents that have not chosen a branch, then the branches."""
         if not self.check_child_count(agents):
             return NO_RESULTS
@@ -59,7 +60,7 @@ class IfThenElse(BranchNode):
                 results = merge_results(results, branch_results)
         return results
 
-    def halt(self, agents: int) -> None:
+    def halt(self, agents: AgentSet) -> None:
         """Halt the children, and forget the choice: the next tick starts with the condition."""
         for index in (1, 2):
             self._chosen[index] ^= self._chosen[index] & agents
@@ -69,7 +70,7 @@ class IfThenElse(BranchNode):
 class WhileDoElse(BranchNode):
     """Ticks the condition in every tick, and the branch that it chooses."""
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick the condition, and the branches that it chooses."""
         if not self.check_child_count(agents):
             return NO_RESULTS
@@ -108,7 +109,7 @@ class Switch(BatchNode):
         # The index of the chosen child, by the values of the variable and the cases.
         self._choices: dict[tuple[Any, ...], int] = {}
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick the child that each agent's values choose. If another child is RUNNING, halt it before."""
         children = self.children
         if len(children) != len(self.cases) + 1:
@@ -132,7 +133,7 @@ class Switch(BatchNode):
             results = merge_results(results, child_results)
         return results
 
-    def _chosen(self, agents: int) -> list[int]:
+    def _chosen(self, agents: AgentSet) -> list[int]:
         """Return, for each child, those of *agents* for which it is chosen."""
         chosen = [0] * len(self.children)
         groups: list[tuple[tuple[Any, ...], int]] = [((), agents)]
@@ -161,7 +162,7 @@ class Switch(BatchNode):
                     return index
         return len(cases)
 
-    def halt(self, agents: int) -> None:
+    def halt(self, agents: AgentSet) -> None:
         """Halt the children."""
         for index, running in enumerate(self._running):
             self._running[index] = running ^ (running & agents)

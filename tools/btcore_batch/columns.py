@@ -11,7 +11,7 @@ from btcore.clock import Clock
 from btcore.tree.tree import Tree
 from btcore.values import ANY, BOOL, DOUBLE, INT, INT64, UINT64, ValueType, to_builtin_number, type_of
 from btcore.values.types import MAX_EXACT, BoolType, EnumType, IntegerType, RealType
-from btcore_batch.agent_sets import AgentSets
+from btcore_batch.agent_sets import AgentSet, AgentSets
 
 Values: TypeAlias = NDArray[Any]
 
@@ -80,7 +80,7 @@ def infer_type(data: Any) -> ValueType:
     return INT if all_within(data, INT.low, INT.high) else INT64
 
 
-def to_objects(value: BatchValue, agent_sets: AgentSets, agents: int) -> Values:
+def to_objects(value: BatchValue, agent_sets: AgentSets, agents: AgentSet) -> Values:
     """Return the values of *agents* as an array of Python objects; elements of other agents are arbitrary."""
     data, form, integers = value
     integers &= agents
@@ -139,7 +139,7 @@ class Column:
         """The declared type."""
         return self.entry.declared
 
-    def integers_among(self, agents: int) -> int:
+    def integers_among(self, agents: AgentSet) -> int:
         """Return those of *agents* whose number counts as an integer."""
         if self.values is not None and self.values.dtype == np.int64:
             return agents
@@ -165,7 +165,7 @@ class Column:
         if self.is_shared:
             self._view = None
 
-    def put(self, agents: int, data: Any, form: Form, integers: int = 0) -> None:
+    def put(self, agents: AgentSet, data: Any, form: Form, integers: int = 0) -> None:
         """Store values for *agents*.
 
         Args:
@@ -208,7 +208,7 @@ class Column:
             self.values = self.values.copy()
         self._view = None
 
-    def put_objects(self, agents: int, objects: Values) -> None:
+    def put_objects(self, agents: AgentSet, objects: Values) -> None:
         """Store Python objects for *agents*. If all are numbers, all bools or all texts, use that form."""
         if not agents:
             return
@@ -225,7 +225,7 @@ class Column:
         else:
             self.put(agents, objects, TEXT if types == {str} else OBJECT)
 
-    def _allocate(self, agents: int, data: Any, form: Form, integers: int) -> None:
+    def _allocate(self, agents: AgentSet, data: Any, form: Form, integers: int) -> None:
         """Create the array for the first values, or for values that replace all values."""
         if form is ROWS:
             if self.values is None or self.form is not ROWS:
@@ -248,11 +248,11 @@ class Column:
             self.values = to_objects(self.value(-1), self.agent_sets, self.written)
         self.form = OBJECT
 
-    def value(self, agents: int) -> BatchValue:
+    def value(self, agents: AgentSet) -> BatchValue:
         """Return the values of *agents*, all of which have a value. The array is not copied."""
         return BatchValue(self.values, self.form, self.integers_among(agents))
 
-    def objects(self, agents: int) -> Values:
+    def objects(self, agents: AgentSet) -> Values:
         """Return the values of *agents* as Python objects; None for agents without a value."""
         result = np.full(self.agent_sets.count, None, dtype=object)
         agents &= self.written

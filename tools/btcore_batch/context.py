@@ -7,7 +7,7 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import NodeExecutionError
-from btcore_batch.agent_sets import Timer
+from btcore_batch.agent_sets import AgentSet, Timer
 from btcore_batch.columns import ColumnTable
 
 
@@ -55,10 +55,10 @@ class BatchContext:
         self.timers.append(timer)
         return timer
 
-    def fail(self, node: NodeLike, agents: int, cause: BaseException, doing: str = "ticking") -> None:
+    def fail(self, node: NodeLike, agents: AgentSet, cause: BaseException, doing: str = "ticking") -> None:
         """Record that *node* raised *cause* for *agents*; only the first error of an agent is recorded."""
         # Later errors of an agent may be consequences of its first error.
-        agents ^= agents & self.raised
+        agents ^= agents & self.raised  # without those of `raised`
         if not agents:
             return
         self.raised |= agents
@@ -75,7 +75,7 @@ class BatchContext:
             place = place.parent
         self.errors[key] = error, agents
 
-    def take_wake_ups(self, agents: int) -> int:
+    def take_wake_ups(self, agents: AgentSet) -> int:
         """Return those of *agents* that a node or a due timer has woken, and remove their wake-ups."""
         now = self.clock.now()
         for timer in self.timers:

@@ -11,7 +11,7 @@ import numpy as np
 from btcore.errors import BlackboardError, BtcoreError, ConversionError
 from btcore.values import FLOAT, INT64, STRING, UINT64, ValueType
 from btcore.values.types import MAX_EXACT, BoolType, IntegerType, RealType
-from btcore_batch.agent_sets import AgentSets
+from btcore_batch.agent_sets import AgentSet, AgentSets
 from btcore_batch.columns import (
     NUMBER,
     OBJECT,
@@ -84,7 +84,7 @@ def normalise_values(value: Any, agent_sets: AgentSets) -> BatchValue:
 
 
 def cast(
-    value: BatchValue, value_type: ValueType, agent_sets: AgentSets, agents: int, fail: FailureCallback
+    value: BatchValue, value_type: ValueType, agent_sets: AgentSets, agents: AgentSet, fail: FailureCallback
 ) -> tuple[Any, int]:
     """Convert the values of *agents* to the type *value_type*, as `ValueType.cast` does.
 
@@ -136,7 +136,7 @@ def cast(
     return result, agents
 
 
-def read_column(column: Column, value_type: ValueType, agents: int, fail: FailureCallback) -> Values:
+def read_column(column: Column, value_type: ValueType, agents: AgentSet, fail: FailureCallback) -> Values:
     """Return the values of *column* for a leaf's port of the type *value_type*; all *agents* need a value."""
     values = column.readonly_view()
     if column.form is NUMBER and values.dtype == dtype_of(value_type) and value_type is not FLOAT:
@@ -149,7 +149,7 @@ def read_column(column: Column, value_type: ValueType, agents: int, fail: Failur
     return array
 
 
-def store(slot: Slot, agents: int, value: BatchValue, fail: FailureCallback, infer: bool = True) -> None:
+def store(slot: Slot, agents: AgentSet, value: BatchValue, fail: FailureCallback, infer: bool = True) -> None:
     """Write values as `Blackboard.set` does: the first values determine the type of an untyped entry.
 
     Args:
@@ -189,7 +189,7 @@ def store(slot: Slot, agents: int, value: BatchValue, fail: FailureCallback, inf
     column.put(agents, *value)
 
 
-def _is_of(value_type: ValueType, value: BatchValue, agents: int) -> bool:
+def _is_of(value_type: ValueType, value: BatchValue, agents: AgentSet) -> bool:
     """Return whether all values are certainly of *value_type*, without a check of each value."""
     data, form, integers = value
     if form is NUMBER and isinstance(value_type, RealType):
@@ -201,7 +201,7 @@ def _is_of(value_type: ValueType, value: BatchValue, agents: int) -> bool:
     )
 
 
-def _reject_other_types(column: Column, objects: Values, agents: int, fail: FailureCallback) -> int:
+def _reject_other_types(column: Column, objects: Values, agents: AgentSet, fail: FailureCallback) -> int:
     """Return those of *agents* whose value is of the column's type; call *fail* for the others."""
     declared = column.declared
     for index in column.agent_sets.indices(agents):
@@ -224,7 +224,7 @@ def _accepts(entry_type: ValueType, form: Form) -> bool:
 
 
 def _adapt(
-    objects: Values, entry_type: ValueType, agent_sets: AgentSets, agents: int, fail: FailureCallback
+    objects: Values, entry_type: ValueType, agent_sets: AgentSets, agents: AgentSet, fail: FailureCallback
 ) -> int:
     """Convert *objects* in place to values of an entry of *entry_type*. Return the agents without error."""
     for index in agent_sets.indices(agents):

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from btcore.engine.node import TreeNode
-from btcore_batch.agent_sets import Counters
+from btcore_batch.agent_sets import AgentSet, Counters
 from btcore_batch.context import BatchContext
 from btcore_batch.node import BatchDecorator, BatchNode, Results
 from btcore_batch.ports import BatchInput
@@ -14,7 +14,7 @@ from btcore_batch.ports import BatchInput
 class SubTree(BatchDecorator):
     """Ticks the root of the inner tree."""
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick the root of the inner tree."""
         idle = agents ^ self.not_idle(agents)
         if idle:
@@ -29,12 +29,14 @@ class SubTree(BatchDecorator):
 class ResultDecorator(BatchDecorator):
     """The base class of decorators that change the result of their child."""
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick the child."""
         self.set_running(agents)
         return self.map_results(*self.child.execute(agents))
 
-    def map_results(self, success: int, failure: int, running: int, skipped: int) -> Results:
+    def map_results(
+        self, success: AgentSet, failure: AgentSet, running: AgentSet, skipped: AgentSet
+    ) -> Results:
         """Return the results of the node, given the results of its child."""
         raise NotImplementedError
 
@@ -42,7 +44,9 @@ class ResultDecorator(BatchDecorator):
 class Inverter(ResultDecorator):
     """Returns FAILURE for SUCCESS, and SUCCESS for FAILURE."""
 
-    def map_results(self, success: int, failure: int, running: int, skipped: int) -> Results:
+    def map_results(
+        self, success: AgentSet, failure: AgentSet, running: AgentSet, skipped: AgentSet
+    ) -> Results:
         """Exchange SUCCESS and FAILURE."""
         return failure, success, running, skipped
 
@@ -50,7 +54,9 @@ class Inverter(ResultDecorator):
 class ForceSuccess(ResultDecorator):
     """Succeeds when its child completes."""
 
-    def map_results(self, success: int, failure: int, running: int, skipped: int) -> Results:
+    def map_results(
+        self, success: AgentSet, failure: AgentSet, running: AgentSet, skipped: AgentSet
+    ) -> Results:
         """Replace FAILURE by SUCCESS."""
         return success | failure, 0, running, skipped
 
@@ -58,7 +64,9 @@ class ForceSuccess(ResultDecorator):
 class ForceFailure(ResultDecorator):
     """Fails when its child completes."""
 
-    def map_results(self, success: int, failure: int, running: int, skipped: int) -> Results:
+    def map_results(
+        self, success: AgentSet, failure: AgentSet, running: AgentSet, skipped: AgentSet
+    ) -> Results:
         """Replace SUCCESS by FAILURE."""
         return 0, success | failure, running, skipped
 
@@ -66,7 +74,9 @@ class ForceFailure(ResultDecorator):
 class KeepRunningUntilFailure(ResultDecorator):
     """Is RUNNING until its child fails."""
 
-    def map_results(self, success: int, failure: int, running: int, skipped: int) -> Results:
+    def map_results(
+        self, success: AgentSet, failure: AgentSet, running: AgentSet, skipped: AgentSet
+    ) -> Results:
         """Replace all results except FAILURE by RUNNING."""
         return 0, failure, success | running | skipped, 0
 
@@ -80,7 +90,7 @@ class RunOnce(BatchDecorator):
         self._succeeded = 0
         self._failed = 0
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick the child for an agent until it completes; then return the stored result or SKIPPED."""
         success = failure = running = skipped = 0
         completed = agents & (self._succeeded | self._failed)
@@ -120,7 +130,7 @@ class RepeatedNode(BatchDecorator):
         # A number for all agents if the limit is a literal, else an array with the limit of each agent.
         self._limits: Any = None
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick the child. If a RUNNING child completes below the limit, tick it again at once."""
         agents = self._read_limits(agents)
         if not agents:
@@ -161,7 +171,7 @@ class RepeatedNode(BatchDecorator):
             (done, stopped, running, skipped) if continues_on_success else (stopped, done, running, skipped)
         )
 
-    def _read_limits(self, agents: int) -> int:
+    def _read_limits(self, agents: AgentSet) -> int:
         """Read the limits. Return those of *agents* that have a limit."""
         if self.limit.is_literal:
             self._limits = self.limit.literal
@@ -172,10 +182,10 @@ class RepeatedNode(BatchDecorator):
             self._limits = np.array(self.limit.read(agents))
         return self.drop_failed(agents)
 
-    def _update_limits(self, agents: int) -> None:
+    def _update_limits(self, agents: AgentSet) -> None:
         """Read the limits of *agents* again after the child has completed. The default does nothing."""
 
-    def _below_limit(self, agents: int) -> int:
+    def _below_limit(self, agents: AgentSet) -> int:
         """Return those of *agents* whose count is below the limit."""
         if not agents:
             return 0
@@ -185,7 +195,7 @@ class RepeatedNode(BatchDecorator):
         counts = self._counts.numbers(agent_sets)
         return agent_sets.from_mask((counts < self._limits) | (self._limits == -1)) & agents
 
-    def halt(self, agents: int) -> None:
+    def halt(self, agents: AgentSet) -> None:
         """Halt the child, and reset the counts."""
         self._counts.clear(agents)
         super().halt(agents)
@@ -203,7 +213,7 @@ class RetryUntilSuccessful(RepeatedNode):
     continues_on_success = False
     limit_port = "num_attempts"
 
-    def _update_limits(self, agents: int) -> None:
+    def _update_limits(self, agents: AgentSet) -> None:
         if not self.limit.is_literal:
             for limit, group in self.limit.groups_or(agents, None):
                 if limit is not None:

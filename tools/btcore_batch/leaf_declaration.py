@@ -24,7 +24,7 @@ from btcore.errors import NodeError, RegistrationError
 from btcore.registry.registry import Registry
 from btcore.status import Status
 from btcore.values import ANY, BOOL, DOUBLE, FLOAT, INT, INT64, TypeRegistry, ValueType
-from btcore_batch.agent_sets import Mask
+from btcore_batch.agent_sets import AgentSet, Mask
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -141,7 +141,7 @@ class StatefulAction:
     _port: Callable[[str], Any]
     name: str
     """The name of the node."""
-    agents: int
+    agents: AgentSet
     """The number of agents."""
     now: Callable[[], int]
     """Returns the time (ns) of the batch's clock."""

@@ -13,7 +13,7 @@ from btcore.engine.node import TreeNode
 from btcore.errors import NodeError
 from btcore.registry.manifest import find_resource
 from btcore.status import Status
-from btcore_batch.agent_sets import Indices, Mask
+from btcore_batch.agent_sets import AgentSet, Indices, Mask
 from btcore_batch.context import BatchContext
 from btcore_batch.leaf_declaration import LeafDeclaration, LeafParameter, NodeName
 from btcore_batch.node import NO_RESULTS, BatchNode, Results, merge_results, unsupported
@@ -60,7 +60,7 @@ class LeafNode(BatchNode):
         )
         raise unsupported(self.config, message, "pass it to BatchTree.load(…, resources=[…])")
 
-    def results(self, returned: object, agents: int) -> Results:
+    def results(self, returned: object, agents: AgentSet) -> Results:
         """Convert the value *returned* by a leaf for *agents*; record an error for invalid results."""
         agent_sets = self.context.agent_sets
         if isinstance(returned, np.ndarray) and returned.shape == (agent_sets.count,):
@@ -85,7 +85,7 @@ class LeafNode(BatchNode):
         self.context.fail(self, agents, NodeError(message))
         return NO_RESULTS
 
-    def _results_from_statuses(self, returned: Any, agents: int) -> Results:
+    def _results_from_statuses(self, returned: Any, agents: AgentSet) -> Results:
         # RUNNING, SUCCESS, FAILURE and SKIPPED are 1, 2, 3 and 4: each of the three bits is a set of agents.
         from_mask = self.context.agent_sets.from_mask
         low, high = from_mask(returned & 1) & agents, from_mask(returned & 2) & agents
@@ -137,7 +137,7 @@ class FunctionNode(LeafNode):
             if parameter.keyword:
                 self._keywords.append(parameter.name)
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Call the function for the agents that have values in all inputs."""
         context = self.context
         # All inputs are checked before any is read, because read() requires that all agents have a value.
@@ -198,7 +198,7 @@ class StatefulNode(LeafNode):
         self.instance.now = context.clock.now
         self.instance.__init__(**{parameter.name: self.resource(parameter) for parameter in leaf.parameters})
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Call `on_start` or `on_running`; agents that have completed keep their result until a reset."""
         # on_start() changes self.running, so the sets are computed before it is called.
         going, stored = self.running & agents, self.not_idle(agents)
@@ -210,7 +210,7 @@ class StatefulNode(LeafNode):
             results = merge_results(results, self._call(self.instance.on_running, going))
         return results
 
-    def _call(self, method: Callable[[Mask], object], agents: int) -> Results:
+    def _call(self, method: Callable[[Mask], object], agents: AgentSet) -> Results:
         for port in self._ports:
             port.agents = agents
         try:
@@ -220,7 +220,7 @@ class StatefulNode(LeafNode):
             return NO_RESULTS
         return self.results(returned, agents)
 
-    def halt(self, agents: int) -> None:
+    def halt(self, agents: AgentSet) -> None:
         """Call `on_halted` for the agents for which the node is RUNNING, and store IDLE."""
         running = self.running & agents
         if running:

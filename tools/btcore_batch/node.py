@@ -16,6 +16,7 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import TreeError
 from btcore.status import NodeType
+from btcore_batch.agent_sets import AgentSet
 from btcore_batch.context import BatchContext, NodeLike
 from btcore_batch.script import BatchProgram
 
@@ -97,7 +98,7 @@ class BatchNode:
 
     # --- ticking
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Execute the node's own behavior for *agents*, without its conditions.
 
         Returns:
@@ -105,7 +106,7 @@ class BatchNode:
         """
         raise NotImplementedError
 
-    def execute(self, agents: int) -> Results:
+    def execute(self, agents: AgentSet) -> Results:
         """Tick the node for *agents*, with its conditions, and store the results. Called by the parent.
 
         Returns:
@@ -126,7 +127,7 @@ class BatchNode:
         self.store(results[0], results[1], results[2])
         return results
 
-    def store(self, success: int, failure: int, running: int) -> None:
+    def store(self, success: int, failure: int, running: AgentSet) -> None:
         """Store the results of a tick. The statuses of agents in none of the sets do not change.
 
         Args:
@@ -143,7 +144,7 @@ class BatchNode:
         before = self.running
         self.running = before ^ (before & done) | running if before else running
 
-    def set_running(self, agents: int) -> None:
+    def set_running(self, agents: AgentSet) -> None:
         """Store RUNNING for *agents*."""
         self.running |= agents
         if self.success:
@@ -151,18 +152,18 @@ class BatchNode:
         if self.failure:
             self.failure ^= self.failure & agents
 
-    def not_idle(self, agents: int) -> int:
+    def not_idle(self, agents: AgentSet) -> int:
         """Return those of *agents* for which the node is not IDLE."""
         return agents & (self.running | self.success | self.failure)
 
-    def drop_failed(self, agents: int) -> int:
+    def drop_failed(self, agents: AgentSet) -> int:
         """Return those of *agents* for which no node has raised in this tick."""
         raised = self.context.raised
         return agents ^ (agents & raised) if raised else agents
 
     # --- halting
 
-    def reset(self, agents: int) -> None:
+    def reset(self, agents: AgentSet) -> None:
         """Store IDLE for *agents*."""
         if self.success:
             self.success ^= self.success & agents
@@ -171,25 +172,25 @@ class BatchNode:
         if self.running:
             self.running ^= self.running & agents
 
-    def halt(self, agents: int) -> None:
+    def halt(self, agents: AgentSet) -> None:
         """Halt the RUNNING children for *agents*, and store IDLE."""
         self.reset_children(agents)
         self.reset(agents)
 
-    def halt_node(self, agents: int) -> None:
+    def halt_node(self, agents: AgentSet) -> None:
         """Halt the node for *agents*, and run `_onHalted`. Called by the parent."""
         self.halt(agents)
         if self.conditions is not None:
             self.conditions.run_on_halted(agents)
 
-    def reset_by_parent(self, agents: int) -> None:
+    def reset_by_parent(self, agents: AgentSet) -> None:
         """Halt the node for those of *agents* for which it is RUNNING, and store IDLE for all of them."""
         running = self.running & agents
         if running:
             self.halt_node(running)
         self.reset(agents)
 
-    def reset_children(self, agents: int) -> None:
+    def reset_children(self, agents: AgentSet) -> None:
         """Reset all children for *agents*, in order, which halts RUNNING children."""
         for child in self.children:
             if (child.running | child.success | child.failure) & agents:
@@ -203,7 +204,7 @@ class BatchDecorator(BatchNode):
         super().__init__(node, context, children)
         self.child = children[0]
 
-    def execute(self, agents: int) -> Results:
+    def execute(self, agents: AgentSet) -> Results:
         """Tick the node, then reset the child for the agents for which it has completed."""
         results = super().execute(agents)
         child = self.child
@@ -214,7 +215,7 @@ class BatchDecorator(BatchNode):
 
 
 def status_array(
-    context: BatchContext, success: int, failure: int, running: int, skipped: int
+    context: BatchContext, success: int, failure: int, running: AgentSet, skipped: AgentSet
 ) -> NDArray[np.uint8]:
     """Return the status of each agent as an integer, shape (agents,); IDLE for agents in no set."""
     agent_sets = context.agent_sets
@@ -241,7 +242,7 @@ class BatchConditions:
         self.on_success = programs.get("_onSuccess")
         self.post = programs.get("_post")
 
-    def execute(self, node: BatchNode, agents: int) -> Results:
+    def execute(self, node: BatchNode, agents: AgentSet) -> Results:
         """Evaluate the pre-conditions, tick the node for the other agents, and run the post-conditions."""
         success, failure, skipped, remaining = self.check_preconditions(node, agents)
         running = 0
@@ -254,7 +255,7 @@ class BatchConditions:
         self.run_postconditions(node, success, failure)
         return success, failure, running, skipped
 
-    def check_preconditions(self, node: BatchNode, agents: int) -> tuple[int, int, int, int]:
+    def check_preconditions(self, node: BatchNode, agents: AgentSet) -> tuple[int, int, int, int]:
         """Return the agents with SUCCESS, FAILURE and SKIPPED due to a pre-condition, and those to tick."""
         success = failure = skipped = 0
         idle = agents ^ node.not_idle(agents)
@@ -290,7 +291,7 @@ class BatchConditions:
             if completed:
                 self.post.run(completed)
 
-    def run_on_halted(self, agents: int) -> None:
+    def run_on_halted(self, agents: AgentSet) -> None:
         """Run `_onHalted` for *agents*, if the node has this script."""
         if self.on_halted is not None:
             self.on_halted.run(agents, "being halted")

@@ -3,7 +3,7 @@
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeError
 from btcore.nodes.parallel import threshold
-from btcore_batch.agent_sets import UnaryCounters
+from btcore_batch.agent_sets import AgentSet, UnaryCounters
 from btcore_batch.context import BatchContext
 from btcore_batch.node import NO_RESULTS, BatchNode, Results, merge_results
 from btcore_batch.ports import BatchInput
@@ -18,7 +18,7 @@ class ParallelNode(BatchNode):
         self._successes = UnaryCounters(len(children))
         self._failures = UnaryCounters(len(children))
 
-    def _forget(self, agents: int) -> None:
+    def _forget(self, agents: AgentSet) -> None:
         """Mark all children as not completed for *agents*."""
         for index, completed in enumerate(self._completed):
             if completed:
@@ -26,12 +26,12 @@ class ParallelNode(BatchNode):
         self._successes.clear(agents)
         self._failures.clear(agents)
 
-    def fail_impossible(self, agents: int, count: str) -> None:
+    def fail_impossible(self, agents: AgentSet, count: str) -> None:
         """Record for *agents* that the node has too few children for *count*, such as "3 failures"."""
         message = f"{len(self.children)} children can never give {count}"
         self.context.fail(self, agents, NodeError(message))
 
-    def halt(self, agents: int) -> None:
+    def halt(self, agents: AgentSet) -> None:
         """Halt the children, and mark them as not completed."""
         self._forget(agents)
         super().halt(agents)
@@ -45,7 +45,7 @@ class Parallel(ParallelNode):
         self.success_count = BatchInput(self, "success_count")
         self.failure_count = BatchInput(self, "failure_count")
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick the children that have not completed, for each group of agents with the same port values."""
         results = NO_RESULTS
         for successes, group in self.success_count.groups(agents):
@@ -53,7 +53,7 @@ class Parallel(ParallelNode):
                 results = merge_results(results, self._tick(subgroup, successes, failures))
         return results
 
-    def _tick(self, agents: int, success_count: int, failure_count: int) -> Results:
+    def _tick(self, agents: AgentSet, success_count: int, failure_count: int) -> Results:
         count = len(self.children)
         needed, allowed = threshold(success_count, count), threshold(failure_count, count)
         if count < needed or count < allowed:
@@ -112,14 +112,14 @@ class ParallelAll(ParallelNode):
         super().__init__(node, context, children)
         self.max_failures = BatchInput(self, "max_failures")
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick the children that have not completed, for each group of agents with the same port value."""
         results = NO_RESULTS
         for max_failures, group in self.max_failures.groups(agents):
             results = merge_results(results, self._tick(group, max_failures))
         return results
 
-    def _tick(self, agents: int, max_failures: int) -> Results:
+    def _tick(self, agents: AgentSet, max_failures: int) -> Results:
         count = len(self.children)
         allowed = threshold(max_failures, count)
         if count < allowed:

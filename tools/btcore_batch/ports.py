@@ -7,6 +7,7 @@ import numpy as np
 from btcore.blackboard.ports import Port
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError
 from btcore.values import ANY, DOUBLE
+from btcore_batch.agent_sets import AgentSet
 from btcore_batch.columns import NUMBER, Slot, Values, dtype_of
 from btcore_batch.conversion import cast, normalise_values, read_column, store
 from btcore_batch.node import BatchNode
@@ -54,7 +55,7 @@ class BatchInput:
         """Whether all agents always have the same value."""
         return self.slot is None and self.error is None
 
-    def available(self, agents: int) -> int:
+    def available(self, agents: AgentSet) -> int:
         """Return those of *agents* that have a value; record an error for the others."""
         if self.error is not None:
             self._report(agents, self.error)
@@ -69,18 +70,18 @@ class BatchInput:
             self._report_missing(agents ^ exists, "is not on the blackboard")
         return written
 
-    def _report_missing(self, agents: int, problem: str) -> None:
+    def _report_missing(self, agents: AgentSet, problem: str) -> None:
         if agents and self.slot is not None:
             message = f"port [{self.name}] reads {{{self.slot.key}}}, which {problem}"
             self._report(agents, BlackboardError(message))
 
-    def _report(self, agents: int, error: BtcoreError) -> None:
+    def _report(self, agents: AgentSet, error: BtcoreError) -> None:
         if self._is_quiet:
             self._without_value |= agents
         else:
             self.context.fail(self.node, agents, error)
 
-    def read(self, agents: int) -> Values:
+    def read(self, agents: AgentSet) -> Values:
         """Return the values of *agents*, which all have a value, in a read-only array of shape (agents,).
 
         For agents whose value cannot be converted, an error is recorded. Use `drop_failed` afterwards.
@@ -106,12 +107,12 @@ class BatchInput:
             return self.read(agents)
         return np.zeros(self.context.agent_sets.count, dtype_of(self.type))
 
-    def _fail(self, agents: int, error: BtcoreError) -> None:
+    def _fail(self, agents: AgentSet, error: BtcoreError) -> None:
         key = "" if self.slot is None else self.slot.key
         message = f"port [{self.name}] reads {{{key}}} as {self.type.name}: {error}"
         self._report(agents, ConversionError(message))
 
-    def groups_or(self, agents: int, default: Any) -> list[tuple[Any, int]]:
+    def groups_or(self, agents: AgentSet, default: Any) -> list[tuple[Any, int]]:
         """Call `groups`, but use *default* for agents without a value instead of an error."""
         if self.is_literal:
             return [(self.literal, agents)]
@@ -123,7 +124,7 @@ class BatchInput:
         rest = self._without_value & agents
         return [*groups, (default, rest)] if rest else groups
 
-    def groups(self, agents: int) -> list[tuple[Any, int]]:
+    def groups(self, agents: AgentSet) -> list[tuple[Any, int]]:
         """Return the distinct values, each with its agents; record an error for agents without a value."""
         if not self._is_quiet:
             self._without_value = 0
@@ -193,7 +194,7 @@ class BatchOutput:
         agents ^= agents & self.context.raised
         store(self.slot, agents, value, self._fail, self.type.strong)
 
-    def _put_doubles(self, slot: Slot, agents: int, values: Any) -> bool:
+    def _put_doubles(self, slot: Slot, agents: AgentSet, values: Any) -> bool:
         """Write *values* without conversion, if they are doubles for a DOUBLE entry. Return False if not."""
         if type(values) is not np.ndarray or values.shape != self._shape or values.dtype != np.float64:
             return False
@@ -203,6 +204,6 @@ class BatchOutput:
         column.put(agents, values, NUMBER)
         return True
 
-    def _fail(self, agents: int, error: BtcoreError) -> None:
+    def _fail(self, agents: AgentSet, error: BtcoreError) -> None:
         message = f"port [{self.name}] takes {self.type.name if self.type else '?'}: {error}"
         self.context.fail(self.node, agents, ConversionError(message))

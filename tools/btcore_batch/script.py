@@ -27,6 +27,7 @@ from btcore.script.operators import EPSILON, OPERATORS, compare, compound_assign
 from btcore.script.program import Parser, condition_result
 from btcore.values.numbers import leading_float
 from btcore.values.types import INT64, MAX_EXACT, as_double, number_of
+from btcore_batch.agent_sets import AgentSet
 from btcore_batch.columns import NUMBER, OBJECT, TEXT, TRUTH, BatchValue, Column, Slot, Values, to_objects
 from btcore_batch.context import NodeLike
 
@@ -60,18 +61,18 @@ class ScriptRun:
         self.doing = doing
         self.failed = 0
 
-    def fail(self, agents: int, error: BtcoreError) -> None:
+    def fail(self, agents: AgentSet, error: BtcoreError) -> None:
         """Record *error* for *agents*."""
         self.failed |= agents
         self.context.fail(self.node, agents, error, self.doing)
 
-    def drop_failed(self, agents: int) -> int:
+    def drop_failed(self, agents: AgentSet) -> int:
         """Return those of *agents* for which the evaluation has not failed."""
         return agents ^ (agents & self.failed) if self.failed else agents
 
     def apply_each(
         self,
-        agents: int,
+        agents: AgentSet,
         function: Callable[..., object],
         values: tuple[BatchValue, ...],
         script_error: Callable[[str], BtcoreError],
@@ -97,7 +98,7 @@ class ScriptRun:
                 self.fail(1 << int(index), script_error(str(error)))
         return results, self.drop_failed(agents)
 
-    def value_from_objects(self, objects: Values, agents: int) -> BatchValue:
+    def value_from_objects(self, objects: Values, agents: AgentSet) -> BatchValue:
         """Return Python objects as a value of the simplest form that is possible for *agents*."""
         mask = self.agent_sets.mask(agents)
         selected = objects[mask]
@@ -127,7 +128,7 @@ class Scope(NamedTuple):
         return Slot(self.node.context.columns, self.node.board, key)
 
 
-def column_value(column: Column, agents: int, copies: bool) -> BatchValue:
+def column_value(column: Column, agents: AgentSet, copies: bool) -> BatchValue:
     """Return the value of *column* for *agents*; *copies* as in `Scope`."""
     if not agents:
         return NO_VALUE
@@ -154,7 +155,7 @@ def is_number(value: BatchValue) -> bool:
 class BatchExpression:
     """A part of a script."""
 
-    def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
+    def evaluate(self, run: ScriptRun, agents: AgentSet) -> BatchValue:
         """Return the value for *agents*; record errors in *run*."""
         raise NotImplementedError
 
@@ -171,7 +172,7 @@ class BatchLiteral(BatchExpression):
             # -1 has all bits set: an integer for all agents, whatever their number.
             self.value = BatchValue(value, NUMBER, -1 if isinstance(value, int) else 0)
 
-    def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
+    def evaluate(self, run: ScriptRun, agents: AgentSet) -> BatchValue:
         """Return the literal."""
         return self.value
 
@@ -184,7 +185,7 @@ class BatchName(BatchExpression):
         self.copies = scope.copies
         self.slot = scope.slot(name.name)
 
-    def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
+    def evaluate(self, run: ScriptRun, agents: AgentSet) -> BatchValue:
         """Return the value of the entry."""
         column = self.slot.column
         if column is None or column.exists & agents != agents:
@@ -203,7 +204,7 @@ class BatchUnaryOperation(BatchExpression):
         self.operation = operation
         self.operand = compile_expression(operation.operand, scope)
 
-    def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
+    def evaluate(self, run: ScriptRun, agents: AgentSet) -> BatchValue:
         """Return the value after the operators, which is a real number for each agent."""
         value = self.operand.evaluate(run, agents)
         agents = run.drop_failed(agents)
@@ -242,7 +243,7 @@ class BatchBinaryOperations(BatchChain):
         super().__init__(chain, scope)
         self.operators = chain.operators
 
-    def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
+    def evaluate(self, run: ScriptRun, agents: AgentSet) -> BatchValue:
         """Return the value after the last operator."""
         left = self.first.evaluate(run, agents)
         for index, operand in enumerate(self.operands):
@@ -255,7 +256,7 @@ class BatchBinaryOperations(BatchChain):
         return left
 
     def _operate(
-        self, run: ScriptRun, agents: int, index: int, left: BatchValue, right: BatchValue
+        self, run: ScriptRun, agents: AgentSet, index: int, left: BatchValue, right: BatchValue
     ) -> BatchValue:
         operator = self.operators[index]
         if is_number(left) and is_number(right):
@@ -274,7 +275,7 @@ class BatchBinaryOperations(BatchChain):
         )
         return run.value_from_objects(results, agents)
 
-    def _truths(self, value: BatchValue, agents: int) -> Any:
+    def _truths(self, value: BatchValue, agents: AgentSet) -> Any:
         """Return the numbers as bools; None if some of them may be invalid as bools."""
         data = value.data
         if not isinstance(data, np.ndarray):
@@ -294,7 +295,7 @@ class BatchComparison(BatchChain):
         super().__init__(comparison, scope)
         self.enums = comparison.enums
 
-    def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
+    def evaluate(self, run: ScriptRun, agents: AgentSet) -> BatchValue:
         """Return whether all pairs are true."""
         left = self.first.evaluate(run, agents)
         agents = run.drop_failed(agents)
@@ -316,7 +317,9 @@ class BatchComparison(BatchChain):
             left = right
         return BatchValue(result if isinstance(result, np.ndarray) else float(result), NUMBER, 0)
 
-    def _compare(self, run: ScriptRun, agents: int, index: int, left: BatchValue, right: BatchValue) -> Any:
+    def _compare(
+        self, run: ScriptRun, agents: AgentSet, index: int, left: BatchValue, right: BatchValue
+    ) -> Any:
         sign = self.tokens[index].type
         first, second = left.data, right.data
         if is_number(left) and is_number(right):
@@ -354,7 +357,7 @@ class BatchConditional(BatchExpression):
         self.then = compile_expression(conditional.then, scope)
         self.other = compile_expression(conditional.other, scope)
 
-    def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
+    def evaluate(self, run: ScriptRun, agents: AgentSet) -> BatchValue:
         """Return the values of the chosen branches."""
         value = self.condition.evaluate(run, agents)
         agents = run.drop_failed(agents)
@@ -409,7 +412,7 @@ class BatchAssignment(BatchExpression):
         literal = assignment.value
         self.writes_integer = isinstance(literal, Literal) and isinstance(literal.value, int)
 
-    def evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
+    def evaluate(self, run: ScriptRun, agents: AgentSet) -> BatchValue:
         """Return the value that was stored."""
         if self.slot is None or self.target is None:
             message = f"only the name of an entry is allowed before '{self.sign}'"
@@ -436,7 +439,7 @@ class BatchAssignment(BatchExpression):
             self._store_each(self.target, run, column, value, agents)
         return column_value(column, run.drop_failed(agents), self.copies)
 
-    def _column(self, slot: Slot, target: Name, run: ScriptRun, agents: int) -> Column | None:
+    def _column(self, slot: Slot, target: Name, run: ScriptRun, agents: AgentSet) -> Column | None:
         """Return the column of the entry; `:=` creates the entry for agents without it."""
         column = slot.column
         missing = agents if column is None else agents ^ (agents & column.exists)
@@ -456,7 +459,7 @@ class BatchAssignment(BatchExpression):
         column.exists |= missing
         return column
 
-    def _store_numbers(self, run: ScriptRun, column: Column, value: BatchValue, agents: int) -> bool:
+    def _store_numbers(self, run: ScriptRun, column: Column, value: BatchValue, agents: AgentSet) -> bool:
         """Store numbers in a column of numbers. Return False if they need a check agent by agent."""
         new = agents ^ (agents & column.written)
         data, form, integers = value
@@ -488,7 +491,7 @@ class BatchAssignment(BatchExpression):
         column.put(agents, data, NUMBER, stay_integers | integers & new)
         return True
 
-    def _store_texts(self, column: Column, value: BatchValue, agents: int) -> bool:
+    def _store_texts(self, column: Column, value: BatchValue, agents: AgentSet) -> bool:
         """Store texts in a column of texts. Return False if they need a conversion."""
         declared = column.declared
         if (
@@ -504,7 +507,7 @@ class BatchAssignment(BatchExpression):
         return True
 
     def _store_each(
-        self, target: Name, run: ScriptRun, column: Column, value: BatchValue, agents: int
+        self, target: Name, run: ScriptRun, column: Column, value: BatchValue, agents: AgentSet
     ) -> None:
         """Assign agent by agent, as in the ordinary engine."""
         assignment = self.assignment
@@ -571,13 +574,13 @@ class BatchProgram:
         # manager that suppresses the warnings takes time, and scripts that only compare do not need it.
         self._is_quiet = not any(map(_computes, expressions))
 
-    def run(self, agents: int, doing: str = "ticking") -> int:
+    def run(self, agents: AgentSet, doing: str = "ticking") -> int:
         """Evaluate all statements for *agents*; return the agents for which none has failed."""
         run = ScriptRun(self.node, doing)
         self._evaluate(run, agents)
         return run.drop_failed(agents)
 
-    def split(self, agents: int) -> tuple[int, int]:
+    def split(self, agents: AgentSet) -> tuple[int, int]:
         """Return those of *agents* for which the last statement is true, and those for which it is false."""
         run = ScriptRun(self.node, "ticking")
         value = self._evaluate(run, agents)
@@ -587,14 +590,14 @@ class BatchProgram:
             true, agents = run.drop_failed(true), run.drop_failed(agents)
         return true, agents ^ true
 
-    def _evaluate(self, run: ScriptRun, agents: int) -> BatchValue:
+    def _evaluate(self, run: ScriptRun, agents: AgentSet) -> BatchValue:
         """Return the value of the last statement for the agents that have not failed."""
         if self._is_quiet:
             return self._evaluate_statements(run, agents)
         with np.errstate(all="ignore"):
             return self._evaluate_statements(run, agents)
 
-    def _evaluate_statements(self, run: ScriptRun, agents: int) -> BatchValue:
+    def _evaluate_statements(self, run: ScriptRun, agents: AgentSet) -> BatchValue:
         value = NO_VALUE
         for statement in self._statements:
             agents = run.drop_failed(agents)
@@ -604,7 +607,7 @@ class BatchProgram:
         return value
 
 
-def select_true(run: ScriptRun, value: BatchValue, agents: int) -> int:
+def select_true(run: ScriptRun, value: BatchValue, agents: AgentSet) -> int:
     """Return those of *agents* for which *value*, the result of a condition, is true.
 
     If the value of an agent is neither true nor false, an error is recorded for this agent.

@@ -10,6 +10,7 @@ from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeErr
 from btcore.nodes.blackboard_actions import copy_error
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS
 from btcore.values import DOUBLE, IntegerType, ValueType
+from btcore_batch.agent_sets import AgentSet
 from btcore_batch.columns import NUMBER, OBJECT, TEXT, BatchValue, Column, Slot
 from btcore_batch.context import BatchContext
 from btcore_batch.conversion import cast, normalise_values, store
@@ -21,7 +22,7 @@ from btcore_batch.script import BatchProgram
 class AlwaysSuccess(BatchNode):
     """Succeeds."""
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Return SUCCESS."""
         return agents, 0, 0, 0
 
@@ -29,7 +30,7 @@ class AlwaysSuccess(BatchNode):
 class AlwaysFailure(BatchNode):
     """Fails."""
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Return FAILURE."""
         return 0, agents, 0, 0
 
@@ -56,7 +57,7 @@ class Script(BatchNode):
         super().__init__(node, context, children)
         self.program = compile_port(self, "code")
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Run the script."""
         return self.program.run(agents), 0, 0, 0
 
@@ -64,7 +65,7 @@ class Script(BatchNode):
 class ScriptCondition(Script):
     """Succeeds if the value of a script is true."""
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Evaluate the script."""
         true, false = self.program.split(agents)
         return true, false, 0, 0
@@ -80,7 +81,7 @@ class Precondition(BatchDecorator):
         # The agents for which the script was true and the child has not completed since.
         self._going = 0
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Evaluate the script, then tick the child."""
         results = {SUCCESS: 0, FAILURE: 0, RUNNING: 0, SKIPPED: 0, IDLE: 0}
         groups = self.otherwise.groups(agents)
@@ -125,7 +126,7 @@ class SetBlackboard(BatchNode):
         self.source = None if source is None else Slot(context.columns, self.board, source)
         self.target = Slot(context.columns, self.board, str(target.read()))
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Write the entry."""
         try:
             if self.source is not None:
@@ -135,7 +136,7 @@ class SetBlackboard(BatchNode):
             self.context.fail(self, agents, error)
         return self.drop_failed(agents), 0, 0, 0
 
-    def _copy_entry(self, source_slot: Slot, agents: int) -> Results:
+    def _copy_entry(self, source_slot: Slot, agents: AgentSet) -> Results:
         source = source_slot.column
         missing = agents if source is None else agents ^ (agents & source.exists)
         if missing:
@@ -166,7 +167,7 @@ class SetBlackboard(BatchNode):
             store(self.target, agents, value, self._fail)
         return self.drop_failed(agents), empty, 0, 0
 
-    def _write_text(self, agents: int) -> None:
+    def _write_text(self, agents: AgentSet) -> None:
         column = self.target.column
         value: Any = self.text
         if column is not None and column.declared.strong:
@@ -180,7 +181,7 @@ class SetBlackboard(BatchNode):
             values = BatchValue(objects, OBJECT, 0)
         store(self.target, agents, values, self._fail)
 
-    def _fail(self, agents: int, error: BtcoreError) -> None:
+    def _fail(self, agents: AgentSet, error: BtcoreError) -> None:
         self.context.fail(self, agents, BlackboardError(str(error)))
 
 

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeError
-from btcore_batch.agent_sets import Counters
+from btcore_batch.agent_sets import AgentSet, Counters
 from btcore_batch.context import BatchContext
 from btcore_batch.node import NO_RESULTS, BatchNode, Results
 from btcore_batch.ports import BatchInput
@@ -23,7 +23,7 @@ class OrderedNode(BatchNode):
         self._next = [0] * len(children)
         self._skips = Counters()
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick each agent's next child, and the children after it."""
         ended = running = 0
         continues_on_success, is_async = self.continues_on_success, self.is_async
@@ -80,16 +80,16 @@ class OrderedNode(BatchNode):
             return completed, ended, running, skipped
         return ended, completed, running, skipped
 
-    def _remember(self, index: int, ticked: int, continues: int, running: int) -> None:
+    def _remember(self, index: int, ticked: int, continues: int, running: AgentSet) -> None:
         """Make the child *index* the next child of the agents that stay at it."""
         if index:
             self._next[index] |= running
 
-    def _end_early(self, index: int, agents: int) -> None:
+    def _end_early(self, index: int, agents: AgentSet) -> None:
         """Reset children for *agents*, for which the result of the child *index* has ended the node."""
         self.reset_children(agents)
 
-    def _forget(self, agents: int) -> None:
+    def _forget(self, agents: AgentSet) -> None:
         """Make the first child the next child of *agents*."""
         for index, starts_here in enumerate(self._next):
             if starts_here:
@@ -97,7 +97,7 @@ class OrderedNode(BatchNode):
         if self._skips.planes:
             self._skips.clear(agents)
 
-    def halt(self, agents: int) -> None:
+    def halt(self, agents: AgentSet) -> None:
         """Halt the children, and start with the first child next time."""
         self._forget(agents)
         super().halt(agents)
@@ -131,15 +131,15 @@ class SequenceWithMemory(OrderedNode):
 
     is_async = True
 
-    def _remember(self, index: int, ticked: int, continues: int, running: int) -> None:
+    def _remember(self, index: int, ticked: int, continues: int, running: AgentSet) -> None:
         if index:
             self._next[index] |= ticked ^ (ticked & continues)
 
-    def _end_early(self, index: int, agents: int) -> None:
+    def _end_early(self, index: int, agents: AgentSet) -> None:
         for child in self.children[index:]:
             child.reset_by_parent(agents)
 
-    def halt(self, agents: int) -> None:
+    def halt(self, agents: AgentSet) -> None:
         """Halt the children, and remember the next child."""
         self.reset_children(agents)
         self.reset(agents)
@@ -150,7 +150,7 @@ class ReactiveNode(BatchNode):
 
     continues_on_success: ClassVar[bool] = True
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick the children from the first child."""
         ended = running = completed = 0
         continues_on_success = self.continues_on_success
@@ -199,7 +199,7 @@ class TryCatch(OrderedNode):
         self.catch_on_halt = BatchInput(self, "catch_on_halt")
         self._catching = 0
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick each agent's next child and the children after it, or the handler."""
         children, next_child = self.children, self._next
         if len(children) < 2:
@@ -247,11 +247,11 @@ class TryCatch(OrderedNode):
             self.reset_children(failure)
         return active ^ skipped, failure, running, skipped
 
-    def _forget(self, agents: int) -> None:
+    def _forget(self, agents: AgentSet) -> None:
         super()._forget(agents)
         self._catching ^= self._catching & agents
 
-    def halt(self, agents: int) -> None:
+    def halt(self, agents: AgentSet) -> None:
         """Halt the children, after a single tick of the handler if `catch_on_halt` is true."""
         last = len(self.children) - 1
         interrupted = self.not_idle(agents)

@@ -1,6 +1,7 @@
 """Nodes of a batch that wait; each agent has its own deadline."""
 
 from btcore.engine.node import TreeNode
+from btcore_batch.agent_sets import AgentSet
 from btcore_batch.context import BatchContext
 from btcore_batch.node import BatchDecorator, BatchNode, Results
 from btcore_batch.ports import BatchInput
@@ -13,12 +14,12 @@ class TimedDecorator(BatchDecorator):
         super().__init__(node, context, children)
         self._timer = context.add_timer()
 
-    def halt(self, agents: int) -> None:
+    def halt(self, agents: AgentSet) -> None:
         """Cancel the deadlines, and halt the child."""
         self._stop(agents)
         super().halt(agents)
 
-    def _stop(self, agents: int) -> None:
+    def _stop(self, agents: AgentSet) -> None:
         self._timer.stop(agents)
 
 
@@ -30,7 +31,7 @@ class Timeout(TimedDecorator):
         self.msec = BatchInput(self, "msec")
         self._started = 0
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Tick the child, unless the time has passed."""
         context, timer = self.context, self._timer
         late = active = 0
@@ -62,7 +63,7 @@ class Timeout(TimedDecorator):
             self.child.reset_by_parent(completed)
         return success, failure | late, running, skipped
 
-    def _stop(self, agents: int) -> None:
+    def _stop(self, agents: AgentSet) -> None:
         super()._stop(agents)
         self._started ^= self._started & agents
 
@@ -74,7 +75,7 @@ class Delay(TimedDecorator):
         super().__init__(node, context, children)
         self.delay_msec = BatchInput(self, "delay_msec")
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Wait, then tick the child."""
         context, timer = self.context, self._timer
         waiting = active = 0
@@ -107,7 +108,7 @@ class Sleep(BatchNode):
         self.msec = BatchInput(self, "msec")
         self._timer = context.add_timer()
 
-    def tick(self, agents: int) -> Results:
+    def tick(self, agents: AgentSet) -> Results:
         """Start the timer, or check it."""
         context, timer = self.context, self._timer
         going = self.running & agents
@@ -128,7 +129,7 @@ class Sleep(BatchNode):
                     running |= group
         return success, failure, running, 0
 
-    def halt(self, agents: int) -> None:
+    def halt(self, agents: AgentSet) -> None:
         """Cancel the deadlines."""
         self._timer.stop(agents & self.running)
         super().halt(agents)

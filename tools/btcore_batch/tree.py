@@ -20,7 +20,7 @@ from btcore.registry.registry import Registry
 from btcore.status import RUNNING
 from btcore.suggestions import did_you_mean, nearest_name, suggestion
 from btcore.tree.tree import Tree
-from btcore_batch.agent_sets import AgentSets, Indices, Mask
+from btcore_batch.agent_sets import AgentSet, AgentSets, Indices, Mask
 from btcore_batch.blackboard import BatchBlackboard
 from btcore_batch.columns import ColumnTable
 from btcore_batch.context import BatchContext
@@ -165,7 +165,7 @@ class BatchTree:
     def __init__(
         self,
         tree: Tree,
-        agents: int,
+        agents: AgentSet,
         leaves: Sequence[Any] = (),
         resources: Sequence[object] = (),
         clock: Clock | None = None,
@@ -192,7 +192,7 @@ class BatchTree:
     def load(
         cls,
         path: str | PathLike[str],
-        agents: int,
+        agents: AgentSet,
         leaves: Sequence[Any] = (),
         *,
         nodes: Registry | None = None,
@@ -231,7 +231,7 @@ class BatchTree:
     def loads(
         cls,
         text: str,
-        agents: int,
+        agents: AgentSet,
         leaves: Sequence[Any] = (),
         *,
         nodes: Registry | None = None,
@@ -306,7 +306,7 @@ class BatchTree:
                 return statuses
             np.copyto(statuses, self._tick(woken), where=self.agent_sets.mask(woken))
 
-    def _tick(self, agents: int) -> Statuses:
+    def _tick(self, agents: AgentSet) -> Statuses:
         self.ticks += 1
         self.columns.refresh()
         context = self.context
@@ -351,7 +351,7 @@ class BatchTree:
         self._halt_all(agents)
         self._raise(self._errors(self.status))
 
-    def _halt_all(self, agents: int) -> None:
+    def _halt_all(self, agents: AgentSet) -> None:
         context = self.context
         context.raised = 0
         context.errors = {}

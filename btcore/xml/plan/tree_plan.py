@@ -99,9 +99,10 @@ class SubtreeCall:
                 self.autoremap = self._read_flag(key, text)
             elif key != "ID" and key != "name" and is_port_name(key):
                 self.port_texts[key] = text
-        for key, default in () if self.autoremap else defaults.items():
-            if default and key not in self.port_texts:
-                self.port_texts[key] = default
+        if not self.autoremap:
+            for key, default in defaults.items():
+                if default and key not in self.port_texts:
+                    self.port_texts[key] = default
         for key, text in self.port_texts.items():
             # In a SubTree "=" is a constant, and only "{=}" stands for the key of the same name. As the
             # default of a model it stands for the key "=".
@@ -141,7 +142,9 @@ class SubtreeCall:
 
 
 class NodePlan:
-    """The plan of a node. `outline_trees` creates it, and `TreePlanner` adds ports and conditions.
+    """The plan of a node.
+
+    `outline_trees` creates it with *element*, *depth* and *children*; `TreePlanner` adds everything else.
 
     Attributes:
         element: The element of the node.
@@ -494,7 +497,9 @@ class TreePlanner:
 
             message = f"{key} must be 'true' or 'false', not '{element.get(key)}'"
             self._report(NOT_A_BOOLEAN, message, element, key, value_hint(BOOL))
-        for port, default in model.items() if call.format == 4 and not call.autoremap else ():
+        if call.format == 3 or call.autoremap:
+            return
+        for port, default in model.items():
             if default or port in call.port_texts:
                 continue
             if self._collector.is_full(MISSING_SUBTREE_PORT):

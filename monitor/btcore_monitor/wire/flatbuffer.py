@@ -11,6 +11,8 @@ content. All numbers are little endian (https://flatbuffers.dev/internals).
 import struct
 from typing import Final, Self
 
+from btcore_monitor.errors import MonitorError
+
 _U16: Final = struct.Struct("<H")
 _I32: Final = struct.Struct("<i")
 _U32: Final = struct.Struct("<I")
@@ -21,7 +23,7 @@ _SHARING: Final = 32
 _TABLE_COST: Final = 8  # bytes that a table counts as
 
 
-class FlatbufferError(ValueError):
+class FlatbufferError(MonitorError):
     """The bytes are not the expected flatbuffer."""
 
 

@@ -55,42 +55,44 @@ def test_smoothing_keeps_readings_without_an_echo_and_below_the_minimum() -> Non
 
 
 @pytest.fixture
-def seen() -> Callable[..., Any]:
-    """Return the clearance at a point, with a wall 1 m ahead of the laser and the obstacles of a costmap."""
+def make_grid() -> Callable[..., Any]:
+    """Return the function that makes a grid with a wall 1 m ahead, and the obstacles of a costmap."""
 
     def make(costmap: LocalCostmap | None = None):
-        field = ClearanceGrid()
-        field.update(scan_of(wall_ahead(1.0)), Pose2D(0.0, 0.0, 0.0), costmap or LocalCostmap())
-        return field
+        grid = ClearanceGrid()
+        grid.update(scan_of(wall_ahead(1.0)), Pose2D(0.0, 0.0, 0.0), costmap or LocalCostmap())
+        return grid
 
     return make
 
 
-def test_clearance_is_the_distance_to_the_readings_of_the_scan(seen: Callable[..., Any]) -> None:
-    field = seen()
-    assert field.distance_at(0.0, 0.0) == pytest.approx(1.0, abs=0.03)
-    assert field.distance_at(0.6, 0.3) == pytest.approx(0.4, abs=0.03)
-    assert field.distances_at(np.array([0.0, 9.0]), np.array([0.0, 0.0])).tolist() == [
+def test_clearance_is_the_distance_to_the_readings_of_the_scan(make_grid: Callable[..., Any]) -> None:
+    grid = make_grid()
+    assert grid.distance_at(0.0, 0.0) == pytest.approx(1.0, abs=0.03)
+    assert grid.distance_at(0.6, 0.3) == pytest.approx(0.4, abs=0.03)
+    assert grid.distances_at(np.array([0.0, 9.0]), np.array([0.0, 0.0])).tolist() == [
         pytest.approx(1.0, abs=0.03),
         0.0,
     ]
 
 
-def test_obstacles_of_the_costmap_count_unless_the_scan_sees_through_them(seen: Callable[..., Any]) -> None:
+def test_obstacles_of_the_costmap_count_unless_the_scan_sees_through_them(
+    make_grid: Callable[..., Any],
+) -> None:
     costmap = LocalCostmap()
     for x in (-0.5, 0.5):
         row, col = costmap.cell(x, 0.0)
         costmap.obstacles.values[row, col] = costmap.costs[row, col] = 254
-    field = seen(costmap)
-    assert field.distance_at(-0.5, 0.0) < 0.05
-    assert field.distance_at(0.5, 0.0) == pytest.approx(0.5, abs=0.04)
+    grid = make_grid(costmap)
+    assert grid.distance_at(-0.5, 0.0) < 0.05
+    assert grid.distance_at(0.5, 0.0) == pytest.approx(0.5, abs=0.04)
 
 
-def test_a_keep_out_area_counts_even_if_the_scan_sees_through_it(seen: Callable[..., Any]) -> None:
+def test_a_keep_out_area_counts_even_if_the_scan_sees_through_it(make_grid: Callable[..., Any]) -> None:
     costmap = LocalCostmap()
     row, col = costmap.cell(0.5, 0.0)
     costmap.costs[row, col] = 254
-    assert seen(costmap).distance_at(0.5, 0.0) < 0.05
+    assert make_grid(costmap).distance_at(0.5, 0.0) < 0.05
 
 
 def test_a_carrot_lies_ahead_on_the_path_and_has_the_curvature_to_it() -> None:
@@ -117,32 +119,32 @@ def test_a_path_with_a_single_point_has_no_remaining_length() -> None:
     assert (pursuit.remaining, pursuit.cross_track_distance) == (0.0, 1.0)
 
 
-def test_a_detour_keeps_its_clearance_and_an_enclosed_target_has_none(seen: Callable[..., Any]) -> None:
-    field = seen()
-    rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
-    cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
-    field.distances = np.hypot(cols - 0.7, rows + 0.05).astype(np.float32)
-    found = find_detour(field, Pose2D(0.0, 0.0, 0.0), np.array([(0.7, 0.0), (1.4, 0.0), (1.6, 0.0)]), 0.32)
+def test_a_detour_keeps_its_clearance_and_an_enclosed_target_has_none(make_grid: Callable[..., Any]) -> None:
+    grid = make_grid()
+    rows = np.arange(160)[:, None] * grid.resolution + grid.origin[1]
+    cols = np.arange(160)[None, :] * grid.resolution + grid.origin[0]
+    grid.distances = np.hypot(cols - 0.7, rows + 0.05).astype(np.float32)
+    found = find_detour(grid, Pose2D(0.0, 0.0, 0.0), np.array([(0.7, 0.0), (1.4, 0.0), (1.6, 0.0)]), 0.32)
     assert found is not None
     index, way = found
     assert index == 1
     assert np.hypot(way[:, 0] - 0.7, way[:, 1] + 0.05).min() > 0.28
     ring = np.abs(np.hypot(cols - 1.4, rows)) - 0.6
-    field.distances = np.abs(ring).astype(np.float32)
-    assert find_detour(field, Pose2D(0.0, 0.0, 0.0), np.array([(1.4, 0.0)]), 0.32) is None
+    grid.distances = np.abs(ring).astype(np.float32)
+    assert find_detour(grid, Pose2D(0.0, 0.0, 0.0), np.array([(1.4, 0.0)]), 0.32) is None
 
 
-def test_a_detour_stays_on_the_side_of_the_previous_detour(seen: Callable[..., Any]) -> None:
-    field = seen()
-    rows = np.arange(160)[:, None] * field.resolution + field.origin[1]
-    cols = np.arange(160)[None, :] * field.resolution + field.origin[0]
-    field.distances = np.hypot(cols - 0.7, rows + 0.05).astype(np.float32)
+def test_a_detour_stays_on_the_side_of_the_previous_detour(make_grid: Callable[..., Any]) -> None:
+    grid = make_grid()
+    rows = np.arange(160)[:, None] * grid.resolution + grid.origin[1]
+    cols = np.arange(160)[None, :] * grid.resolution + grid.origin[0]
+    grid.distances = np.hypot(cols - 0.7, rows + 0.05).astype(np.float32)
     target = np.array([(1.4, 0.0)])
-    over = find_detour(field, Pose2D(0.0, 0.0, 0.0), target, 0.32)
+    over = find_detour(grid, Pose2D(0.0, 0.0, 0.0), target, 0.32)
     assert over is not None
-    field.distances = np.hypot(cols - 0.7, rows - 0.05).astype(np.float32)
-    again = find_detour(field, Pose2D(0.0, 0.0, 0.0), target, 0.32, over[1])
-    anew = find_detour(field, Pose2D(0.0, 0.0, 0.0), target, 0.32)
+    grid.distances = np.hypot(cols - 0.7, rows - 0.05).astype(np.float32)
+    again = find_detour(grid, Pose2D(0.0, 0.0, 0.0), target, 0.32, over[1])
+    anew = find_detour(grid, Pose2D(0.0, 0.0, 0.0), target, 0.32)
     assert over[1][:, 1].max() > 0.2
     assert again is not None
     assert again[1][:, 1].max() > 0.2

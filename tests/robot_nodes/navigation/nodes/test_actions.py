@@ -345,7 +345,7 @@ def observe_scan(rig: NodeRig, age: float) -> None:
 
 
 @pytest.fixture
-def seen() -> None:
+def boxed() -> NodeRig:
     rig = NodeRig(rig_on_floor((0.7, -0.3, 0.9, 0.3), (0.8, 1.2, 1.2, 1.4)))
     observe_scan(rig, OBSTACLE_MEMORY + 1.0)
     assert boxes_on(rig.costmap) == (True, True)
@@ -359,29 +359,29 @@ def boxes_on(costmap: Any) -> tuple[bool, bool]:
 
 
 @pytest.mark.parametrize(("name", "left"), [("global", "local"), ("local", "global")])
-def test_clear_entire_costmap_removes_observed_obstacles(seen: NodeRig, name: str, left: str) -> None:
-    tree = seen.tree(f'<ClearEntireCostmap service_name="{name}_costmap/clear_entirely_{name}_costmap"/>')
-    assert seen.letters(tree, 1) == "S"
-    costmaps = {"global": seen.costmap, "local": seen.servers.local_costmap}
+def test_clear_entire_costmap_removes_observed_obstacles(boxed: NodeRig, name: str, left: str) -> None:
+    tree = boxed.tree(f'<ClearEntireCostmap service_name="{name}_costmap/clear_entirely_{name}_costmap"/>')
+    assert boxed.letters(tree, 1) == "S"
+    costmaps = {"global": boxed.costmap, "local": boxed.servers.local_costmap}
     assert boxes_on(costmaps[name]) == (False, False)
     assert boxes_on(costmaps[left]) == (True, True)
     assert recoveries(tree) == 1
 
 
-def test_the_global_costmap_keeps_obstacles_that_were_observed_a_short_time_ago(seen: NodeRig) -> None:
-    observe_scan(seen, OBSTACLE_MEMORY - 1.0)
+def test_the_global_costmap_keeps_obstacles_that_were_observed_a_short_time_ago(boxed: NodeRig) -> None:
+    observe_scan(boxed, OBSTACLE_MEMORY - 1.0)
     for node in (
         '<ClearEntireCostmap service_name="global"/>',
         '<ClearCostmapAroundRobot service_name="global" reset_distance="9"/>',
         '<ClearCostmapExceptRegion service_name="global" reset_distance="0.1"/>',
     ):
-        assert seen.letters(seen.tree(node), 1) == "S"
-        assert boxes_on(seen.costmap) == (True, True)
+        assert boxed.letters(boxed.tree(node), 1) == "S"
+        assert boxes_on(boxed.costmap) == (True, True)
 
 
-def test_clear_entire_costmap_keeps_the_map(seen: NodeRig) -> None:
-    seen.letters(seen.tree('<ClearEntireCostmap service_name="global_costmap"/>'), 1)
-    assert seen.costmap.cost(4.99, 0.0) == 254
+def test_clear_entire_costmap_keeps_the_map(boxed: NodeRig) -> None:
+    boxed.letters(boxed.tree('<ClearEntireCostmap service_name="global_costmap"/>'), 1)
+    assert boxed.costmap.cost(4.99, 0.0) == 254
 
 
 @pytest.mark.parametrize(
@@ -392,10 +392,10 @@ def test_clear_entire_costmap_keeps_the_map(seen: NodeRig) -> None:
         ('<ClearCostmapAroundPose service_name="global" pose="1;1.3" reset_distance="1"/>', (True, False)),
     ],
 )
-def test_parts_of_a_costmap_can_be_cleared(seen: NodeRig, node: str, left: tuple[bool, bool]) -> None:
-    tree = seen.tree(node)
-    assert seen.letters(tree, 1) == "S"
-    assert boxes_on(seen.costmap) == left
+def test_parts_of_a_costmap_can_be_cleared(boxed: NodeRig, node: str, left: tuple[bool, bool]) -> None:
+    tree = boxed.tree(node)
+    assert boxed.letters(tree, 1) == "S"
+    assert boxes_on(boxed.costmap) == left
     assert recoveries(tree) == 1
 
 

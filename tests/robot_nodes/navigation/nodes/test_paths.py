@@ -19,7 +19,7 @@ def at(x: float, y: float = 0.0, yaw: float = 0.0) -> Pose2D:
 
 
 @pytest.fixture
-def seen() -> None:
+def boxed() -> NodeRig:
     """A rig whose global costmap contains a box on the floor."""
     rig = NodeRig(rig_on_floor(BOX))
     rig.wait(0.2)
@@ -136,37 +136,39 @@ def test_truncate_path_local_searches_only_given_distance(rig: NodeRig) -> None:
 
 
 @pytest.mark.parametrize(("y", "letter"), [(0.0, "F"), (0.45, "F"), (1.0, "S")])
-def test_validate_path_uses_the_obstacles_of_the_global_costmap(seen: NodeRig, y: float, letter: str) -> None:
-    tree = seen.tree(
+def test_validate_path_uses_the_obstacles_of_the_global_costmap(
+    boxed: NodeRig, y: float, letter: str
+) -> None:
+    tree = boxed.tree(
         '<ValidatePath path="{path}" collision_poses="{bad}"/>', path=path_through((0, y), (4, y))
     )
-    assert seen.letters(tree, 1) == letter
+    assert boxed.letters(tree, 1) == letter
     assert bool(tree.blackboard["bad"]) is (letter == "F")
 
 
-def test_validate_path_reports_first_collision_or_all(seen: NodeRig) -> None:
+def test_validate_path_reports_first_collision_or_all(boxed: NodeRig) -> None:
     text = '<ValidatePath path="{path}" collision_poses="{bad}" stop_at_first_collision="%s"/>'
-    one = seen.tree(text % "true", path=path_through((0, 0), (4, 0)))
-    every = seen.tree(text % "false", path=path_through((0, 0), (4, 0)))
-    seen.letters(one, 1)
-    seen.letters(every, 1)
+    one = boxed.tree(text % "true", path=path_through((0, 0), (4, 0)))
+    every = boxed.tree(text % "false", path=path_through((0, 0), (4, 0)))
+    boxed.letters(one, 1)
+    boxed.letters(every, 1)
     assert one.blackboard["bad"] == every.blackboard["bad"][:1]
     assert one.blackboard["bad"][0].x == pytest.approx(1.5, abs=0.15)
     assert len(every.blackboard["bad"]) > 5
 
 
-def test_validate_path_checks_only_ahead_of_the_robot(seen: NodeRig) -> None:
-    tree = seen.tree('<ValidatePath path="{path}"/>', path=path_through((0, 0), (4, 0)))
-    seen.robot.boxes.clear()
-    seen.move(3.0)
-    assert seen.letters(tree, 1) == "S"
+def test_validate_path_checks_only_ahead_of_the_robot(boxed: NodeRig) -> None:
+    tree = boxed.tree('<ValidatePath path="{path}"/>', path=path_through((0, 0), (4, 0)))
+    boxed.robot.boxes.clear()
+    boxed.move(3.0)
+    assert boxed.letters(tree, 1) == "S"
 
 
-def test_validate_path_checks_only_the_given_distance(seen: NodeRig) -> None:
-    tree = seen.tree(
+def test_validate_path_checks_only_the_given_distance(boxed: NodeRig) -> None:
+    tree = boxed.tree(
         '<ValidatePath path="{path}" max_lookahead_distance="1"/>', path=path_through((0, 0), (4, 0))
     )
-    assert seen.letters(tree, 1) == "S"
+    assert boxed.letters(tree, 1) == "S"
 
 
 def test_validate_path_takes_unknown_cells_as_free(rig: NodeRig) -> None:
@@ -176,11 +178,11 @@ def test_validate_path_takes_unknown_cells_as_free(rig: NodeRig) -> None:
     assert rig.letters(rig.tree(text % "true", path=unknown), 1) == "F"
 
 
-def test_validate_path_compares_costs_with_maximum_cost(seen: NodeRig) -> None:
+def test_validate_path_compares_costs_with_maximum_cost(boxed: NodeRig) -> None:
     text = '<ValidatePath path="{path}" max_cost="%s"/>'
     beside = path_through((0, 0.6), (4, 0.6))
-    assert seen.letters(seen.tree(text % 254, path=beside), 1) == "S"
-    assert seen.letters(seen.tree(text % 50, path=beside), 1) == "F"
+    assert boxed.letters(boxed.tree(text % 254, path=beside), 1) == "S"
+    assert boxed.letters(boxed.tree(text % 50, path=beside), 1) == "F"
 
 
 def test_validate_path_fails_without_a_path(rig: NodeRig) -> None:
@@ -188,9 +190,9 @@ def test_validate_path_fails_without_a_path(rig: NodeRig) -> None:
 
 
 @pytest.mark.parametrize(("y", "letter"), [(0.0, "F"), (1.0, "S")])
-def test_is_path_valid_is_validate_path_as_a_condition(seen: NodeRig, y: float, letter: str) -> None:
-    tree = seen.tree('<Condition ID="IsPathValid" path="{path}"/>', path=path_through((0, y), (4, y)))
-    assert seen.letters(tree, 1) == letter
+def test_is_path_valid_is_validate_path_as_a_condition(boxed: NodeRig, y: float, letter: str) -> None:
+    tree = boxed.tree('<Condition ID="IsPathValid" path="{path}"/>', path=path_through((0, y), (4, y)))
+    assert boxed.letters(tree, 1) == letter
 
 
 def test_smooth_path_cuts_a_detour(rig: NodeRig) -> None:
@@ -269,14 +271,14 @@ def test_remove_passed_goals_marks_them_completed(rig: NodeRig) -> None:
     assert states == [WaypointState.COMPLETED, WaypointState.PENDING, WaypointState.PENDING]
 
 
-def test_remove_in_collision_goals_marks_them_skipped(seen: NodeRig) -> None:
+def test_remove_in_collision_goals_marks_them_skipped(boxed: NodeRig) -> None:
     goals = [at(2.0), at(0.0, 2.0), at(1.5), at(4.3, 4.3)]
-    tree = seen.tree(
+    tree = boxed.tree(
         f'<RemoveInCollisionGoals {STATUSES} input_goals="{{goals}}" output_goals="{{left}}"/>',
         goals=goals,
         how=[WaypointStatus(goal, index) for index, goal in enumerate(goals)],
     )
-    assert seen.letters(tree, 1) == "S"
+    assert boxed.letters(tree, 1) == "S"
     assert tree.blackboard["left"] == [goals[1], goals[3]]
     assert [one.state.name for one in tree.blackboard["how"]] == ["SKIPPED", "PENDING", "SKIPPED", "PENDING"]
 
@@ -292,8 +294,10 @@ def test_remove_in_collision_goals_marks_them_skipped(seen: NodeRig) -> None:
         ("4.3;4.3", 'consider_unknown_as_obstacle="true"', "S"),
     ],
 )
-def test_check_pose_occupancy_finds_occupied_pose(seen: NodeRig, place: str, ports: str, letter: str) -> None:
-    assert seen.letters(seen.tree(f'<CheckPoseOccupancy pose="{place}" {ports}/>'), 1) == letter
+def test_check_pose_occupancy_finds_occupied_pose(
+    boxed: NodeRig, place: str, ports: str, letter: str
+) -> None:
+    assert boxed.letters(boxed.tree(f'<CheckPoseOccupancy pose="{place}" {ports}/>'), 1) == letter
 
 
 @pytest.mark.parametrize(("index", "x"), [(0, 0.0), (2, 0.1), (-1, 1.0), (-21, 0.0)])
