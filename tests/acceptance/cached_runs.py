@@ -108,7 +108,7 @@ def _results(case: Case, seeds: Sequence[int], workers: int, execute: Execution)
 
 
 def safety_misses(result: Result) -> list[str]:
-    """Require that the robot touched nothing."""
+    """Return the numbers of collisions and grazes that are not 0."""
     robot = result["robot"]
     return [f"{robot[kind]} {kind}" for kind in ("collisions", "grazes") if robot[kind]]
 

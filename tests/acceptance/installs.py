@@ -52,7 +52,7 @@ def wheel(name: str, folder: Path, environment: dict[str, str]) -> Path:
     return next(dist.iterdir())
 
 
-def misses(made: Path) -> list[str]:
+def wheel_misses(made: Path) -> list[str]:
     """Return how the wheel *made* differs from a complete pure build."""
     with zipfile.ZipFile(made) as archive:
         names = archive.namelist()
@@ -65,7 +65,7 @@ def misses(made: Path) -> list[str]:
     return found
 
 
-def installed(made: Path, build: str, folder: Path) -> list[str]:
+def installation_misses(made: Path, build: str, folder: Path) -> list[str]:
     """Return what is wrong after installing the wheel *made* in a new environment.
 
     Args:
@@ -119,11 +119,11 @@ def main() -> int:
         }
         for number, (case, environment) in enumerate(cases.items()):
             pure = wheel(str(number), folder, environment)
-            found = misses(pure)
+            found = wheel_misses(pure)
             print(f"installing: {case:32} {'; '.join(found[:3]) or 'the pure build, whole'}", flush=True)
             missed += len(found)
         for build, made in {"pure": pure, "compiled": compiled}.items():
-            found = installed(made, build, folder)
+            found = installation_misses(made, build, folder)
             print(
                 f"without a compiler: {f'the {build} wheel':24} {'; '.join(found) or 'runs a tree'}",
                 flush=True,

@@ -8,8 +8,9 @@ import argparse
 import math
 import os
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 from cached_runs import Case, Result, failure_messages, results, safety_misses
@@ -28,28 +29,24 @@ class Group:
     allowed: int = 0
 
 
-def patrolled(least: int, recharges: int) -> Callable[[Result], list[str]]:
-    """Require *least* waypoints in their order, *recharges*, and the accuracy of the localisation."""
-
-    def misses(result: Result) -> list[str]:
-        robot, found = result["robot"], safety_misses(result)
-        visited = robot["waypoints_visited"]
-        if len(visited) < least:
-            found.append(f"only {len(visited)} waypoints")
-        found += out_of_order(visited, robot["recharges"])
-        if robot["recharges"] < recharges:
-            found.append(f"{robot['recharges']} recharges")
-        if robot["battery_min"] <= 3.0:
-            found.append(f"the battery went down to {robot['battery_min']}")
-        if robot["goals_failed"]:
-            found.append(f"{robot['goals_failed']} goals failed")
-        return found + localisation_misses(robot)
-
-    return misses
+def patrol_misses(result: Result, least: int) -> list[str]:
+    """Return the misses of a patrol that requires *least* waypoints in their order, and a recharge."""
+    robot, found = result["robot"], safety_misses(result)
+    visited = robot["waypoints_visited"]
+    if len(visited) < least:
+        found.append(f"only {len(visited)} waypoints")
+    found += order_misses(visited, robot["recharges"])
+    if not robot["recharges"]:
+        found.append("no recharge")
+    if robot["battery_min"] <= 3.0:
+        found.append(f"the battery went down to {robot['battery_min']}")
+    if robot["goals_failed"]:
+        found.append(f"{robot['goals_failed']} goals failed")
+    return found + localisation_misses(robot)
 
 
-def out_of_order(visited: Sequence[str], recharges: int) -> list[str]:
-    """Require the order of the waypoints; each way to the charger may leave out a waypoint."""
+def order_misses(visited: Sequence[str], recharges: int) -> list[str]:
+    """Return a miss if waypoints are left out; each way to the charger may leave out a waypoint."""
     left_out = sum(
         (ROUND.index(later) - ROUND.index(earlier) - 1) % len(ROUND) for earlier, later in pairwise(visited)
     )
@@ -58,7 +55,7 @@ def out_of_order(visited: Sequence[str], recharges: int) -> list[str]:
 
 
 def localisation_misses(robot: Result) -> list[str]:
-    """Require the accuracy of the localisation."""
+    """Return what is wrong with the accuracy of the localisation."""
     error, turned = robot["localization_error_m"], robot["localization_yaw_error_rad"]["max"]
     found = []
     if error["median"] > 0.15 or error["max"] > 0.40 or turned > 0.15:
@@ -68,16 +65,16 @@ def localisation_misses(robot: Result) -> list[str]:
     return found
 
 
-def among_people(result: Result) -> list[str]:
-    """Require six waypoints, and no collision."""
+def people_misses(result: Result) -> list[str]:
+    """Return the misses of a patrol among people, which requires six waypoints and no collision."""
     robot = result["robot"]
     found = [f"{robot['collisions']} collisions"] if robot["collisions"] else []
     visited = len(robot["waypoints_visited"])
     return found + ([f"only {visited} waypoints"] if visited < 6 else [])
 
 
-def passed_a_box(result: Result) -> list[str]:
-    """Require that a box dropped, and that the robot reached its waypoint without touching anything."""
+def box_misses(result: Result) -> list[str]:
+    """Return the misses of a run in which a box drops and the robot reaches its waypoint."""
     robot, found = result["robot"], safety_misses(result)
     if not result.get("events"):
         found.append("no box dropped")
@@ -87,7 +84,7 @@ def passed_a_box(result: Result) -> list[str]:
 
 
 def relocalisation_misses(result: Result) -> list[str]:
-    """Require that the robot, carried away, stopped and found its pose again within 120 s."""
+    """Return the misses of a robot that is carried away, stops and finds its pose again within 120 s."""
     robot, found = result["robot"], safety_misses(result)
     carried = robot.get("carried", [])
     if not carried:
@@ -107,10 +104,12 @@ def all_groups(seeds: int) -> list[Group]:
     for house in HOUSES:
         world = ("--world", house)
         off = (*world, "--camera", "off")
-        patrol = Case(f"patrol {house}", (*PATROL, "600", *off, "--battery", "50"), patrolled(6, 1))
+        patrol = Case(
+            f"patrol {house}", (*PATROL, "600", *off, "--battery", "50"), partial(patrol_misses, least=6)
+        )
         camera = Case(f"camera {house}", (*PATROL, "120", *world), safety_misses)
-        people = Case(f"people {house}", (*PATROL, "900", *off, "--people", "3"), among_people)
-        box = Case(f"box {house}", (*PATROL, "150", *off, "--event", "box:10-120"), passed_a_box)
+        people = Case(f"people {house}", (*PATROL, "900", *off, "--people", "3"), people_misses)
+        box = Case(f"box {house}", (*PATROL, "150", *off, "--event", "box:10-120"), box_misses)
         kidnap = Case(
             f"kidnap {house}", (*PATROL, "180", *off, "--event", "kidnap:30-60"), relocalisation_misses
         )
@@ -131,7 +130,7 @@ def sample() -> list[Group]:
             Case(
                 f"sample {house}",
                 (*PATROL, "300", "--world", house, "--camera", "off", "--battery", "25"),
-                patrolled(3, 1),
+                partial(patrol_misses, least=3),
             ),
             (1,),
         )

@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from queue import SimpleQueue
@@ -161,27 +162,23 @@ def waypoints(result: Result) -> int:
     return sum(node["success"] for node in result["nodes"].values() if node["id"] == "Move")
 
 
-def requirements(tree: str, duration: int) -> Callable[[Result], list[str]]:
-    """Return the function that returns the requirements of *tree* that a result does not meet."""
-
-    def misses(result: Result) -> list[str]:
-        robot, found = result["robot"], safety_misses(result)
-        if robot["distance_m"] < LEAST_SPEED * duration:
-            found.append(f"only {robot['distance_m']} m")
-        if result["time_s"] != duration:
-            found.append(f"{result['time_s']} s instead of {duration} s")
-        if tree == "patrolling" and waypoints(result) < duration // WAYPOINT_TIME:
-            found.append(f"only {waypoints(result)} waypoints")
-        return found
-
-    return misses
+def run_misses(result: Result, tree: str, duration: int) -> list[str]:
+    """Return the requirements of *tree* in a run of *duration* (s) that the result does not meet."""
+    robot, found = result["robot"], safety_misses(result)
+    if robot["distance_m"] < LEAST_SPEED * duration:
+        found.append(f"only {robot['distance_m']} m")
+    if result["time_s"] != duration:
+        found.append(f"{result['time_s']} s instead of {duration} s")
+    if tree == "patrolling" and waypoints(result) < duration // WAYPOINT_TIME:
+        found.append(f"only {waypoints(result)} waypoints")
+    return found
 
 
 def lockstep_runs(plan: Plan, tree: str, map_file: Path, jobs: int) -> list[str]:
     """Make the runs of *tree* and print their figures. Return a message for each miss."""
     duration = ("--duration", str(plan.lockstep))
     options = (*duration, "--map", str(map_file)) if tree == "patrolling" else duration
-    misses = requirements(tree, plan.lockstep)
+    misses = partial(run_misses, tree=tree, duration=plan.lockstep)
     inside = Case(f"{tree} one process {plan.lockstep}", (tree, *WORLD, *duration), misses)
     outside = Case(f"{tree} ros2 {plan.lockstep}", (tree, *options), misses)
     again = Case(f"{tree} ros2 again {plan.lockstep}", (tree, *options), misses)

@@ -42,7 +42,7 @@ def patrolled(world: str, file: Path, duration: float) -> Case:
 
 
 def no_misses(result: Result) -> list[str]:
-    """Return an empty list: `missed` judges all worlds together."""
+    """Return an empty list: `world_misses` judges all worlds together."""
     return []
 
 
@@ -126,7 +126,7 @@ def row(found: dict[str, Any]) -> str:
     )
 
 
-def missed(worlds: Sequence[dict[str, Any]]) -> list[str]:
+def world_misses(worlds: Sequence[dict[str, Any]]) -> list[str]:
     """Return a message for each requirement that is not met."""
     messages = [
         f"{found['world']}: {found['collisions']} collisions, {found['grazes']} grazes"
@@ -163,7 +163,7 @@ def main() -> int:
         for one in as_completed(pending):
             worlds.append(one.result())
             print(row(worlds[-1]), flush=True)
-    messages = missed(worlds)
+    messages = world_misses(worlds)
     for message in messages:
         print(f"miss: {message}")
     return 1 if messages else 0

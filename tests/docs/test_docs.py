@@ -11,7 +11,7 @@ The words after a block's fence determine its kind:
   output, in which ``…`` matches any text; a command with nothing below it must succeed.
 - ``diff``: a change of a file of the repository, as printed by ``git diff --no-prefix``. The page's folder is
   then a copy of the repository, not empty, and all changes are applied to the copy before anything runs. The
-  numbers in ``@@ … @@`` may be outdated.
+  copy has ``.venv/bin``, as a clone has. The numbers in ``@@ … @@`` may be outdated.
 - ``xml E101``: an example of docs/reference/errors.md, which tests/btcore/test_diagnostic_codes.py runs.
 - ``text``, ``toml``, ``cpp``: to be read.
 
@@ -189,13 +189,13 @@ def output_matches(shown: str, output: str) -> bool:
 
 def environment(folder: Path) -> dict[str, str]:
     """The variables of a program or a command: this build of btcore, or the patched copy, and its command."""
-    tools = folder / "tools"
-    tools.mkdir(exist_ok=True)
+    copy = folder / "empty"
+    patched = (copy / "btcore").is_dir()
+    tools = copy / ".venv/bin" if patched else folder / "tools"
+    tools.mkdir(parents=True, exist_ok=True)
     for name, module in (("btcore", "-m btcore"), ("pytest", "-m pytest"), ("python", "")):
         (tools / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {module} "$@"\n', encoding="utf-8")
         (tools / name).chmod(0o755)
-    copy = folder / "empty"
-    patched = (copy / "btcore").is_dir()
     root = copy if patched else ROOT
     sources = [
         copy if patched else HOME,

@@ -11,23 +11,23 @@ from btcore import Registry, SimClock, Tree, TreeNode
 from btcore.tree.saved_state import restore_state, save_state, state_fields_of
 from btcore_navigation import nodes as nav2_nodes
 from btcore_robot.robot import Pose2D, Waypoints
-from tests.conformance.recorded_cases import Journal, PlanAction
+from tests.conformance.recorded_cases import Journal, RecordedAct
 
 XML = """<root BTCPP_format="4"><BehaviorTree ID="Main">
   <ParallelAll max_failures="-1">
     <PipelineSequence>
-      <PlanAction plan="RS"/><PlanAction plan="RRS|RF"/><PlanAction plan="RRRS"/>
+      <Act outcomes="RS"/><Act outcomes="RRS|RF"/><Act outcomes="RRRS"/>
     </PipelineSequence>
-    <RecoveryNode number_of_retries="2"><PlanAction plan="RF|F|RS"/><PlanAction plan="RS"/></RecoveryNode>
-    <RoundRobin><PlanAction plan="RS"/><PlanAction plan="RF"/><PlanAction plan="S"/></RoundRobin>
-    <NonblockingSequence><PlanAction plan="RS"/><PlanAction plan="RRS"/></NonblockingSequence>
-    <RateController hz="40"><PlanAction plan="S|RS"/></RateController>
-    <SingleTrigger><PlanAction plan="RS"/></SingleTrigger>
-    <GoalUpdatedController goal="{goal}"><PlanAction plan="RS|S"/></GoalUpdatedController>
+    <RecoveryNode number_of_retries="2"><Act outcomes="RF|F|RS"/><Act outcomes="RS"/></RecoveryNode>
+    <RoundRobin><Act outcomes="RS"/><Act outcomes="RF"/><Act outcomes="S"/></RoundRobin>
+    <NonblockingSequence><Act outcomes="RS"/><Act outcomes="RRS"/></NonblockingSequence>
+    <RateController hz="40"><Act outcomes="S|RS"/></RateController>
+    <SingleTrigger><Act outcomes="RS"/></SingleTrigger>
+    <GoalUpdatedController goal="{goal}"><Act outcomes="RS|S"/></GoalUpdatedController>
     <ReactiveFallback>
-      <TimeExpired seconds="0.03"/><GoalUpdated goal="{goal}"/><PlanAction plan="RRRRRS"/>
+      <TimeExpired seconds="0.03"/><GoalUpdated goal="{goal}"/><Act outcomes="RRRRRS"/>
     </ReactiveFallback>
-    <ReactiveFallback><GlobalUpdatedGoal goal="{goal}"/><PlanAction plan="RRRS"/></ReactiveFallback>
+    <ReactiveFallback><GlobalUpdatedGoal goal="{goal}"/><Act outcomes="RRRS"/></ReactiveFallback>
   </ParallelAll>
 </BehaviorTree></root>"""
 
@@ -37,7 +37,7 @@ def registry() -> Registry:
     for library in ("btcore_robot.leaves", "btcore_navigation.leaves"):
         nodes.add_plugin(library)
     nav2_nodes.register(nodes)
-    nodes.add(PlanAction)
+    nodes.add(RecordedAct, ID="Act")
     return nodes
 
 

@@ -134,12 +134,12 @@ def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: MakeTree, jour
         finally:
             journal.record("drive", "stop")
 
-    drive_or_turn = '<Drive/><PlanSync name="turn" plan="S"/>'
-    body = f'<WhileDoElse><PlanCondition name="clear" plan="SF"/>{drive_or_turn}</WhileDoElse>'
+    drive_or_turn = '<Drive/><Act name="turn" outcomes="S"/>'
+    body = f'<WhileDoElse><Ask name="clear" outcomes="SF"/>{drive_or_turn}</WhileDoElse>'
     tree = make_tree(body, drive)
     tree.tick_exactly_once()
     tree.tick_exactly_once()
-    assert journal.calls == ["clear:tick", "drive:start", "clear:tick", "drive:stop", "turn:tick"]
+    assert journal.calls == ["clear:tick", "drive:start", "clear:tick", "drive:stop", "turn:start"]
 
 
 def test_generator_is_cancelled_by_a_halt(make_tree: MakeTree) -> None:

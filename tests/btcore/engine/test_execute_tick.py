@@ -185,7 +185,7 @@ def test_interrupted_tree_continues_where_it_was(body: str, make_tree: MakeTree)
                 raise KeyboardInterrupt
             return True
 
-    tree = make_tree(f'<SequenceWithMemory><PlanSync name="a" plan="S"/>{body}</SequenceWithMemory>', Stop)
+    tree = make_tree(f'<SequenceWithMemory><Act name="a" outcomes="S"/>{body}</SequenceWithMemory>', Stop)
     with pytest.raises(KeyboardInterrupt):
         tree.tick_once()
     tree.tick_once()
@@ -196,14 +196,14 @@ def test_interrupted_tree_continues_where_it_was(body: str, make_tree: MakeTree)
 def test_after_an_error_only_a_sequence_with_memory_resumes_at_the_raising_child(
     kind: str, make_tree: MakeTree, journal: Journal
 ) -> None:
-    plan = "F" if kind == "Fallback" else "S"
+    outcomes = "F" if kind == "Fallback" else "S"
     tree = make_tree(
-        f'<{kind}><PlanSync name="a" plan="{plan}"/><PlanSync name="x" plan="X{plan}"/></{kind}>'
+        f'<{kind}><Act name="a" outcomes="{outcomes}"/><Act name="x" outcomes="X{outcomes}"/></{kind}>'
     )
     tick_error(tree)
     journal.take()
     tree.tick_once()
-    assert journal.take() == (["x:tick"] if kind == "SequenceWithMemory" else ["a:tick", "x:tick"])
+    assert journal.take() == (["x:start"] if kind == "SequenceWithMemory" else ["a:start", "x:start"])
 
 
 def test_node_that_halts_its_own_tree_in_a_tick_keeps_its_result(make_tree: MakeTree) -> None:
@@ -214,7 +214,7 @@ def test_node_that_halts_its_own_tree_in_a_tick_keeps_its_result(make_tree: Make
             self.tree.halt()
             return True
 
-    tree = make_tree('<Sequence><PlanSync plan="S"/><Reckless/></Sequence>', Reckless)
+    tree = make_tree('<Sequence><Act outcomes="S"/><Reckless/></Sequence>', Reckless)
     tree.find(Reckless)[0].tree = tree
     assert tree.tick_once() is Status.SUCCESS
     assert all(node.status is Status.IDLE for node in tree)

@@ -59,8 +59,8 @@ def idle(tree: Tree) -> bool:
 
 PARALLEL = (
     '<Parallel name="all" success_count="3">'
-    '<PlanAction name="a" plan="R"/><Inverter name="i"><Explode name="boom"/></Inverter>'
-    '<PlanAction name="b" plan="R"/></Parallel>'
+    '<Act name="a" outcomes="R"/><Inverter name="i"><Explode name="boom"/></Inverter>'
+    '<Act name="b" outcomes="R"/></Parallel>'
 )
 
 
@@ -126,7 +126,7 @@ def test_observers_are_notified_of_an_error_before_the_tree_is_halted(make_tree:
 
 def test_error_of_following_halt_does_not_hide_first_error(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
-        '<Parallel success_count="4"><Cling name="c"/><PlanAction name="a" plan="R"/><Cling name="d"/>'
+        '<Parallel success_count="4"><Cling name="c"/><Act name="a" outcomes="R"/><Cling name="d"/>'
         '<Explode name="boom"/></Parallel>',
         Explode,
         Cling,
@@ -150,7 +150,7 @@ def test_interruption_is_not_wrapped(make_tree: MakeTree) -> None:
         def tick(self) -> Status:
             raise KeyboardInterrupt
 
-    tree = make_tree('<Parallel><PlanAction name="a" plan="R"/><Interrupted/></Parallel>', Interrupted)
+    tree = make_tree('<Parallel><Act name="a" outcomes="R"/><Interrupted/></Parallel>', Interrupted)
     with pytest.raises(KeyboardInterrupt):
         tree.tick_once()
     tree.halt()
@@ -173,8 +173,8 @@ def test_leaf_that_raises_when_halted_is_named_and_becomes_idle(make_tree: MakeT
 
 def test_other_leaves_are_halted_too_and_first_error_is_raised(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
-        '<Parallel><PlanAction name="a" plan="R"/><Cling name="c1"/><PlanAction name="b" plan="R"/>'
-        '<Inverter><Cling name="c2"/></Inverter><PlanAction name="d" plan="R"/></Parallel>',
+        '<Parallel><Act name="a" outcomes="R"/><Cling name="c1"/><Act name="b" outcomes="R"/>'
+        '<Inverter><Cling name="c2"/></Inverter><Act name="d" outcomes="R"/></Parallel>',
         Cling,
     )
     tree.tick_once()
@@ -186,7 +186,7 @@ def test_other_leaves_are_halted_too_and_first_error_is_raised(make_tree: MakeTr
 
 def test_leaf_halted_by_parent_in_tick_raises_error_of_tick(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
-        '<ReactiveSequence><PlanCondition name="q" plan="SF"/><Cling name="c"/></ReactiveSequence>', Cling
+        '<ReactiveSequence><Ask name="q" outcomes="SF"/><Cling name="c"/></ReactiveSequence>', Cling
     )
     tree.tick_once()
     error = tick_raises(tree)
@@ -203,7 +203,7 @@ def test_leaf_halted_by_parent_in_tick_raises_error_of_tick(make_tree: MakeTree,
         "<IfThenElse><AlwaysSuccess/>{}</IfThenElse>",
         '<Switch2 variable="1" case_1="1" case_2="2">{}<AlwaysSuccess/><AlwaysSuccess/></Switch2>',
         "<TryCatch>{}<AlwaysSuccess/></TryCatch>",
-        '<SequenceWithMemory><PlanAction name="x" plan="S"/>{}</SequenceWithMemory>',
+        '<SequenceWithMemory><Act name="x" outcomes="S"/>{}</SequenceWithMemory>',
     ],
 )
 def test_nothing_stays_running_under_any_parent(around: str, make_tree: MakeTree) -> None:
@@ -217,7 +217,7 @@ def test_nothing_stays_running_under_any_parent(around: str, make_tree: MakeTree
 
 
 def test_script_that_cannot_be_run_on_a_halt_names_its_node(make_tree: MakeTree) -> None:
-    tree = make_tree('<Sequence><PlanAction name="a" plan="R" _onHalted="x += 1"/></Sequence>')
+    tree = make_tree('<Sequence><Act name="a" outcomes="R" _onHalted="x += 1"/></Sequence>')
     tree.tick_once()
     assert halt_raises(tree).path == "a"
     assert idle(tree)

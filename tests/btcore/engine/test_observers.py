@@ -10,7 +10,7 @@ from btcore import NodeExecutionError, Observer, SimClock, Status, SyncAction, T
 from btcore.tree.hooks import Hook
 from tests.btcore.conftest import MakeTree
 
-BODY = '<Sequence name="s"><PlanSync name="a" plan="S"/><PlanAction name="b" plan="RS"/></Sequence>'
+BODY = '<Sequence name="s"><Act name="a" outcomes="S"/><Act name="b" outcomes="RS"/></Sequence>'
 
 
 class Listener(Observer):
@@ -147,7 +147,7 @@ def test_an_observer_that_raises_at_tick_end_does_not_stop_the_tree(
         def transition(self, change: Transition) -> None:
             pass
 
-    tree = make_tree('<PlanAction plan="S|X"/>')
+    tree = make_tree('<Act outcomes="S|X"/>')
     tree.subscribe(LateBroken())
     assert tree.tick_once() is Status.SUCCESS
     tree.subscribe(LateBroken())
@@ -198,7 +198,7 @@ def test_transitions_before_an_error_arrive_before_it_and_the_halt_after_it(make
         def raised(self, error: NodeExecutionError, stamp: int) -> None:
             order.append(error.path)
 
-    tree = make_tree('<Sequence><PlanAction name="x" plan="X"/></Sequence>')
+    tree = make_tree('<Sequence><Act name="x" outcomes="X"/></Sequence>')
     tree.subscribe(Both())
     with pytest.raises(NodeExecutionError):
         tree.tick_once()
@@ -282,7 +282,7 @@ def test_first_observer_subscribed_within_a_tick_receives_its_error(make_tree: M
             self.tree.subscribe(keeper)
             return True
 
-    tree = make_tree('<Sequence><Calling/><PlanSync name="x" plan="X"/></Sequence>', Calling)
+    tree = make_tree('<Sequence><Calling/><Act name="x" outcomes="X"/></Sequence>', Calling)
     tree.find(Calling)[0].tree = tree
     with pytest.raises(NodeExecutionError):
         tree.tick_once()

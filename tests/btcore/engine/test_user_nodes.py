@@ -73,20 +73,18 @@ class AtMost(DecoratorNode):
 def test_control_node_decides_the_order_of_its_children(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
         '<Shuffle name="x" rounds="2" done="{done}">'
-        '<PlanSync name="a" plan="S"/><PlanAction name="b" plan="RS|S"/></Shuffle>',
+        '<Act name="a" outcomes="S"/><Act name="b" outcomes="RS|S"/></Shuffle>',
         Shuffle,
     )
     assert tree.tick_exactly_once() is Status.RUNNING
     assert tree.tick_exactly_once() is Status.SUCCESS
-    assert journal.calls == ["b:start", "b:running", "a:tick", "b:start", "a:tick"]
+    assert journal.calls == ["b:start", "b:running", "a:start", "b:start", "a:start"]
     assert tree.blackboard["done"] == 2
     assert {node.status for node in tree} == {Status.IDLE}
 
 
 def test_control_node_is_halted_with_its_children(make_tree: MakeTree, journal: Journal) -> None:
-    tree = make_tree(
-        '<Sequence><Shuffle name="x"><PlanAction name="b" plan="R"/></Shuffle></Sequence>', Shuffle
-    )
+    tree = make_tree('<Sequence><Shuffle name="x"><Act name="b" outcomes="R"/></Shuffle></Sequence>', Shuffle)
     tree.tick_once()
     journal.take()
     tree.root.halt()
@@ -106,7 +104,7 @@ def test_node_types_ports_and_descriptions_are_known(make_tree: MakeTree) -> Non
 
 
 def test_a_decorator_decides_when_its_child_is_ticked(make_tree: MakeTree, journal: Journal) -> None:
-    tree = make_tree('<AtMost ticks="2" used="{u}"><PlanAction name="a" plan="RRR"/></AtMost>', AtMost)
+    tree = make_tree('<AtMost ticks="2" used="{u}"><Act name="a" outcomes="RRR"/></AtMost>', AtMost)
     assert [tree.tick_once().name for _ in range(3)] == ["RUNNING", "RUNNING", "FAILURE"]
     assert journal.calls == ["a:start", "a:running", "a:halted"]
     assert tree.blackboard["u"] == 2
@@ -128,7 +126,7 @@ def test_child_set_by_an_overridden_set_children_is_reset(make_tree: MakeTree) -
 def test_user_nodes_may_use_the_explicit_form(make_tree: MakeTree) -> None:
     tree = make_tree(
         '<Control ID="Shuffle" done="{d}"><Decorator ID="AtMost" ticks="1" used="{u}">'
-        '<Action ID="PlanSync" plan="S"/></Decorator></Control>',
+        '<Action ID="Act" outcomes="S"/></Decorator></Control>',
         Shuffle,
         AtMost,
     )
@@ -137,14 +135,13 @@ def test_user_nodes_may_use_the_explicit_form(make_tree: MakeTree) -> None:
 
 def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
-        '<Shuffle name="x" done="{d}" _skipIf="n == 1" _post="n := 1">'
-        '<PlanSync name="a" plan="S"/></Shuffle>',
+        '<Shuffle name="x" done="{d}" _skipIf="n == 1" _post="n := 1"><Act name="a" outcomes="S"/></Shuffle>',
         Shuffle,
     )
     tree.blackboard["n"] = 0
     assert tree.tick_once() is Status.SUCCESS
     assert tree.tick_once() is Status.SKIPPED
-    assert journal.calls == ["a:tick"]
+    assert journal.calls == ["a:start"]
 
 
 def test_decorator_requires_one_child_and_control_node_at_least_one(make_tree: MakeTree) -> None:
@@ -173,10 +170,10 @@ def test_built_in_control_node_can_be_subclassed(make_tree: MakeTree, journal: J
             journal.record(self.greeting, status.name)
             return status
 
-    tree = make_tree('<Polite><PlanSync name="a" plan="S"/><PlanAction name="b" plan="RS"/></Polite>', Polite)
+    tree = make_tree('<Polite><Act name="a" outcomes="S"/><Act name="b" outcomes="RS"/></Polite>', Polite)
     tree.tick_once()
     tree.tick_once()
-    assert journal.calls == ["a:tick", "b:start", "hello:RUNNING", "b:running", "hello:SUCCESS"]
+    assert journal.calls == ["a:start", "b:start", "hello:RUNNING", "b:running", "hello:SUCCESS"]
 
 
 def test_built_in_decorator_can_be_subclassed(make_tree: MakeTree) -> None:

@@ -24,21 +24,21 @@ def test_equals_sign_is_the_name_of_the_entry(text: str, make_tree: MakeTree) ->
 def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
     tag: str, otherwise: Status, make_tree: MakeTree, journal: Journal
 ) -> None:
-    tree = make_tree(f'<{tag} entry="{{x}}"><PlanSync name="p" plan="SF"/></{tag}>')
+    tree = make_tree(f'<{tag} entry="{{x}}"><Act name="p" outcomes="SF"/></{tag}>')
     assert tree.tick_once() is otherwise
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
     assert tree.tick_once() is otherwise
     tree.blackboard["x"] = 1
     assert tree.tick_once() is F
-    assert journal.calls == ["p:tick", "p:tick"]
+    assert journal.calls == ["p:start", "p:start"]
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_halt_halts_the_child_and_keeps_the_last_seen_write(
     tag: str, otherwise: Status, make_tree: MakeTree, journal: Journal
 ) -> None:
-    tree = make_tree(f'<{tag} entry="{{x}}"><PlanAction name="a" plan="R"/></{tag}>')
+    tree = make_tree(f'<{tag} entry="{{x}}"><Act name="a" outcomes="R"/></{tag}>')
     tree.blackboard["x"] = 1
     tree.tick_once()
     tree.halt()

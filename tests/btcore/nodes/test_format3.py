@@ -12,9 +12,9 @@ R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 # --- BlackboardCheck
 
 
-def check(kind: str, a: str, b: str, more: str = "", plan: str = "S") -> str:
+def check(kind: str, a: str, b: str, more: str = "", outcomes: str = "S") -> str:
     tag = f"BlackboardCheck{kind}"
-    return f'<{tag} value_A="{a}" value_B="{b}" {more}><PlanAction name="a" plan="{plan}"/></{tag}>'
+    return f'<{tag} value_A="{a}" value_B="{b}" {more}><Act name="a" outcomes="{outcomes}"/></{tag}>'
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_value_of_a_wrong_type_is_a_mismatch(make_tree: MakeTree) -> None:
 def test_values_are_checked_while_the_child_runs_and_a_mismatch_halts_it(
     make_tree: MakeTree, journal: Journal
 ) -> None:
-    tree = make_tree(check("Int", "{x}", "1", plan="RRR"), format=3)
+    tree = make_tree(check("Int", "{x}", "1", outcomes="RRR"), format=3)
     tree.blackboard["x"] = 1
     assert [tree.tick_once(), tree.tick_once()] == [R, R]
     tree.blackboard["x"] = 2
@@ -111,10 +111,10 @@ def test_braces_connect_two_entries(make_tree: MakeTree) -> None:
 
 
 def test_other_attributes_are_constants_of_the_inner_tree(make_tree: MakeTree) -> None:
-    inner = '<BehaviorTree ID="Check"><PlanSync plan="{plan}"/></BehaviorTree>'
-    tree = make_tree('<SubTreePlus ID="Check" plan="F"/>', others=inner, format=3)
+    inner = '<BehaviorTree ID="Check"><Act outcomes="{letter}"/></BehaviorTree>'
+    tree = make_tree('<SubTreePlus ID="Check" letter="F"/>', others=inner, format=3)
     assert tree.tick_once() is F
-    assert "plan" not in tree.blackboard
+    assert "letter" not in tree.blackboard
 
 
 def test_constant_is_a_text_even_if_it_looks_like_a_number(make_tree: MakeTree) -> None:
@@ -123,11 +123,10 @@ def test_constant_is_a_text_even_if_it_looks_like_a_number(make_tree: MakeTree) 
 
 
 def test_inner_tree_is_isolated_without_autoremap(make_tree: MakeTree) -> None:
-    inner = '<BehaviorTree ID="Check"><PlanSync plan="{plan}"/></BehaviorTree>'
-    tree = make_tree('<SubTreePlus ID="Check"/>', others=inner, format=3)
-    tree.blackboard["plan"] = "S"
-    with pytest.raises(NodeExecutionError, match="plan"):
-        tree.tick_once()
+    tree = make_tree('<SubTreePlus ID="Count"/>', others=COUNT, format=3)
+    tree.blackboard["n"] = 41
+    assert tree.tick_once() is F
+    assert tree.blackboard["n"] == 41
 
 
 @pytest.mark.parametrize("written", ["true", "1"])
@@ -179,8 +178,8 @@ def test_bool_check_takes_every_integer_except_0_as_true(make_tree: MakeTree) ->
 
 
 def test_dollar_braces_refer_to_an_entry_too(make_tree: MakeTree) -> None:
-    tree = make_tree('<PlanSync plan="${plan}"/>', format=3)
-    tree.blackboard["plan"] = "F"
+    tree = make_tree('<Act outcomes="${letter}"/>', format=3)
+    tree.blackboard["letter"] = "F"
     assert tree.tick_once() is F
 
 
@@ -209,19 +208,19 @@ def test_while_do_else_requires_exactly_three_children(make_tree: MakeTree) -> N
 
 
 def test_spaces_around_braces_make_the_value_a_text(make_tree: MakeTree) -> None:
-    for text, status in (("{plan}", F), (" {plan}", None), ("{plan} ", None)):
-        tree = make_tree(f'<PlanSync plan="{text}"/>', format=3)
-        tree.blackboard["plan"] = "F"
+    for text, status in (("{letter}", F), (" {letter}", None), ("{letter} ", None)):
+        tree = make_tree(f'<Act outcomes="{text}"/>', format=3)
+        tree.blackboard["letter"] = "F"
         if status is None:
-            with pytest.raises(NodeExecutionError):
+            with pytest.raises(NodeExecutionError, match=f"invalid outcomes '{text}'"):
                 tree.tick_once()
         else:
             assert tree.tick_once() is status
 
 
 def test_equals_sign_refers_to_the_entry_named_like_the_port(make_tree: MakeTree) -> None:
-    tree = make_tree('<Sequence><PlanSync plan="="/><Inc in="1" out="="/></Sequence>', format=3)
-    tree.blackboard["plan"] = "S"
+    tree = make_tree('<Fallback><Act outcomes="="/><Inc in="1" out="="/></Fallback>', format=3)
+    tree.blackboard["outcomes"] = "F"
     assert tree.tick_once() is S
     assert tree.blackboard["out"] == 2
 
@@ -242,9 +241,9 @@ def test_some_control_nodes_may_be_empty(make_tree: MakeTree) -> None:
 @pytest.mark.parametrize("tag", ["RetryUntilSuccessful", "RetryUntilSuccesful"])
 def test_retry_completes_in_a_single_tick(make_tree: MakeTree, journal: Journal, tag: str) -> None:
     """BehaviorTree.CPP 3 keeps the first spelling, which it calls a typo."""
-    tree = make_tree(f'<{tag} num_attempts="3"><PlanSync name="p" plan="F"/></{tag}>', format=3)
+    tree = make_tree(f'<{tag} num_attempts="3"><Act name="p" outcomes="F"/></{tag}>', format=3)
     assert tree.tick_exactly_once() is F
-    assert journal.calls == ["p:tick"] * 3
+    assert journal.calls == ["p:start"] * 3
 
 
 def test_mismatch_result_missing_on_the_blackboard_is_a_failure(make_tree: MakeTree) -> None:

@@ -66,7 +66,7 @@ def test_empty_queue_returns_if_empty(written: str, make_tree: MakeTree) -> None
 
 
 def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: MakeTree, journal: Journal) -> None:
-    tree = make_tree('<LoopInt queue="1;2" value="{v}"><PlanAction name="a" plan="S|RR|S"/></LoopInt>')
+    tree = make_tree('<LoopInt queue="1;2" value="{v}"><Act name="a" outcomes="S|RR|S"/></LoopInt>')
     ticks(tree, 2)
     assert tree.blackboard["v"] == 2
     tree.halt()

@@ -9,23 +9,23 @@ from tests.conformance.recorded_cases import Journal
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
-LEAVES = '<PlanSync name="a" plan="{}"/><PlanSync name="b" plan="{}"/>'
+LEAVES = '<Act name="a" outcomes="{}"/><Act name="b" outcomes="{}"/>'
 
 
 @pytest.mark.parametrize("base", [OrderedNode, Sequence, ReactiveNode, ReactiveSequence])
 @pytest.mark.parametrize(
-    ("plans", "result", "ticked"), [("FS", S, ["a", "b"]), ("SF", S, ["a"]), ("FF", F, ["a", "b"])]
+    ("letters", "result", "ticked"), [("FS", S, ["a", "b"]), ("SF", S, ["a"]), ("FF", F, ["a", "b"])]
 )
 def test_subclass_may_continue_after_a_failure(
-    base: type, plans: str, result: Status, ticked: list[str], make_tree: MakeTree, journal: Journal
+    base: type, letters: str, result: Status, ticked: list[str], make_tree: MakeTree, journal: Journal
 ) -> None:
     own = type("Own", (base,), {"spec": NodeSpec(continue_on=F)})
-    assert make_tree(f"<Own>{LEAVES.format(*plans)}</Own>", own).tick_once() is result
-    assert journal.calls == [f"{name}:tick" for name in ticked]
+    assert make_tree(f"<Own>{LEAVES.format(*letters)}</Own>", own).tick_once() is result
+    assert journal.calls == [f"{name}:start" for name in ticked]
 
 
 @pytest.mark.parametrize(
-    ("tag", "plan", "first"),
+    ("tag", "outcomes", "first"),
     [
         ("Sequence", "S", "a"),
         ("AsyncSequence", "S", "a"),
@@ -37,9 +37,9 @@ def test_subclass_may_continue_after_a_failure(
     ],
 )
 def test_first_child_that_is_ticked_after_a_halt(
-    tag: str, plan: str, first: str, make_tree: MakeTree, journal: Journal
+    tag: str, outcomes: str, first: str, make_tree: MakeTree, journal: Journal
 ) -> None:
-    tree = make_tree(f'<{tag}><PlanSync name="a" plan="{plan}"/><PlanAction name="b" plan="RRRR"/></{tag}>')
+    tree = make_tree(f'<{tag}><Act name="a" outcomes="{outcomes}"/><Act name="b" outcomes="RRRR"/></{tag}>')
     while "b:start" not in journal.calls:
         assert tree.tick_once() is R
     tree.halt()

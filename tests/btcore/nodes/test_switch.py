@@ -14,13 +14,13 @@ SIZES = [2, 3, 4, 5, 6]
 FORMATS = [3, 4]
 
 
-def switch(cases: int, *plans: str, variable: str = "{v}") -> str:
+def switch(cases: int, *outcomes: str, variable: str = "{v}") -> str:
     """Return a switch with cases "1", "2" …, and children c1, c2 … and `other`."""
     ports = " ".join(f'case_{number}="{number}"' for number in range(1, cases + 1))
     names = [f"c{number}" for number in range(1, cases + 1)] + ["other"]
-    given = [*plans, *["S"] * (cases + 1 - len(plans))]
+    given = [*outcomes, *["S"] * (cases + 1 - len(outcomes))]
     children = "".join(
-        f'<PlanAction name="{name}" plan="{plan}"/>' for name, plan in zip(names, given, strict=True)
+        f'<Act name="{name}" outcomes="{own}"/>' for name, own in zip(names, given, strict=True)
     )
     return f'<Switch{cases} variable="{variable}" {ports}>{children}</Switch{cases}>'
 
@@ -76,11 +76,11 @@ def test_number_of_children_must_be_cases_plus_one(cases: int, format: int, make
 
 def test_missing_case_is_ignored(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
-        '<Switch4 variable="b" case_3="b"><PlanSync name="a" plan="S"/><PlanSync name="b" plan="S"/>'
-        '<PlanSync name="c" plan="S"/><PlanSync name="d" plan="S"/><PlanSync name="e" plan="S"/></Switch4>'
+        '<Switch4 variable="b" case_3="b"><Act name="a" outcomes="S"/><Act name="b" outcomes="S"/>'
+        '<Act name="c" outcomes="S"/><Act name="d" outcomes="S"/><Act name="e" outcomes="S"/></Switch4>'
     )
     tree.tick_once()
-    assert journal.calls == ["c:tick"]
+    assert journal.calls == ["c:start"]
 
 
 class Colour(enum.Enum):

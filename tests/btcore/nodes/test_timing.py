@@ -64,7 +64,7 @@ def test_negative_or_missing_duration_is_refused(make_tree: MakeTree) -> None:
 
 
 def test_delay_ticks_child_only_after_time(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
-    tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RS"/></Delay>')
+    tree = make_tree('<Delay delay_msec="100"><Act name="a" outcomes="RS"/></Delay>')
     assert after(tree, clock, 0, 99) == [R, R]
     assert journal.calls == []
     assert after(tree, clock, 1, 0) == [R, S]
@@ -72,14 +72,14 @@ def test_delay_ticks_child_only_after_time(make_tree: MakeTree, clock: SimClock,
 
 
 def test_running_child_is_not_delayed_again_but_ended_child_is(make_tree: MakeTree, clock: SimClock) -> None:
-    tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RS|F"/></Delay>')
+    tree = make_tree('<Delay delay_msec="100"><Act name="a" outcomes="RS|F"/></Delay>')
     assert after(tree, clock, 0, 100, 0, 0, 99, 1) == [R, R, S, R, R, F]
 
 
 def test_delay_of_zero_takes_a_tick(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
-    tree = make_tree('<Delay delay_msec="0"><PlanSync name="a" plan="S"/></Delay>')
+    tree = make_tree('<Delay delay_msec="0"><Act name="a" outcomes="S"/></Delay>')
     assert after(tree, clock, 0, 0) == [R, S]
-    assert journal.calls == ["a:tick"]
+    assert journal.calls == ["a:start"]
 
 
 def test_delay_wakes_the_tree_when_the_child_is_due(make_tree: MakeTree, clock: SimClock) -> None:
@@ -88,7 +88,7 @@ def test_delay_wakes_the_tree_when_the_child_is_due(make_tree: MakeTree, clock: 
 
 
 def test_a_halt_ends_the_delay_and_the_child(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
-    tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="RRR"/></Delay>')
+    tree = make_tree('<Delay delay_msec="100"><Act name="a" outcomes="RRR"/></Delay>')
     after(tree, clock, 0, 60)
     tree.halt()
     assert tree.sleep(0.06) is False
@@ -99,7 +99,7 @@ def test_a_halt_ends_the_delay_and_the_child(make_tree: MakeTree, clock: SimCloc
 
 
 def test_a_skipped_child_is_ticked_again_without_a_new_delay(make_tree: MakeTree, clock: SimClock) -> None:
-    tree = make_tree('<Delay delay_msec="100"><PlanAction name="a" plan="K|S"/></Delay>')
+    tree = make_tree('<Delay delay_msec="100"><Act name="a" outcomes="K|S"/></Delay>')
     assert after(tree, clock, 0, 100, 0) == [R, K, S]
 
 
@@ -107,33 +107,31 @@ def test_a_skipped_child_is_ticked_again_without_a_new_delay(make_tree: MakeTree
 
 
 def test_child_that_completes_in_time_returns_its_own_result(make_tree: MakeTree, clock: SimClock) -> None:
-    tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RS|RF"/></Timeout>')
+    tree = make_tree('<Timeout msec="100"><Act name="a" outcomes="RS|RF"/></Timeout>')
     assert after(tree, clock, 0, 99, 0, 99) == [R, S, R, F]
 
 
 def test_child_running_at_the_limit_is_halted_and_timeout_fails(
     make_tree: MakeTree, clock: SimClock, journal: Journal
 ) -> None:
-    tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="RRRRR"/></Timeout>')
+    tree = make_tree('<Timeout msec="100"><Act name="a" outcomes="RRRRR"/></Timeout>')
     assert after(tree, clock, 0, 99.999999, 0.000001) == [R, R, F]
     assert journal.calls == ["a:start", "a:running", "a:halted"]
     assert {node.status for node in tree} == {Status.IDLE}
 
 
 def test_timeout_wakes_the_tree_at_the_limit(make_tree: MakeTree, clock: SimClock) -> None:
-    assert (
-        make_tree('<Timeout msec="70"><PlanAction plan="R"/></Timeout>').tick_while_running(period=60.0) is F
-    )
+    assert make_tree('<Timeout msec="70"><Act outcomes="R"/></Timeout>').tick_while_running(period=60.0) is F
     assert clock.now() == 70 * MS
 
 
 def test_timeout_of_zero_is_no_limit(make_tree: MakeTree, clock: SimClock) -> None:
-    tree = make_tree('<Timeout msec="0"><PlanAction plan="RRRS"/></Timeout>')
+    tree = make_tree('<Timeout msec="0"><Act outcomes="RRRS"/></Timeout>')
     assert after(tree, clock, 0, 1e6, 1e6, 1e6) == [R, R, R, S]
 
 
 def test_limit_restarts_after_a_result_and_after_a_halt(make_tree: MakeTree, clock: SimClock) -> None:
-    tree = make_tree('<Timeout msec="100"><PlanAction plan="RS|RRR|RRR"/></Timeout>')
+    tree = make_tree('<Timeout msec="100"><Act outcomes="RS|RRR|RRR"/></Timeout>')
     assert after(tree, clock, 0, 80) == [R, S]
     assert after(tree, clock, 0, 80) == [R, R]
     tree.halt()
@@ -142,7 +140,7 @@ def test_limit_restarts_after_a_result_and_after_a_halt(make_tree: MakeTree, clo
 
 
 def test_child_that_completes_in_time_leaves_no_wake_up(make_tree: MakeTree, clock: SimClock) -> None:
-    tree = make_tree('<Timeout msec="100"><PlanAction plan="RS"/></Timeout>')
+    tree = make_tree('<Timeout msec="100"><Act outcomes="RS"/></Timeout>')
     assert after(tree, clock, 0, 10) == [R, S]
     assert tree.sleep(1.0) is False
     assert clock.now() == 1010 * MS
@@ -153,14 +151,14 @@ def test_child_that_completes_in_time_leaves_no_wake_up(make_tree: MakeTree, clo
     [
         '<Sleep msec="100"/>',
         '<Delay delay_msec="100"><AlwaysSuccess/></Delay>',
-        '<Timeout msec="100"><PlanAction plan="R"/></Timeout>',
+        '<Timeout msec="100"><Act outcomes="R"/></Timeout>',
     ],
 )
 def test_node_halted_by_its_parent_while_waiting_causes_no_wake_up(
     waiting: str, make_tree: MakeTree, clock: SimClock
 ) -> None:
     tree = make_tree(
-        f'<WhileDoElse><PlanCondition plan="SF"/>{waiting}<PlanAction name="b" plan="RRR"/></WhileDoElse>'
+        f'<WhileDoElse><Ask outcomes="SF"/>{waiting}<Act name="b" outcomes="RRR"/></WhileDoElse>'
     )
     assert after(tree, clock, 0, 10) == [R, R]
     assert tree.sleep(1.0) is False
@@ -170,13 +168,13 @@ def test_node_halted_by_its_parent_while_waiting_causes_no_wake_up(
 def test_child_not_running_at_the_limit_is_not_halted_and_has_no_limit(
     make_tree: MakeTree, clock: SimClock, journal: Journal
 ) -> None:
-    tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="K|RRS"/></Timeout>')
+    tree = make_tree('<Timeout msec="100"><Act name="a" outcomes="K|RRS"/></Timeout>')
     assert after(tree, clock, 0, 100, 1e6, 1e6) == [K, R, R, S]
     assert "a:halted" not in journal.calls
 
 
 def test_in_format_3_halt_does_not_stop_time(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
-    tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="R"/></Timeout>', format=3)
+    tree = make_tree('<Timeout msec="100"><Act name="a" outcomes="R"/></Timeout>', format=3)
     after(tree, clock, 0, 60)
     tree.halt()
     assert after(tree, clock, 0, 39, 1) == [R, R, F]
@@ -185,7 +183,7 @@ def test_in_format_3_halt_does_not_stop_time(make_tree: MakeTree, clock: SimCloc
 
 
 def test_in_format_3_a_limit_between_two_starts_is_ignored(make_tree: MakeTree, clock: SimClock) -> None:
-    tree = make_tree('<Timeout msec="100"><PlanAction name="a" plan="R|RRS"/></Timeout>', format=3)
+    tree = make_tree('<Timeout msec="100"><Act name="a" outcomes="R|RRS"/></Timeout>', format=3)
     after(tree, clock, 0)
     tree.halt()
     assert after(tree, clock, 100, 1e6, 1e6) == [R, R, S]
@@ -193,8 +191,8 @@ def test_in_format_3_a_limit_between_two_starts_is_ignored(make_tree: MakeTree, 
 
 def test_inner_limit_ends_first(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
     tree = make_tree(
-        '<Timeout msec="200"><Fallback><Timeout msec="50"><PlanAction name="a" plan="R"/></Timeout>'
-        '<PlanAction name="b" plan="R"/></Fallback></Timeout>'
+        '<Timeout msec="200"><Fallback><Timeout msec="50"><Act name="a" outcomes="R"/></Timeout>'
+        '<Act name="b" outcomes="R"/></Fallback></Timeout>'
     )
     assert tree.tick_while_running(period=60.0) is F
     assert clock.now() == 200 * MS
@@ -203,7 +201,7 @@ def test_inner_limit_ends_first(make_tree: MakeTree, clock: SimClock, journal: J
 
 @pytest.mark.parametrize("format", [3, 4])
 def test_both_formats_have_delay_and_timeout(format: int, make_tree: MakeTree, clock: SimClock) -> None:
-    body = '<Timeout msec="100"><Delay delay_msec="30"><PlanAction plan="RRRR"/></Delay></Timeout>'
+    body = '<Timeout msec="100"><Delay delay_msec="30"><Act outcomes="RRRR"/></Delay></Timeout>'
     tree = make_tree(body, format=format)
     assert after(tree, clock, 0, 30, 69, 1) == [R, R, R, F]
 
@@ -217,7 +215,7 @@ def test_both_formats_have_delay_and_timeout(format: int, make_tree: MakeTree, c
         ('<Sleep msec="1000"/>', S),
         ("<Wait/>", S),
         ('<Delay delay_msec="1000"><AlwaysSuccess/></Delay>', S),
-        ('<Timeout msec="1000"><PlanAction plan="R"/></Timeout>', F),
+        ('<Timeout msec="1000"><Act outcomes="R"/></Timeout>', F),
     ],
 )
 def test_a_timer_counts_from_its_start_and_is_judged_by_the_time_at_the_start_of_a_tick(

@@ -21,7 +21,7 @@ from btcore import (
 from btcore.clock import NS_PER_S
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import Journal, PlanAction, conformance_registry
+from tests.conformance.recorded_cases import Journal, RecordedAct, conformance_registry
 
 THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
 
@@ -88,7 +88,7 @@ def test_second_thread_cannot_tick_a_tree_during_a_tick(make_tree: MakeTree) -> 
 
 def test_second_run_of_a_tree_is_refused_while_the_first_waits(make_tree: MakeTree) -> None:
     async def both() -> Status:
-        tree = make_tree('<PlanAction plan="RRRS"/>')
+        tree = make_tree('<Act outcomes="RRRS"/>')
         first = asyncio.create_task(tree.run())
         while tree.ticks == 0:
             await asyncio.sleep(0)
@@ -117,14 +117,14 @@ def test_async_sequence_takes_a_tick_per_child_but_a_single_tick_once(make_tree:
 
 
 def test_tick_once_repeats_only_while_the_root_is_running(make_tree: MakeTree) -> None:
-    tree = make_tree('<Sequence><PlanSync plan="S"/></Sequence>')
+    tree = make_tree('<Sequence><Act outcomes="S"/></Sequence>')
     tree.wake()
     assert tree.tick_once() is Status.SUCCESS
     assert tree.ticks == 1
 
 
 def test_tick_once_consumes_the_wake_up_and_tick_exactly_once_keeps_it(make_tree: MakeTree) -> None:
-    tree = make_tree('<PlanAction plan="RRRR"/>')
+    tree = make_tree('<Act outcomes="RRRR"/>')
     tree.wake()
     tree.tick_exactly_once()
     assert tree.ticks == 1
@@ -135,7 +135,7 @@ def test_tick_once_consumes_the_wake_up_and_tick_exactly_once_keeps_it(make_tree
 
 
 def test_a_completed_root_is_idle_and_the_tree_keeps_its_result(make_tree: MakeTree) -> None:
-    tree = make_tree('<PlanAction plan="RF"/>')
+    tree = make_tree('<Act outcomes="RF"/>')
     assert tree.status is Status.IDLE
     assert (tree.tick_once(), tree.root.status, tree.status) == (Status.RUNNING,) * 3
     assert (tree.tick_once(), tree.root.status, tree.status) == (Status.FAILURE, Status.IDLE, Status.FAILURE)
@@ -294,7 +294,7 @@ def test_another_thread_wakes_a_sleeping_tree() -> None:
 
 
 def test_another_thread_ends_the_wait_between_two_ticks() -> None:
-    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><PlanAction plan="RS"/></BehaviorTree></root>'
+    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Act outcomes="RS"/></BehaviorTree></root>'
     journal = Journal()
     tree = btcore.loads(xml, nodes=conformance_registry(), resources=[journal])
     result: list[Status] = []
@@ -317,7 +317,7 @@ def test_system_clock_waits_until_the_deadline() -> None:
 
 COUNTS = (
     '<Sequence _onHalted="n += 1">'
-    '<PlanAction plan="RS" _onHalted="n += 10"/><PlanAction plan="RS" _onHalted="n += 100"/>'
+    '<Act outcomes="RS" _onHalted="n += 10"/><Act outcomes="RS" _onHalted="n += 100"/>'
     "</Sequence>"
 )
 
@@ -342,8 +342,8 @@ def counter() -> Blackboard:
 
 def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTree, journal: Journal) -> None:
     tree = make_tree(
-        '<Parallel><PlanAction name="a" plan="RR"/><PlanAction name="b" plan="S"/>'
-        '<Inverter><PlanAction name="c" plan="RR"/></Inverter></Parallel>'
+        '<Parallel><Act name="a" outcomes="RR"/><Act name="b" outcomes="S"/>'
+        '<Inverter><Act name="c" outcomes="RR"/></Inverter></Parallel>'
     )
     tree.tick_once()
     journal.take()
@@ -357,22 +357,22 @@ def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTr
 def test_a_halt_ticks_the_handler_of_a_try_catch_if_its_port_is_true(
     value: str, handled: bool, make_tree: MakeTree, journal: Journal
 ) -> None:
-    body = '<PlanAction name="a" plan="R"/><PlanSync name="handler" plan="S"/>'
+    body = '<Act name="a" outcomes="R"/><Act name="handler" outcomes="S"/>'
     tree = make_tree(f'<TryCatch catch_on_halt="{value}">{body}</TryCatch>')
     tree.tick_once()
     tree.halt()
-    assert journal.calls == ["a:start", "a:halted", *(["handler:tick"] if handled else [])]
+    assert journal.calls == ["a:start", "a:halted", *(["handler:start"] if handled else [])]
 
 
 def test_tree_is_a_context_manager_that_halts_it(make_tree: MakeTree, journal: Journal) -> None:
-    with make_tree('<PlanAction name="a" plan="R"/>') as tree:
+    with make_tree('<Act name="a" outcomes="R"/>') as tree:
         tree.tick_once()
     assert journal.calls == ["a:start", "a:halted"]
 
 
 # --- inspecting
 
-SUBTREES = '<BehaviorTree ID="Sub"><Sequence name="again"><PlanSync plan="S"/></Sequence></BehaviorTree>'
+SUBTREES = '<BehaviorTree ID="Sub"><Sequence name="again"><Act outcomes="S"/></Sequence></BehaviorTree>'
 
 
 def test_node_is_found_by_its_path_or_by_a_unique_name(make_tree: MakeTree) -> None:
@@ -399,7 +399,7 @@ def test_unknown_path_raises_an_error_with_a_suggestion(make_tree: MakeTree) -> 
 
 
 def test_nodes_with_the_same_path_are_distinguished_by_number(make_tree: MakeTree) -> None:
-    tree = make_tree('<Sequence><PlanSync name="p" plan="S"/><PlanSync name="p" plan="S"/></Sequence>')
+    tree = make_tree('<Sequence><Act name="p" outcomes="S"/><Act name="p" outcomes="S"/></Sequence>')
     assert list(tree.nodes_by_path()) == ["Sequence::1", "p#2", "p#3"]
     assert tree.node("p#3") is tree.nodes[2]
     with pytest.raises(BtcoreError, match="'p' is the name of 2 nodes: p, p"):
@@ -407,9 +407,9 @@ def test_nodes_with_the_same_path_are_distinguished_by_number(make_tree: MakeTre
 
 
 def test_nodes_are_found_by_their_type_in_pre_order(make_tree: MakeTree) -> None:
-    inner = '<Sequence><PlanAction name="b" plan="S"/></Sequence>'
-    tree = make_tree(f'<Sequence><PlanAction name="a" plan="S"/>{inner}</Sequence>')
-    assert [node.name for node in tree.find(PlanAction)] == ["a", "b"]
+    inner = '<Sequence><Act name="b" outcomes="S"/></Sequence>'
+    tree = make_tree(f'<Sequence><Act name="a" outcomes="S"/>{inner}</Sequence>')
+    assert [node.name for node in tree.find(RecordedAct)] == ["a", "b"]
     assert [node.uid for node in tree.find(Sequence)] == [1, 3]
     assert len(tree.find(ControlNode)) == 2
     assert tree.find(SystemClock) == []  # type: ignore[type-var]
@@ -417,8 +417,8 @@ def test_nodes_are_found_by_their_type_in_pre_order(make_tree: MakeTree) -> None
 
 def test_tick_counts_begin_with_the_first_call(make_tree: MakeTree) -> None:
     tree = make_tree(
-        '<ReactiveSequence name="r"><PlanCondition name="c" plan="SSF"/><PlanAction name="a" plan="RR"/>'
-        '<PlanSync name="k" plan="K"/></ReactiveSequence>'
+        '<ReactiveSequence name="r"><Ask name="c" outcomes="SSF"/><Act name="a" outcomes="RR"/>'
+        '<Act name="k" outcomes="K"/></ReactiveSequence>'
     )
     counts = tree.start_tick_counts()
     for _ in range(3):
@@ -441,7 +441,7 @@ def test_tick_decided_by_a_condition_counts_with_its_result(make_tree: MakeTree)
 
 
 def test_two_trees_share_nothing(make_tree: MakeTree) -> None:
-    body = '<Sequence><Script code="x := 1"/><PlanAction plan="RS"/></Sequence>'
+    body = '<Sequence><Script code="x := 1"/><Act outcomes="RS"/></Sequence>'
     one, other = make_tree(body), make_tree(body)
     one.tick_once()
     assert "x" in one.blackboard

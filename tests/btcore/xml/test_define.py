@@ -54,5 +54,5 @@ def test_autoremap_ignores_the_model(make_tree: MakeTree) -> None:
 
 
 def test_models_of_other_node_types_are_ignored_by_the_loader(make_tree: MakeTree) -> None:
-    models = '<TreeNodesModel><Action ID="PlanSync"><input_port name="other"/></Action></TreeNodesModel>'
-    assert make_tree('<PlanSync plan="S"/>', others=models).tick_once() is Status.SUCCESS
+    models = '<TreeNodesModel><Action ID="Act"><input_port name="other"/></Action></TreeNodesModel>'
+    assert make_tree('<Act outcomes="F"/>', others=models).tick_once() is Status.FAILURE

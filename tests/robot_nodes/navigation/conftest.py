@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from btcore.clock import NS_PER_S
@@ -19,7 +18,7 @@ from btcore_navigation.behaviours import (
     WaitBehaviour,
 )
 from btcore_navigation.clearance import laser_pose, smooth_scan
-from btcore_navigation.controller import ControllerServer, FollowPathGoal
+from btcore_navigation.controller import ControllerServer
 from btcore_navigation.costmap import LocalCostmap
 from btcore_navigation.parameters import ControllerParameters
 from btcore_navigation.path import NavPath
@@ -270,35 +269,8 @@ def path_through(*points: tuple[float, float], yaw: float = 0.0, frame: str = "m
     return NavPath(poses, 0, frame)
 
 
-@pytest.fixture
-def floor() -> Callable[..., NavigationRig]:
-    """Return the function `floor(*boxes, start=…, seed=…, **controller_parameters)`: a robot on a floor."""
-
-    def make(*boxes: Box, start: Pose2D | None = None, seed: int = 0, **figures: float) -> NavigationRig:
-        return NavigationRig(FloorRobot(boxes, start, seed), replace(ControllerParameters(), **figures))
-
-    return make
-
-
-@pytest.fixture
-def course_of() -> type[NavigationRig]:
-    """Return the servers of an existing robot."""
-    return NavigationRig
-
-
-@pytest.fixture
-def path() -> Callable[..., NavPath]:
-    """Return the function `path((x, y), …, yaw=…)`, which returns a path along straight lines."""
-    return path_through
-
-
-@pytest.fixture
-def follow() -> Callable[[NavPath], FollowPathGoal]:
-    """Return the goal to follow a path."""
-    return FollowPathGoal
-
-
-@pytest.fixture
-def person() -> type[Person]:
-    """Return the function `person(x, y, vx, vy)`, which returns a walking person."""
-    return Person
+def rig_on_floor(
+    *boxes: Box, start: Pose2D | None = None, seed: int = 0, **parameters: float
+) -> NavigationRig:
+    """Return a robot on a floor with *boxes*; *parameters* are parameters of the controller."""
+    return NavigationRig(FloorRobot(boxes, start, seed), replace(ControllerParameters(), **parameters))

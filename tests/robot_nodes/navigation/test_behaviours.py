@@ -1,5 +1,4 @@
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from btcore_navigation.behaviours import (
 )
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_robot.robot import SonarReading, Twist2D
-from tests.robot_nodes.navigation.conftest import NavigationRig
+from tests.robot_nodes.navigation.conftest import NavigationRig, rig_on_floor
 
 
 def ended(course: NavigationRig, handle: Any, seconds: float = 30.0):
@@ -25,8 +24,8 @@ def ended(course: NavigationRig, handle: Any, seconds: float = 30.0):
 
 
 @pytest.mark.parametrize("angle", [1.57, -1.57, 4.0, 7.5])
-def test_spin_turns_by_its_angle(floor: Callable[..., NavigationRig], angle: float) -> None:
-    course = floor()
+def test_spin_turns_by_its_angle(angle: float) -> None:
+    course = rig_on_floor()
     turned, last = 0.0, 0.0
     handle = course.spin.send_goal(SpinGoal(angle))
 
@@ -42,16 +41,16 @@ def test_spin_turns_by_its_angle(floor: Callable[..., NavigationRig], angle: flo
     assert turned == pytest.approx(angle, abs=0.1)
 
 
-def test_spin_keeps_to_nav2s_rates(floor: Callable[..., NavigationRig]) -> None:
-    course = floor()
+def test_spin_keeps_to_nav2s_rates() -> None:
+    course = rig_on_floor()
     ended(course, course.spin.send_goal(SpinGoal(3.0)))
     rates = np.array([w for _, _, w in course.robot.commands])
     assert rates.max() == pytest.approx(1.0)
     assert np.abs(np.diff(rates)).max() <= 2.09 * 0.1 + 1e-9
 
 
-def test_back_up_goes_straight_back(floor: Callable[..., NavigationRig]) -> None:
-    course = floor()
+def test_back_up_goes_straight_back() -> None:
+    course = rig_on_floor()
     handle = course.back_up.send_goal(BackUpGoal(0.3, 0.15))
     ended(course, handle)
     course.run(0.5)
@@ -60,14 +59,14 @@ def test_back_up_goes_straight_back(floor: Callable[..., NavigationRig]) -> None
     assert course.robot.pose.y == pytest.approx(0.0, abs=0.001)
 
 
-def test_back_up_commands_no_more_than_the_bases_backward_speed(floor: Callable[..., NavigationRig]) -> None:
-    course = floor()
+def test_back_up_commands_no_more_than_the_bases_backward_speed() -> None:
+    course = rig_on_floor()
     ended(course, course.back_up.send_goal(BackUpGoal(0.5, 0.5)))
     assert min(v for _, v, _ in course.robot.commands) >= course.robot.base.v_min
 
 
-def test_drive_on_heading_ends_at_its_distance(floor: Callable[..., NavigationRig]) -> None:
-    course = floor()
+def test_drive_on_heading_ends_at_its_distance() -> None:
+    course = rig_on_floor()
     handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(0.5, 0.2))
     ended(course, handle)
     course.run(0.5)
@@ -75,8 +74,8 @@ def test_drive_on_heading_ends_at_its_distance(floor: Callable[..., NavigationRi
     assert course.robot.pose.x == pytest.approx(0.5, abs=0.03)
 
 
-def test_drive_on_heading_stops_two_seconds_before_a_wall(floor: Callable[..., NavigationRig]) -> None:
-    course = floor((1.5, -1.0, 1.7, 1.0))
+def test_drive_on_heading_stops_two_seconds_before_a_wall() -> None:
+    course = rig_on_floor((1.5, -1.0, 1.7, 1.0))
     handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(3.0, 0.2, 60.0))
     ended(course, handle, 60.0)
     course.run(0.5)
@@ -84,8 +83,8 @@ def test_drive_on_heading_stops_two_seconds_before_a_wall(floor: Callable[..., N
     assert 0.25 < course.robot.nearest < 0.6
 
 
-def test_back_up_remembers_a_wall_that_was_seen_before_a_turn(floor: Callable[..., NavigationRig]) -> None:
-    course = floor((0.8, -1.0, 1.0, 1.0))
+def test_back_up_remembers_a_wall_that_was_seen_before_a_turn() -> None:
+    course = rig_on_floor((0.8, -1.0, 1.0, 1.0))
     ended(course, course.spin.send_goal(SpinGoal(math.pi)))
     handle = course.back_up.send_goal(BackUpGoal(1.0, 0.2, 20.0))
     ended(course, handle)
@@ -94,8 +93,8 @@ def test_back_up_remembers_a_wall_that_was_seen_before_a_turn(floor: Callable[..
     assert course.robot.nearest > 0.1
 
 
-def test_back_up_uses_the_sonars(floor: Callable[..., NavigationRig]) -> None:
-    course = floor()
+def test_back_up_uses_the_sonars() -> None:
+    course = rig_on_floor()
     course.run(0.1)
     course.robot.sonar_readings.append(SonarReading(0.2, 0, 0.5, 0.03, 1.0, "sonar_link"))
     handle = course.back_up.send_goal(BackUpGoal(0.5, 0.2))
@@ -104,10 +103,8 @@ def test_back_up_uses_the_sonars(floor: Callable[..., NavigationRig]) -> None:
     assert course.robot.pose.x > -0.05
 
 
-def test_assisted_teleop_drives_by_commands_and_stops_at_wall(
-    floor: Callable[..., NavigationRig],
-) -> None:
-    course = floor((2.0, -1.0, 2.2, 1.0))
+def test_assisted_teleop_drives_by_commands_and_stops_at_wall() -> None:
+    course = rig_on_floor((2.0, -1.0, 2.2, 1.0))
     handle = course.assisted_teleop.send_goal(AssistedTeleopGoal(0.0))
     course.run(0.5)
     assert course.robot.pose.x == 0.0
@@ -130,8 +127,8 @@ def test_assisted_teleop_drives_by_commands_and_stops_at_wall(
     assert course.robot.pose == still
 
 
-def test_disabled_collision_checks_ignore_a_wall(floor: Callable[..., NavigationRig]) -> None:
-    course = floor((1.0, -1.0, 1.2, 1.0))
+def test_disabled_collision_checks_ignore_a_wall() -> None:
+    course = rig_on_floor((1.0, -1.0, 1.2, 1.0))
     handle = course.drive_on_heading.send_goal(DriveOnHeadingGoal(0.5, 0.2, 10.0, True))
     ended(course, handle)
     assert handle.status == GoalStatus.SUCCEEDED
@@ -146,9 +143,9 @@ def test_disabled_collision_checks_ignore_a_wall(floor: Callable[..., Navigation
     ],
 )
 def test_a_timeout_ends_the_behaviour_and_stops_the_robot(
-    floor: Callable[..., NavigationRig], server: str, goal: Any, code: Nav2ErrorCode
+    server: str, goal: Any, code: Nav2ErrorCode
 ) -> None:
-    course = floor()
+    course = rig_on_floor()
     handle = getattr(course, server).send_goal(goal)
     assert ended(course, handle) == pytest.approx(1.15, abs=0.1)
     assert handle.result.code == code
@@ -166,18 +163,16 @@ def test_a_timeout_ends_the_behaviour_and_stops_the_robot(
         ("wait", WaitGoal(math.inf), Nav2ErrorCode.WAIT_UNKNOWN),
     ],
 )
-def test_never_ending_goal_is_refused(
-    floor: Callable[..., NavigationRig], server: str, goal: Any, code: Nav2ErrorCode
-) -> None:
-    course = floor()
+def test_never_ending_goal_is_refused(server: str, goal: Any, code: Nav2ErrorCode) -> None:
+    course = rig_on_floor()
     handle = getattr(course, server).send_goal(goal)
     ended(course, handle)
     assert handle.result.code == code
     assert all(command[1:] == (0.0, 0.0) for command in course.robot.commands)
 
 
-def test_a_robot_without_scans_stops_until_scans_return(floor: Callable[..., NavigationRig]) -> None:
-    course = floor()
+def test_a_robot_without_scans_stops_until_scans_return() -> None:
+    course = rig_on_floor()
     handle = course.back_up.send_goal(BackUpGoal(0.3, 0.1, 20.0))
     course.run(1.0)
     course.robot.blind = True
@@ -188,8 +183,8 @@ def test_a_robot_without_scans_stops_until_scans_return(floor: Callable[..., Nav
     assert handle.status == GoalStatus.SUCCEEDED
 
 
-def test_wait_takes_its_duration_and_sends_no_commands(floor: Callable[..., NavigationRig]) -> None:
-    course = floor()
+def test_wait_takes_its_duration_and_sends_no_commands() -> None:
+    course = rig_on_floor()
     handle = course.wait.send_goal(WaitGoal(2.0))
     course.run(1.05)
     assert handle.feedback.progress == pytest.approx(1.0, abs=0.15)
@@ -197,8 +192,8 @@ def test_wait_takes_its_duration_and_sends_no_commands(floor: Callable[..., Navi
     assert course.robot.commands == []
 
 
-def test_a_cancelled_behaviour_stops(floor: Callable[..., NavigationRig]) -> None:
-    course = floor()
+def test_a_cancelled_behaviour_stops() -> None:
+    course = rig_on_floor()
     handle = course.spin.send_goal(SpinGoal(6.0))
     course.run(2.0)
     handle.cancel()
@@ -212,9 +207,9 @@ def test_a_cancelled_behaviour_stops(floor: Callable[..., NavigationRig]) -> Non
     [("spin", SpinGoal(2.0, 0.0), 2.0), ("back_up", BackUpGoal(0.8, 0.2, 0.0, True), 0.8)],
 )
 def test_a_behaviour_waits_without_odometry_and_ignores_a_jump_after_it(
-    floor: Callable[..., NavigationRig], action: str, goal: BackUpGoal | SpinGoal, amount: float
+    action: str, goal: BackUpGoal | SpinGoal, amount: float
 ) -> None:
-    course = floor()
+    course = rig_on_floor()
     robot = course.robot
     handle = getattr(course, action).send_goal(goal)
     course.run(1.0)
@@ -231,11 +226,9 @@ def test_a_behaviour_waits_without_odometry_and_ignores_a_jump_after_it(
     assert amount - 0.1 < abs(moved) < amount + 0.6
 
 
-def test_a_behaviour_fails_after_a_long_outage_of_the_laser(
-    floor: Callable[..., NavigationRig], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_behaviour_fails_after_a_long_outage_of_the_laser(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sensor_watch, "MAX_OUTAGE_S", 3.0)
-    course = floor()
+    course = rig_on_floor()
     handle = course.back_up.send_goal(BackUpGoal(1.0, 0.1, 5.0))
     course.robot.blind = True
     assert ended(course, handle) == pytest.approx(3.1, abs=0.15)

@@ -1,5 +1,4 @@
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,9 +8,9 @@ from btcore_navigation import sensor_watch
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.controller import FollowPathGoal
 from btcore_navigation.error_codes import Nav2ErrorCode
-from btcore_navigation.path import NavPath, empty_path
+from btcore_navigation.path import empty_path
 from btcore_robot.robot import Pose2D
-from tests.robot_nodes.navigation.conftest import NavigationRig, Person
+from tests.robot_nodes.navigation.conftest import Person, path_through, rig_on_floor
 
 CORRIDOR = (-1.0, -1.2, 7.0, -1.0), (-1.0, 1.0, 7.0, 1.2)
 
@@ -21,13 +20,9 @@ def commands(robot: Any):
     return np.array([(stamp / 1e9, v, w) for stamp, v, w in robot.commands]).T
 
 
-def test_a_path_is_followed_to_its_end_and_heading(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor()
-    handle = course.follow_path.send_goal(follow(path((0, 0), (3, 0), (3, 2), yaw=math.pi)))
+def test_a_path_is_followed_to_its_end_and_heading() -> None:
+    course = rig_on_floor()
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (3, 0), (3, 2), yaw=math.pi)))
     course.run(60.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
     pose = course.robot.pose
@@ -36,27 +31,20 @@ def test_a_path_is_followed_to_its_end_and_heading(
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 0.15, 0.25])
-def test_the_goal_tolerance_is_a_parameter(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-    tolerance: float,
-) -> None:
-    course = floor(xy_goal_tolerance=tolerance)
-    handle = course.follow_path.send_goal(follow(path((0, 0), (2, 1))))
+def test_the_goal_tolerance_is_a_parameter(tolerance: float) -> None:
+    course = rig_on_floor(xy_goal_tolerance=tolerance)
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (2, 1))))
     course.run(60.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
     assert math.hypot(course.robot.pose.x - 2, course.robot.pose.y - 1) <= tolerance + 0.03
 
 
-def test_an_s_shaped_path_is_followed_closely(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor()
+def test_an_s_shaped_path_is_followed_closely() -> None:
+    course = rig_on_floor()
     beside = []
-    handle = course.follow_path.send_goal(follow(path((0, 0), (2, 0), (2, 2), (4, 2), (4, 0), (6, 0))))
+    handle = course.follow_path.send_goal(
+        FollowPathGoal(path_through((0, 0), (2, 0), (2, 2), (4, 2), (4, 0), (6, 0)))
+    )
 
     def done():
         beside.append(abs(handle.feedback.position_error) if handle.feedback else 0.0)
@@ -68,13 +56,9 @@ def test_an_s_shaped_path_is_followed_closely(
     assert seconds < 10.0 / 0.3 + 5.0
 
 
-def test_speeds_and_accelerations_stay_within_the_limits(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor(*CORRIDOR, (2.0, -0.3, 2.5, 0.2), seed=3)
-    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0), yaw=2.0)))
+def test_speeds_and_accelerations_stay_within_the_limits() -> None:
+    course = rig_on_floor(*CORRIDOR, (2.0, -0.3, 2.5, 0.2), seed=3)
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (5, 0), yaw=2.0)))
     course.run(60.0, lambda: handle.done)
     times, v, w = commands(course.robot)
     limits = course.follow_path.parameters
@@ -87,41 +71,29 @@ def test_speeds_and_accelerations_stay_within_the_limits(
     assert (np.abs(np.diff(w)) <= min(limits.acc_lim_theta, base.w_rate) * periods + 1e-9).all()
 
 
-def test_a_robot_that_faces_away_turns_before_it_drives(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor(start=Pose2D(0.0, 0.0, math.pi))
-    course.follow_path.send_goal(follow(path((0, 0), (3, 0))))
+def test_a_robot_that_faces_away_turns_before_it_drives() -> None:
+    course = rig_on_floor(start=Pose2D(0.0, 0.0, math.pi))
+    course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (3, 0))))
     course.run(4.0)
     assert math.hypot(course.robot.pose.x, course.robot.pose.y) < 0.02
     assert abs(math.remainder(course.robot.pose.yaw - math.pi, 2 * math.pi)) > 1.0
 
 
-def test_a_path_in_the_map_frame_is_followed_in_odom(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor()
+def test_a_path_in_the_map_frame_is_followed_in_odom() -> None:
+    course = rig_on_floor()
     course.map_at((1.0, 2.0, math.pi / 2))
-    handle = course.follow_path.send_goal(follow(path((1, 2), (1, 4), yaw=math.pi / 2)))
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((1, 2), (1, 4), yaw=math.pi / 2)))
     course.run(30.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
     assert course.robot.pose.x == pytest.approx(2.0, abs=0.3)
     assert course.robot.pose.y == pytest.approx(0.0, abs=0.1)
 
 
-def test_the_local_plan_leads_from_the_robot_along_the_path(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor()
+def test_the_local_plan_leads_from_the_robot_along_the_path() -> None:
+    course = rig_on_floor()
     course.map_at((1.0, 2.0, math.pi / 2))
     assert course.follow_path.local_plan() is None
-    handle = course.follow_path.send_goal(follow(path((1, 2), (1, 4), yaw=math.pi / 2)))
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((1, 2), (1, 4), yaw=math.pi / 2)))
     course.run(2.0)
     plan, pose = course.follow_path.local_plan(), course.robot.pose
     assert plan.frame == "odom"
@@ -132,13 +104,9 @@ def test_the_local_plan_leads_from_the_robot_along_the_path(
     assert course.follow_path.local_plan() is None
 
 
-def test_the_local_plan_leads_around_an_obstacle(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor(*CORRIDOR, (2.0, -0.3, 2.5, 0.2))
-    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+def test_the_local_plan_leads_around_an_obstacle() -> None:
+    course = rig_on_floor(*CORRIDOR, (2.0, -0.3, 2.5, 0.2))
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (5, 0))))
     sides = []
 
     def done():
@@ -150,13 +118,9 @@ def test_the_local_plan_leads_around_an_obstacle(
     assert max(sides) > 0.3
 
 
-def test_feedback_has_the_remaining_distance_and_the_speed(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor()
-    handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
+def test_feedback_has_the_remaining_distance_and_the_speed() -> None:
+    course = rig_on_floor()
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (4, 0))))
     course.run(5.0)
     left = handle.feedback.distance_to_goal
     assert left == pytest.approx(4.0 - course.robot.pose.x, abs=0.05)
@@ -165,26 +129,17 @@ def test_feedback_has_the_remaining_distance_and_the_speed(
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_box_on_the_path_is_passed_on_the_side_with_room(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-    seed: int,
-) -> None:
-    course = floor((-1.0, -0.7, 7.0, -0.5), (-1.0, 1.15, 7.0, 1.3), (1.5, -0.25, 2.0, 0.25), seed=seed)
-    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+def test_a_box_on_the_path_is_passed_on_the_side_with_room(seed: int) -> None:
+    course = rig_on_floor((-1.0, -0.7, 7.0, -0.5), (-1.0, 1.15, 7.0, 1.3), (1.5, -0.25, 2.0, 0.25), seed=seed)
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (5, 0))))
     course.run(60.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
     assert course.robot.nearest > 0.0
 
 
-def test_a_box_dropped_in_front_of_the_driving_robot_is_passed(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor(*CORRIDOR)
-    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+def test_a_box_dropped_in_front_of_the_driving_robot_is_passed() -> None:
+    course = rig_on_floor(*CORRIDOR)
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (5, 0))))
     course.run(3.0)
     ahead = course.robot.pose.x + 1.5
     course.robot.boxes.append((ahead, -0.6, ahead + 0.5, -0.1))
@@ -193,15 +148,10 @@ def test_a_box_dropped_in_front_of_the_driving_robot_is_passed(
     assert course.robot.nearest > 0.05
 
 
-def test_the_robot_stands_while_the_pose_of_the_laser_is_unknown(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_robot_stands_while_the_pose_of_the_laser_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sensor_watch, "MAX_OUTAGE_S", 5.0)
-    course = floor()
-    handle = course.follow_path.send_goal(follow(path((0, 0), (3, 0))))
+    course = rig_on_floor()
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (3, 0))))
     course.run(2.0)
     monkeypatch.setattr(course.robot, "frames", lambda: ())
     course.run(1.2)
@@ -217,13 +167,9 @@ def test_the_robot_stands_while_the_pose_of_the_laser_is_unknown(
     )
 
 
-def test_a_wall_across_the_path_is_not_touched_and_the_goal_fails(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor((2.0, -3.0, 2.2, 3.0))
-    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+def test_a_wall_across_the_path_is_not_touched_and_the_goal_fails() -> None:
+    course = rig_on_floor((2.0, -3.0, 2.2, 3.0))
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (5, 0))))
     course.run(60.0, lambda: handle.done)
     assert handle.status == GoalStatus.ABORTED
     assert handle.result.code in (Nav2ErrorCode.PATIENCE_EXCEEDED, Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS)
@@ -231,66 +177,44 @@ def test_a_wall_across_the_path_is_not_touched_and_the_goal_fails(
     assert course.robot.pose.x > 1.2
 
 
-def test_zero_failure_tolerance_fails_soon_at_a_wall(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=0.0)
-    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+def test_zero_failure_tolerance_fails_soon_at_a_wall() -> None:
+    course = rig_on_floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=0.0)
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (5, 0))))
     seconds = course.run(60.0, lambda: handle.done)
     assert handle.result.code == Nav2ErrorCode.NO_VALID_CONTROL
     assert seconds < 5.0
 
 
-def test_no_progress_fails_after_ten_seconds(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=-1.0)
-    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+def test_no_progress_fails_after_ten_seconds() -> None:
+    course = rig_on_floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=-1.0)
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (5, 0))))
     seconds = course.run(60.0, lambda: handle.done)
     assert handle.result.code == Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS
     assert 10.0 <= seconds < 16.0
 
 
 @pytest.mark.parametrize("place", [(5.0, 0.3, -0.5, 0.0), (2.0, 3.2, 0.0, -0.5), (4.0, 0.0, -0.5, 0.0)])
-def test_people_are_never_touched_and_the_goal_is_reached(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-    person: type[Person],
-    place: tuple[float, ...],
-) -> None:
-    course = floor(seed=1)
-    course.robot.people.append(person(*place))
-    handle = course.follow_path.send_goal(follow(path((0, 0), (5, 0))))
+def test_people_are_never_touched_and_the_goal_is_reached(place: tuple[float, ...]) -> None:
+    course = rig_on_floor(seed=1)
+    course.robot.people.append(Person(*place))
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (5, 0))))
     course.run(60.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
     assert course.robot.nearest > 0.03
 
 
-def test_the_robot_drives_slower_beside_a_wall(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor((-1.0, -0.6, 7.0, -0.36))
-    handle = course.follow_path.send_goal(follow(path((0, 0), (3, 0))))
+def test_the_robot_drives_slower_beside_a_wall() -> None:
+    course = rig_on_floor((-1.0, -0.6, 7.0, -0.36))
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (3, 0))))
     course.run(60.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
     assert course.robot.nearest > 0.05
     assert commands(course.robot)[1].max() < 0.25
 
 
-def test_a_robot_without_scans_stops_within_a_second_until_scans_return(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor(*CORRIDOR)
-    handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
+def test_a_robot_without_scans_stops_within_a_second_until_scans_return() -> None:
+    course = rig_on_floor(*CORRIDOR)
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (4, 0))))
     course.run(4.0)
     course.robot.blind = True
     course.run(1.0)
@@ -304,13 +228,9 @@ def test_a_robot_without_scans_stops_within_a_second_until_scans_return(
     assert handle.status == GoalStatus.SUCCEEDED
 
 
-def test_a_held_robot_does_not_fail_for_lack_of_progress(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor()
-    handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
+def test_a_held_robot_does_not_fail_for_lack_of_progress() -> None:
+    course = rig_on_floor()
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (4, 0))))
     course.run(2.0)
     course.held = True
     course.run(30.0)
@@ -321,13 +241,9 @@ def test_a_held_robot_does_not_fail_for_lack_of_progress(
     assert handle.status == GoalStatus.SUCCEEDED
 
 
-def test_a_cancelled_robot_brakes_within_its_limits(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor()
-    handle = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
+def test_a_cancelled_robot_brakes_within_its_limits() -> None:
+    course = rig_on_floor()
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (4, 0))))
     course.run(4.0)
     handle.cancel()
     course.run(0.5)
@@ -337,15 +253,11 @@ def test_a_cancelled_robot_brakes_within_its_limits(
     assert np.diff(commands(course.robot)[1]).min() >= -0.05 - 1e-9
 
 
-def test_a_new_path_is_followed_without_a_stop(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor()
-    first = course.follow_path.send_goal(follow(path((0, 0), (4, 0))))
+def test_a_new_path_is_followed_without_a_stop() -> None:
+    course = rig_on_floor()
+    first = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (4, 0))))
     course.run(4.0)
-    second = course.follow_path.send_goal(follow(path((1.1, 0), (2, 0), (3, 1))))
+    second = course.follow_path.send_goal(FollowPathGoal(path_through((1.1, 0), (2, 0), (3, 1))))
     course.run(1.0)
     assert first.status == GoalStatus.CANCELED
     assert commands(course.robot)[1][-20:].min() > 0.25
@@ -353,43 +265,33 @@ def test_a_new_path_is_followed_without_a_stop(
     assert second.status == GoalStatus.SUCCEEDED
 
 
-def test_replanning_once_a_second_does_not_hide_a_lack_of_progress(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=-1.0)
+def test_replanning_once_a_second_does_not_hide_a_lack_of_progress() -> None:
+    course = rig_on_floor((0.6, -3.0, 0.8, 3.0), failure_tolerance=-1.0)
     for _ in range(20):
-        handle = course.follow_path.send_goal(follow(path((course.robot.pose.x, 0), (5, 0))))
+        handle = course.follow_path.send_goal(FollowPathGoal(path_through((course.robot.pose.x, 0), (5, 0))))
         course.run(1.0)
         if handle.done:
             break
     assert handle.result.code == Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS
 
 
-def test_a_path_without_poses_is_refused(
-    floor: Callable[..., NavigationRig], follow: Callable[[NavPath], FollowPathGoal]
-) -> None:
-    course = floor()
-    handle = course.follow_path.send_goal(follow(empty_path(0)))
+def test_a_path_without_poses_is_refused() -> None:
+    course = rig_on_floor()
+    handle = course.follow_path.send_goal(FollowPathGoal(empty_path(0)))
     course.run(0.1)
     assert handle.result.code == Nav2ErrorCode.INVALID_PATH
 
 
-def test_a_path_in_an_unknown_frame_fails_with_the_frames_name(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
-    course = floor(failure_tolerance=0.0)
-    handle = course.follow_path.send_goal(follow(path((0, 0), (1, 0), frame="mapp")))
+def test_a_path_in_an_unknown_frame_fails_with_the_frames_name() -> None:
+    course = rig_on_floor(failure_tolerance=0.0)
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (1, 0), frame="mapp")))
     course.run(0.2)
     assert handle.result.code == Nav2ErrorCode.FOLLOW_PATH_TF_ERROR
     assert "did you mean 'map'?" in handle.result.message
 
 
-def test_an_idle_controller_sends_no_commands(floor: Callable[..., NavigationRig]) -> None:
-    course = floor()
+def test_an_idle_controller_sends_no_commands() -> None:
+    course = rig_on_floor()
     course.run(1.0)
     assert course.robot.commands == []
 
@@ -404,13 +306,8 @@ def test_an_idle_controller_sends_no_commands(floor: Callable[..., NavigationRig
         ({"goal_checker_id": "goal_checker", "progress_checker_id": "progress_checker"}, 0),
     ],
 )
-def test_goals_name_plug_ins_of_the_parameters(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    ids: dict[str, str],
-    code: Nav2ErrorCode | int,
-) -> None:
-    course = floor()
-    handle = course.follow_path.send_goal(FollowPathGoal(path((0, 0), (1, 0)), **ids))
+def test_goals_name_plug_ins_of_the_parameters(ids: dict[str, str], code: Nav2ErrorCode | int) -> None:
+    course = rig_on_floor()
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through((0, 0), (1, 0)), **ids))
     course.run(0.1)
     assert (handle.result.code if handle.result is not None else 0) == code

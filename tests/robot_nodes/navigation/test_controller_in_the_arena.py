@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from btcore_navigation.controller import FollowPathGoal
-from btcore_navigation.path import NavPath
-from tests.robot_nodes.navigation.conftest import NavigationRig
+from tests.robot_nodes.navigation.conftest import NavigationRig, path_through
 
 pytest.importorskip("pybullet")
 
@@ -25,7 +24,7 @@ START = (-4.8, -4.8)
 
 
 @pytest.fixture
-def arena(course_of: type[NavigationRig]) -> Iterator[Callable[..., Any]]:
+def arena() -> Iterator[Callable[..., Any]]:
     """Return the function `arena()`: a Tiago among the arena's boxes, facing east."""
     worlds = []
 
@@ -40,7 +39,7 @@ def arena(course_of: type[NavigationRig]) -> Iterator[Callable[..., Any]]:
         # There is no localiser here: with the slip of Tiago's wheels, the path would drift into the boxes.
         tiago = load_robot_description()
         milder = replace(tiago, odometry=replace(tiago.odometry, slip=slip, slip_sigma=slip_sigma))
-        course = course_of(SimulatedRobot(worlds[-1], milder))
+        course = NavigationRig(SimulatedRobot(worlds[-1], milder))
         course.map_at(at)
         return course
 
@@ -53,13 +52,11 @@ def touched_nothing(body: SimulatedRobot) -> bool:
     return (body.contacts.collisions, body.contacts.grazes) == (0, 0)
 
 
-def test_an_s_shaped_path_between_boxes_is_followed_without_contact(
-    arena: Callable[..., Any], path: Callable[..., NavPath], follow: Callable[[NavPath], FollowPathGoal]
-) -> None:
+def test_an_s_shaped_path_between_boxes_is_followed_without_contact(arena: Callable[..., Any]) -> None:
     course = arena()
     beside = []
     handle = course.follow_path.send_goal(
-        follow(path(START, (-1.5, -4.8), (-1.5, -1.5), (1.5, -1.5), (1.5, 1.6)))
+        FollowPathGoal(path_through(START, (-1.5, -4.8), (-1.5, -1.5), (1.5, -1.5), (1.5, 1.6)))
     )
 
     def done():
@@ -74,15 +71,10 @@ def test_an_s_shaped_path_between_boxes_is_followed_without_contact(
 
 @pytest.mark.parametrize(("seed", "slip", "slip_sigma"), [(0, 0.0, 0.0), (1, 0.04, 0.015), (2, 0.04, 0.015)])
 def test_a_box_on_a_path_with_a_corner_is_passed(
-    arena: Callable[..., Any],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-    seed: int,
-    slip: float,
-    slip_sigma: float,
+    arena: Callable[..., Any], seed: int, slip: float, slip_sigma: float
 ) -> None:
     course = arena(slip=slip, slip_sigma=slip_sigma, seed=seed)
-    handle = course.follow_path.send_goal(follow(path(START, (-3.15, -4.4), (-3.15, -1.5))))
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through(START, (-3.15, -4.4), (-3.15, -1.5))))
     course.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
     assert touched_nothing(course.robot)
@@ -97,25 +89,19 @@ def test_a_box_on_a_path_with_a_corner_is_passed(
     ],
 )
 def test_an_obstacle_on_a_straight_path_is_passed(
-    arena: Callable[..., Any],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-    begin: tuple[float, float],
-    end: tuple[float, float],
+    arena: Callable[..., Any], begin: tuple[float, float], end: tuple[float, float]
 ) -> None:
     yaw = math.atan2(end[1] - begin[1], end[0] - begin[0])
     course = arena(at=(*begin, yaw), slip=0.0, slip_sigma=0.0)
-    handle = course.follow_path.send_goal(follow(path(begin, end, yaw=yaw)))
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through(begin, end, yaw=yaw)))
     course.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
     assert touched_nothing(course.robot)
 
 
-def test_the_arenas_wall_is_not_touched(
-    arena: Callable[..., Any], path: Callable[..., NavPath], follow: Callable[[NavPath], FollowPathGoal]
-) -> None:
+def test_the_arenas_wall_is_not_touched(arena: Callable[..., Any]) -> None:
     course = arena()
-    handle = course.follow_path.send_goal(follow(path(START, (-4.8, -8.0))))
+    handle = course.follow_path.send_goal(FollowPathGoal(path_through(START, (-4.8, -8.0))))
     course.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.ABORTED
     assert touched_nothing(course.robot)

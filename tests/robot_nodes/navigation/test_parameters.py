@@ -14,12 +14,11 @@ from btcore_navigation.behaviours import BackUpGoal, SpinGoal
 from btcore_navigation.controller import FollowPathGoal
 from btcore_navigation.error_codes import CONTROLLER_RECOVERY_HELPS, PLANNER_RECOVERY_HELPS, Nav2ErrorCode
 from btcore_navigation.parameters import NavigationParameters, load_parameters
-from btcore_navigation.path import NavPath
 from btcore_navigation.stack import Navigation
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.parameter_files import ParameterError, aliases_of
 from btcore_robot.robot import BaseInfo, Pose2D
-from tests.robot_nodes.navigation.conftest import NavigationRig
+from tests.robot_nodes.navigation.conftest import path_through, rig_on_floor
 
 
 @pytest.fixture
@@ -281,11 +280,7 @@ def test_every_field_changes_parameter_and_is_not_reported(written: Callable[...
             assert read.warnings == (), name
 
 
-def test_every_field_is_read_by_the_navigation(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-) -> None:
+def test_every_field_is_read_by_the_navigation() -> None:
     """A field that nothing reads would have no effect, without a warning."""
     unread: dict[str, set[str]] = {}
 
@@ -303,7 +298,7 @@ def test_every_field_is_read_by_the_navigation(
         names.update(values)
         return made
 
-    robot = floor((1.5, -2.0, 1.6, 2.0), (-1.6, -2.0, -1.5, 2.0)).robot
+    robot = rig_on_floor((1.5, -2.0, 1.6, 2.0), (-1.6, -2.0, -1.5, 2.0)).robot
     defaults = NavigationParameters().for_robot(robot.base)
     sections = {name: recorded(name, getattr(defaults, name)) for name in SECTIONS.values()}
     # The footprint is read when the radius is determined, by the line above. btcore_ros2 reads the others.
@@ -331,7 +326,9 @@ def test_every_field_is_read_by_the_navigation(
     run(2.0)
     navigation.servers.back_up.send_goal(BackUpGoal(0.3, 0.2))
     run(2.0)
-    navigation.servers.follow_path.send_goal(follow(path((0.0, 0.0), (1.0, 0.0), frame="nowhere")))
+    navigation.servers.follow_path.send_goal(
+        FollowPathGoal(path_through((0.0, 0.0), (1.0, 0.0), frame="nowhere"))
+    )
     run(0.2)
     assert {section: names for section, names in unread.items() if names} == {}
 

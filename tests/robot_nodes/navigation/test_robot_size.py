@@ -1,7 +1,6 @@
 """The navigation keeps the clearance of the robot that it drives: robots of three sizes at a gap."""
 
 import threading
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +12,10 @@ from btcore_navigation.action import GoalStatus
 from btcore_navigation.controller import FollowPathGoal
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.parameters import NavigationParameters
-from btcore_navigation.path import NavPath
 from btcore_navigation.stack import Navigation
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
-from tests.robot_nodes.navigation.conftest import NavigationRig
+from tests.robot_nodes.navigation.conftest import path_through, rig_on_floor
 
 TURTLEBOT, TIAGO, WIDE = 0.18, 0.27, 0.45
 """The radii (m) of a robot like TurtleBot 4, of Tiago, and of a wide robot."""
@@ -52,15 +50,10 @@ def map_of(boxes: tuple[tuple[float, ...], ...]) -> OccupancyMap:
     [(TURTLEBOT, 0.5, True), (TIAGO, 0.5, False), (TIAGO, 0.8, True), (WIDE, 0.8, False)],
 )
 def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(
-    floor: Callable[..., NavigationRig],
-    path: Callable[..., NavPath],
-    follow: Callable[[NavPath], FollowPathGoal],
-    radius: float,
-    gap: float,
-    passes: bool,
+    radius: float, gap: float, passes: bool
 ) -> None:
     boxes = boxes_around_gap(gap)
-    robot = floor(*boxes).robot
+    robot = rig_on_floor(*boxes).robot
     robot.info = replace(robot.info, radius=radius)
     robot._sigma = 0.01
     navigation = Navigation(robot, map_of(boxes), np.random.default_rng(1), folder())
@@ -77,7 +70,9 @@ def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(
     if not passes:
         assert handle.result.code == Nav2ErrorCode.NO_VALID_PATH
         # The controller refuses the gap, too, even if it is commanded to drive through.
-        handle = navigation.servers.follow_path.send_goal(follow(path((0.0, 0.0), (3.0, 0.0))))
+        handle = navigation.servers.follow_path.send_goal(
+            FollowPathGoal(path_through((0.0, 0.0), (3.0, 0.0)))
+        )
         run(60.0)
         assert handle.status is GoalStatus.ABORTED
         assert robot.pose.x < 1.5
@@ -85,11 +80,13 @@ def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(
 
 
 def test_a_radius_that_is_too_small_for_the_robot_is_replaced_with_a_warning(
-    floor: Callable[..., NavigationRig], caplog: pytest.LogCaptureFixture
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     boxes = boxes_around_gap(0.8)
     figures = NavigationParameters()
     small = replace(figures, global_costmap=replace(figures.global_costmap, robot_radius=0.22))
-    navigation = Navigation(floor(*boxes).robot, map_of(boxes), np.random.default_rng(1), folder(), small)
+    navigation = Navigation(
+        rig_on_floor(*boxes).robot, map_of(boxes), np.random.default_rng(1), folder(), small
+    )
     assert navigation.parameters.global_costmap.robot_radius == 0.3
     assert caplog.messages == ["global_costmap: the radius 0.22 m is too small for the robot: 0.3 m is used"]

@@ -1,7 +1,6 @@
 """Nav2's nodes on real servers and costmaps, for a robot on the floor of a walled hall."""
 
 import threading
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -16,8 +15,8 @@ from btcore_navigation.smoother import SmootherServer
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import TransformTree
-from tests.conformance.recorded_cases import Journal, PlanAction
-from tests.robot_nodes.navigation.conftest import NavigationRig
+from tests.conformance.recorded_cases import Journal, RecordedAct
+from tests.robot_nodes.navigation.conftest import NavigationRig, rig_on_floor
 
 HALF = 5.0  # m from the middle of the hall to its walls
 CELL = 0.05  # m
@@ -85,7 +84,7 @@ class NodeRig:
         """Return a tree with the content *inside*, on a blackboard with the entries *board*."""
         nodes = Registry.standard()
         nav2_nodes.register(nodes)
-        nodes.add(PlanAction)
+        nodes.add(RecordedAct, ID="Act")
         text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{inside}</BehaviorTree></root>'
         given = [self.servers, self.journal]
         tree = btcore.loads(text, nodes=nodes, resources=given, clock=self.robot.clock)
@@ -122,31 +121,15 @@ class NodeRig:
 
 
 @pytest.fixture
-def rig(floor: Callable[..., NavigationRig]) -> NodeRig:
-    return NodeRig(floor())
+def rig() -> NodeRig:
+    return NodeRig(rig_on_floor())
 
 
-@pytest.fixture
-def among(floor: Callable[..., NavigationRig]) -> Callable[..., NodeRig]:
-    """Return the function `among(*boxes)`, which returns a rig with boxes on the floor."""
-    return lambda *boxes: NodeRig(floor(*boxes))
+def act(name: str, outcomes: str) -> str:
+    """Return the element of a mock action."""
+    return f'<Act name="{name}" outcomes="{outcomes}"/>'
 
 
-def plan(name: str, letters: str) -> str:
-    """A leaf that returns *letters*: R, S, F or K for each tick, with ``|`` between two starts."""
-    return f'<PlanAction name="{name}" plan="{letters}"/>'
-
-
-def restarting_leaf(name: str, letters: str) -> str:
-    """A mock leaf that starts again when it is ticked after its end, as below a decorator."""
-    return f"<Inverter><Inverter>{plan(name, letters)}</Inverter></Inverter>"
-
-
-@pytest.fixture(name="restarting_leaf")
-def restarting_leaf_fixture() -> Callable[[str, str], str]:
-    return restarting_leaf
-
-
-@pytest.fixture(name="plan")
-def planned() -> Callable[[str, str], str]:
-    return plan
+def restarting_leaf(name: str, outcomes: str) -> str:
+    """Return a mock action that starts again when it is ticked after its end, as below a decorator."""
+    return f"<Inverter><Inverter>{act(name, outcomes)}</Inverter></Inverter>"

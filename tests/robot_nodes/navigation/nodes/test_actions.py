@@ -1,7 +1,6 @@
 """Nav2's nodes with an action server: a test for each sentence of their documentation."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,10 +10,10 @@ from btcore import Status, Tree
 from btcore.clock import NS_PER_S
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
-from btcore_navigation.path import NavPath
 from btcore_navigation.planner import Planner, PlannerServer
 from btcore_navigation.servers import OBSTACLE_MEMORY
 from btcore_robot.robot import Pose2D, Twist2D
+from tests.robot_nodes.navigation.conftest import path_through, rig_on_floor
 from tests.robot_nodes.navigation.nodes.conftest import NodeRig
 
 AHEAD = Pose2D(2.0, 0.0, 0.0)
@@ -41,18 +40,16 @@ def test_compute_path_runs_until_the_planner_has_answered(rig: NodeRig) -> None:
     assert (tree.blackboard["code"], tree.blackboard["why"]) == (0, "")
 
 
-def test_compute_path_clears_the_path_and_sets_the_error_when_it_fails(
-    rig: NodeRig, path: Callable[..., NavPath]
-) -> None:
-    tree = rig.tree(PLAN % "", goal=Pose2D(4.99, 0.0, 0.0), path=path((0, 0), (1, 0)))
+def test_compute_path_clears_the_path_and_sets_the_error_when_it_fails(rig: NodeRig) -> None:
+    tree = rig.tree(PLAN % "", goal=Pose2D(4.99, 0.0, 0.0), path=path_through((0, 0), (1, 0)))
     assert rig.run(tree, 1.0) is Status.FAILURE
     assert len(tree.blackboard["path"]) == 0
     assert tree.blackboard["code"] == Nav2ErrorCode.GOAL_OCCUPIED
     assert tree.blackboard["why"]
 
 
-def test_compute_path_clears_the_path_on_a_halt(rig: NodeRig, path: Callable[..., NavPath]) -> None:
-    tree = rig.tree(PLAN % "", goal=AHEAD, path=path((0, 0), (1, 0)))
+def test_compute_path_clears_the_path_on_a_halt(rig: NodeRig) -> None:
+    tree = rig.tree(PLAN % "", goal=AHEAD, path=path_through((0, 0), (1, 0)))
     tree.tick_exactly_once()
     tree.halt()
     assert len(tree.blackboard["path"]) == 0
@@ -153,18 +150,18 @@ def test_compute_path_through_poses_has_its_own_error_codes(rig: NodeRig) -> Non
 FOLLOW = '<FollowPath path="{path}" error_code_id="{code}" tracking_feedback="{how}" %s/>'
 
 
-def test_follow_path_drives_to_the_end(rig: NodeRig, path: Callable[..., NavPath]) -> None:
-    tree = rig.tree(FOLLOW % "", path=path((0, 0), (1, 0)))
+def test_follow_path_drives_to_the_end(rig: NodeRig) -> None:
+    tree = rig.tree(FOLLOW % "", path=path_through((0, 0), (1, 0)))
     assert rig.run(tree, 20.0) is Status.SUCCESS
     assert rig.robot.pose.x == pytest.approx(1.0, abs=0.26)
     assert tree.blackboard["code"] == 0
 
 
-def test_follow_path_switches_to_another_path_at_once(rig: NodeRig, path: Callable[..., NavPath]) -> None:
-    tree = rig.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
+def test_follow_path_switches_to_another_path_at_once(rig: NodeRig) -> None:
+    tree = rig.tree(FOLLOW % "", path=path_through((0, 0), (4, 0)))
     rig.run(tree, 3.0)
     first = rig.servers.follow_path.current
-    tree.blackboard["path"] = path((0, 0), (4, 0), (4, 1))
+    tree.blackboard["path"] = path_through((0, 0), (4, 0), (4, 1))
     slowest = 1.0
     for _ in range(100):
         tree.tick_exactly_once()
@@ -175,11 +172,11 @@ def test_follow_path_switches_to_another_path_at_once(rig: NodeRig, path: Callab
     assert slowest == pytest.approx(0.3, abs=0.01)
 
 
-def test_follow_path_keeps_goal_while_path_is_truncated(rig: NodeRig, path: Callable[..., NavPath]) -> None:
+def test_follow_path_keeps_goal_while_path_is_truncated(rig: NodeRig) -> None:
     tree = rig.tree(
         '<PipelineSequence><TruncatePath input_path="{path}" output_path="{cut}"/>'
         '<FollowPath path="{cut}"/></PipelineSequence>',
-        path=path((0, 0), (4, 0)),
+        path=path_through((0, 0), (4, 0)),
     )
     rig.letters(tree, 5)
     first, cut = rig.servers.follow_path.current, tree.blackboard["cut"]
@@ -188,25 +185,27 @@ def test_follow_path_keeps_goal_while_path_is_truncated(rig: NodeRig, path: Call
     assert rig.servers.follow_path.current is first
 
 
-def test_follow_path_keeps_old_path_if_new_path_is_empty(rig: NodeRig, path: Callable[..., NavPath]) -> None:
-    tree = rig.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
+def test_follow_path_keeps_old_path_if_new_path_is_empty(rig: NodeRig) -> None:
+    tree = rig.tree(FOLLOW % "", path=path_through((0, 0), (4, 0)))
     rig.run(tree, 1.0)
-    tree.blackboard["path"] = path((0, 0), (4, 0)).__class__(path((0, 0)).poses[:0], 0)
+    tree.blackboard["path"] = path_through((0, 0), (4, 0)).__class__(path_through((0, 0)).poses[:0], 0)
     rig.run(tree, 1.0)
     assert rig.servers.follow_path.current.status is GoalStatus.EXECUTING
     assert rig.robot.speed == pytest.approx(0.3, abs=0.01)
 
 
-def test_follow_path_sends_goal_again_for_another_plug_in(rig: NodeRig, path: Callable[..., NavPath]) -> None:
-    tree = rig.tree(FOLLOW % 'goal_checker_id="{checker}"', path=path((0, 0), (4, 0)), checker="goal_checker")
+def test_follow_path_sends_goal_again_for_another_plug_in(rig: NodeRig) -> None:
+    tree = rig.tree(
+        FOLLOW % 'goal_checker_id="{checker}"', path=path_through((0, 0), (4, 0)), checker="goal_checker"
+    )
     rig.run(tree, 0.5)
     tree.blackboard["checker"] = "general_goal_checker"
     rig.run(tree, 0.2)
     assert rig.servers.follow_path.current.goal.goal_checker_id == "general_goal_checker"
 
 
-def test_follow_path_writes_feedback_and_resets_it_at_end(rig: NodeRig, path: Callable[..., NavPath]) -> None:
-    tree = rig.tree(FOLLOW % "", path=path((0, 0.1), (1, 0.1)))
+def test_follow_path_writes_feedback_and_resets_it_at_end(rig: NodeRig) -> None:
+    tree = rig.tree(FOLLOW % "", path=path_through((0, 0.1), (1, 0.1)))
     rig.run(tree, 0.5)
     assert tree.blackboard["how"].position_error == pytest.approx(-0.1, abs=0.02)
     assert tree.blackboard["how"].distance_to_goal == pytest.approx(1.0, abs=0.1)
@@ -220,8 +219,8 @@ def test_follow_path_fails_without_a_path(rig: NodeRig) -> None:
     assert tree.blackboard["code"] == Nav2ErrorCode.INVALID_PATH
 
 
-def test_a_halt_cancels_the_goal_and_stops_the_robot(rig: NodeRig, path: Callable[..., NavPath]) -> None:
-    tree = rig.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
+def test_a_halt_cancels_the_goal_and_stops_the_robot(rig: NodeRig) -> None:
+    tree = rig.tree(FOLLOW % "", path=path_through((0, 0), (4, 0)))
     rig.run(tree, 2.0)
     tree.halt()
     rig.wait(1.0)
@@ -229,8 +228,8 @@ def test_a_halt_cancels_the_goal_and_stops_the_robot(rig: NodeRig, path: Callabl
     assert rig.robot.speed == pytest.approx(0.0, abs=0.01)
 
 
-def test_goal_that_another_client_cancelled_is_success(rig: NodeRig, path: Callable[..., NavPath]) -> None:
-    tree = rig.tree(FOLLOW % "", path=path((0, 0), (4, 0)))
+def test_goal_that_another_client_cancelled_is_success(rig: NodeRig) -> None:
+    tree = rig.tree(FOLLOW % "", path=path_through((0, 0), (4, 0)))
     rig.run(tree, 1.0)
     rig.servers.follow_path.current.cancel()
     assert rig.run(tree, 1.0) is Status.SUCCESS
@@ -275,8 +274,8 @@ def test_drive_on_heading_goes_straight_and_is_not_counted_as_a_recovery(rig: No
     assert recoveries(tree) == 0
 
 
-def test_drive_on_heading_fails_before_a_wall(among: Callable[..., NodeRig]) -> None:
-    rig = among(WALL)
+def test_drive_on_heading_fails_before_a_wall() -> None:
+    rig = NodeRig(rig_on_floor(WALL))
     rig.wait(0.3)
     tree = rig.tree('<DriveOnHeading dist_to_travel="2" speed="0.2" error_code_id="{code}"/>')
     assert rig.run(tree, 20.0) is Status.FAILURE
@@ -314,9 +313,7 @@ def test_wait_ignores_the_sign_of_its_duration(rig: NodeRig, seconds: str) -> No
         ("CancelWait", "wait"),
     ],
 )
-def test_a_cancel_node_cancels_the_goal_of_its_server(
-    rig: NodeRig, path: Callable[..., NavPath], node: str, server: str
-) -> None:
+def test_a_cancel_node_cancels_the_goal_of_its_server(rig: NodeRig, node: str, server: str) -> None:
     rig.wait(0.2)
     work = {
         "follow_path": '<FollowPath path="{path}"/>',
@@ -325,7 +322,7 @@ def test_a_cancel_node_cancels_the_goal_of_its_server(
         "drive_on_heading": '<DriveOnHeading dist_to_travel="1"/>',
         "wait": '<Wait wait_duration="9"/>',
     }[server]
-    tree = rig.tree(work, path=path((0, 0), (3, 0)))
+    tree = rig.tree(work, path=path_through((0, 0), (3, 0)))
     assert rig.run(tree, 0.5) is Status.RUNNING
     assert rig.letters(rig.tree(f"<{node}/>"), 1) == "S"
     assert rig.run(tree, 0.5) is Status.SUCCESS
@@ -348,8 +345,8 @@ def observe_scan(rig: NodeRig, age: float) -> None:
 
 
 @pytest.fixture
-def boxed(among: Callable[..., NodeRig]) -> NodeRig:
-    rig = among((0.7, -0.3, 0.9, 0.3), (0.8, 1.2, 1.2, 1.4))
+def boxed() -> NodeRig:
+    rig = NodeRig(rig_on_floor((0.7, -0.3, 0.9, 0.3), (0.8, 1.2, 1.2, 1.4)))
     observe_scan(rig, OBSTACLE_MEMORY + 1.0)
     assert boxes_on(rig.costmap) == (True, True)
     assert boxes_on(rig.servers.local_costmap) == (True, True)

@@ -1,6 +1,5 @@
 """Nav2's decorators: a test for each sentence of their documentation."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,8 @@ from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.navigator import MAX_STALL_S, MIN_PROGRESS_SPEED, NavigateGoal, Navigator
 from btcore_navigation.path import NavPath
 from btcore_robot.robot import Phase, Pose2D
-from tests.robot_nodes.navigation.nodes.conftest import NodeRig
+from tests.robot_nodes.navigation.conftest import path_through
+from tests.robot_nodes.navigation.nodes.conftest import NodeRig, act
 
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
 
@@ -19,27 +19,25 @@ def starts(rig: NodeRig) -> int:
     return rig.journal.take().count("a:start")
 
 
-def test_rate_controller_ticks_child_first_and_at_rate(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f'<RateController hz="2">{plan("a", "S")}</RateController>')
+def test_rate_controller_ticks_child_first_and_at_rate(rig: NodeRig) -> None:
+    tree = rig.tree(f'<RateController hz="2">{act("a", "S")}</RateController>')
     assert rig.letters(tree, 11, every=0.1) == "SRRRRSRRRRS"
     assert starts(rig) == 3
 
 
-def test_rate_controller_ticks_its_child_ten_times_a_second_by_default(
-    rig: NodeRig, plan: Callable[[str, str], str]
-) -> None:
-    tree = rig.tree(f"<RateController>{plan('a', 'S')}</RateController>")
+def test_rate_controller_ticks_its_child_ten_times_a_second_by_default(rig: NodeRig) -> None:
+    tree = rig.tree(f"<RateController>{act('a', 'S')}</RateController>")
     assert rig.letters(tree, 5, every=0.05) == "SRSRS"
 
 
-def test_rate_controller_ticks_running_child_each_tick(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f'<RateController hz="1">{plan("a", "RRS")}</RateController>')
+def test_rate_controller_ticks_running_child_each_tick(rig: NodeRig) -> None:
+    tree = rig.tree(f'<RateController hz="1">{act("a", "RRS")}</RateController>')
     assert rig.letters(tree, 4, every=0.1) == "RRSR"
     assert rig.journal.take() == ["a:start", "a:running", "a:running"]
 
 
-def test_rate_controller_counts_from_last_success(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f'<RateController hz="1">{plan("a", "RRRRRRS")}</RateController>')
+def test_rate_controller_counts_from_last_success(rig: NodeRig) -> None:
+    tree = rig.tree(f'<RateController hz="1">{act("a", "RRRRRRS")}</RateController>')
     assert rig.letters(tree, 7, every=0.1) == "RRRRRRS"
     starts(rig)
     rig.letters(tree, 9, every=0.1)
@@ -48,22 +46,22 @@ def test_rate_controller_counts_from_last_success(rig: NodeRig, plan: Callable[[
     assert starts(rig) == 1
 
 
-def test_rate_controller_does_not_count_from_a_failure(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f'<RateController hz="1">{plan("a", "RF")}</RateController>')
+def test_rate_controller_does_not_count_from_a_failure(rig: NodeRig) -> None:
+    tree = rig.tree(f'<RateController hz="1">{act("a", "RF")}</RateController>')
     assert rig.letters(tree, 2, every=0.9) == "RF"
     assert rig.letters(tree, 1) == "R"
     assert starts(rig) == 2
 
 
-def test_rate_controller_starts_again_after_a_halt(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f'<RateController hz="0.1">{plan("a", "S")}</RateController>')
+def test_rate_controller_starts_again_after_a_halt(rig: NodeRig) -> None:
+    tree = rig.tree(f'<RateController hz="0.1">{act("a", "S")}</RateController>')
     rig.letters(tree, 2)
     tree.halt()
     assert rig.letters(tree, 1) == "S"
 
 
-def test_rate_controller_restarts_after_a_skip(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    rated = f'<RateController hz="0.1" _skipIf="off">{plan("a", "S")}</RateController>'
+def test_rate_controller_restarts_after_a_skip(rig: NodeRig) -> None:
+    rated = f'<RateController hz="0.1" _skipIf="off">{act("a", "S")}</RateController>'
     tree = rig.tree(f"<Fallback>{rated}<AlwaysSuccess/></Fallback>", off=False)
     rig.letters(tree, 1)
     tree.blackboard["off"] = True
@@ -74,8 +72,8 @@ def test_rate_controller_restarts_after_a_skip(rig: NodeRig, plan: Callable[[str
     assert starts(rig) == 1
 
 
-def test_distance_controller_ticks_child_per_distance(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f'<DistanceController distance="0.5">{plan("a", "S")}</DistanceController>')
+def test_distance_controller_ticks_child_per_distance(rig: NodeRig) -> None:
+    tree = rig.tree(f'<DistanceController distance="0.5">{act("a", "S")}</DistanceController>')
     assert rig.letters(tree, 2) == "SR"
     rig.move(0.4)
     assert rig.letters(tree, 1) == "R"
@@ -85,8 +83,8 @@ def test_distance_controller_ticks_child_per_distance(rig: NodeRig, plan: Callab
     assert rig.letters(tree, 1) == "R"
 
 
-def test_distance_controller_ticks_child_per_metre(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f"<DistanceController>{plan('a', 'S')}</DistanceController>")
+def test_distance_controller_ticks_child_per_metre(rig: NodeRig) -> None:
+    tree = rig.tree(f"<DistanceController>{act('a', 'S')}</DistanceController>")
     assert rig.letters(tree, 1) == "S"
     rig.move(0.9)
     assert rig.letters(tree, 1) == "R"
@@ -94,15 +92,13 @@ def test_distance_controller_ticks_child_per_metre(rig: NodeRig, plan: Callable[
     assert rig.letters(tree, 1) == "S"
 
 
-def test_distance_controller_ticks_a_running_child_in_every_tick(
-    rig: NodeRig, plan: Callable[[str, str], str]
-) -> None:
-    tree = rig.tree(f"<DistanceController>{plan('a', 'RRS')}</DistanceController>")
+def test_distance_controller_ticks_a_running_child_in_every_tick(rig: NodeRig) -> None:
+    tree = rig.tree(f"<DistanceController>{act('a', 'RRS')}</DistanceController>")
     assert rig.letters(tree, 4) == "RRSR"
 
 
-def test_distance_controller_fails_with_unknown_pose(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f"<DistanceController>{plan('a', 'S')}</DistanceController>")
+def test_distance_controller_fails_with_unknown_pose(rig: NodeRig) -> None:
+    tree = rig.tree(f"<DistanceController>{act('a', 'S')}</DistanceController>")
     rig.localiser.confident = False
     assert rig.letters(tree, 1) == "F"
     assert starts(rig) == 0
@@ -113,16 +109,14 @@ def test_distance_controller_fails_with_unknown_pose(rig: NodeRig, plan: Callabl
 SPEED = '<SpeedController min_rate="0.5" max_rate="2" max_speed="0.4">{}</SpeedController>'
 
 
-def test_speed_controller_uses_the_shortest_period_first_and_then_the_speed(
-    rig: NodeRig, plan: Callable[[str, str], str]
-) -> None:
-    tree = rig.tree(SPEED.format(plan("a", "S")))
+def test_speed_controller_uses_the_shortest_period_first_and_then_the_speed(rig: NodeRig) -> None:
+    tree = rig.tree(SPEED.format(act("a", "S")))
     # Standing: half a second to the second tick of the child, two seconds to the third.
     assert rig.letters(tree, 27, every=0.1) == "S" + "RRRRS" + "R" * 19 + "SR"
 
 
-def test_speed_controller_uses_the_mean_speed(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(SPEED.format(plan("a", "S")))
+def test_speed_controller_uses_the_mean_speed(rig: NodeRig) -> None:
+    tree = rig.tree(SPEED.format(act("a", "S")))
     found = ""
     for _ in range(40):
         rig.robot.drive(0.2, 0.0)
@@ -131,27 +125,25 @@ def test_speed_controller_uses_the_mean_speed(rig: NodeRig, plan: Callable[[str,
     assert found.rstrip("R").endswith("SRRRRRRRS")
 
 
-def test_speed_controller_restarts_for_another_goal(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(SPEED.format(plan("a", "S")), goal=HERE)
+def test_speed_controller_restarts_for_another_goal(rig: NodeRig) -> None:
+    tree = rig.tree(SPEED.format(act("a", "S")), goal=HERE)
     rig.letters(tree, 8, every=0.1)
     tree.blackboard["goal"] = THERE
     assert rig.letters(tree, 6, every=0.1) == "SRRRRS"
 
 
-def test_speed_controller_returns_result_of_child(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    assert rig.letters(rig.tree(SPEED.format(plan("a", "RF"))), 2) == "RF"
+def test_speed_controller_returns_result_of_child(rig: NodeRig) -> None:
+    assert rig.letters(rig.tree(SPEED.format(act("a", "RF"))), 2) == "RF"
 
 
-def test_speed_controller_requires_rates_above_zero(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f'<SpeedController min_rate="0">{plan("a", "S")}</SpeedController>')
+def test_speed_controller_requires_rates_above_zero(rig: NodeRig) -> None:
+    tree = rig.tree(f'<SpeedController min_rate="0">{act("a", "S")}</SpeedController>')
     with pytest.raises(NodeExecutionError, match="rates above 0"):
         tree.tick_exactly_once()
 
 
-def test_goal_updated_controller_ticks_its_child_at_first_and_for_another_goal(
-    rig: NodeRig, plan: Callable[[str, str], str]
-) -> None:
-    tree = rig.tree(f"<GoalUpdatedController>{plan('a', 'S')}</GoalUpdatedController>", goal=HERE)
+def test_goal_updated_controller_ticks_its_child_at_first_and_for_another_goal(rig: NodeRig) -> None:
+    tree = rig.tree(f"<GoalUpdatedController>{act('a', 'S')}</GoalUpdatedController>", goal=HERE)
     assert rig.letters(tree, 2) == "SR"
     tree.blackboard["goal"] = THERE
     assert rig.letters(tree, 2) == "SR"
@@ -159,8 +151,8 @@ def test_goal_updated_controller_ticks_its_child_at_first_and_for_another_goal(
     assert rig.letters(tree, 2) == "SR"
 
 
-def test_goal_updated_controller_reads_entry_of_port(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    child = plan("a", "S")
+def test_goal_updated_controller_reads_entry_of_port(rig: NodeRig) -> None:
+    child = act("a", "S")
     tree = rig.tree(
         f'<GoalUpdatedController goal="{{mine}}">{child}</GoalUpdatedController>', goal=HERE, mine=HERE
     )
@@ -171,8 +163,8 @@ def test_goal_updated_controller_reads_entry_of_port(rig: NodeRig, plan: Callabl
     assert rig.letters(tree, 1) == "S"
 
 
-def test_goal_updated_controller_ticks_running_child(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f"<GoalUpdatedController>{plan('a', 'RRS')}</GoalUpdatedController>", goal=HERE)
+def test_goal_updated_controller_ticks_running_child(rig: NodeRig) -> None:
+    tree = rig.tree(f"<GoalUpdatedController>{act('a', 'RRS')}</GoalUpdatedController>", goal=HERE)
     assert rig.letters(tree, 4) == "RRSR"
 
 
@@ -180,15 +172,15 @@ ENTRIES = 'input_goal="{goal}" output_goal="{to}" input_goals="{goals}" output_g
 UPDATER = f"<GoalUpdater {ENTRIES}>{{}}</GoalUpdater>"
 
 
-def test_goal_updater_copies_its_inputs_to_its_outputs(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE, goals=[HERE, THERE])
+def test_goal_updater_copies_its_inputs_to_its_outputs(rig: NodeRig) -> None:
+    tree = rig.tree(UPDATER.replace("{}", act("a", "S")), goal=HERE, goals=[HERE, THERE])
     assert rig.letters(tree, 2) == "SS"
     assert tree.blackboard["to"] == HERE
     assert tree.blackboard["all"] == [HERE, THERE]
 
 
-def test_goal_updater_prefers_the_goals_of_its_topics(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE, goals=[HERE])
+def test_goal_updater_prefers_the_goals_of_its_topics(rig: NodeRig) -> None:
+    tree = rig.tree(UPDATER.replace("{}", act("a", "S")), goal=HERE, goals=[HERE])
     rig.servers.topics["goal_update"] = THERE
     rig.servers.topics["goals_update"] = [THERE]
     rig.letters(tree, 1)
@@ -196,10 +188,8 @@ def test_goal_updater_prefers_the_goals_of_its_topics(rig: NodeRig, plan: Callab
     assert tree.blackboard["all"] == [THERE]
 
 
-def test_goal_updater_prefers_a_goal_that_is_newer_than_the_topics_goal(
-    rig: NodeRig, plan: Callable[[str, str], str]
-) -> None:
-    tree = rig.tree(UPDATER.replace("{}", plan("a", "S")), goal=HERE)
+def test_goal_updater_prefers_a_goal_that_is_newer_than_the_topics_goal(rig: NodeRig) -> None:
+    tree = rig.tree(UPDATER.replace("{}", act("a", "S")), goal=HERE)
     rig.servers.topics["goal_update"] = THERE
     rig.letters(tree, 1)
     tree.blackboard["goal"] = newest = Pose2D(3.0, 0.0, 0.0)
@@ -207,23 +197,23 @@ def test_goal_updater_prefers_a_goal_that_is_newer_than_the_topics_goal(
     assert tree.blackboard["to"] == newest
 
 
-def test_goal_updater_ticks_its_child_in_every_tick(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f"<GoalUpdater>{plan('a', 'RF')}</GoalUpdater>")
+def test_goal_updater_ticks_its_child_in_every_tick(rig: NodeRig) -> None:
+    tree = rig.tree(f"<GoalUpdater>{act('a', 'RF')}</GoalUpdater>")
     assert rig.letters(tree, 2) == "RF"
 
 
-def test_single_trigger_fails_after_child_ended_once(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f"<SingleTrigger>{plan('a', 'RS')}</SingleTrigger>")
+def test_single_trigger_fails_after_child_ended_once(rig: NodeRig) -> None:
+    tree = rig.tree(f"<SingleTrigger>{act('a', 'RS')}</SingleTrigger>")
     assert rig.letters(tree, 4) == "RSFF"
     assert rig.journal.take() == ["a:start", "a:running"]
 
 
-def test_single_trigger_fails_after_failure_of_child(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    assert rig.letters(rig.tree(f"<SingleTrigger>{plan('a', 'F|S')}</SingleTrigger>"), 2) == "FF"
+def test_single_trigger_fails_after_failure_of_child(rig: NodeRig) -> None:
+    assert rig.letters(rig.tree(f"<SingleTrigger>{act('a', 'F|S')}</SingleTrigger>"), 2) == "FF"
 
 
-def test_single_trigger_is_ready_again_after_a_halt(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(f"<SingleTrigger>{plan('a', 'S')}</SingleTrigger>")
+def test_single_trigger_is_ready_again_after_a_halt(rig: NodeRig) -> None:
+    tree = rig.tree(f"<SingleTrigger>{act('a', 'S')}</SingleTrigger>")
     assert rig.letters(tree, 2) == "SF"
     tree.halt()
     assert rig.letters(tree, 1) == "S"
@@ -232,61 +222,51 @@ def test_single_trigger_is_ready_again_after_a_halt(rig: NodeRig, plan: Callable
 NEAR_END = '<PathLongerOnApproach path="{path}">{}</PathLongerOnApproach>'
 
 
-def detour(path: Callable[..., NavPath], length: float) -> NavPath:
+def detour(length: float) -> NavPath:
     """Return a path of *length* (m) to the end of the straight path of 1 m."""
-    return path((0, 0), (0.5, (length**2 - 1) ** 0.5 / 2), (1, 0))
+    return path_through((0, 0), (0.5, (length**2 - 1) ** 0.5 / 2), (1, 0))
 
 
-def test_path_longer_on_approach_ticks_its_child_for_a_much_longer_path(
-    rig: NodeRig, plan: Callable[[str, str], str], path: Callable[..., NavPath]
-) -> None:
-    tree = rig.tree(NEAR_END.replace("{}", plan("a", "RS")), path=path((0, 0), (1, 0)))
+def test_path_longer_on_approach_ticks_its_child_for_a_much_longer_path(rig: NodeRig) -> None:
+    tree = rig.tree(NEAR_END.replace("{}", act("a", "RS")), path=path_through((0, 0), (1, 0)))
     assert rig.letters(tree, 2) == "SS"
-    tree.blackboard["path"] = detour(path, 3.0)
+    tree.blackboard["path"] = detour(3.0)
     assert rig.letters(tree, 3) == "RSS"
     assert rig.journal.take() == ["a:start", "a:running"]
 
 
-def test_path_longer_on_approach_succeeds_for_less_than_twice_the_length(
-    rig: NodeRig, plan: Callable[[str, str], str], path: Callable[..., NavPath]
-) -> None:
-    tree = rig.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((0, 0), (1, 0)))
+def test_path_longer_on_approach_succeeds_for_less_than_twice_the_length(rig: NodeRig) -> None:
+    tree = rig.tree(NEAR_END.replace("{}", act("a", "F")), path=path_through((0, 0), (1, 0)))
     rig.letters(tree, 1)
-    tree.blackboard["path"] = detour(path, 1.9)
+    tree.blackboard["path"] = detour(1.9)
     assert rig.letters(tree, 1) == "S"
 
 
-def test_path_longer_on_approach_applies_only_to_the_last_three_metres(
-    rig: NodeRig, plan: Callable[[str, str], str], path: Callable[..., NavPath]
-) -> None:
-    tree = rig.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((-3, 0), (1, 0)))
+def test_path_longer_on_approach_applies_only_to_the_last_three_metres(rig: NodeRig) -> None:
+    tree = rig.tree(NEAR_END.replace("{}", act("a", "F")), path=path_through((-3, 0), (1, 0)))
     rig.letters(tree, 1)
-    tree.blackboard["path"] = path((-3, 0), (-3, 4), (1, 4), (1, 0))
+    tree.blackboard["path"] = path_through((-3, 0), (-3, 4), (1, 4), (1, 0))
     assert rig.letters(tree, 1) == "S"
 
 
-def test_path_longer_on_approach_does_not_compare_paths_to_different_goals(
-    rig: NodeRig, plan: Callable[[str, str], str], path: Callable[..., NavPath]
-) -> None:
-    tree = rig.tree(NEAR_END.replace("{}", plan("a", "F")), path=path((0, 0), (1, 0)))
+def test_path_longer_on_approach_does_not_compare_paths_to_different_goals(rig: NodeRig) -> None:
+    tree = rig.tree(NEAR_END.replace("{}", act("a", "F")), path=path_through((0, 0), (1, 0)))
     rig.letters(tree, 1)
-    tree.blackboard["path"] = path((0, 0), (4, 0))
+    tree.blackboard["path"] = path_through((0, 0), (4, 0))
     assert rig.letters(tree, 1) == "S"
 
 
-def test_path_longer_on_approach_accepts_first_path(rig: NodeRig, plan: Callable[[str, str], str]) -> None:
-    tree = rig.tree(NEAR_END.replace("{}", plan("a", "F")))
+def test_path_longer_on_approach_accepts_first_path(rig: NodeRig) -> None:
+    tree = rig.tree(NEAR_END.replace("{}", act("a", "F")))
     assert tree.tick_exactly_once() is Status.SUCCESS
 
 
-def test_path_longer_on_approach_halts_its_child_when_the_path_is_short_again(
-    rig: NodeRig, plan: Callable[[str, str], str], path: Callable[..., NavPath]
-) -> None:
-    tree = rig.tree(NEAR_END.replace("{}", plan("a", "R")), path=path((0, 0), (1, 0)))
+def test_path_longer_on_approach_halts_its_child_when_the_path_is_short_again(rig: NodeRig) -> None:
+    tree = rig.tree(NEAR_END.replace("{}", act("a", "R")), path=path_through((0, 0), (1, 0)))
     rig.letters(tree, 1)
-    tree.blackboard["path"] = detour(path, 3.0)
+    tree.blackboard["path"] = detour(3.0)
     rig.letters(tree, 2)
-    tree.blackboard["path"] = path((0, 0), (1, 0))
+    tree.blackboard["path"] = path_through((0, 0), (1, 0))
     assert rig.letters(tree, 1) == "S"
     assert rig.journal.take()[-1] == "a:halted"
 
