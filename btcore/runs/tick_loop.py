@@ -9,15 +9,14 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Final, Literal
 
-from btcore.clock import NS_PER_S, Clock
+from btcore.clock import NS_PER_S, POLL_INTERVAL_S, Clock
 from btcore.errors import EndOfTimeError
 from btcore.runs.settings import RunSettings
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
-_CHECK_INTERVAL_S: Final = 0.05
-"""The longest time (s) between two calls of `reload`, or checks whether a pause has ended."""
+_POLL_INTERVAL_NS: Final = round(POLL_INTERVAL_S * NS_PER_S)
 
 LoopEnd = Literal["done", "duration", "end_of_time", "interrupted"]
 """Why a loop ended: all trees are done, the duration is over, the time of the clock has ended (as that of a
@@ -180,7 +179,7 @@ class TickLoop:
             end = self._find_end()
             if end is not None:
                 return end
-            self.trees[0].context.wait_real_time(_CHECK_INTERVAL_S)
+            self.trees[0].context.wait_real_time(POLL_INTERVAL_S)
         return None
 
     def wait_for_reload(self) -> LoopEnd | None:
@@ -199,8 +198,14 @@ class TickLoop:
             self._is_waiting = True
             # Checked again, because a `stop` before `_is_waiting` was set does not end the wait.
             try:
-                if not self._is_stopping:
-                    self._wait_poll_interval()
+                if self._is_stopping:
+                    continue
+                deadline = self._end_ns if self._settings.fast else self._poll_deadline(self._end_ns)
+                context = self.trees[0].context
+                if deadline is None:
+                    context.wait_real_time(POLL_INTERVAL_S)
+                else:
+                    context.wait_until(deadline)
             except EndOfTimeError:
                 return "end_of_time"
             finally:
@@ -210,24 +215,17 @@ class TickLoop:
         """Let `reload` replace the first tree, unless the loop ends; return whether it did."""
         return self._reload is not None and self._find_end() is None and self._reload()
 
-    def _wait_poll_interval(self) -> None:
-        context = self.trees[0].context
-        if not self._settings.fast:
-            deadline = self.clock.now() + round(_CHECK_INTERVAL_S * NS_PER_S)
-            context.wait_until(deadline if self._end_ns is None else min(deadline, self._end_ns))
-        elif self._end_ns is not None:
-            context.wait_until(self._end_ns)
-        else:
-            context.wait_real_time(_CHECK_INTERVAL_S)
+    def _poll_deadline(self, latest: int | None) -> int:
+        """Return the time of the next poll, at the latest *latest*."""
+        deadline = self.clock.now() + _POLL_INTERVAL_NS
+        return deadline if latest is None else min(deadline, latest)
 
     def _wait_for_wake_up_or_reload(self, deadline: int) -> tuple[list[Tree], bool]:
         """Wait until *deadline*, a wake-up, a stop or a reload. Return woken trees, and if it reloaded."""
         while not self._is_stopping:
             if self._reload_if_saved():
                 return [], True
-            step = deadline
-            if self._reload is not None:
-                step = min(deadline, self.clock.now() + round(_CHECK_INTERVAL_S * NS_PER_S))
+            step = deadline if self._reload is None else self._poll_deadline(deadline)
             woken = self._wait_for_wake_up(step)
             if woken or step == deadline:
                 return woken, False
