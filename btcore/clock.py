@@ -17,6 +17,9 @@ NS_PER_US: Final = 1_000
 NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1_000_000_000
 
+POLL_INTERVAL_S: Final = 0.05
+"""The longest time (s) between two checks whether a file was saved, or a pause of a run has ended."""
+
 
 class Clock(Protocol):
     """The interface of a clock.

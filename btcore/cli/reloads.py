@@ -43,7 +43,7 @@ class Reloads:
 
     def reload(self) -> bool:
         """Replace the tree by that in its file, if the file was saved and has no errors; return whether."""
-        if not self._files.was_saved():
+        if not self._files.take_save():
             return False
         run, tree = self._run, self._run.tree
         try:

@@ -75,7 +75,7 @@ class TreeOptions(LibraryOptions):
     ] = False
 
 
-assumed_keys_option = click.option(
+given_option = click.option(
     "--given",
     multiple=True,
     metavar="KEY",

@@ -3,16 +3,13 @@
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
 
+from btcore.clock import POLL_INTERVAL_S
 from btcore.errors import BtcoreError
 from btcore.loading.instantiate import instantiate
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
 from btcore.xml.read.read import parse_file, read
-
-POLL_INTERVAL_S: Final = 0.05
-"""The longest time (s) between two checks whether a file was saved."""
 
 
 class FileWatcher:
@@ -26,11 +23,11 @@ class FileWatcher:
         self._path = path
         self._confined = confined
         self._next_check = time.monotonic() + POLL_INTERVAL_S
-        self._had_changed = False
+        self._is_settling = False
         self._files = self._all_files()
         self._stamps = _stamps(self._files)
 
-    def was_saved(self) -> bool:
+    def take_save(self) -> bool:
         """Return True once after each save, at the first check that finds no further change.
 
         This second check avoids reading a file that an editor is still writing. Calling this often is cheap:
@@ -40,11 +37,11 @@ class FileWatcher:
         if now < self._next_check:
             return False
         self._next_check = now + POLL_INTERVAL_S
-        before, self._had_changed = self._had_changed, self.has_changed()
-        return before and not self._had_changed
+        was_settling, self._is_settling = self._is_settling, self._take_change()
+        return was_settling and not self._is_settling
 
-    def has_changed(self) -> bool:
-        """Return whether a file changed since the last check; False while a file is missing."""
+    def _take_change(self) -> bool:
+        """Return True once after a change of a file; False while a file is missing."""
         now = _stamps(self._files)
         if now is None or now == self._stamps:
             return False

@@ -101,8 +101,10 @@ def choose(
     losers: dict[Provider, str] = {}
     while True:
         attempt = _Attempt(available, settings, provided, losers)
-        if attempt.assign(requests, starters):
+        new_losers = attempt.assign(requests, starters)
+        if not new_losers:
             return attempt.result()
+        losers |= new_losers
 
 
 class _Request(NamedTuple):
@@ -127,7 +129,7 @@ class _Attempt:
         available: The available providers.
         settings: The settings of the run.
         provided: The objects of the program.
-        losers: The providers that have lost in earlier attempts; those of this attempt are added.
+        losers: The providers that have lost in earlier attempts, with the reason.
     """
 
     def __init__(
@@ -135,7 +137,7 @@ class _Attempt:
         available: AvailableProviders,
         settings: GivenSettings,
         provided: Sequence[object],
-        losers: dict[Provider, str],
+        losers: Mapping[Provider, str],
     ) -> None:
         self._available = available
         self._settings = settings
@@ -147,12 +149,15 @@ class _Attempt:
         self._objects: dict[str, object] = {}
         self._problems: dict[str, str] = {}
 
-    def assign(self, requests: Sequence[_Request], starters: Sequence[Provider]) -> bool:
-        """Assign a provider to each needed type; return False as soon as a further provider loses.
+    def assign(self, requests: Sequence[_Request], starters: Sequence[Provider]) -> dict[Provider, str]:
+        """Assign a provider to each needed type, until providers lose a type.
 
         Args:
             requests: What the leaves and the program need.
             starters: The providers of nothing of which a setting was given.
+
+        Returns:
+            The providers that have lost, with the reason; none if each needed type is assigned.
         """
         self._pending = list(requests)
         for provider in starters:
@@ -165,39 +170,34 @@ class _Attempt:
             request = next(single, needed[0])
             self._pending.remove(request)
             is_assigned = request.type_name in self._providers or request.type_name in self._objects
-            if not is_assigned and not self._assign_type(request):
-                return False
-        return True
+            losers = {} if is_assigned else self._assign_type(request)
+            if losers:
+                return losers
+        return {}
 
-    def _assign_type(self, request: _Request) -> bool:
-        """Assign a provider or an object of the program; return False if a further provider loses."""
+    def _assign_type(self, request: _Request) -> dict[Provider, str]:
+        """Assign a provider or an object of the program; return the providers that lose the type."""
         name = request.type_name
         own = self._find_object(request.type)
         if own is not None:
             self._objects[name] = own
-            return self._lose(self._available.of_type(name), request, "the program")
+            losers = [other for other in self._available.of_type(name) if other not in self._losers]
+            return dict.fromkeys(losers, f"the program provides the {_title(request.type)}")
         candidates = self._candidates(request)
         if not candidates:
             self._problems[name] = self._explain(request)
             if request.chain and not request.is_optional:
                 raise ProviderError(self._problems[name])
-            return True
+            return {}
         best = self._providers[name] = self._best(request, candidates)
-        if not self._lose([other for other in candidates if other is not best], request, best.name):
-            return False
         if best not in self._used:
             self._use(best, request.chain)
-        return True
+        losers = [other for other in candidates if other is not best]  # no candidate has lost before
+        return dict.fromkeys(losers, f"{best.name} provides the {_title(request.type)}")
 
     def _use(self, provider: Provider, chain: tuple[Provider, ...]) -> None:
         self._used[provider] = None
         self._pending += _requests_of(provider, chain)
-
-    def _lose(self, losers: Sequence[Provider], request: _Request, winner: str) -> bool:
-        """Let *losers* lose the type of a request; return whether all had lost before."""
-        new = [provider for provider in losers if provider not in self._losers]
-        self._losers |= dict.fromkeys(new, f"{winner} provides the {_title(request.type)}")
-        return not new
 
     def result(self) -> Choice:
         """Return the choice, when each needed type is assigned."""

@@ -161,7 +161,7 @@ class RunProviders:
                 objects = self._open(provider, stack)
                 self.resources += [provided for provided in objects if id(provided) not in known]
         for needed in types:
-            chosen = self._find(full_name(needed))
+            chosen = self._find_chosen(full_name(needed))
             if chosen is not None:
                 self.resources.choose(needed, chosen)
 
@@ -179,17 +179,18 @@ class RunProviders:
         return opened.objects
 
     def find(self, type: Any) -> object:
-        """Return the object of a type: of its provider, else among the resources; or None."""
-        chosen = self._find(full_name(type))
+        """Return the object of a type: the chosen object, else the first among the resources; or None."""
+        chosen = self._find_chosen(full_name(type))
         if chosen is not None:
             return chosen
         return next((resource for resource in self.resources if fits(resource, type)), None)
 
-    def _find(self, name: str) -> object:
-        if name in self.choice.objects:
-            return self.choice.objects[name]
-        provider = self.choice.providers.get(name)
-        return self._opened[provider].object_for(name) if provider in self._opened else None
+    def _find_chosen(self, type_name: str) -> object:
+        """Return the object that the choice assigns to the type with a full name, or None."""
+        if type_name in self.choice.objects:
+            return self.choice.objects[type_name]
+        provider = self.choice.providers.get(type_name)
+        return self._opened[provider].object_for(type_name) if provider in self._opened else None
 
     @property
     def clock(self) -> Clock:
@@ -244,7 +245,7 @@ class RunProviders:
             provider, problem = self.choice.providers.get(name), self.choice.problems.get(name)
             if provider is not None and self.choice.follows_tree(provider):
                 yield _unavailable_to_leaves(provider)
-            elif provider is not None and self._find(name) is None:
+            elif provider is not None and self._find_chosen(name) is None:
                 yield f"the provider {provider} has provided None"
             elif problem is not None and self._available.of_type(name):
                 yield problem
@@ -278,7 +279,7 @@ class RunProviders:
             return self.resources
         if is_settings(need.type):
             return self._settings.find(need.type)
-        chosen = self._find(need.type_name)
+        chosen = self._find_chosen(need.type_name)
         if chosen is None and not need.is_optional:
             other = self.choice.providers[need.type_name]
             raise ProviderError(f"{provider} needs its '{need.parameter}', but {other} has provided None")

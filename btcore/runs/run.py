@@ -33,7 +33,7 @@ from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
 from btcore.runs.providers import EndReason, Provider, Report
 from btcore.runs.settings import GivenSettings, Settings
-from btcore.runs.tick_loop import TickLoop, Until
+from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -119,6 +119,7 @@ class Run:
         settings: The settings by their classes.
         run_settings: The `RunSettings`.
         report: The results that providers have added; complete after the end.
+        error: The exception that a leaf raised, or None. `replace_tree` clears it.
         elapsed_s: The duration of the ticking by the run's clock (s).
         wall_s: The duration of the ticking in real time (s).
 
@@ -168,6 +169,7 @@ class Run:
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
         self.run_settings = self.settings.run_settings
         self.report = Report()
+        self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
@@ -301,17 +303,35 @@ class Run:
         """
         self._check_open()
         loop = self._loop
-        loop.start(until, on_tick, reload, on_end)
+        loop.start(until, on_tick, reload)
         began = time.perf_counter()
         try:
             with self._leaf_error_kept():
                 with self._ended_by_signals(loop.stop):
-                    self.report.end_reason = loop.run()
+                    self.report.end_reason = loop.run() if reload is None else self._run_and_reload(on_end)
                 self._halt()
         finally:
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
             self.wall_s = time.perf_counter() - began
         return self.status
+
+    def _run_and_reload(self, on_end: Callable[[], None] | None) -> LoopEnd:
+        """Run the loop, and again whenever a tree replaces one that has ended, also by an exception."""
+        while True:
+            end: LoopEnd | None = "done"
+            error: NodeExecutionError | None = None
+            try:
+                end = self._loop.run()
+            except NodeExecutionError as raised:
+                self.error = error = raised
+            if end == "done":
+                if on_end is not None:
+                    on_end()
+                end = self._loop.wait_for_reload()
+            if end is not None:
+                if error is not None:
+                    raise error
+                return end
 
     def step(self) -> Status:
         """Tick the tree once, without waiting, and return its status.
@@ -355,6 +375,7 @@ class Run:
 
     def replace_tree(self, tree: Tree) -> None:
         """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
+        self.error = None
         self._loop.replace_tree(tree)
         self._providers.replace_tree(tree)
 
@@ -363,7 +384,7 @@ class Run:
         try:
             yield
         except NodeExecutionError as error:
-            self._loop.error = error
+            self.error = error
             self.report.end_reason = "raised"
             raise
 
@@ -445,11 +466,6 @@ class Run:
         text = "; ".join(map(str, self.closing_errors))
         are_outputs = all(isinstance(error, OutputError) for error in self.closing_errors)
         return OutputError(text) if are_outputs else ProviderError(text)
-
-    @property
-    def error(self) -> NodeExecutionError | None:
-        """The exception that a leaf raised, or None."""
-        return self._loop.error
 
     @property
     def status(self) -> Status:

@@ -9,15 +9,14 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Final, Literal
 
-from btcore.clock import NS_PER_S, Clock
-from btcore.errors import EndOfTimeError, NodeExecutionError
+from btcore.clock import NS_PER_S, POLL_INTERVAL_S, Clock
+from btcore.errors import EndOfTimeError
 from btcore.runs.settings import RunSettings
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
-_CHECK_INTERVAL_S: Final = 0.05
-"""The longest time (s) between two calls of `reload`, or checks whether a pause has ended."""
+_POLL_INTERVAL_NS: Final = round(POLL_INTERVAL_S * NS_PER_S)
 
 LoopEnd = Literal["done", "duration", "end_of_time", "interrupted"]
 """Why a loop ended: all trees are done, the duration is over, the time of the clock has ended (as that of a
@@ -40,7 +39,7 @@ def _joint_status(trees: Sequence[Tree]) -> Status:
 class TickLoop:
     """The tick loop of a run: its trees, and the time and the result of their ticks.
 
-    Call `start`, and then `run`; another call of `run` continues.
+    Call `start`, and then `run`; another call of `run` continues, such as after `wait_for_reload`.
 
     Args:
         settings: The rate, the duration, and whether time passes as fast as possible.
@@ -49,7 +48,6 @@ class TickLoop:
         trees: The trees, in the order in which they are ticked; they have the same clock.
         is_paused: Whether no tick takes place.
         status: The joint status of the trees after the last tick.
-        error: The exception that a leaf raised, or None. `replace_tree` clears it.
         skipped_ticks: The number of ticks that were skipped because an earlier tick was still in progress.
     """
 
@@ -61,7 +59,6 @@ class TickLoop:
         self._end_statuses: tuple[Status, ...] = ()
         self._on_tick: Callable[[Status], None] | None = None
         self._reload: Callable[[], bool] | None = None
-        self._on_end: Callable[[], None] | None = None
         self._running: list[Tree] = []
         self._wake_event = threading.Event()
         self._is_stopping = False
@@ -69,7 +66,6 @@ class TickLoop:
         self.trees: list[Tree] = []
         self.is_paused = False
         self.status: Status = IDLE
-        self.error: NodeExecutionError | None = None
         self.skipped_ticks = 0
 
     def start(
@@ -77,16 +73,13 @@ class TickLoop:
         until: Until,
         on_tick: Callable[[Status], None] | None = None,
         reload: Callable[[], bool] | None = None,
-        on_end: Callable[[], None] | None = None,
     ) -> None:
         """Begin the time of the loop; all trees are ticked, also those that have ended before.
 
         Args:
             until: The result that ends a tree; the loop ends when all trees have ended.
             on_tick: Called with the status after every tick.
-            reload: Called between ticks; it may replace the first tree, and returns whether it did. After the
-                end of all trees, also by an exception of a leaf, the loop waits until it does.
-            on_end: Called before this wait.
+            reload: Called between ticks; it may replace the first tree, and returns whether it did.
         """
         self._start_ns = self.clock.now()
         duration = self._settings.duration
@@ -94,7 +87,6 @@ class TickLoop:
         self._end_statuses = _STATUSES_THAT_END[until]
         self._on_tick = on_tick
         self._reload = reload
-        self._on_end = on_end
         self._running = self.trees
         self._is_stopping = False
         self.status = IDLE
@@ -116,26 +108,8 @@ class TickLoop:
         """Tick until the loop ends, and return the reason.
 
         Raises:
-            NodeExecutionError: A leaf raised an exception, and its tree was not replaced afterwards.
+            NodeExecutionError: A leaf raised an exception.
         """
-        while True:
-            end: LoopEnd | None = "done"
-            error: NodeExecutionError | None = None
-            try:
-                end = self._tick_to_end()
-            except NodeExecutionError as raised:
-                self.error = error = raised
-            if end == "done" and self._reload is not None:
-                if self._on_end is not None:
-                    self._on_end()
-                end = self._wait_for_reload()
-            if end is not None:
-                if error is not None:
-                    raise error
-                return end
-
-    def _tick_to_end(self) -> LoopEnd:
-        """Tick until the trees have ended, or the loop ends for another reason; return the reason."""
         reason = self._wait_for_end_of_pause()
         if reason is not None:
             return reason
@@ -193,7 +167,6 @@ class TickLoop:
 
     def replace_tree(self, tree: Tree) -> None:
         """Tick *tree* in place of the first."""
-        self.error = None
         first, *others = self.trees
         self.trees = [tree, *others]
         self._running = [tree, *(other for other in self._running if other is not first)]
@@ -206,10 +179,10 @@ class TickLoop:
             end = self._find_end()
             if end is not None:
                 return end
-            self.trees[0].context.wait_real_time(_CHECK_INTERVAL_S)
+            self.trees[0].context.wait_real_time(POLL_INTERVAL_S)
         return None
 
-    def _wait_for_reload(self) -> LoopEnd | None:
+    def wait_for_reload(self) -> LoopEnd | None:
         """Wait without ticking until a reload, and return None; or the reason why the loop ends before.
 
         In real time the clock, and a simulator that owns the clock, keep running. In simulated time nothing
@@ -225,8 +198,14 @@ class TickLoop:
             self._is_waiting = True
             # Checked again, because a `stop` before `_is_waiting` was set does not end the wait.
             try:
-                if not self._is_stopping:
-                    self._wait_poll_interval()
+                if self._is_stopping:
+                    continue
+                deadline = self._end_ns if self._settings.fast else self._poll_deadline(self._end_ns)
+                context = self.trees[0].context
+                if deadline is None:
+                    context.wait_real_time(POLL_INTERVAL_S)
+                else:
+                    context.wait_until(deadline)
             except EndOfTimeError:
                 return "end_of_time"
             finally:
@@ -236,24 +215,17 @@ class TickLoop:
         """Let `reload` replace the first tree, unless the loop ends; return whether it did."""
         return self._reload is not None and self._find_end() is None and self._reload()
 
-    def _wait_poll_interval(self) -> None:
-        context = self.trees[0].context
-        if not self._settings.fast:
-            deadline = self.clock.now() + round(_CHECK_INTERVAL_S * NS_PER_S)
-            context.wait_until(deadline if self._end_ns is None else min(deadline, self._end_ns))
-        elif self._end_ns is not None:
-            context.wait_until(self._end_ns)
-        else:
-            context.wait_real_time(_CHECK_INTERVAL_S)
+    def _poll_deadline(self, latest: int | None) -> int:
+        """Return the time of the next poll, at the latest *latest*."""
+        deadline = self.clock.now() + _POLL_INTERVAL_NS
+        return deadline if latest is None else min(deadline, latest)
 
     def _wait_for_wake_up_or_reload(self, deadline: int) -> tuple[list[Tree], bool]:
         """Wait until *deadline*, a wake-up, a stop or a reload. Return woken trees, and if it reloaded."""
         while not self._is_stopping:
             if self._reload_if_saved():
                 return [], True
-            step = deadline
-            if self._reload is not None:
-                step = min(deadline, self.clock.now() + round(_CHECK_INTERVAL_S * NS_PER_S))
+            step = deadline if self._reload is None else self._poll_deadline(deadline)
             woken = self._wait_for_wake_up(step)
             if woken or step == deadline:
                 return woken, False

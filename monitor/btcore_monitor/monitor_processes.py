@@ -73,21 +73,8 @@ class MonitorProcess:
             env=os.environ | {"PYTHONPATH": path},
         )
 
-    def finish(self, stays_open: bool) -> str:
-        """Wait until the process has received all data, written its files and ended.
-
-        Args:
-            stays_open: Whether a viewer for browsers stays open until a signal. Otherwise it is not waited
-                for.
-
-        Returns:
-            The reason why the file that the process writes is incomplete, or "". The failure of a process
-            that writes no file is printed instead, except that of one that serves a page for browsers.
-        """
-        if self.serves_web:
-            if stays_open:
-                self._wait_for_signal()
-            return ""
+    def finish(self) -> str:
+        """Wait until the process has received all data and ended; return why it failed, or ""."""
         timeout = WRITE_TIMEOUT_S if self.writes_file else SHOW_TIMEOUT_S
         if self.takes_screenshot:
             timeout += PICTURE_TIMEOUT_S
@@ -95,14 +82,8 @@ class MonitorProcess:
             code = self._wait(timeout)
         except subprocess.TimeoutExpired:
             lost = "so the picture is missing" if self.takes_screenshot else "so its end may be missing"
-            failure = f"{self.label}: not finished {timeout:g} s after the run, {lost}"
-        else:
-            failure = f"{self.label}: the monitor's process failed with exit code {code}" if code else ""
-        if self.writes_file:
-            return failure
-        if failure:
-            print_message(failure)
-        return ""
+            return f"{self.label}: not finished {timeout:g} s after the run, {lost}"
+        return f"{self.label}: the monitor's process failed with exit code {code}" if code else ""
 
     def _wait(self, timeout: float) -> int:
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -111,7 +92,8 @@ class MonitorProcess:
         print_message(f"{self.label}: waiting until {waiting}")
         return self.process.wait(timeout - _ANNOUNCE_END_AFTER_S)
 
-    def _wait_for_signal(self) -> None:
+    def wait_for_signal(self) -> None:
+        """Let a viewer for browsers stay open until Ctrl-C or the end of its process."""
         with contextlib.suppress(KeyboardInterrupt):
             if self.process.poll() is None:
                 print_message(f"the run is over; {self.label} stays open until Ctrl-C")
@@ -148,6 +130,29 @@ def start_monitors(
             for monitor in started:
                 monitor.process.kill()
                 monitor.process.wait()
+
+
+def finish_monitors(monitors: Sequence[MonitorProcess], stay_open: bool) -> list[str]:
+    """Wait for the ends of processes, and print the failures of those that write no file.
+
+    Args:
+        monitors: The processes.
+        stay_open: Whether viewers for browsers stay open until a signal. Otherwise they are not waited for.
+
+    Returns:
+        The reasons why files are incomplete.
+    """
+    failures: list[str] = []
+    for monitor in monitors:
+        if monitor.serves_web:
+            if stay_open:
+                monitor.wait_for_signal()
+        elif failure := monitor.finish():
+            if monitor.writes_file:
+                failures.append(failure)
+            else:
+                print_message(failure)
+    return failures
 
 
 def wait_until_connected(publisher: "Publisher", monitors: Sequence[MonitorProcess]) -> None:

@@ -16,7 +16,7 @@ from btcore.tree.tree import Tree
 from btcore_monitor.console import print_message
 from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.keys import RobotKeys, create_keys
-from btcore_monitor.monitor_processes import start_monitors, wait_until_connected
+from btcore_monitor.monitor_processes import finish_monitors, start_monitors, wait_until_connected
 from btcore_monitor.monitor_settings import MonitorSettings
 from btcore_monitor.time_limits import INTERRUPTED_GRACE_S
 
@@ -52,10 +52,10 @@ def publisher(
             is_over = report.end_reason not in (None, "interrupted")
             # Before waiting: a monitor ends when it has received the end of the stream.
             published.end_stream()
-            failures = [monitor.finish(stays_open=is_over) for monitor in monitors]
+            failures = finish_monitors(monitors, stay_open=is_over)
             published.close(None if is_over else INTERRUPTED_GRACE_S)
-            if any(failures):
-                raise OutputError("; ".join(filter(None, failures)))
+            if failures:
+                raise OutputError("; ".join(failures))
 
 
 @contextmanager

@@ -17,9 +17,9 @@ from btcore.cli.tree_source import (
     STDIN,
     TreeOptions,
     TreeSource,
-    assumed_keys_option,
     complete_tree,
     find_source,
+    given_option,
 )
 from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
@@ -63,7 +63,7 @@ _INTERVAL_S: Final = 0.2
     metavar="QUESTION",
     help="Ask a question: 'never A', 'A leads to B', 'A leads to B within 5 ticks' or 'A before B'.",
 )
-@assumed_keys_option
+@given_option
 @click.option(
     "--declarations",
     type=click.Path(path_type=Path),

@@ -14,9 +14,9 @@ from btcore.cli.node_libraries import load_libraries
 from btcore.cli.tree_source import (
     STDIN,
     TreeOptions,
-    assumed_keys_option,
     complete_tree,
     find_source,
+    given_option,
     parse_source,
 )
 from btcore.diagnostics import Diagnostic, shown_diagnostics
@@ -34,18 +34,18 @@ _BYTE_ORDER_MARK: Final = "\ufeff"
 
 
 class _FixedFile(NamedTuple):
-    """A file with its text before and after *fixes* fixes."""
+    """A file with its text before and after its fixes."""
 
     path: Path
     before: str
     after: str
-    fixes: int
+    fix_count: int
 
 
 @click.command(short_help="Check trees, and report all errors and warnings.")
 @click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…", shell_complete=complete_tree)
 @pass_options(TreeOptions, "options")
-@assumed_keys_option
+@given_option
 @click.option("--strict", is_flag=True, help="Treat warnings as errors.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 @click.option("--fix", is_flag=True, help="Correct the files, as far as no decision of a person is needed.")
@@ -75,7 +75,7 @@ def validate(
     if fix and STDIN in paths:
         raise click.UsageError("--fix cannot change stdin; --diff prints what it would change in a file.")
     libraries = load_libraries(options.plugins, options.models, options.confined, own_packages=False)
-    keys = [remapped_key(key, key) or key for key in given]
+    given = [remapped_key(key, key) or key for key in given]
 
     def check(file: Path, text: str | None = None) -> list[Diagnostic]:
         """Return the problems of a file, or of the *text* that replaces its content."""
@@ -87,7 +87,7 @@ def validate(
         except TreeError as error:
             return list(error.diagnostics)
         nodes = libraries.nodes_for(document)
-        return validate_document(document, nodes=nodes, tree=options.tree, format=options.format, given=keys)
+        return validate_document(document, nodes=nodes, tree=options.tree, format=options.format, given=given)
 
     fixed = [_fix_file(path, check) for path in paths if path != STDIN] if fix or diff else []
     if diff:
@@ -99,7 +99,7 @@ def validate(
     errors = [item for item in diagnostics if item.is_error]
     warnings = [item for item in diagnostics if not item.is_error]
     valid = not errors and not (strict and warnings)
-    fix_count = sum(file.fixes for file in fixed)
+    fix_count = sum(file.fix_count for file in fixed)
     if as_json:
         shown, _ = shown_diagnostics([*errors, *warnings])
         data = {
@@ -131,8 +131,8 @@ def _fix_file(path: Path, check: Callable[[Path, str], list[Diagnostic]]) -> _Fi
         before = read_file(path).decode()
     except (OSError, ValueError):
         return _FixedFile(path, "", "", 0)  # the check reports it
-    mark = before[: before.startswith(_BYTE_ORDER_MARK)]
-    text, count = before[len(mark) :], 0
+    mark = _BYTE_ORDER_MARK if before.startswith(_BYTE_ORDER_MARK) else ""
+    text, count = before.removeprefix(mark), 0
     for _ in range(MAX_ROUNDS):
         own = [item for item in check(path, text) if item.file and real_path(item.file) == real_path(path)]
         text, codes = fix_text(text, own)
@@ -152,7 +152,7 @@ def _print_difference(fixed: Iterable[_FixedFile]) -> None:
 
 
 def _print(
-    errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], file_count: int, fixed: int, valid: bool
+    errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], file_count: int, fix_count: int, valid: bool
 ) -> None:
     console = terminal.stdout_console()
     diagnostics = [*errors, *warnings]
@@ -162,8 +162,8 @@ def _print(
     mark = Text("✔ ", style="bold green") if valid else Text("✘ ", style="bold red")
     counts = {"file": file_count, "error": len(errors), "warning": len(warnings)}
     parts = [terminal.counted(count, noun, zero="no") for noun, count in counts.items()]
-    if fixed:
-        parts.append(f"{terminal.counted(fixed, 'problem')} fixed")
+    if fix_count:
+        parts.append(f"{terminal.counted(fix_count, 'problem')} fixed")
     console.print(mark.append(", ".join(parts), style="bold"))
     fixable = sum(any(fix.is_safe for fix in item.fixes) for item in diagnostics)
     if fixable:

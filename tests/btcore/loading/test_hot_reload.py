@@ -33,10 +33,10 @@ def file(tmp_path: Path) -> Path:
 
 def test_saved_file_is_reported_once(file: Path) -> None:
     watch = FileWatcher(file)
-    assert not watch.has_changed()
+    assert not watch._take_change()
     save(file, SECOND)
-    assert watch.has_changed()
-    assert not watch.has_changed()
+    assert watch._take_change()
+    assert not watch._take_change()
 
 
 def test_missing_file_is_not_reported_as_a_change(file: Path) -> None:
@@ -44,9 +44,9 @@ def test_missing_file_is_not_reported_as_a_change(file: Path) -> None:
     watch = FileWatcher(file)
     text = file.read_text()
     file.unlink()
-    assert not watch.has_changed()
+    assert not watch._take_change()
     save(file, text + "\n")
-    assert watch.has_changed()
+    assert watch._take_change()
 
 
 def test_saved_include_is_reported_too(file: Path) -> None:
@@ -55,7 +55,7 @@ def test_saved_include_is_reported_too(file: Path) -> None:
     save(file, FIRST.replace('<BehaviorTree ID="Main"', '<include path="part.xml"/><BehaviorTree ID="Main"'))
     watch = FileWatcher(file)
     save(part, SECOND.replace("Main", "Part").replace("1", "2"))
-    assert watch.has_changed()
+    assert watch._take_change()
 
 
 def rebuilt(tree: Tree, file: Path) -> Tree:

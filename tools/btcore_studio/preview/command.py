@@ -13,9 +13,10 @@ from btcore import entry_points
 from btcore.cli import terminal
 from btcore.cli.node_libraries import load_libraries
 from btcore.cli.tree_source import STDIN, TreeOptions, complete_tree, find_source
+from btcore.clock import POLL_INTERVAL_S
 from btcore.exit_codes import code_of_signal
 from btcore.field_options import create_options, pass_options
-from btcore.loading.hot_reload import POLL_INTERVAL_S, FileWatcher
+from btcore.loading.hot_reload import FileWatcher
 from btcore.options import from_values
 from btcore.runs.settings import Settings
 from btcore.signals import EndingSignals
@@ -102,7 +103,7 @@ def preview(
             if opens and not as_json:
                 _open_page(server.url, Path(folder))
             while not stop.wait(POLL_INTERVAL_S):
-                if file_watcher.was_saved():
+                if file_watcher.take_save():
                     session.reload()
         finally:
             session.close()
