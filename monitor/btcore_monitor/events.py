@@ -282,7 +282,8 @@ class LostTransitionsEvent:
 class MissingDataEvent:
     """An unknown amount of data was missed.
 
-    This event is for robots without transition numbers; for others see `LostTransitionsEvent`.
+    This event is for robots without transition numbers, and for invalid messages; lost transitions with
+    numbers are a `LostTransitionsEvent`.
 
     Attributes:
         stamp: The end of the gap (ns of the tree's time).

@@ -81,7 +81,12 @@ def outline_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
 
 
 class _TagCache:
-    """The node types of the tags of all trees."""
+    """The node types of the tags of all trees.
+
+    Attributes:
+        node_types: The types of the tags that `classify` was called with.
+        leaf_tags: Those of them that have no children.
+    """
 
     def __init__(self, context: PlanContext) -> None:
         self._context = context

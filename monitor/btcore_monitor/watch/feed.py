@@ -251,7 +251,8 @@ class Feed(Closeable):
             count = self._run_channel_client.error_count - self._reported_error_count
             self._reported_error_count, self._reported_at = self._run_channel_client.error_count, now
             reason = f"{count} invalid, the last because: {_shorten(self._run_channel_client.last_error)}"
-            events.append(MissingDataEvent(*self._latest_times, self._latest_times[0], "messages", reason))
+            stamp, wall = self._latest_times
+            events.append(MissingDataEvent(stamp, wall, since=stamp, kind="messages", reason=reason))
 
     def _add_events(self, message: run_channel.Message, events: list[Event]) -> None:
         if isinstance(message, run_channel.StreamMessage):

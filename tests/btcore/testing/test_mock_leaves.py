@@ -1,8 +1,11 @@
-"""Mock leaves: the grammar of their outcomes, and the leaves that follow them."""
+"""Mock leaves: the grammar of their outcomes, and the leaves that follow them.
+
+The outcomes of a leaf are separated into starts by "|": the outcomes of the ticks from one start to its end.
+"""
 
 import enum
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,9 +14,7 @@ import pytest
 import btcore
 from btcore import In, NodeExecutionError, Put, Registry, SimClock, Status, Tree, action, condition
 from btcore.registry.mock_nodes import GivenOutputs, Outcome, parse_outcomes
-from btcore.testing import Harness, MockAction, MockCondition, MockLeafError, Outcomes, with_mock_leaves
-
-Patrol = Callable[..., Harness]
+from btcore.testing import MockAction, MockCondition, MockLeafError, Outcomes, with_mock_leaves
 
 
 def load_mocks(body: str) -> Tree:
