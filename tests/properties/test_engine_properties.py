@@ -154,11 +154,11 @@ class BatchedRecorder(TransitionRecorder):
             super().transition(change)
 
 
-def broad(control: str, leaf_plans: list[str]) -> str:
-    """Return a tree of *control* with a leaf for each plan, beside a leaf that ends it now and then."""
-    leaves = "".join(f'<PlanAction name="n{place}" plan="{plan}"/>' for place, plan in enumerate(leaf_plans))
+def broad(control: str, outcomes: list[str]) -> str:
+    """Return a tree of *control* with a leaf for each of *outcomes*, and a leaf that ends it now and then."""
+    leaves = "".join(f'<Act name="n{place}" outcomes="{text}"/>' for place, text in enumerate(outcomes))
     many = f"<{control}>{leaves}</{control.split()[0]}>"
-    both = f'<Parallel success_count="1" failure_count="1">{many}<PlanAction plan="RS|RRF|RRRS"/></Parallel>'
+    both = f'<Parallel success_count="1" failure_count="1">{many}<Act outcomes="RS|RRF|RRRS"/></Parallel>'
     return f'<root BTCPP_format="4"><BehaviorTree ID="Main">{both}</BehaviorTree></root>'
 
 

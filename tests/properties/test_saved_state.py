@@ -40,25 +40,25 @@ ENGINE_OWNED = {"_blackboard", "_configs", "_status", "_status_before_reset"}
 COMMON_NODES = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
     <Script code="turn = turn + 1; a = turn"/>
     <ParallelAll max_failures="-1">
-      <IfThenElse><PlanCondition plan="SF"/><PlanAction plan="RRS"/><PlanAction plan="RF"/></IfThenElse>
-      <Sequence><PlanSync plan="K"/><PlanAction plan="RRK"/></Sequence>
+      <IfThenElse><Ask outcomes="SF"/><Act outcomes="RRS"/><Act outcomes="RF"/></IfThenElse>
+      <Sequence><Act outcomes="K"/><Act outcomes="RRK"/></Sequence>
       <Parallel success_count="2" failure_count="2">
-        <PlanAction plan="RS"/><PlanAction plan="RRF"/><PlanAction plan="RRRRS"/>
+        <Act outcomes="RS"/><Act outcomes="RRF"/><Act outcomes="RRRRS"/>
       </Parallel>
       <Parallel success_count="2" failure_count="2">
-        <PlanAction plan="RF"/><PlanAction plan="RRS"/><PlanAction plan="RRRRF"/>
+        <Act outcomes="RF"/><Act outcomes="RRS"/><Act outcomes="RRRRF"/>
       </Parallel>
-      <ParallelAll max_failures="1"><PlanAction plan="RF"/><PlanAction plan="RRRS"/></ParallelAll>
-      <RetryUntilSuccessful num_attempts="3"><PlanAction plan="RF|F|RS|F|RF|F"/></RetryUntilSuccessful>
-      <RunOnce then_skip="false"><PlanAction plan="RF|RS"/></RunOnce>
-      <Precondition if="a &gt; 0"><PlanAction plan="RRRS"/></Precondition>
-      <Timeout msec="35"><PlanAction plan="RRRRRRS"/></Timeout>
-      <Delay delay_msec="25"><PlanAction plan="RS"/></Delay>
+      <ParallelAll max_failures="1"><Act outcomes="RF"/><Act outcomes="RRRS"/></ParallelAll>
+      <RetryUntilSuccessful num_attempts="3"><Act outcomes="RF|F|RS|F|RF|F"/></RetryUntilSuccessful>
+      <RunOnce then_skip="false"><Act outcomes="RF|RS"/></RunOnce>
+      <Precondition if="a &gt; 0"><Act outcomes="RRRS"/></Precondition>
+      <Timeout msec="35"><Act outcomes="RRRRRRS"/></Timeout>
+      <Delay delay_msec="25"><Act outcomes="RS"/></Delay>
       <Sleep msec="25"/>
-      <TryCatch><PlanSync plan="S"/><PlanAction plan="RRS"/><PlanSync plan="S"/></TryCatch>
-      <TryCatch><PlanSync plan="K"/><PlanAction plan="RRK"/><PlanSync plan="S"/></TryCatch>
-      <TryCatch><PlanAction plan="RF"/><PlanAction plan="RRS"/></TryCatch>
-      <Sequence><PlanAction plan="RS"/><Script code="a = 0"/></Sequence>
+      <TryCatch><Act outcomes="S"/><Act outcomes="RRS"/><Act outcomes="S"/></TryCatch>
+      <TryCatch><Act outcomes="K"/><Act outcomes="RRK"/><Act outcomes="S"/></TryCatch>
+      <TryCatch><Act outcomes="RF"/><Act outcomes="RRS"/></TryCatch>
+      <Sequence><Act outcomes="RS"/><Script code="a = 0"/></Sequence>
     </ParallelAll></Sequence></BehaviorTree></root>"""
 # The nodes that random trees lack, because they need certain texts or entries.
 OTHER_NODES = {
@@ -71,49 +71,49 @@ OTHER_NODES = {
           <AlwaysSuccess/>
         </ParallelAll>
         <ParallelAll max_failures="-1">
-          <LoopInt queue="3;1;2" value="{i}"><PlanAction plan="RS|S"/></LoopInt>
-          <LoopDouble queue="{doubles}" value="{d}"><PlanAction plan="S|RRS"/></LoopDouble>
-          <LoopString queue="{shared}" value="{s}"><PlanAction plan="RS"/></LoopString>
-          <LoopBool queue="true;false" if_empty="FAILURE"><PlanAction plan="S|RS"/></LoopBool>
-          <SkipUnlessUpdated entry="{often}"><PlanAction plan="RRS"/></SkipUnlessUpdated>
-          <WaitValueUpdate entry="{a}"><PlanAction plan="RS"/></WaitValueUpdate>
+          <LoopInt queue="3;1;2" value="{i}"><Act outcomes="RS|S"/></LoopInt>
+          <LoopDouble queue="{doubles}" value="{d}"><Act outcomes="S|RRS"/></LoopDouble>
+          <LoopString queue="{shared}" value="{s}"><Act outcomes="RS"/></LoopString>
+          <LoopBool queue="true;false" if_empty="FAILURE"><Act outcomes="S|RS"/></LoopBool>
+          <SkipUnlessUpdated entry="{often}"><Act outcomes="RRS"/></SkipUnlessUpdated>
+          <WaitValueUpdate entry="{a}"><Act outcomes="RS"/></WaitValueUpdate>
           <WasEntryUpdated entry="often" _onSuccess="updates = updates + 1"/>
           <Switch2 variable="{word}" case_1="1" case_2="2">
-            <PlanAction plan="RRS"/><PlanAction plan="RF"/><PlanAction plan="RRRS"/>
+            <Act outcomes="RRS"/><Act outcomes="RF"/><Act outcomes="RRRS"/>
           </Switch2>
           <Switch3 variable="{word}" case_1="1" case_2="2" case_3="0">
-            <PlanAction plan="RRS"/><PlanAction plan="RF"/><PlanAction plan="RRRS"/><PlanSync plan="S"/>
+            <Act outcomes="RRS"/><Act outcomes="RF"/><Act outcomes="RRRS"/><Act outcomes="S"/>
           </Switch3>
           <Sequence>
-            <PlanAction plan="RRRRS"/><Script code="often := turn"/><UnsetBlackboard key="often"/>
-            <PlanAction plan="RS"/><Script code="often := turn"/>
+            <Act outcomes="RRRRS"/><Script code="often := turn"/><UnsetBlackboard key="often"/>
+            <Act outcomes="RS"/><Script code="often := turn"/>
           </Sequence>
         </ParallelAll></Sequence></BehaviorTree></root>""",
     3: """<root main_tree_to_execute="Main"><BehaviorTree ID="Main"><Sequence>
         <SetBlackboard value="{turn}" output_key="copy"/>
         <Parallel success_threshold="5" failure_threshold="4">
           <ManualSelector repeat_last_selection="true">
-            <PlanAction plan="RS"/><PlanSync plan="F"/>
+            <Act outcomes="RS"/><Act outcomes="F"/>
           </ManualSelector>
           <Switch2 variable="{word}" case_1="1" case_2="2">
-            <PlanAction plan="RRS"/><PlanAction plan="RF"/><PlanAction plan="RRRS"/>
+            <Act outcomes="RRS"/><Act outcomes="RF"/><Act outcomes="RRRS"/>
           </Switch2>
           <BlackboardCheckInt value_A="{turn}" value_B="2">
-            <PlanAction plan="RRS"/>
+            <Act outcomes="RRS"/>
           </BlackboardCheckInt>
           <BlackboardCheckDouble value_A="{turn}" value_B="2.0">
-            <PlanAction plan="RRS"/>
+            <Act outcomes="RRS"/>
           </BlackboardCheckDouble>
           <BlackboardCheckString value_A="{text}" value_B="x">
-            <PlanAction plan="RRS"/>
+            <Act outcomes="RRS"/>
           </BlackboardCheckString>
           <BlackboardCheckBool value_A="{once}" value_B="true">
-            <PlanAction plan="RRS"/>
+            <Act outcomes="RRS"/>
           </BlackboardCheckBool>
           <SubTreePlus ID="Inner" number="{turn}"/>
         </Parallel></Sequence></BehaviorTree>
       <BehaviorTree ID="Inner"><Sequence>
-        <Inc in="{number}" out="{number}"/><PlanAction plan="RRS|RF"/>
+        <Inc in="{number}" out="{number}"/><Act outcomes="RRS|RF"/>
       </Sequence></BehaviorTree></root>""",
 }
 

@@ -56,7 +56,7 @@ def test_cpp_909_a_literal_loop_queue_starts_again(make_tree: TreeFactory) -> No
 
 
 def test_cpp_909_a_literal_queue_starts_again_after_a_halt_and_a_failure(make_tree: TreeFactory) -> None:
-    tree = make_tree('<LoopInt queue="1;2;3" value="{n}"><PlanSync name="leaf" plan="SSSFSSS"/></LoopInt>')
+    tree = make_tree('<LoopInt queue="1;2;3" value="{n}"><Act name="leaf" outcomes="SSSFSSS"/></LoopInt>')
     ticks(tree, 2)
     tree.halt()
     assert ticks(tree, 2) == [R, F]
@@ -65,12 +65,12 @@ def test_cpp_909_a_literal_queue_starts_again_after_a_halt_and_a_failure(make_tr
     assert tree.blackboard["n"] == 3
 
 
-@pytest.mark.parametrize(("plan", "result"), [("S|RF", F), ("S|RS", S), ("S|F", F)])
+@pytest.mark.parametrize(("outcomes", "result"), [("S|RF", F), ("S|RS", S), ("S|F", F)])
 def test_cpp_621_the_last_element_of_a_queue_determines_the_result(
-    plan: str, result: Status, make_tree: TreeFactory
+    outcomes: str, result: Status, make_tree: TreeFactory
 ) -> None:
     tree = make_tree(
-        f'<LoopInt queue="{{q}}" value="{{n}}"><PlanAction name="leaf" plan="{plan}"/></LoopInt>'
+        f'<LoopInt queue="{{q}}" value="{{n}}"><Act name="leaf" outcomes="{outcomes}"/></LoopInt>'
     )
     tree.blackboard["q"] = deque([1, 2])
     assert tree.tick_while_running() is result
@@ -84,8 +84,8 @@ def test_cpp_621_the_last_element_of_a_queue_determines_the_result(
 def test_cpp_586_alternating_retries_are_never_running_at_the_same_time(make_tree: TreeFactory) -> None:
     tree = make_tree(
         "<ReactiveSequence>"
-        '<RetryUntilSuccessful name="first" num_attempts="-1"><PlanSync plan="FFS"/></RetryUntilSuccessful>'
-        '<RetryUntilSuccessful name="second" num_attempts="2"><PlanAction name="leaf" plan="RF"/>'
+        '<RetryUntilSuccessful name="first" num_attempts="-1"><Act outcomes="FFS"/></RetryUntilSuccessful>'
+        '<RetryUntilSuccessful name="second" num_attempts="2"><Act name="leaf" outcomes="RF"/>'
         "</RetryUntilSuccessful></ReactiveSequence>"
     )
     running = []
@@ -107,8 +107,8 @@ class CheckSensor(DecoratorNode):
 @pytest.mark.parametrize("format", [3, 4])
 def test_cpp_573_earlier_child_that_starts_halts_later_child(format: int, make_tree: TreeFactory) -> None:
     tree = make_tree(
-        '<ReactiveSequence><CheckSensor name="check" bad="{bad}"><PlanAction name="repair" plan="RRS"/>'
-        '</CheckSensor><PlanAction name="work" plan="R"/></ReactiveSequence>',
+        '<ReactiveSequence><CheckSensor name="check" bad="{bad}"><Act name="repair" outcomes="RRS"/>'
+        '</CheckSensor><Act name="work" outcomes="R"/></ReactiveSequence>',
         CheckSensor,
         format=format,
     )
@@ -124,7 +124,7 @@ def test_cpp_573_earlier_child_that_starts_halts_later_child(format: int, make_t
 
 
 BACKCHAINED = (
-    '<ReactiveFallback><PlanAction name="a" plan="F|R"/><PlanAction name="b" plan="R"/></ReactiveFallback>'
+    '<ReactiveFallback><Act name="a" outcomes="F|R"/><Act name="b" outcomes="R"/></ReactiveFallback>'
 )
 
 
@@ -221,11 +221,11 @@ def test_cpp_716_in_format_3_writing_an_empty_port_raises_with_its_name(make_tre
 )
 def test_cpp_pr_1178_trailing_characters_in_switch(variable: str, same: bool, make_tree: TreeFactory) -> None:
     tree = make_tree(
-        f'<Switch2 variable="{variable}" case_1="1" case_2="3"><PlanSync name="one" plan="S"/>'
-        '<PlanSync name="three" plan="S"/><PlanSync name="other" plan="S"/></Switch2>'
+        f'<Switch2 variable="{variable}" case_1="1" case_2="3"><Act name="one" outcomes="S"/>'
+        '<Act name="three" outcomes="S"/><Act name="other" outcomes="S"/></Switch2>'
     )
     assert tree.tick_once() is S
-    assert make_tree.journal.calls == ["three:tick" if same else "other:tick"]
+    assert make_tree.journal.calls == ["three:start" if same else "other:start"]
 
 
 # --- substitution, time
@@ -239,7 +239,7 @@ def test_cpp_930_substitution_rules_without_configurations(make_tree: TreeFactor
 
 
 def test_cpp_888_sleep_returns_at_once_before_a_synchronous_retry(make_tree: TreeFactory) -> None:
-    tree = make_tree('<RetryUntilSuccessful num_attempts="3"><PlanSync plan="F"/></RetryUntilSuccessful>')
+    tree = make_tree('<RetryUntilSuccessful num_attempts="3"><Act outcomes="F"/></RetryUntilSuccessful>')
     message = [(tree.tick_exactly_once(), tree.sleep(1.0)) for _ in range(3)]
     assert message == [(R, True), (R, True), (F, False)]
     assert tree.clock.now() == 1_000_000_000
@@ -248,7 +248,7 @@ def test_cpp_888_sleep_returns_at_once_before_a_synchronous_retry(make_tree: Tre
 
 
 def test_cpp_888_a_retry_of_a_running_leaf_waits_for_the_period(make_tree: TreeFactory) -> None:
-    tree = make_tree('<RetryUntilSuccessful num_attempts="3"><PlanAction plan="RF"/></RetryUntilSuccessful>')
+    tree = make_tree('<RetryUntilSuccessful num_attempts="3"><Act outcomes="RF"/></RetryUntilSuccessful>')
     assert tree.tick_while_running(period=0.5) is F
     assert tree.clock.now() == 1_500_000_000
 

@@ -129,7 +129,7 @@ def test_every_state_field_is_part_of_the_state(format: int, manifest: Manifest)
 def test_only_unseen_writes_count() -> None:
     def after_writes(seen: int, unseen: int) -> TreeState:
         """Return the state after writes to an entry that a node watches, and a tick after *seen* writes."""
-        tree = tree_of('<WaitValueUpdate entry="{a}"><PlanAction plan="RRS"/></WaitValueUpdate>')
+        tree = tree_of('<WaitValueUpdate entry="{a}"><Act outcomes="RRS"/></WaitValueUpdate>')
         for _ in range(seen):
             tree.blackboard["a"] = 1
         tree.tick_exactly_once()
@@ -144,7 +144,7 @@ def test_only_unseen_writes_count() -> None:
 @pytest.mark.parametrize("is_written", [False, True])
 def test_a_restored_node_knows_the_writes_that_it_has_seen(is_written: bool) -> None:
     tree = tree_of(
-        '<KeepRunningUntilFailure><SkipUnlessUpdated entry="{a}"><PlanSync plan="S"/>'
+        '<KeepRunningUntilFailure><SkipUnlessUpdated entry="{a}"><Act outcomes="S"/>'
         "</SkipUnlessUpdated></KeepRunningUntilFailure>"
     )
     for _ in range(3):
