@@ -39,7 +39,10 @@ class CommandProviders(NamedTuple):
 
 
 def find_providers(
-    ctx: click.Context, own: Sequence[click.Parameter], args: Sequence[str], has_all_options: bool = False
+    ctx: click.Context,
+    command_options: Sequence[click.Parameter],
+    args: Sequence[str],
+    has_all_options: bool = False,
 ) -> CommandProviders:
     """Find the providers for the command with the context *ctx*, also in its plugins.
 
@@ -48,23 +51,24 @@ def find_providers(
 
     Args:
         ctx: The context, which keeps them for `command_providers`.
-        own: The options that the command has without providers.
+        command_options: The options that the command has without providers.
         args: The arguments of the command, which may contain the option `--plugin`.
         has_all_options: Whether to add the options of all providers in any case.
     """
-    has_plugins = any(parameter.name == "plugins" for parameter in own)
+    has_plugins = any(parameter.name == "plugins" for parameter in command_options)
     plugins = {name: import_plugin(name) for name in _plugins_in(args)} if has_plugins else {}
     available = AvailableProviders(
         provider for plugin in plugins.values() for provider in providers_in(plugin.module)
     )
-    options = _create_provider_options([*available.of_user, *available.core], own)
-    known = {name for option in [*own, *options] for name in (*option.opts, *option.secondary_opts)}
+    options = _create_provider_options([*available.of_user, *available.core], command_options)
+    all_options = [*command_options, *options]
+    known = {name for option in all_options for name in (*option.opts, *option.secondary_opts)}
     # Without `-`, which is standard input or output.
     words = {word.partition("=")[0] for word in args if word.startswith("-") and word != "-"}
     # An option of a plugin could have the name of any other option, which is an error in every run.
-    has_own = any(provider.settings for provider in available.of_user)
-    if has_all_options or has_own or not words <= known:
-        options = _create_provider_options(available.all(), own)
+    user_has_settings = any(provider.settings for provider in available.of_user)
+    if has_all_options or user_has_settings or not words <= known:
+        options = _create_provider_options(available.all(), command_options)
     providers = ctx.meta[_META_KEY] = CommandProviders(available, options, plugins)
     return providers
 
@@ -78,21 +82,23 @@ def command_providers(ctx: click.Context) -> CommandProviders:
 
 
 def _create_provider_options(
-    providers: Sequence[Provider], own: Sequence[click.Parameter]
+    providers: Sequence[Provider], command_options: Sequence[click.Parameter]
 ) -> list[FieldOption]:
-    """Return the options of *providers*' settings, without settings that *own* options belong to."""
-    known = {option.struct for option in own if isinstance(option, FieldOption)} | {RunSettings}
-    names = ["--help", *(name for option in own for name in (*option.opts, option.name or ""))]
+    """Return the options of *providers*' settings, except for settings of *command_options*."""
+    known = {option.struct for option in command_options if isinstance(option, FieldOption)} | {RunSettings}
+    names = ["--help", *(name for option in command_options for name in (*option.opts, option.name or ""))]
     taken = dict.fromkeys(names, "the command")
     options: list[FieldOption] = []
     for provider in providers:
         for settings in [settings for settings in provider.settings if settings not in known]:
             known.add(settings)
-            options += _without_clash(provider, settings, taken)
+            options += _create_unclashing_options(provider, settings, taken)
     return options
 
 
-def _without_clash(provider: Provider, settings: type[Settings], taken: dict[str, str]) -> list[FieldOption]:
+def _create_unclashing_options(
+    provider: Provider, settings: type[Settings], taken: dict[str, str]
+) -> list[FieldOption]:
     options = create_options(settings)
     for option in options:
         for name in (option.opts[0], option.name or ""):

@@ -288,6 +288,7 @@ class NodeCreator:
         try:
             return manifest.make(config, self.context, draft.blackboard, self._resources, created)
         except ScriptError as error:
+            # The exception has the text of the script, not the attribute: of equal texts, the first counts.
             texts = node_plan.element.attributes.items()
             key = next((key for key, text in texts if text == error.text), None)
             if key is not None:

@@ -9,8 +9,8 @@ first of these differences decides:
 3. The provider is the user's, not an installed one.
 4. The provider needs other objects, and only such as are used anyway.
 5. The provider is not a default.
-
-If two are equally good, the one that takes the required settings of the other, too, is used.
+6. The provider takes all settings that its equals require: with `--bag FILE --description FILE`, the provider
+   that takes both options, not the provider that takes only the bag.
 
 A provider that lost a type is not used for any other type, and neither is a provider that needs what only a
 loser provides: the map of a simulated world does not fit another robot. Therefore the choice begins anew
@@ -264,8 +264,7 @@ class _Attempt:
     def _best(self, request: _Request, candidates: Sequence[Provider]) -> Provider:
         ranks = {provider: self._rank(provider) for provider in candidates}
         best = [provider for provider in candidates if ranks[provider] == max(ranks.values())]
-        # One that takes the settings that make another a candidate replaces it: a bag with a robot's
-        # description.
+        # Question 6 of the docstring of the module.
         required = {settings for provider in best for settings in provider.required_settings}
         wider = [provider for provider in best if required <= provider.settings.keys()]
         if len(wider) != 1:
@@ -276,7 +275,7 @@ class _Attempt:
         return wider[0]
 
     def _rank(self, provider: Provider) -> tuple[bool, ...]:
-        """Return the answers to the questions in the docstring of the module; the greatest is the best."""
+        """Return the answers to questions 1 to 5 in the docstring of the module; the greatest is the best."""
         needed = [self._available.of_type(need.type_name) for need in provider.object_needs]
         return (
             bool(provider.required_settings),
@@ -289,21 +288,27 @@ class _Attempt:
     # --- the clock, and the order
 
     def _add_clock(self) -> None:
-        """Use a provider that provides the clock alone, if it needs only what is used, and no other is."""
+        """Use a provider of the clock alone, unless the run has a clock or no robot.
+
+        The provider may need only what is used anyway, such as a ROS session: a run with ROS leaves waits on
+        the clock of the session.
+        """
         clocks = [provider for provider in self._used if provider.provides_clock]
         if len(clocks) > 1:
             names = join_names(map(repr, clocks))
             raise ProviderError(
                 f"a run has one clock, but {len(clocks)} of its providers are clocks: {names}"
             )
-        if clocks or not (self._used.keys() - set(self._available.core) or self._provided):
+        uses_core_alone = not self._provided and self._used.keys() <= set(self._available.core)
+        if clocks or uses_core_alone:
             return
         for provider in self._available.of_type(_CLOCK):
             others = [need for need in provider.object_needs if need.type_name not in self._providers]
-            own = {need.type_name: self._find_object(need.type) for need in others}
-            if set(map(full_name, provider.types)) == {_CLOCK} and None not in own.values():
+            objects = {need.type_name: self._find_object(need.type) for need in others}
+            has_needs = None not in objects.values()
+            if has_needs and set(map(full_name, provider.types)) == {_CLOCK}:
                 self._used[provider] = None
-                self._objects |= own
+                self._objects |= objects
                 return
 
     def _append_after_needs(

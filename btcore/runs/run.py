@@ -318,20 +318,20 @@ class Run:
     def _run_and_reload(self, on_end: Callable[[], None] | None) -> LoopEnd:
         """Run the loop, and again whenever a tree replaces one that has ended, also by an exception."""
         while True:
-            end: LoopEnd | None = "done"
             error: NodeExecutionError | None = None
             try:
                 end = self._loop.run()
+                if end != "done":
+                    return end
             except NodeExecutionError as raised:
                 self.error = error = raised
-            if end == "done":
-                if on_end is not None:
-                    on_end()
-                end = self._loop.wait_for_reload()
-            if end is not None:
+            if on_end is not None:
+                on_end()
+            end_of_wait = self._loop.wait_for_reload()
+            if end_of_wait is not None:
                 if error is not None:
                     raise error
-                return end
+                return end_of_wait
 
     def step(self) -> Status:
         """Tick the tree once, without waiting, and return its status.

@@ -49,11 +49,11 @@ def publisher(
         finally:
             # After an interrupt no viewer for browsers stays open, and foreign clients get 2 s for what they
             # have not received. Recordings and windows of the run itself are completed in any case.
-            is_over = report.end_reason not in (None, "interrupted")
+            was_interrupted = report.end_reason in (None, "interrupted")
             # Before waiting: a monitor ends when it has received the end of the stream.
             published.end_stream()
-            failures = finish_monitors(monitors, stay_open=is_over)
-            published.close(None if is_over else INTERRUPTED_GRACE_S)
+            failures = finish_monitors(monitors, stay_open=not was_interrupted)
+            published.close(INTERRUPTED_GRACE_S if was_interrupted else None)
             if failures:
                 raise OutputError("; ".join(failures))
 

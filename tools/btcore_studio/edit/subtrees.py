@@ -49,23 +49,23 @@ def extract_subtree(plans: Plans, element: Element, id: str) -> list[Edit]:
     connections = "".join(f' {key}="{{{key}}}"' for key in connected)
     source = tree.definition.document.source_map
     editor = DocumentEditor(source.scan)
-    branch, around = source.scanned(element), source.scanned(tree.definition.element)
+    branch, tree_element = source.scanned(element), source.scanned(tree.definition.element)
     call = Edit(branch.start, branch.end, f'<SubTree ID="{escape_value(id)}"{connections}/>')
-    own, line_break, step = editor.indent(around), editor.line_break, editor.step()
-    if own is None:
+    tree_indent, line_break, step = editor.indent(tree_element), editor.line_break, editor.step()
+    if tree_indent is None:
         separator, body = "", editor.text[branch.start : branch.end]
     else:
-        moved = editor.reindent(branch.start, branch.end, editor.indent(branch) or "", own + step)
+        moved = editor.reindent(branch.start, branch.end, editor.indent(branch) or "", tree_indent + step)
         xml = _edited_part(editor.text, branch.start, branch.end, moved)
-        separator = line_break + own
+        separator = line_break + tree_indent
         body = f"{separator}{step}{xml}{separator}"
     new_tree = f'{separator}<BehaviorTree ID="{escape_value(id)}">{body}</BehaviorTree>'
-    edits = [call, Edit(around.end, around.end, new_tree)]
+    edits = [call, Edit(tree_element.end, tree_element.end, new_tree)]
     root = source.scan.roots[0]
     if len(plans.definitions.all) == 1 and root.get("main_tree_to_execute") is None:
-        if not around.get("ID"):
+        if not tree_element.get("ID"):
             raise EditError("the tree has no ID, and a document with two trees must name the main tree")
-        edits.append(editor.set_attribute(root, "main_tree_to_execute", around.get("ID") or ""))
+        edits.append(editor.set_attribute(root, "main_tree_to_execute", tree_element.get("ID") or ""))
     return edits
 
 
@@ -102,10 +102,10 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
         raise EditError("a node of one of the trees may use any key, or is unknown")
     names: dict[str, str] = {}
     for key in sorted(inner):
-        same = key if key.startswith("@") else call.outer_key(key)
-        names[key] = same or _free_name(called.id, key, outer)
+        outer_key = key if key.startswith("@") else call.outer_key(key)
+        names[key] = outer_key or _free_name(called.id, key, outer)
     editor = DocumentEditor(called.definition.document.source_map.scan)
-    top = called.definition.document.source_map.scanned(called.root.element)
+    root_element = called.definition.document.source_map.scanned(called.root.element)
     enums = plans.registry.types.enums
     edits = [
         edit
@@ -115,16 +115,18 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
     if node.conditions and called.root.conditions:
         raise EditError(f"the SubTree element and the root of '{called.id}' have conditions")
     for attribute, text in node.conditions.items():
-        at = top.attributes[-1].end if top.attributes else top.tag_end
+        at = root_element.attributes[-1].end if root_element.attributes else root_element.tag_end
         edits.append(Edit(at, at, f' {attribute}="{escape_value(text)}"'))
     source = tree.definition.document.source_map
-    place = source.scanned(element)
-    own = DocumentEditor(source.scan).indent(place)
-    if own is not None:
+    call_element = source.scanned(element)
+    call_indent = DocumentEditor(source.scan).indent(call_element)
+    if call_indent is not None:
         changed = {(edit.start, edit.end) for edit in edits}
-        lines = editor.reindent(top.start, top.end, editor.indent(top) or "", own)
+        root_indent = editor.indent(root_element) or ""
+        lines = editor.reindent(root_element.start, root_element.end, root_indent, call_indent)
         edits += [edit for edit in lines if (edit.start, edit.end) not in changed]
-    return Edit(place.start, place.end, _edited_part(editor.text, top.start, top.end, edits))
+    nodes = _edited_part(editor.text, root_element.start, root_element.end, edits)
+    return Edit(call_element.start, call_element.end, nodes)
 
 
 def _edited_part(text: str, start: int, end: int, edits: Iterable[Edit]) -> str:
