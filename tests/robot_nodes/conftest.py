@@ -1,3 +1,5 @@
+"""A robot for the tests of leaves and navigation, without a simulator."""
+
 import threading
 from collections.abc import Iterator
 
@@ -45,23 +47,34 @@ class SteppedClock(SimulatedSchedule):
 
 
 class RecordingRobot(Robot):
-    """A robot that records its commands and returns the readings that the test sets. It does not move."""
+    """A robot that records its commands and returns the readings that the test sets. It does not move.
+
+    Attributes:
+        commands: The commanded velocities, each as v (m/s) and w (rad/s).
+        head_commands: The commanded positions of the head, each as pan and tilt (rad).
+        recharges: The number of recharges.
+        newest_scan: The reading that `scan` returns; `see` sets it.
+        newest_image: The reading that `camera` returns.
+        head_position: The reading that `head` returns.
+        head_limits: The limits of the head.
+        pose: The pose of the odometry.
+    """
 
     def __init__(self) -> None:
         self._clock = SteppedClock()
         self.commands: list[tuple[float, float]] = []
-        self.looks: list[tuple[float, float]] = []
+        self.head_commands: list[tuple[float, float]] = []
         self.recharges = 0
-        self.seen: LaserScan | None = None
-        self.shown: CameraImage | None = None
-        self.turned: HeadPosition | None = None
-        self.limits: HeadInfo | None = None
-        self.at = Pose2D(0.0, 0.0, 0.0)
+        self.newest_scan: LaserScan | None = None
+        self.newest_image: CameraImage | None = None
+        self.head_position: HeadPosition | None = None
+        self.head_limits: HeadInfo | None = None
+        self.pose = Pose2D(0.0, 0.0, 0.0)
 
     def see(self, *ranges: float, angle_min: float = 0.0, angle_increment: float = 0.1) -> None:
         """Set the newest scan to these ranges (m)."""
         info = self.laser
-        self.seen = LaserScan(
+        self.newest_scan = LaserScan(
             np.array(ranges, dtype=np.float32),
             self._clock.time,
             angle_min,
@@ -89,7 +102,7 @@ class RecordingRobot(Robot):
 
     @property
     def head_info(self) -> HeadInfo | None:
-        return self.limits
+        return self.head_limits
 
     def frames(self) -> list[TransformStamped]:
         still = (0.0, 0.0, 0.0, 1.0)
@@ -108,19 +121,19 @@ class RecordingRobot(Robot):
         return Twist2D(*self.commands[-1]) if self.commands else Twist2D(0.0, 0.0)
 
     def scan(self) -> LaserScan | None:
-        return self.seen
+        return self.newest_scan
 
     def odometry(self) -> Odometry:
-        return Odometry(self.at, Twist2D(0.0, 0.0), self._clock.time)
+        return Odometry(self.pose, Twist2D(0.0, 0.0), self._clock.time)
 
     def move_head(self, pan: float, tilt: float) -> None:
-        self.looks.append((pan, tilt))
+        self.head_commands.append((pan, tilt))
 
     def head(self) -> HeadPosition | None:
-        return self.turned
+        return self.head_position
 
     def camera(self) -> CameraImage | None:
-        return self.shown
+        return self.newest_image
 
     def recharge(self) -> None:
         self.recharges += 1

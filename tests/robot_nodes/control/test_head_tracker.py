@@ -160,8 +160,8 @@ def test_command_is_position_in_picture_from_minus_1_to_1(x: int, y: int, pan: f
 @pytest.fixture
 def watching(robot: RecordingRobot) -> RecordingRobot:
     """A robot with a head and a camera."""
-    robot.limits = HeadInfo(-1.3, 1.3, -1.0, 0.7, 3.0)
-    robot.turned = HeadPosition(0.0, 0.0, 0)
+    robot.head_limits = HeadInfo(-1.3, 1.3, -1.0, 0.7, 3.0)
+    robot.head_position = HeadPosition(0.0, 0.0, 0)
     return robot
 
 
@@ -178,53 +178,55 @@ def active(robot: RecordingRobot, **settings) -> HeadTracker:
 def test_head_turns_to_object(watching: RecordingRobot, left: int, top: int, pan: int, tilt: int) -> None:
     """An object to the right needs a smaller pan angle, and an object below a smaller tilt angle."""
     active(watching)
-    watching.shown = picture((left, top, 40, 40), stamp=100_000_000)
+    watching.newest_image = picture((left, top, 40, 40), stamp=100_000_000)
     watching.clock.sleep(0.1)
-    looked = np.array(watching.looks[-1])
+    looked = np.array(watching.head_commands[-1])
     assert np.sign(np.where(np.abs(looked) < 0.01, 0.0, looked)).tolist() == [pan, tilt]
 
 
 def test_the_head_gets_ten_commands_a_second_while_the_tracker_is_active(watching: RecordingRobot) -> None:
     tracker = active(watching)
     watching.clock.sleep(2.0)
-    assert len(watching.looks) == 20
+    assert len(watching.head_commands) == 20
     tracker.deactivate()
     watching.clock.sleep(2.0)
-    assert len(watching.looks) == 21
+    assert len(watching.head_commands) == 21
 
 
 def test_the_head_returns_to_the_middle_after_100_ms_without_a_detection(watching: RecordingRobot) -> None:
     active(watching)
-    watching.shown = picture((600, 220, 40, 40), stamp=100_000_000)
+    watching.newest_image = picture((600, 220, 40, 40), stamp=100_000_000)
     watching.clock.sleep(0.2)
-    assert watching.looks[-1] != (0.0, 0.0)
+    assert watching.head_commands[-1] != (0.0, 0.0)
     watching.clock.sleep(0.1)
-    assert watching.looks[-1] == (0.0, 0.0)
+    assert watching.head_commands[-1] == (0.0, 0.0)
 
 
 def test_the_head_returns_to_the_middle_when_the_tracker_is_deactivated(watching: RecordingRobot) -> None:
     tracker = active(watching)
-    watching.shown = picture((600, 220, 40, 40), stamp=100_000_000)
+    watching.newest_image = picture((600, 220, 40, 40), stamp=100_000_000)
     watching.clock.sleep(0.1)
     tracker.deactivate()
-    assert watching.looks[-1] == (0.0, 0.0)
+    assert watching.head_commands[-1] == (0.0, 0.0)
 
 
 def test_exercise_a_more_reactive_head_reaches_the_object_sooner(watching: RecordingRobot) -> None:
     """The object is to the right by 0.5 rad; the head moves at once, and its picture spans 1.1 rad."""
     needed = {}
     for name, settings in {"book": {}, "reactive": {"tuning": REACTIVE}}.items():
-        watching.turned = HeadPosition(0.0, 0.0, watching.clock.now())
-        watching.looks.clear()
+        watching.head_position = HeadPosition(0.0, 0.0, watching.clock.now())
+        watching.head_commands.clear()
         tracker = active(watching, **settings)
         start = watching.clock.now()
-        while abs(watching.turned.pan + 0.5) > 0.1:
-            off = (-0.5 - watching.turned.pan) / -0.55
+        while abs(watching.head_position.pan + 0.5) > 0.1:
+            off = (-0.5 - watching.head_position.pan) / -0.55
             centre = round((off + 1) * 320)
-            watching.shown = picture((centre - 10, 230, 20, 20), stamp=watching.clock.now() + 50_000_000)
+            watching.newest_image = picture(
+                (centre - 10, 230, 20, 20), stamp=watching.clock.now() + 50_000_000
+            )
             watching.clock.sleep(0.05)
-            if watching.looks:
-                watching.turned = HeadPosition(*watching.looks[-1], watching.clock.now())
+            if watching.head_commands:
+                watching.head_position = HeadPosition(*watching.head_commands[-1], watching.clock.now())
         needed[name] = watching.clock.now() - start
         tracker.shutdown()
     assert needed["reactive"] < 0.7 * needed["book"]

@@ -80,8 +80,8 @@ def server(robot: RecordingRobot) -> SlowServer:
 
 @pytest.fixture
 def tracker(robot: RecordingRobot) -> HeadTracker:
-    robot.limits = HeadInfo(-1.3, 1.3, -1.0, 0.7, 3.0)
-    robot.turned = HeadPosition(0.0, 0.0, 0)
+    robot.head_limits = HeadInfo(-1.3, 1.3, -1.0, 0.7, 3.0)
+    robot.head_position = HeadPosition(0.0, 0.0, 0)
     return HeadTracker(robot)
 
 

@@ -92,7 +92,7 @@ def test_only_the_improved_detectors_obstacle_stays_when_the_robot_moves(robot: 
         looking.know_frames()
         looking.add(kind)
         looking.see(1.0, 1.5, 1.0)
-        looking.robot.at = Pose2D(1.0, 0.0, math.pi / 2)
+        looking.robot.pose = Pose2D(1.0, 0.0, math.pi / 2)
         looking.robot.clock.sleep(1.0)
         looking.see(1.0, math.inf, 1.0)
         try:
@@ -109,7 +109,7 @@ def test_the_improved_detector_uses_the_lasers_pose_at_the_scans_time(looking: L
     looking.robot.clock.sleep(0.5)
     stamp = looking.robot.clock.now()
     scan = LaserScan(np.array([1.5], dtype=np.float32), stamp, 0.0, 0.1, 0.05, 25.0, LASER)
-    looking.robot.at = Pose2D(5.0, 0.0, 0.0)
+    looking.robot.pose = Pose2D(5.0, 0.0, 0.0)
     looking.robot.clock.sleep(0.1)
     looking.scans.publish(scan)
     looking.robot.clock.sleep(0.0)
@@ -152,9 +152,9 @@ def test_exercise_the_displacement_of_each_second(looking: Looking) -> None:
     looking.know_frames()
     looking.add(Displacement)
     looking.robot.clock.sleep(1.0)
-    looking.robot.at = Pose2D(0.3, 0.4, math.pi / 2)
+    looking.robot.pose = Pose2D(0.3, 0.4, math.pi / 2)
     looking.robot.clock.sleep(1.0)
-    looking.robot.at = Pose2D(0.3, 0.6, math.pi / 2)
+    looking.robot.pose = Pose2D(0.3, 0.6, math.pi / 2)
     looking.robot.clock.sleep(1.0)
     assert [line.text for line in looking.lines] == [
         "moved 0.500 m (x 0.300, y 0.400), turned 1.571 rad",
@@ -179,7 +179,7 @@ def test_exercise_the_arrows_colour_changes_gradually_with_the_distance(looking:
 
 
 def test_exercise_the_obstacle_in_three_frames(looking: Looking) -> None:
-    looking.robot.at = Pose2D(1.0, 2.0, math.pi / 2)
+    looking.robot.pose = Pose2D(1.0, 2.0, math.pi / 2)
     looking.know_frames()
     looking.add(ObstacleDetectorImproved)
     looking.add(ObstacleInFrames)

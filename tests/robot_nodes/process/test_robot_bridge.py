@@ -45,16 +45,16 @@ def test_each_scan_is_published_once(bridged: Bridged) -> None:
     bridged.listen("/scan_raw", LaserScan)
     bridged.robot.see(1.0)
     bridged.sleep(0.1)
-    first = bridged.robot.seen
+    first = bridged.robot.newest_scan
     bridged.robot.see(2.0)
     bridged.sleep(0.1)
-    assert bridged.received == [first, bridged.robot.seen]
+    assert bridged.received == [first, bridged.robot.newest_scan]
     assert SCAN_TOPIC == "/scan_raw"
 
 
 def test_odometry_is_published_fifty_times_a_second(bridged: Bridged) -> None:
     bridged.listen(ODOMETRY_TOPIC, Odometry)
-    bridged.robot.at = Pose2D(1.0, 2.0, 0.5)
+    bridged.robot.pose = Pose2D(1.0, 2.0, 0.5)
     bridged.sleep(1.0)
     assert len(bridged.received) == 50
     assert bridged.received[-1].pose == Pose2D(1.0, 2.0, 0.5)
@@ -62,11 +62,11 @@ def test_odometry_is_published_fifty_times_a_second(bridged: Bridged) -> None:
 
 def test_the_head_is_published_and_commanded(bridged: Bridged) -> None:
     bridged.listen(JOINT_STATE, HeadPosition)
-    bridged.robot.turned = HeadPosition(0.1, 0.2, 7)
+    bridged.robot.head_position = HeadPosition(0.1, 0.2, 7)
     bridged.other.create_publisher(JOINT_COMMAND, HeadCommand).publish(HeadCommand(0.3, -0.1))
     bridged.sleep(0.1)
     assert bridged.received == [HeadPosition(0.1, 0.2, 7)]
-    assert bridged.robot.looks == [(0.3, -0.1)]
+    assert bridged.robot.head_commands == [(0.3, -0.1)]
 
 
 @pytest.mark.parametrize(

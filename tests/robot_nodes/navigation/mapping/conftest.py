@@ -123,7 +123,7 @@ class MappingRig:
     def interrupt(self, restarted: Pose2D | None) -> None:
         """Stop the odometry for a second; then it starts at *restarted*, or goes on."""
         self.time += NS_PER_S
-        self.robot.seen = look(self.boxes, self.true, self.random, stamp=self.time)
+        self.robot.newest_scan = look(self.boxes, self.true, self.random, stamp=self.time)
         self.mapper.step(self.time)
         if restarted is not None:
             self.robot.reported = Odometry(restarted, Twist2D(0.0, 0.0), self.time)
@@ -158,7 +158,7 @@ class MappingRig:
         pose = self.robot.reported.pose
         turned = (0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2))
         self.tree.set(TransformStamped("base_footprint", "odom", (pose.x, pose.y, 0.0), turned, self.time))
-        self.robot.seen = look(self.boxes, self.true, self.random, stamp=self.time)
+        self.robot.newest_scan = look(self.boxes, self.true, self.random, stamp=self.time)
         before = len(self.mapper.scans)
         self.mapper.step(self.time)
         if len(self.mapper.scans) > before:
