@@ -40,14 +40,14 @@ class Case:
 def sources() -> str:
     """Return a digest of all files that a run depends on."""
     digest = sha256()
-    for room in ("btcore", "robot_nodes", "ros2", "sim", "trees"):
-        for path in sorted((ROOT / room).rglob("*")):
+    for folder in ("btcore", "robot_nodes", "ros2", "sim", "trees"):
+        for path in sorted((ROOT / folder).rglob("*")):
             if path.suffix in {".py", ".json", ".urdf", ".xml", ".yaml"}:
                 digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:12]
 
 
-def completed(case: Case, seed: int) -> subprocess.CompletedProcess[str]:
+def run_process(case: Case, seed: int) -> subprocess.CompletedProcess[str]:
     """Run *case* with *seed* by the command line, in a separate process."""
     command = [sys.executable, "-m", "btcore", "run", *case.arguments]
     command += ["--fast", "--json", "--seed", str(seed)]
@@ -58,7 +58,7 @@ def completed(case: Case, seed: int) -> subprocess.CompletedProcess[str]:
 
 def run(case: Case, seed: int) -> Result:
     """Run *case* with *seed*, and return its result."""
-    done = completed(case, seed)
+    done = run_process(case, seed)
     if done.returncode != 0:
         return {"seed": seed, "error": f"exit code {done.returncode}: {done.stderr.strip()[-500:]}"}
     return {"seed": seed, **json.loads(done.stdout.splitlines()[-1])}

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-from cached_runs import RESULTS, Case, Result, completed, results, sources
+from cached_runs import RESULTS, Case, Result, results, run_process, sources
 
 from btcore_sim.random_world_kinds import KINDS
 
@@ -53,7 +53,7 @@ def safe_name(world: str) -> str:
 
 def run(case: Case, seed: int) -> Result:
     """Run *case* with *seed*; the result also has the `warnings`, and exists if the tree fails."""
-    done = completed(case, seed)
+    done = run_process(case, seed)
     warnings = [line for line in done.stderr.splitlines() if line.startswith(("warning: ", "error: "))]
     try:
         result = json.loads(done.stdout.splitlines()[-1])

@@ -72,7 +72,7 @@ def test_the_settings_are_options() -> None:
     )
 
 
-def test_loading_the_engine_prints_nothing() -> None:
+def test_loading_pybullet_prints_nothing() -> None:
     program = "from btcore_sim.simulated_robot import SimulatedRobot"
     found = subprocess.run(
         [sys.executable, "-c", program],
@@ -137,7 +137,7 @@ def test_a_run_that_fails_is_reported() -> None:
         ({"obstacles": 100}, "no room for 100 obstacles"),
     ],
 )
-def test_an_invalid_setting_is_a_usage_error(changes: dict[str, Any], message: str) -> None:
+def test_an_invalid_setting_is_a_simulation_error(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(SimError, match=message):
         drive(msgspec.structs.replace(ARENA, **changes))
 
