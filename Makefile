@@ -221,15 +221,15 @@ compiled: .venv-compiled/ready
 	@echo '· the tests of the engine, on the compiled build'
 	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(TEST_PROCESSES) --dist worksteal $(COMPILED_TESTS)
 
-# All tests of a file in one process: they share the processes that they start. After failures the tests run again in
-# new processes, because Fast DDS 3.2 may deadlock when a ROS node ends (its issue 6502): each later test of the process
-# then waits in vain for its peer.
-ROS2_TESTS = BTCORE_EXPECT=pure .venv-ros/bin/pytest -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder tests/ros2
+# All tests of a file in one process: they share the processes that they start. What fails runs again in new
+# processes, because Fast DDS 3.2 may deadlock when a ROS node ends; see tests/ros2/conftest.py.
+ROS2_TESTS = BTCORE_EXPECT=pure .venv-ros/bin/pytest -n $(TEST_PROCESSES) --dist loadfile \
+	--no-loadscope-reorder -o cache_dir=.pytest_cache/ros2 tests/ros2
 
 ifneq ($(ROS2),)
 test-ros2: .venv-ros/ready
 	@echo '· the tests of ROS 2'
-	@$(ROS2_TESTS) --maxfail 3 || $(ROS2_TESTS)
+	@$(ROS2_TESTS) || $(ROS2_TESTS) --last-failed --last-failed-no-failures none
 else
 test-ros2:
 	@echo 'note: PyPI has no wheels of ROS 2 for this platform; its tests are skipped'
