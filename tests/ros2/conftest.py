@@ -20,10 +20,13 @@ if HAS_ROS:
     isolate_ros()
 
 
-# After a test that waited in vain for longer (s), its process runs no further tests: Fast DDS 3.2 may deadlock
-# when a ROS node ends (its issue 6502), and no ROS node of the process then finds another. `make test-ros2` runs
-# what failed again, in new processes.
 LONG_WAIT_S = 50.0
+"""The duration (s) of a failed test after which its process runs no further tests.
+
+Fast DDS 3.2 may deadlock when a ROS node ends (its issue 6502). No ROS node of the process then finds
+another.
+`make test-ros2` runs what failed again, in new processes.
+"""
 _failed_late: list[str] = []
 
 
