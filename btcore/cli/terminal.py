@@ -179,14 +179,15 @@ def print_error(message: str, console: Console | None = None) -> None:
     (console or stderr_console()).print(Text.assemble(("error: ", "bold red"), message), soft_wrap=True)
 
 
+_collected_warnings: Final[list[list[str]]] = []
+"""The lists of all contexts of `collect_warnings`, to which `print_warning` adds each warning."""
+
+
 def print_warning(message: str, console: Console | None = None) -> None:
     """Print a warning on stderr, or on *console*."""
     for warnings in _collected_warnings:
         warnings.append(message)
     (console or stderr_console()).print(Text.assemble(("warning: ", "bold yellow"), message), soft_wrap=True)
-
-
-_collected_warnings: Final[list[list[str]]] = []
 
 
 @contextmanager

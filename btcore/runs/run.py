@@ -11,13 +11,7 @@ from typing import Any, Self, TypeVar, Unpack
 
 from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
-from btcore.errors import (
-    BtcoreError,
-    NodeExecutionError,
-    OutputError,
-    ProviderError,
-    TreeError,
-)
+from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
 from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.loading.instantiate import make_leaf_tree
 from btcore.loading.load import (

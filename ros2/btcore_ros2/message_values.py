@@ -49,7 +49,6 @@ _CODES: Final = {
 }  # fmt: skip
 _SHORT_NAMES: Final = {"boolean": "bool", "octet": "byte", "float": "float32", "double": "float64"}
 _REALS: Final = ("float", "double")
-_BYTES: Final = ("octet", "uint8")
 _MAX_FLOAT32: Final = 3.4028235677973366e38  # larger numbers are rounded to infinity
 _NS: Final = 1_000_000_000
 
@@ -276,10 +275,6 @@ class _Unknown:
 
 
 _UNKNOWN: Final = _Unknown()
-
-
-class _TooManyProblems(Exception):  # noqa: N818 - ends the search, and is not an error
-    pass
 
 
 class _Reader:
