@@ -18,7 +18,7 @@ from btcore.values import ANY, NODE_STATUS, STRING, EnumType, ValueType
 UNSET: Final = object()
 """The marker for "no default", because None is a possible default."""
 UNBOUND_BLACKBOARD: Final = Blackboard()
-"""The blackboard of ports that are not bound to a blackboard yet."""
+"""The blackboard of the bindings of plans, and of constants, which read no blackboard."""
 _CONSTANTS: Final = (str, int, float, enum.Enum, NoneType)
 
 
