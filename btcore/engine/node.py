@@ -14,11 +14,10 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostics import LiteralProblem
-from btcore.engine.conditions import UNDECIDED, NodeConditions
 from btcore.engine.context import TreeContext
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
-from btcore.engine.tick_extras import TickCounts, TickExtras
+from btcore.engine.tick_extras import UNDECIDED, NodeConditions, TickCounts, TickExtras
 from btcore.errors import BlackboardError, ConversionError, NodeError, NodeExecutionError, TickInterrupt
 from btcore.status import (
     ANY_RESULT,

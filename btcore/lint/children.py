@@ -8,9 +8,10 @@ from typing import Final
 
 from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import FIRST_TICK_REFUSED, SECOND_ASYNC_CHILD, UNREACHABLE_CHILD
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.control import ControlNode, DecoratorNode, results_in_order
 from btcore.engine.node import TreeNode
+from btcore.fixes import AddChildren, Fix
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.nodes.parallel import threshold
@@ -64,7 +65,7 @@ def _child_requirement(cls: type[TreeNode], count: int) -> str:
 def _fixes(cls: type[TreeNode], count: int) -> tuple[Fix, ...]:
     least, most = cls.spec.child_count
     if count < least:
-        return (Fix("add_children", (least - count,)),)
+        return (AddChildren(least - count),)
     return wrapping_fixes(most) if most is not None and 0 < most < count else ()
 
 

@@ -26,9 +26,10 @@ from btcore.diagnostic_codes import (
     UNCHECKED_LITERAL,
     UNCONNECTED_OUTPUT,
 )
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.signature import PortAttribute
 from btcore.errors import ConversionError
+from btcore.fixes import SetAttributes, SetValue
 from btcore.lint.possible_results import is_built_in
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.names import SCRIPT_ATTRIBUTES, is_port_name, port_name_error
@@ -92,8 +93,8 @@ def check_missing_ports(node: NodePlan, document: Document, reporter: LintReport
     else:
         message = f"the ports {names} of <{node.id}> are missing and have no default"
     examples = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
-    written = [text for port in missing for text in (port.name, f"{{{port.name}}}")]
-    hint = Hint("write " + " ".join(examples), (Fix("set_attributes", tuple(written)),))
+    values = {port.name: f"{{{port.name}}}" for port in missing}
+    hint = Hint("write " + " ".join(examples), (SetAttributes(values),))
     reporter.report(EMPTY_PORT, message, document, node, hint=hint)
 
 
@@ -141,7 +142,7 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
             message = f"the output {label} has no entry: '{text}' is only a text"
             key = f"{{{text}}}" if text.isidentifier() else f"{{{port.name}}}"
             shown = key if text.isidentifier() else "{…}"
-            hint = Hint(f'write {port.name}="{shown}"', (Fix("set_value", (key,)),))
+            hint = Hint(f'write {port.name}="{shown}"', (SetValue(key),))
             reporter.report(UNCONNECTED_OUTPUT, message, document, node, port.name, hint)
         else:
             for item, part, type_name in partly_read(text, _literal_type(node, port), format):
@@ -247,8 +248,8 @@ def _number_hint(text: str, item: str, part: str, type_name: str) -> Hint:
     """Return the hint for *item*, a number in *text* of which only *part* is read."""
     with_point = item.replace(",", ".", 1)
     if type_name in ("double", "float") and whole_float(with_point) is not None:
-        return Hint(f"write {with_point}", (Fix("set_value", (text.replace(item, with_point, 1),)),))
-    fix = Fix("set_value", (text.replace(item, part, 1),))
+        return Hint(f"write {with_point}", (SetValue(text.replace(item, with_point, 1)),))
+    fix = SetValue(text.replace(item, part, 1))
     return Hint(f"write {part} if that is the intended value", (fix,))
 
 
@@ -258,4 +259,4 @@ def entry_hint(purpose: str, key: str) -> Hint:
     Args:
         purpose: What the value with braces does, such as "use the entry".
     """
-    return Hint(f"to {purpose}, write {{{key}}}", (Fix("set_value", (f"{{{key}}}",)),))
+    return Hint(f"to {purpose}, write {{{key}}}", (SetValue(f"{{{key}}}"),))

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.errors import ScriptError
+from btcore.fixes import ReplaceText
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result
@@ -70,7 +71,7 @@ def _check_condition(
     """Check *last*, the last statement of a condition. Its value is the result of the condition."""
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
         message = f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}' instead of comparing"
-        hint = Hint(f"to compare, write {last.target.name} == …", (Fix("replace_text", ("==",)),))
+        hint = Hint(f"to compare, write {last.target.name} == …", (ReplaceText("=="),))
         reporter.report(
             CONDITION_ASSIGNS, message, document, node, attribute, hint, within=last.column, width=last.width
         )
@@ -87,7 +88,7 @@ def _check_condition(
             message = f"{failure}: its result is the text '{result}'"
             hint = Hint("compare the text")
             if result in ("true", "false"):
-                hint = Hint(f"write {result} without quotes", (Fix("replace_text", (result,)),))
+                hint = Hint(f"write {result} without quotes", (ReplaceText(result),))
         else:
             message = f"{failure}: its result is {result}, neither true nor false"
             hint = Hint("valid results are 0, 1 and reals from 0 up; or write a comparison")

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 from btcore.blackboard.ports import remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
+from btcore.fixes import RenameElement, SetValue
 from btcore.lint.reporter import LintReporter, node_label
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES, TreeKeys
@@ -55,7 +56,7 @@ def check_remappings(
             message = f"in format 3 {node_label(node)} takes keys without braces: '{key}' has no effect"
             hint = Hint(
                 f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree_id}" {key}="{text}"/>',
-                (Fix("set_value", (text[1:-1],)), Fix("rename_element", ("SubTreePlus",))),
+                (SetValue(text[1:-1]), RenameElement("SubTreePlus")),
             )
             reporter.report(BRACES_IN_FORMAT_3, message, document, node, key, hint)
         if call.remaps.get(key) == "=" and node.element.get(key) is None:

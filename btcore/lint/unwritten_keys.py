@@ -5,7 +5,8 @@ from collections.abc import Collection, Sequence
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.diagnostic_codes import ASSIGNMENT_TO_MISSING_ENTRY, UNWRITTEN_KEY
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
+from btcore.fixes import Connect, CreateEntry, SetValue
 from btcore.lint.dry_run import DryRun, EntryUse, has_writer
 from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.suggestions import nearest_name
@@ -102,7 +103,7 @@ def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_k
     hint = f"to create it, write {use.key} := …"
     if root_key:
         hint += f"; or fill the blackboard before the first tick: {fill_example(root_key)}"
-    creation = (Fix("create_entry"),) if use.access is AccessKind.ASSIGNS else ()
+    creation = (CreateEntry(),) if use.access is AccessKind.ASSIGNS else ()
     reporter.report(
         ASSIGNMENT_TO_MISSING_ENTRY,
         f"{script} assigns to the entry '{use.key}', which is never created",
@@ -161,12 +162,12 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
         return Hint(
             f"{{{use.key}}} must hold the name of the entry to write; "
             f'to write the entry {use.key} itself, use {use.attribute}="{use.key}"',
-            (Fix("set_value", (use.key,)),),
+            (SetValue(use.key),),
         )
     known = keys.written_in(board)
     if key.strip() in known:
         correct = f"{{{key.strip()}}}"
-        fix = Fix("set_value", (correct,))
+        fix = SetValue(correct)
         return Hint(f"spaces inside the braces are part of the key: write {correct}", (fix,))
     near = keys.guess(key, known)
     if near is not None:
@@ -189,4 +190,4 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
     if entrance.document is not use.document:
         return hint
     index = entrance.document.source_map.index(entrance.node.element)
-    return Hint(hint, (Fix("connect", (index, entrance.key, key, value.replace("…", key))),))
+    return Hint(hint, (Connect(index, entrance.key, key, value.replace("…", key)),))

@@ -20,11 +20,12 @@ from btcore.diagnostic_codes import (
     SCRIPT_SYNTAX,
     DiagnosticCode,
 )
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, ScriptError
+from btcore.fixes import SetAttributes
 from btcore.registry.manifest import Manifest, Resources, takes_children
 from btcore.registry.registry import Registry, library_of
 from btcore.tree.tree import Subtree, Tree
@@ -316,11 +317,12 @@ class NodeCreator:
         # If a node can't be created and lacks an input port, the message names the port.
         missing = [port for port in ports if port.reads and port.name not in set_names]
         code = MISSING_PORT if missing else NODE_NOT_CREATED
-        written: list[str] = []
-        for port in missing:
-            if port.role in LOAD_TIME_ROLES:
-                written += (port.name, _EXAMPLES.get(port.role, f"{{{port.name}}}"))
-        hint = Hint("", (Fix("set_attributes", tuple(written)),) if written else ())
+        values = {
+            port.name: _EXAMPLES.get(port.role, f"{{{port.name}}}")
+            for port in missing
+            if port.role in LOAD_TIME_ROLES
+        }
+        hint = Hint("", (SetAttributes(values),) if values else ())
         self._report(code, str(error), node_plan, draft, hint=hint)
 
     def _report(

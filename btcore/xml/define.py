@@ -16,7 +16,8 @@ from btcore.diagnostic_codes import (
     UNDETERMINED_MAIN_TREE,
     UNKNOWN_FORMAT,
 )
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
+from btcore.fixes import NameTree, Rename, SetFormat
 from btcore.names import model_port_name_error
 from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.xml.read.diagnostic_collector import DiagnosticCollector, Diagnostics
@@ -86,7 +87,7 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         format = parse_format(written)
         if format is None:
             message = f"unknown BTCPP_format '{written}'"
-            fixes = (Fix("set_format", (4,)), Fix("set_format", (3,)))
+            fixes = (SetFormat(4), SetFormat(3))
             hint = Hint('write BTCPP_format="4", or "3" for a tree of Groot 1', fixes)
             collector.add(
                 main_document.diagnostic(
@@ -104,7 +105,7 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
             message = f"the outermost element is <{root.tag}>, not <root>"
             hint = Hint(EXAMPLE)
             if str(root.tag).lower() == "root":
-                fix = Fix("rename", ("root",), is_safe=True)
+                fix = Rename("root", is_safe=True)
                 hint = Hint(f"{suggestion('<root>')} XML is case-sensitive", (fix,))
             collector.add(document.diagnostic(NOT_A_ROOT, message, root, hint=hint))
             continue
@@ -113,7 +114,7 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
             id = element.get("ID")
             if not id and not only_child and dialect.checks_names:
                 message = "missing ID of the <BehaviorTree>"
-                hint = Hint('write <BehaviorTree ID="…">', (Fix("name_tree"),))
+                hint = Hint('write <BehaviorTree ID="…">', (NameTree(),))
                 collector.add(document.diagnostic(TREE_WITHOUT_ID, message, element, hint=hint))
             if id is None:
                 # The ID that BehaviorTree.CPP gives to a tree without an ID. An empty ID remains empty.

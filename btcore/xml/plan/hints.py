@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from functools import cache, cached_property
 
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.entry_points import UnavailableEntryPoint, unsearched_libraries
+from btcore.fixes import CallTree, DeclareNode, Rename, SetFormat, SetValue
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
@@ -42,22 +43,22 @@ class UnknownNodeHints:
         if not self._collector.take_comparisons(self.names):
             return Hint()
         if name in self._trees:
-            fix = Fix("call_tree", is_safe=True)
+            fix = CallTree(is_safe=True)
             return Hint(f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>", (fix,))
         successor = NODE_REPLACEMENTS.get(name)
         if successor is not None and self._registry.get(successor, self._format) is not None:
-            return Hint(f"use <{successor}>, which replaces it", (Fix("rename", (successor,), is_safe=True),))
+            return Hint(f"use <{successor}>, which replaces it", (Rename(successor, is_safe=True),))
         other = 3 if self._format == 4 else 4
         if self._registry.get(name, other) is not None:
             hint = f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
-            return Hint(hint, (Fix("set_format", (other,)),))
+            return Hint(hint, (SetFormat(other),))
         if name in self._declaring_files:
             model = f"--model {self._declaring_files[name] or 'FILE'}"
             return Hint(
                 "a <TreeNodesModel> declares it, but its code is not registered: use --plugin or nodes.add, "
                 f"or {model} to work without the code"
             )
-        declare = (Fix("declare_node", (name,)),) if is_port_name(name) else ()
+        declare = (DeclareNode(name),) if is_port_name(name) else ()
         if not self.names:
             hint = "the registry is empty: start with Registry.standard(), which has the built-in nodes"
             return Hint(hint, declare)
@@ -78,7 +79,7 @@ class UnknownNodeHints:
             self._plugin_suggested = True
             hint += "; load a plugin that provides it (--plugin, or nodes.add_plugin)"
             hint += "".join(f"; {note}" for note in unsearched_libraries(unavailable))
-        rename = () if near is None else (Fix("rename", (near,)),)
+        rename = () if near is None else (Rename(near),)
         return Hint(hint, (*rename, *declare))
 
     def _distributions(self) -> list[str]:
@@ -105,7 +106,7 @@ def literals_of(value_type: ValueType) -> list[str]:
 def value_hint(value_type: ValueType) -> Hint:
     """Return the hint, without a text, for a literal that is not of the type *value_type*."""
     literals = literals_of(value_type)
-    return Hint("", (Fix("set_value", tuple(literals)),) if literals else ())
+    return Hint("", (SetValue(*literals),) if literals else ())
 
 
 def port_hint(manifest: Manifest, name: str) -> Hint:

@@ -20,8 +20,9 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.node_config import MAX_NODES
+from btcore.fixes import AddChildren, Fix, Remove, RemoveChildren, SetAttributes, WrapChildren
 from btcore.names import FORBIDDEN, RESERVED_IDS, forbidden_in
 from btcore.status import NodeType
 from btcore.xml.define import TreeDefinition
@@ -47,7 +48,7 @@ def count_text(count: int) -> str:
 
 def _one_child_hint(count: int) -> Hint:
     if not count:
-        return Hint("", (Fix("add_children", (1,)),))
+        return Hint("", (AddChildren(1),))
     return Hint("put them into a <Sequence>", wrapping_fixes(1))
 
 
@@ -57,7 +58,7 @@ def wrapping_fixes(most: int) -> tuple[Fix, ...]:
     Args:
         most: The maximum number of children.
     """
-    return tuple(Fix("wrap_children", (tag, most - 1)) for tag in ("Sequence", "Fallback"))
+    return tuple(WrapChildren(tag, most - 1) for tag in ("Sequence", "Fallback"))
 
 
 def outline_trees(context: PlanContext) -> dict[TreeDefinition, list[NodePlan]]:
@@ -153,7 +154,7 @@ class _TreeOutliner:
                 children = element_children(element)
                 if len(children) != len(element.children):
                     for child in element.iterchildren("Root"):
-                        hint = Hint("remove it", (Fix("remove", is_safe=True),))
+                        hint = Hint("remove it", (Remove(is_safe=True),))
                         self._report(CAPITALISED_ROOT, "the obsolete <Root> is ignored", child, hint=hint)
             node_type = node_types[tag] if tag in node_types else self._tag_cache.classify(tag)
             if node_type is None:
@@ -229,13 +230,13 @@ class _TreeOutliner:
                     roles = manifest.spec.child_roles if least > 1 else ""
                     # More children may be needed at the first tick than to load the tree.
                     needed = least if is_mock(manifest.cls) else max(least, manifest.spec.child_count[0])
-                hint = Hint(roles, (Fix("add_children", (needed - count,)),))
+                hint = Hint(roles, (AddChildren(needed - count),))
                 self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
             elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
                 self._check_asynchronous(children)
         elif count and node_type in _LEAVES:
             message = f"<{id}> has {has}; {_LEAVES[node_type]} has none"
-            self._report(WRONG_CHILD_COUNT, message, element, hint=Hint("", (Fix("remove_children"),)))
+            self._report(WRONG_CHILD_COUNT, message, element, hint=Hint("", (RemoveChildren(),)))
 
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
@@ -264,7 +265,7 @@ class _TreeOutliner:
         if element.get("ID") is None or (not id and self._dialect.format == 4):
             message = f"the ID of the tree is missing in <{tag}>"
             others = (tree_id for tree_id in self._context.definitions.by_id if tree_id != self._own_id)
-            fixes = [Fix("set_attributes", ("ID", other)) for other in islice(others, MAX_SUGGESTED_TREES)]
+            fixes = [SetAttributes({"ID": other}) for other in islice(others, MAX_SUGGESTED_TREES)]
             self._report(MISSING_ID, message, element, hint=Hint(f'write <{tag} ID="…"/>', tuple(fixes)))
         elif self._dialect.checks_names:
             self._check_not_a_node(id, element)
@@ -274,7 +275,7 @@ class _TreeOutliner:
             self._report(UNREACHABLE_CHILD, message, children[0], hint=hint)
         elif children:
             message = f'<{tag} ID="{id}"> has children; they belong into the <BehaviorTree> that it calls'
-            self._report(WRONG_CHILD_COUNT, message, element, hint=Hint("", (Fix("remove_children"),)))
+            self._report(WRONG_CHILD_COUNT, message, element, hint=Hint("", (RemoveChildren(),)))
 
     def _check_not_a_node(self, id: str, element: Element) -> None:
         known = self._context.manifest(id)

@@ -8,9 +8,10 @@ from collections.abc import Collection, Mapping
 from typing import Any, Final, NamedTuple
 
 from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TREE_TOO_LARGE, UNKNOWN_FORMAT
-from btcore.diagnostics import Diagnostic, Fix, Hint
+from btcore.diagnostics import Diagnostic, Hint
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import ScriptError
+from btcore.fixes import SetFormat
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
@@ -159,7 +160,7 @@ def define_and_plan(
         if avoided > 0:
             count = "1 error" if avoided == 1 else f"{avoided} errors"
             message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
-            hint = Hint('write <root BTCPP_format="4">', (Fix("set_format", (4,)),))
+            hint = Hint('write <root BTCPP_format="4">', (SetFormat(4),))
             cause = sources.main_document.diagnostic(UNKNOWN_FORMAT, message, root, hint=hint)
             return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
     return plans

@@ -18,9 +18,10 @@ from btcore.diagnostic_codes import (
     UNKNOWN_TREE,
     DiagnosticCode,
 )
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.node_config import EMPTY_MAPPING
 from btcore.errors import ConversionError
+from btcore.fixes import CreateTree, Remove, RenameAttribute, SetAttributes, SetValue
 from btcore.names import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES, SCRIPT_ATTRIBUTES, is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
@@ -381,7 +382,7 @@ class TreePlanner:
                     message = (
                         f'unexpected ID in <{node.id}>: only explicit tags such as <Action ID="…"> have one'
                     )
-                    fixes = (Fix("rename_attribute", ("name",)), Fix("remove"))
+                    fixes = (RenameAttribute("name"), Remove())
                     hint = Hint('to name the node, write name="…"', fixes)
                     self._report(UNEXPECTED_ID, message, node.element, key, hint)
             elif key in dialect.comment_attributes or (
@@ -442,10 +443,10 @@ class TreePlanner:
         hint = value_hint(port_type)
         if binding.key is not None:
             key = "{=}" if "=" in text else text.strip()
-            fix = Fix("set_value", (key,), is_safe=True)
+            fix = SetValue(key, is_safe=True)
             hint = Hint(f"write {key}" + (" without surrounding spaces" if key != "{=}" else ""), (fix,))
         elif is_port_name(text):
-            fix = Fix("set_value", (f"{{{text}}}",))
+            fix = SetValue(f"{{{text}}}")
             hint = Hint(f"to use the blackboard entry, write {{{text}}}", (*hint.fixes, fix))
         message = f"the port '{port.name}' of <{node.id}> has the type {port_type.name}: {error}"
         self._report(INCONVERTIBLE_TEXT, message, node.element, port.name, hint)
@@ -473,7 +474,7 @@ class TreePlanner:
             trees = definitions.by_id
             hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else Hint()
             if id:
-                hint = Hint(hint.text, (*hint.fixes, Fix("create_tree", (id,))))
+                hint = Hint(hint.text, (*hint.fixes, CreateTree(id)))
             self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint)
         return False
 
@@ -505,6 +506,6 @@ class TreePlanner:
             if self._collector.is_full(MISSING_SUBTREE_PORT):
                 break
             message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
-            fix = Fix("set_attributes", (port, f"{{{port}}}"))
+            fix = SetAttributes({port: f"{{{port}}}"})
             hint = Hint(f'write {port}="…", or declare a default in <TreeNodesModel>', (fix,))
             self._report(MISSING_SUBTREE_PORT, message, element, "", hint)

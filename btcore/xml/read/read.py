@@ -23,8 +23,9 @@ from btcore.diagnostic_codes import (
     UNREADABLE_FILE,
     DiagnosticCode,
 )
-from btcore.diagnostics import Diagnostic, Fix, Hint
+from btcore.diagnostics import Diagnostic, Hint
 from btcore.errors import XmlSyntaxError
+from btcore.fixes import SetValue
 from btcore.input_files import read_error, read_file, real_path
 from btcore.suggestions import similar_file, suggestion
 from btcore.xml.read.diagnostic_collector import DiagnosticCollector, Diagnostics
@@ -253,7 +254,7 @@ def _unreadable(path: Path, error: OSError) -> Diagnostic:
     else:
         message = f"can't be read: {read_error(error)}"
     # An include of the file names one of these files instead.
-    fixes = tuple(Fix("set_value", (name,)) for name in files)
+    fixes = tuple(SetValue(name) for name in files)
     return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint, fixes=fixes)
 
 
@@ -407,7 +408,9 @@ def _add_errors(
         message = f"the included file '{cause.file}': {cause.message}"
         written = posixpath.dirname((element.get("path") or "").rstrip("/"))
         fixes = [
-            Fix("set_value", (posixpath.join(written, *map(str, fix.arguments)),)) for fix in cause.fixes
+            SetValue(*(posixpath.join(written, name) for name in fix.values))
+            for fix in cause.fixes
+            if isinstance(fix, SetValue)
         ]
         hint = Hint(cause.hint, tuple(fixes))
         collector.add(document.diagnostic(INCLUDE_FAILED, message, element, "path", hint=hint))
