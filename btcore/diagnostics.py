@@ -171,12 +171,10 @@ def shown_diagnostics(diagnostics: Iterable[Diagnostic]) -> tuple[list[Diagnosti
             kept[file] += 1
             shown.append(diagnostic)
         else:
-            severity = diagnostic.code.severity
-            noun = severity if severity in ("error", "warning") else "change"
-            omitted.setdefault(file, Counter())[noun] += 1
+            omitted.setdefault(file, Counter())[diagnostic.code.severity] += 1
     sentences = [
         f"{file or '<text>'}: "
-        + " and ".join(f"{count:,} more {noun}{'s' * (count > 1)}" for noun, count in counts.items())
+        + " and ".join(f"{count:,} more {what}{'s' * (count > 1)}" for what, count in counts.items())
         for file, counts in omitted.items()
     ]
     return shown, sentences

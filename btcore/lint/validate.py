@@ -9,7 +9,7 @@ from btcore.diagnostic_codes import (
     INCONVERTIBLE_TEXT,
     LOOSE_TEXT,
     RECURSIVE_TREES,
-    TOO_LARGE,
+    TREE_TOO_LARGE,
     UNDETERMINED_MAIN_TREE,
 )
 from btcore.diagnostics import Diagnostic
@@ -43,7 +43,7 @@ _HARMLESS: Final = frozenset({UNDETERMINED_MAIN_TREE, FIRST_TICK_REFUSED})
 # In format 3 the tree is built; only the node that reads the text raises.
 _HARMLESS_IN_FORMAT_3: Final = _HARMLESS | {INCONVERTIBLE_TEXT}
 # With these errors, following SubTree calls might not terminate in reasonable time.
-_UNBOUNDED: Final = frozenset({RECURSIVE_TREES, TOO_LARGE})
+_UNBOUNDED: Final = frozenset({RECURSIVE_TREES, TREE_TOO_LARGE})
 # Between elements, but not a text.
 _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)
 

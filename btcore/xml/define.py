@@ -11,7 +11,7 @@ from btcore.diagnostic_codes import (
     INVALID_NAME,
     MISSING_ID,
     NOT_A_ROOT,
-    TOO_LARGE,
+    TREE_TOO_LARGE,
     TREE_WITHOUT_ID,
     UNDETERMINED_MAIN_TREE,
     UNKNOWN_FORMAT,
@@ -233,7 +233,7 @@ def _read_subtree_models(
                     if len(ports) >= MAX_MODEL_PORTS:
                         # Every call of the tree has all ports: a short document could fill the memory.
                         message = f"the model of '{id}' has more than {MAX_MODEL_PORTS:,} ports"
-                        collector.add(document.diagnostic(TOO_LARGE, message, model, "ID"))
+                        collector.add(document.diagnostic(TREE_TOO_LARGE, message, model, "ID"))
                         break
                     _add_model_port(document, port, ports, dialect, collector)
     return models_by_id

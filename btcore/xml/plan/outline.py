@@ -13,8 +13,8 @@ from btcore.diagnostic_codes import (
     MISSING_ID,
     SEVERAL_ASYNC_SEQUENCES,
     TOO_DEEP,
-    TOO_LARGE,
     TREE_NAMED_AS_NODE,
+    TREE_TOO_LARGE,
     UNKNOWN_NODE,
     UNREACHABLE_CHILD,
     WRONG_CHILD_COUNT,
@@ -132,7 +132,7 @@ class _TreeOutliner:
         """Return the node plans below the `<BehaviorTree>` *top*, in pre-order."""
         self._own_id = top.get("ID")
         dialect = self._dialect
-        limit = self._document.max_depth or dialect.max_depth
+        limit = self._document.max_depth
         ignored: set[NodePlan] = set()
         node_types, leaf_tags = self._tag_cache.node_types, self._tag_cache.leaf_tags
         nodes: list[NodePlan] = []
@@ -143,7 +143,7 @@ class _TreeOutliner:
                 nodes.append(node)
             if len(nodes) > MAX_NODES + 1:  # the first is the <BehaviorTree>
                 message = f"the tree has more than {MAX_NODES:,} nodes"
-                self._report(TOO_LARGE, message, top, "ID", hint="nodes are numbered with 16 bits")
+                self._report(TREE_TOO_LARGE, message, top, "ID", hint="nodes are numbered with 16 bits")
                 return []
             element = node.element
             tag = element.tag

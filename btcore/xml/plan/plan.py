@@ -7,7 +7,7 @@ import sys
 from collections.abc import Collection, Mapping
 from typing import Any, Final, NamedTuple
 
-from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TOO_LARGE, UNKNOWN_FORMAT
+from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TREE_TOO_LARGE, UNKNOWN_FORMAT
 from btcore.diagnostics import Diagnostic, Hint
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import ScriptError
@@ -256,8 +256,8 @@ def _measure_from(
     elif size.depth > MAX_DEPTH:
         message = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
     if message:
-        definition = root.definition
-        collector.add(definition.document.diagnostic(TOO_LARGE, message, definition.element, "ID", hint=hint))
+        document, element = root.definition.document, root.definition.element
+        collector.add(document.diagnostic(TREE_TOO_LARGE, message, element, "ID", hint=hint))
         del sizes[root.id]
 
 

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence, Sized
 from typing import Final, NamedTuple
 
-from btcore.diagnostic_codes import UNKNOWN_NODE, DiagnosticCode
+from btcore.diagnostic_codes import DiagnosticCode, Kind
 from btcore.diagnostics import Diagnostic
 from btcore.errors import PortError, TreeError, UnknownNodeError, XmlSyntaxError
 
@@ -13,6 +13,12 @@ MAX_COMPARISONS: Final = 50_000
 
 MAX_PER_CODE: Final = 50_000
 """Maximum number of diagnostics that are collected with the same code."""
+
+_EXCEPTIONS: Final[dict[Kind, type[TreeError]]] = {
+    "document error": XmlSyntaxError,
+    "unknown node": UnknownNodeError,
+    "port error": PortError,
+}
 
 
 class Diagnostics(NamedTuple):
@@ -36,7 +42,9 @@ class Diagnostics(NamedTuple):
                 XmlSyntaxError, UnknownNodeError or PortError.
         """
         if self.errors:
-            raise make_tree_error(self.errors)
+            kinds = {error.code.kind for error in self.errors}
+            exception = _EXCEPTIONS.get(kinds.pop(), TreeError) if len(kinds) == 1 else TreeError
+            raise exception(sort_diagnostics(self.errors))
 
 
 class DiagnosticCollector:
@@ -84,19 +92,6 @@ class DiagnosticCollector:
     def diagnostics(self) -> Diagnostics:
         """All diagnostics so far."""
         return Diagnostics(tuple(self.errors), tuple(self.warnings), self._comparisons_left)
-
-
-def make_tree_error(errors: Sequence[Diagnostic]) -> TreeError:
-    """Return the exception of the class that fits all *errors*, which are sorted by file and position."""
-    ordered = sort_diagnostics(errors)
-    # E0… codes are about the document as XML, E2… codes about ports and scripts.
-    if all(error.code.startswith("E0") for error in ordered):
-        return XmlSyntaxError(ordered)
-    if all(error.code == UNKNOWN_NODE for error in ordered):
-        return UnknownNodeError(ordered)
-    if all(error.code.startswith("E2") for error in ordered):
-        return PortError(ordered)
-    return TreeError(ordered)
 
 
 def sort_diagnostics(diagnostics: Sequence[Diagnostic]) -> list[Diagnostic]:

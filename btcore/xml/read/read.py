@@ -13,13 +13,13 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from btcore.diagnostic_codes import (
+    DOCUMENT_TOO_LARGE,
     DOCUMENT_TYPE,
     EMPTY_DOCUMENT,
     IGNORED_PACKAGE,
     INCLUDE_FAILED,
     NOT_UTF8,
     NOT_XML,
-    TOO_LARGE,
     UNREADABLE_FILE,
     DiagnosticCode,
 )
@@ -58,12 +58,12 @@ class Document:
         text: The text as the user wrote it.
         file: Name of the file in messages, or "".
         knows_lines: Whether every element has its line number.
-        max_depth: Maximum depth of elements; None means the limit of the format.
+        max_depth: Maximum depth of elements below a `<BehaviorTree>`.
         confined_to: The folder that must contain all included files; None means that any file is allowed.
         unsaved: Texts that replace the content of included files, by their `real_path`.
     """
 
-    max_depth: int | None = None
+    max_depth: int = 256  # as in BehaviorTree.CPP
     unsaved: Mapping[Path, str] = MappingProxyType({})
 
     def __init__(
@@ -157,7 +157,7 @@ def parse_text(text: str, file: str = "", *, confined: bool = False) -> Document
     # Every element needs a "<" besides the "</" of its end tag, and every attribute a "=".
     if text.count("<") - text.count("</") > MAX_ELEMENTS or text.count("=") > MAX_ATTRIBUTES:
         message = f"the document has more than {MAX_ELEMENTS:,} elements or {MAX_ATTRIBUTES:,} attributes"
-        raise XmlSyntaxError([Diagnostic(TOO_LARGE, message, file)])
+        raise XmlSyntaxError([Diagnostic(DOCUMENT_TOO_LARGE, message, file)])
     if "!" in text and "<!DOCTYPE" in text:
         _refuse_document_type(text, file)
     zero = text.find("\0")
