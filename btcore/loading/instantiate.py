@@ -18,7 +18,6 @@ from btcore.diagnostic_codes import (
     MISSING_PORT,
     NODE_NOT_CREATED,
     SCRIPT_SYNTAX,
-    DiagnosticCode,
 )
 from btcore.diagnostics import Hint
 from btcore.engine.context import TreeContext
@@ -30,9 +29,9 @@ from btcore.registry.manifest import Manifest, Resources, takes_children
 from btcore.registry.registry import Registry, library_of
 from btcore.tree.tree import Subtree, Tree
 from btcore.values import parse_constant, type_of
-from btcore.xml.plan.plan import Plans, script_diagnostic
+from btcore.xml.plan.plan import Plans, report_script_error
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
+from btcore.xml.read.document import DiagnosticCollector
 
 
 def instantiate(
@@ -46,10 +45,10 @@ def instantiate(
 
     Args:
         plans: The plans.
-        resources: As in `LoadArguments`, like all following arguments.
-        blackboard: The blackboard of the main tree.
-        clock: The clock.
-        tick_limit: The limit of a tick (s).
+        resources: As in `LoadArguments`.
+        blackboard: As in `LoadArguments`.
+        clock: As in `LoadArguments`.
+        tick_limit: As in `LoadArguments`.
 
     Raises:
         TreeError: The plans have errors, or nodes could not be created. It holds all errors.
@@ -253,7 +252,9 @@ class NodeCreator:
         self, node_plan: NodePlan, port: Port, draft: SubtreeDraft, entry: Entry | None, error: BtcoreError
     ) -> None:
         if entry is None or entry.declared.same(port.type):
-            self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, draft, port.name)
+            self.collector.report(
+                draft.document, CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, port.name
+            )
             return
         own, declared = port.type.name, entry.declared.name
         if own == declared:
@@ -268,7 +269,9 @@ class NodeCreator:
             hint = (
                 f"{origin}; an output needs exactly this type, so declare the port as {entry.declared.name}"
             )
-        self._report(CONFLICTING_ENTRY_TYPES, message, node_plan, draft, port.name, hint)
+        self.collector.report(
+            draft.document, CONFLICTING_ENTRY_TYPES, message, node_plan.element, port.name, hint
+        )
 
     def create_node(
         self,
@@ -293,9 +296,11 @@ class NodeCreator:
             texts = node_plan.element.attributes.items()
             key = next((key for key, text in texts if text == error.text), None)
             if key is not None:
-                self.collector.add(script_diagnostic(draft.document, node_plan, key, error))
+                report_script_error(draft.document, node_plan, key, error, self.collector)
             else:
-                self._report(SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan, draft)
+                self.collector.report(
+                    draft.document, SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan.element
+                )
         except (NodeError, BlackboardError, ConversionError) as error:
             self._report_rejection(node_plan, draft, error)
         except BtcoreError:
@@ -305,12 +310,12 @@ class NodeCreator:
             hint = ""
             if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
                 hint = "call super().__init__() without arguments: a node has its name and config already"
-            self._report(LEAF_INIT_RAISED, message, node_plan, draft, hint=hint)
+            self.collector.report(draft.document, LEAF_INIT_RAISED, message, node_plan.element, hint=hint)
         return None
 
     def _report_rejection(self, node_plan: NodePlan, draft: SubtreeDraft, error: BtcoreError) -> None:
         if not isinstance(error, NodeError):
-            self._report(INCONVERTIBLE_TEXT, str(error), node_plan, draft)
+            self.collector.report(draft.document, INCONVERTIBLE_TEXT, str(error), node_plan.element)
             return
         set_names = {binding.name for binding in node_plan.bindings}
         ports = node_plan.manifest.ports.values() if node_plan.manifest is not None else ()
@@ -323,18 +328,7 @@ class NodeCreator:
             if port.role in LOAD_TIME_ROLES
         }
         hint = Hint("", (SetAttributes(values),) if values else ())
-        self._report(code, str(error), node_plan, draft, hint=hint)
-
-    def _report(
-        self,
-        code: DiagnosticCode,
-        message: str,
-        node_plan: NodePlan,
-        draft: SubtreeDraft,
-        attribute: str = "",
-        hint: str | Hint = "",
-    ) -> None:
-        self.collector.add(draft.document.diagnostic(code, message, node_plan.element, attribute, hint=hint))
+        self.collector.report(draft.document, code, str(error), node_plan.element, hint=hint)
 
     def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest | None:
         """Return the manifest after the registry's substitution rules, or None after an error."""
@@ -345,7 +339,7 @@ class NodeCreator:
         try:
             return self._registry.apply_substitutions(config, node_plan.manifest, children)
         except NodeError as error:
-            self._report(NODE_NOT_CREATED, str(error), node_plan, draft)
+            self.collector.report(draft.document, NODE_NOT_CREATED, str(error), node_plan.element)
             return None
 
     # --- SubTree elements
@@ -362,7 +356,9 @@ class NodeCreator:
         if config.path in self._paths:
             message = f"two SubTree nodes have the path '{config.path}'"
             hint = "give them different names, or remove the names"
-            self._report(DUPLICATE_SUBTREE_PATH, message, node_plan, draft, "name", hint)
+            self.collector.report(
+                draft.document, DUPLICATE_SUBTREE_PATH, message, node_plan.element, "name", hint
+            )
         self._paths.add(config.path)
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
@@ -380,7 +376,9 @@ class NodeCreator:
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
             except BlackboardError as error:
-                self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, draft, key)
+                self.collector.report(
+                    draft.document, CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, key
+                )
         inner.autoremap = call.autoremap
         return inner
 

@@ -17,8 +17,10 @@ from btcore.registry.manifest import Resources
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
-from btcore.xml.plan.plan import Plans, define_and_plan
-from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_text, read
+from btcore.xml.define import define
+from btcore.xml.plan.plan import Plans, plan
+from btcore.xml.read.document import Document, parse_file, parse_text
+from btcore.xml.read.read import PackageResolver, read
 
 __all__ = ["LoadArguments"]  # for the API reference, which has the functions on the page of `btcore`
 
@@ -233,7 +235,7 @@ def _plan_documents(documents: Sequence[Document], arguments: LoadArguments) -> 
     registry = _registry(arguments.get("nodes"))
     main, *others = documents
     sources = read(main, [*registry.documents, *others], arguments.get("packages"))
-    return define_and_plan(sources, registry, arguments.get("tree"), arguments.get("format"))
+    return plan(define(sources, arguments.get("tree"), arguments.get("format")), registry)
 
 
 def _create_tree(plans: Plans, arguments: LoadArguments) -> Tree:

@@ -23,7 +23,7 @@ from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manife
 from btcore.status import NodeType
 from btcore.suggestions import did_you_mean, similar_file, suggestion
 from btcore.values import TypeRegistry
-from btcore.xml.read.read import Document, parse_file, parse_text
+from btcore.xml.read.document import Document, parse_file, parse_text
 
 
 @cache

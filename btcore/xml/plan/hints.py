@@ -12,8 +12,8 @@ from btcore.registry.registry import Registry
 from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.values import BOOL, EnumType, ValueType
 from btcore.xml.define import Definitions
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
+from btcore.xml.read.document import DiagnosticCollector
 
 
 class UnknownNodeHints:
@@ -34,13 +34,13 @@ class UnknownNodeHints:
         }
 
     @cached_property
-    def names(self) -> Mapping[str, Manifest]:
-        """The nodes of the format, by ID."""
+    def manifests(self) -> Mapping[str, Manifest]:
+        """The registered nodes of the format, by ID."""
         return self._registry.manifests_of(self._format)
 
     def hint(self, name: str) -> Hint:
         """Return a hint for an unknown node; the first of the hints suggests to load a plugin."""
-        if not self._collector.take_comparisons(self.names):
+        if not self._collector.take_comparisons(self.manifests):
             return Hint()
         if name in self._trees:
             fix = CallTree(is_safe=True)
@@ -59,11 +59,11 @@ class UnknownNodeHints:
                 f"or {model} to work without the code"
             )
         declare = (DeclareNode(name),) if is_port_name(name) else ()
-        if not self.names:
+        if not self.manifests:
             hint = "the registry is empty: start with Registry.standard(), which has the built-in nodes"
             return Hint(hint, declare)
         # A registry without installed libraries is that of a program: the commands load them all.
-        is_program = not any(manifest.is_overridable for manifest in self.names.values())
+        is_program = not any(manifest.is_overridable for manifest in self.manifests.values())
         installed, unavailable = _installed_nodes() if is_program else (self._registry, [])
         provided = installed.get(name, self._format)
         if provided is not None:
@@ -73,7 +73,7 @@ class UnknownNodeHints:
             )
             return Hint(hint, declare)
         searched = "searched: " + ", ".join(self._distributions())
-        near = nearest_name(name, [*self.names, *EXPLICIT_TAGS])
+        near = nearest_name(name, [*self.manifests, *EXPLICIT_TAGS])
         hint = searched if near is None else f"{suggestion(f'<{near}>')}   {searched}"
         if not self._plugin_suggested:
             self._plugin_suggested = True
@@ -84,7 +84,7 @@ class UnknownNodeHints:
 
     def _distributions(self) -> list[str]:
         """Return the names of the Python distributions that provide the nodes, btcore first."""
-        names = {manifest.distribution for manifest in self.names.values()}
+        names = {manifest.distribution for manifest in self.manifests.values()}
         if "__main__" in names:
             names = (names - {"__main__"}) | {"your program"}
         return sorted(names, key=lambda name: (name != "btcore", name))
