@@ -21,6 +21,7 @@ PIP := -m pip --disable-pip-version-check
 # The packages that an editable install is built with. With `--no-build-isolation`, pip does not install them, mypy
 # and their dependencies a second time, into an environment of its own.
 BUILD_TOOLS := 'setuptools>=78.1.1' 'setuptools-scm>=8.1'
+COMPILER := 'mypy[mypyc]>=1.18' lxml-stubs types-setuptools
 # $(PROGRESS) TITLE COMMAND... shows that a command of minutes is running.
 PROGRESS := $(PYTHON) .ci/progress
 ENGINE := $(shell find btcore tools trees -name '*.py' -o -name '*.xml') pyproject.toml setup.py README.md LICENSE
@@ -107,20 +108,26 @@ setup-core: .venv/core
 		.venv/bin/python $(PIP) install --editable '.[dev-core]'
 	@touch $@
 
-.venv/ready: pyproject.toml setup.py
+# The project without its dependencies. pip builds it in folders of the checkout, one environment after the other.
+.venv/project: pyproject.toml setup.py
 	@test -n '$(PYTHON)' || { echo 'btcore needs Python 3.11 or newer; none is on the PATH.' \
 		'PYTHON=/path/to/python3 make … names one.' >&2; exit 1; }
 	@$(PYTHON) -m venv .venv
 	@.venv/bin/python $(PIP) install --quiet $(BUILD_TOOLS)
-	@$(PROGRESS) 'setting up .venv with $(PYTHON), everything included' \
-		.venv/bin/python $(PIP) install --no-build-isolation --editable '.[dev]'
+	@.venv/bin/python $(PIP) install --quiet --no-build-isolation --no-deps --editable .
 	@touch $@
 
-.venv-compiled/ready: $(ENGINE) .venv/ready
+.venv/ready: .venv/project
+	@$(PROGRESS) 'setting up .venv with $(PYTHON), everything included' \
+		.venv/bin/python $(PIP) install 'btcore[dev]'
+	@touch $@
+
+.venv-compiled/ready: $(ENGINE) .venv/project
 	@rm -rf build out/wheel
-	@BTCORE_COMPILED=1 $(PROGRESS) 'building the wheel of the compiled engine' \
-		.venv/bin/python $(PIP) wheel --verbose --no-build-isolation --no-deps --wheel-dir out/wheel .
 	@test -x .venv-compiled/bin/python || $(PYTHON) -m venv .venv-compiled
+	@.venv-compiled/bin/python $(PIP) install --quiet $(BUILD_TOOLS) $(COMPILER)
+	@BTCORE_COMPILED=1 $(PROGRESS) 'building the wheel of the compiled engine' \
+		.venv-compiled/bin/python $(PIP) wheel --verbose --no-build-isolation --no-deps --wheel-dir out/wheel .
 	@.venv-compiled/bin/python $(PIP) install --quiet --force-reinstall --no-deps out/wheel/btcore-*.whl
 	@$(PROGRESS) 'installing the compiled engine into .venv-compiled' \
 		.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[test]"
@@ -142,7 +149,7 @@ FOR_ROS2_TESTS_BUILT := TFMessage ExecuteTree GetTrees BehaviorTreeLog ParticleC
 	ClearEntireCostmap GetCostmap GetCosts IsPathValid LoadMap ManageLifecycleNodes SetInitialPose
 
 # An environment of its own, because ROS 2's wheels restart each Python that starts in their environment.
-.venv-ros/ready: pyproject.toml setup.py $(MESSAGES)
+.venv-ros/ready: pyproject.toml setup.py $(MESSAGES) | .venv/project
 	@$(PYTHON) -m venv .venv-ros
 	@.venv-ros/bin/python $(PIP) install --quiet $(BUILD_TOOLS)
 	@$(PROGRESS) 'setting up .venv-ros with ROS 2' \
@@ -184,13 +191,12 @@ demo: .venv/ready vulkan
 		echo '  the picture    out/bumpgo.png'; \
 	fi
 
-test: .venv/ready
+test:
 	@$(MAKE) -s -j 4 lint-and-pure other-tests
 
 check: .venv/ready
 	@.venv/bin/python tests/check.py $(if $(LIMIT),--limit $(LIMIT)) $(FILES)
 
-# One after the other: both write to the folders in which pip builds the project.
 environments:
 	@$(MAKE) -s .venv-compiled/ready
 	$(if $(ROS2),@$(MAKE) -s .venv-ros/ready)
