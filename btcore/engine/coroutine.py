@@ -82,8 +82,8 @@ class CoroutineAction(StatefulAction):
     spec: ClassVar[NodeSpec] = NodeSpec(state_fields=None)
 
     _body: Any = None
-    _sleep_end: int = 0
-    _future: Any = None
+    _sleep_end: int = 0  # the time (ns) until which the body sleeps; 0 = it does not
+    _future: Any = None  # the future of asyncio that the body awaits
 
     def create_body(self) -> Any:
         """Return a new generator or coroutine. Called at each start of the node."""

@@ -400,6 +400,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
         if result is stored and stored is not IDLE:
             status = stored
         else:
+            # The most frequent result is tested here, which saves a call.
             status = SUCCESS if result is SUCCESS else _as_status(node, result)
             # SKIPPED is returned to the parent but not stored, as in BehaviorTree.CPP.
             if status is not stored and status is not SKIPPED:

@@ -5,19 +5,19 @@ are created on first access, on any thread. The list is a series of records of t
 
     a transition         | time | config  | previous   | status |
     IDLE to SUCCESS      | time | config  |
-    a reset of nodes     | time | configs | previouses | IDLE   |
+    a reset of nodes     | time | configs | statuses   | IDLE   |
 
     time         the time (ns) of the tree's clock, an int
     config       the NodeConfig of the node
     previous     the previous Status
     status       the new Status
-    configs      a list with the configs of several nodes
-    previouses   a list with the previous Status of each of these nodes; IDLE = the node was not reset
+    configs      a list with the configs of the children of a node
+    statuses     a list with the previous Status of each child, or of the first; IDLE = it was not reset
 
 IDLE to SUCCESS is the most frequent transition. The third value distinguishes the forms: a Status, the time
 of the next record or nothing, or a list. For example, a Sequence (s) with the leaves a and b succeeds:
 
-    | 0 | s | IDLE | RUNNING | 3 | a | 5 | b | 7 | a | SUCCESS | IDLE | 7 | b | SUCCESS | IDLE | ...
+    | 0 | s | IDLE | RUNNING | 3 | a | 5 | b | 7 | [a, b] | [SUCCESS, SUCCESS] | IDLE | ...
 """
 
 from collections.abc import Callable, Iterator
@@ -81,9 +81,9 @@ class TransitionRecorder:
         self.notifies_at_once = False
         self._first = 1  # the number of the first recorded transition
         self._records: list[object] = []
-        # The number of recorded transitions, minus half the length of _records. The most frequent record
-        # leaves the difference unchanged.
-        self._surplus = 0
+        # The number of values in the list beyond two for each transition. From it follows the number of
+        # transitions: to count them would make ticks with an observer 2 % slower (`wide`, pure).
+        self._extra_values = 0
 
     def record_success(self, config: NodeConfig) -> None:
         """Record the transition from IDLE to SUCCESS of the node with *config*."""
@@ -104,23 +104,30 @@ class TransitionRecorder:
         records.append(config)
         records.append(previous)
         records.append(status)
-        self._surplus -= 1
+        self._extra_values += 2
         if self.notifies_at_once:
             self.notify_at_once(self._latest(stamp, config, previous, status))
 
-    def record_reset(self, configs: list[NodeConfig], before: list[Status], count: int) -> None:
-        """Record a reset of several nodes. Call it only if *notifies_at_once* is False.
+    def record_resets(self, configs: list[NodeConfig], before: list[Status], count: int) -> None:
+        """Record that children of a node were reset.
 
         Args:
-            before: The previous statuses of the nodes.
-            count: The number of nodes whose previous status was not IDLE.
+            configs: The configs of all children.
+            before: The previous statuses of the first children, or of all; IDLE = the child was not reset.
+            count: The number of children that were reset.
         """
+        stamp = self.now()
+        if self.notifies_at_once:
+            for config, previous in zip(configs, before, strict=False):
+                if previous is not IDLE:
+                    self.record_transition(stamp, config, previous, IDLE)
+            return
         records = self._records
-        records.append(self.now())
+        records.append(stamp)
         records.append(configs)
         records.append(before)
         records.append(IDLE)
-        self._surplus += count - 2
+        self._extra_values += 4 - 2 * count
 
     def notify_at_once(self, change: Transition) -> None:
         """Handle a transition when it is recorded. Subclasses override this method."""
@@ -132,15 +139,18 @@ class TransitionRecorder:
 
     def take_transitions(self) -> Transitions:
         """Return the transitions that were recorded since the last call."""
-        count = len(self._records) // 2 + self._surplus
+        count = self._count()
         changes = Transitions(self._first, self.tick, self._records, count)
         self._first += count
         self._records = []
-        self._surplus = 0
+        self._extra_values = 0
         return changes
 
+    def _count(self) -> int:
+        return (len(self._records) - self._extra_values) // 2
+
     def _latest(self, stamp: object, config: NodeConfig, previous: Status, status: Status) -> Transition:
-        number = self._first + len(self._records) // 2 + self._surplus - 1
+        number = self._first + self._count() - 1
         return _create_transition(number, stamp, self.tick, config, previous, status)
 
 

@@ -71,7 +71,7 @@ class IfThenElse(BranchNode):
 
     spec: ClassVar[NodeSpec] = NodeSpec(state_fields=("_branch",), never_pauses=True, formats=(3, 4))
 
-    _branch: int = 0
+    _branch: int = 0  # the index of the selected child; 0 = none
 
     def tick(self) -> Status:
         """Select a branch unless a branch is selected already, and tick it."""

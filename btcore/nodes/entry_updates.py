@@ -41,7 +41,7 @@ class EntryUpdatedDecorator(DecoratorNode):
     spec: ClassVar[NodeSpec] = NodeSpec(state_fields=("_seen", "_child_running"))
     status_if_unchanged: ClassVar[Status] = SKIPPED
     _key: str = ""
-    _seen: int = 0
+    _seen: int = 0  # the number of writes at the last check
     _child_running: bool = False  # whether the last tick of the child returned RUNNING
 
     @staticmethod
@@ -114,7 +114,7 @@ class WasEntryUpdated(SyncAction):
     )
 
     _key: str = ""
-    _seen: int = 0
+    _seen: int = 0  # the number of writes at the last check
 
     @staticmethod
     def provided_ports() -> list[Port]:

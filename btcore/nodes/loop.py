@@ -7,7 +7,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Direction, Input, Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
-from btcore.engine.node import execute_tick
+from btcore.engine.node import execute_tick, reset_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import BlackboardError, NodeError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
@@ -51,8 +51,8 @@ class LoopNode(DecoratorNode):
     element_type: ClassVar[ValueType] = ANY
     _element_type: ValueType = ANY
     _queue: Input | None = None
-    _literal_elements: "list[object] | None" = None
-    _remaining: "deque[object] | None" = None
+    _literal_elements: "list[object] | None" = None  # None = the queue is an entry
+    _remaining: "deque[object] | None" = None  # None = not read since the start
     _child_running: bool = False  # whether the last tick of the child returned RUNNING
 
     @classmethod
@@ -113,7 +113,7 @@ class LoopNode(DecoratorNode):
         # After a skipped child, too, the next tick takes the next element.
         self._child_running = status is RUNNING
         if status is SUCCESS or status is FAILURE:
-            self.reset_child()
+            reset_status(self.child)
         return FAILURE if status is FAILURE else RUNNING
 
     def _fetch_queue(self) -> None:

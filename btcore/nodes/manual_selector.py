@@ -54,7 +54,7 @@ class ManualSelector(ControlNode):
 
     spec: ClassVar[NodeSpec] = NodeSpec(state_fields=("_last_choice",), formats=(3,))
 
-    _last_choice: int = -1
+    _last_choice: int = -1  # the index of a child, or of a result after them; -1 = none
     _prompt: Prompt
 
     def __init__(self, prompt: Prompt | None = None) -> None:

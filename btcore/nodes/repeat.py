@@ -7,7 +7,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import DecoratorNode
-from btcore.engine.node import execute_tick, input_or
+from btcore.engine.node import execute_tick, input_or, reset_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import FAILURE, IDLE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
@@ -72,7 +72,7 @@ class RepeatedNode(DecoratorNode):
             if status is repeat_on:
                 self._count += 1
                 limit = self.limit_after(limit)
-                self.reset_child()
+                reset_status(self.child)
                 has_more = self._count < limit or limit == -1
                 if was_idle and has_more and (self.is_async or self._must_end_tick()):
                     self.wake_up()
@@ -85,7 +85,7 @@ class RepeatedNode(DecoratorNode):
                 raise NodeError("the child returned IDLE")
             else:
                 self._count = 0
-                self.reset_child()
+                reset_status(self.child)
                 return status
         self._count = 0
         return repeat_on

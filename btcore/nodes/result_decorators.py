@@ -124,7 +124,7 @@ class RunOnce(DecoratorNode):
 
     spec: ClassVar[NodeSpec] = NodeSpec(state_fields=("_result",), never_pauses=True, formats=(4,))
 
-    _result: Status = IDLE
+    _result: Status = IDLE  # the first result; IDLE = none yet
 
     @classmethod
     def possible_results(

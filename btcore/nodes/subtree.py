@@ -6,7 +6,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
-from btcore.engine.node import execute_tick
+from btcore.engine.node import execute_tick, reset_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeType, Status
 from btcore.values import BOOL
@@ -38,5 +38,5 @@ class SubTree(DecoratorNode):
             self.set_status(RUNNING)
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
-            self.reset_child()
+            reset_status(self.child)
         return status

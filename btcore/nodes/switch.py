@@ -53,7 +53,7 @@ class SwitchNode(ControlNode):
         child_roles="one for each case, and a default",
     )
 
-    _running_index: int = -1
+    _running_index: int = -1  # of the child that is RUNNING; -1 = none
     _variable: Input | None = None
     _cases: list[Input | None]
 

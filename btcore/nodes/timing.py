@@ -9,7 +9,7 @@ from btcore.blackboard.ports import Port, PortRole
 from btcore.clock import NS_PER_MS
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import StatefulAction
-from btcore.engine.node import execute_tick, read_clock
+from btcore.engine.node import execute_tick, read_clock, reset_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import UINT
@@ -27,7 +27,7 @@ class Timeout(DecoratorNode):
         symbol="◷", state_fields=("_deadline",), time_fields=("_deadline",), formats=(3, 4)
     )
 
-    _deadline: int = -1
+    _deadline: int = -1  # ns; -1 = not started, 0 = no limit, or it has passed
 
     @classmethod
     def possible_results(
@@ -62,7 +62,7 @@ class Timeout(DecoratorNode):
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             self._stop()
-            self.reset_child()
+            reset_status(self.child)
         return status
 
     def _stop(self) -> None:
@@ -88,7 +88,7 @@ class Delay(DecoratorNode):
         symbol="◷", state_fields=("_deadline",), time_fields=("_deadline",), formats=(3, 4)
     )
 
-    _deadline: int = -1
+    _deadline: int = -1  # ns; -1 = not started
 
     @classmethod
     def possible_results(

@@ -38,7 +38,7 @@ class TryCatch(ControlNode):
 
     _current_child_index: int = 0
     _skipped_count: int = 0
-    _catching: bool = False
+    _catching: bool = False  # whether a child failed, so that the handler is ticked
 
     @staticmethod
     def provided_ports() -> list[Port]:

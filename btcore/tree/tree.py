@@ -142,7 +142,7 @@ class Tree:
             NodeExecutionError: A node raised, or the tick exceeded `tick_limit`. The tree has been
                 halted.
         """
-        return self._tick(repeat=False)
+        return _tick(self, repeat=False)
 
     def tick_once(self) -> Status:
         """Tick the root, and again while it is RUNNING and a wake-up is pending. Return its result.
@@ -152,7 +152,7 @@ class Tree:
             NodeExecutionError: A node raised, or the tick exceeded `tick_limit`. The tree has been
                 halted.
         """
-        return self._tick(repeat=True)
+        return _tick(self, repeat=True)
 
     def tick_while_running(self, period: float = 0.01) -> Status:
         """Tick until the root is no longer RUNNING, and wait between the ticks. Return its result.
@@ -230,52 +230,6 @@ class Tree:
             wait.close()
             if self._hooks is not None:
                 self._hooks.close_tick_thread()
-
-    def _tick(self, repeat: bool) -> Status:
-        """Tick the root, and if *repeat*, again while it is RUNNING and a wake-up is pending."""
-        if self._in_tick:
-            raise BtcoreError(
-                f"tree '{self.id}' is being ticked already: neither a second thread nor a leaf of the tree "
-                "can tick it during a tick; to request another tick, call wake()"
-            )
-        context = self.context
-        root = self.root
-        limit = self.tick_limit
-        if limit is not None:
-            context.set_tick_limit(limit)
-        try:
-            self._in_tick = True
-            while True:
-                self.ticks += 1
-                if context.uses_time:
-                    context.tick_start = context.clock.now()
-                observers = context.observers
-                if observers is not None:
-                    context.stopped_ns = 0
-                    observers.begin_tick(self.ticks)
-                status = execute_tick(root)
-                if status is SUCCESS or status is FAILURE:
-                    reset_status(root)
-                if observers is not None:
-                    observers.end_tick(status, context.stopped_ns)
-                if status is not RUNNING or not repeat or not context.consume_wake_up():
-                    break
-                if context.must_end_tick():
-                    break
-            if limit is not None and context.has_timed_out:
-                raise self._timeout_error()
-        except NodeExecutionError as error:
-            self.status = IDLE
-            self._notify_error(error)
-            error.later_errors += self._halt_everything()
-            raise
-        finally:
-            self._in_tick = False
-            context.tick_start = -1
-            if limit is not None:
-                context.clear_tick_limit()
-        self.status = status
-        return status
 
     def _timeout_error(self) -> NodeExecutionError:
         node = self._repeating_node()
@@ -496,3 +450,53 @@ class Tree:
     def __repr__(self) -> str:
         count = len(self.nodes)
         return f"<Tree '{self.id}' of {count} node{'' if count == 1 else 's'}, {self.status.name}>"
+
+
+def _tick(tree: Tree, repeat: bool) -> Status:
+    """Tick the root of *tree*, and if *repeat*, again while it is RUNNING and a wake-up is pending.
+
+    A function, because a call of a method of `Tree` takes longer (compiled).
+    """
+    if tree._in_tick:
+        raise BtcoreError(
+            f"tree '{tree.id}' is being ticked already: neither a second thread nor a leaf of the tree "
+            "can tick it during a tick; to request another tick, call wake()"
+        )
+    context = tree.context
+    root = tree.root
+    limit = tree.tick_limit
+    if limit is not None:
+        context.set_tick_limit(limit)
+    try:
+        tree._in_tick = True
+        while True:
+            tree.ticks += 1
+            if context.uses_time:
+                context.tick_start = context.clock.now()
+            observers = context.observers
+            if observers is not None:
+                context.stopped_ns = 0
+                observers.begin_tick(tree.ticks)
+            status = execute_tick(root)
+            if status is SUCCESS or status is FAILURE:
+                reset_status(root)
+            if observers is not None:
+                observers.end_tick(status, context.stopped_ns)
+            if status is not RUNNING or not repeat or not context.consume_wake_up():
+                break
+            if context.must_end_tick():
+                break
+        if limit is not None and context.has_timed_out:
+            raise tree._timeout_error()
+    except NodeExecutionError as error:
+        tree.status = IDLE
+        tree._notify_error(error)
+        error.later_errors += tree._halt_everything()
+        raise
+    finally:
+        tree._in_tick = False
+        context.tick_start = -1
+        if limit is not None:
+            context.clear_tick_limit()
+    tree.status = status
+    return status

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 import btcore
 from btcore import NodeExecutionError, Observer, SimClock, Status, Transition, Transitions, Tree, TreeNode
-from btcore.engine.control import MIN_CHILDREN_FOR_BATCH_RESET
 from btcore.testing import MockAction, MockLeafError, xml_documents
 from btcore.testing.strategies import outcome_texts
 from btcore.testing.tree_generator import SCRIPT_KEYS
@@ -175,9 +174,7 @@ BROAD = st.builds(
             'ParallelAll max_failures="4"',
         ]
     ),
-    st.lists(
-        outcome_texts(), min_size=MIN_CHILDREN_FOR_BATCH_RESET, max_size=2 * MIN_CHILDREN_FOR_BATCH_RESET
-    ),
+    st.lists(outcome_texts(), min_size=2, max_size=12),
 )
 
 
