@@ -241,7 +241,7 @@ accept-robot: .venv/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/patrolling.py $(PATROLS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/failures.py $(FAILURES) --jobs $(CORES)
-	@.venv/bin/python tests/acceptance/worlds.py $(WORLDS) --jobs $(CORES)
+	@$(if $(WORLDS),.venv/bin/python tests/acceptance/worlds.py $(WORLDS) --jobs $(CORES))
 	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
 
 accept-engine: .venv/ready .venv-compiled/ready

@@ -15,8 +15,9 @@ import click
 from rich.text import Text
 
 from btcore.cli import terminal
+from btcore.cli.command_run import CommandRun, given_settings
 from btcore.cli.node_libraries import load_libraries
-from btcore.cli.provider_command import CommandRun, ProviderCommand, command_providers
+from btcore.cli.provider_command import ProviderCommand, command_providers
 from btcore.cli.run_report import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
 from btcore.registry.registry import Registry
@@ -26,6 +27,7 @@ __all__ = [
     "CommandRun",
     "ProviderCommand",
     "TreelessProgram",
+    "given_settings",
     "load_nodes",
     "print_json",
     "print_result",

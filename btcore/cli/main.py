@@ -17,7 +17,6 @@ import click
 
 import btcore
 from btcore import builds, entry_points
-from btcore.cli.terminal_encoding import make_encodable
 from btcore.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -113,7 +112,11 @@ class CommandLine(click.Group):
         """Run the command in *args*. In standalone mode exit with the command's `ExitCode`."""
         if not standalone_mode:
             return super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
-        make_encodable()
+        encodings = {getattr(stream, "encoding", None) or "utf-8" for stream in (sys.stdout, sys.stderr)}
+        if not all(encoding.lower().startswith("utf") for encoding in encodings):  # few terminals
+            from btcore.cli.terminal_encoding import make_encodable
+
+            make_encodable()
         try:
             code = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
             sys.stdout.flush()

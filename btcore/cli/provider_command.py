@@ -1,25 +1,19 @@
-"""Commands with the options of providers, and the runs of these commands."""
+"""Commands with the options of providers, also of those in the plugins of the command line."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Final, NamedTuple, Unpack
+from typing import Final, NamedTuple
 
 import click
-from click.core import ParameterSource
 
 from btcore import entry_points
-from btcore.cli import terminal
-from btcore.errors import ProviderError, SettingsError
+from btcore.errors import ProviderError
 from btcore.field_options import FieldOption, create_options
-from btcore.loading.load import LoadArguments
-from btcore.options import Options, from_values, required_option_names
+from btcore.options import Options
 from btcore.registry.registry import Plugin, import_plugin
 from btcore.runs.available_providers import AvailableProviders, providers_in
 from btcore.runs.providers import Provider
-from btcore.runs.run import Run, TreelessProgram
-from btcore.runs.settings import GivenSettings, RunSettings, Settings
-from btcore.suggestions import join_names
-from btcore.xml.plan.plan import Plans
+from btcore.runs.settings import RunSettings, Settings
 
 _META_KEY: Final = "btcore.cli.provider_command"
 
@@ -183,95 +177,3 @@ def explain_missing_options(ctx: click.Context) -> Iterator[None]:
         raise click.UsageError(
             f"{text}. The option may belong to a provider that cannot be loaded: {packages}", ctx
         ) from error
-
-
-class CommandRun(Run):
-    """A run of a command of class `ProviderCommand`.
-
-    Options that no provider uses are printed, and what the providers raise when they are closed.
-
-    Args:
-        ctx: The context of the command.
-        source: The tree or the program.
-        prepare: As in `Run`.
-        settings: Settings in place of those of the command line.
-        provided: As in `Run`.
-        used: Classes of settings that the command uses itself.
-        option_defaults: Values of options that were not given, by the names of their parameters.
-        arguments: As in `Run`.
-    """
-
-    def __init__(
-        self,
-        ctx: click.Context,
-        source: Plans | TreelessProgram,
-        prepare: Callable[[Any], None] | None = None,
-        *,
-        settings: Sequence[Settings] = (),
-        provided: Sequence[object] = (),
-        used: Iterable[type[Settings]] = (),
-        option_defaults: Mapping[str, Any] | None = None,
-        **arguments: Unpack[LoadArguments],
-    ) -> None:
-        super().__init__(
-            source,
-            settings=GivenSettings([*_settings_of(ctx, option_defaults or {}), *settings]),
-            provided=provided,
-            providers=command_providers(ctx).available,
-            prepare=prepare,
-            **arguments,
-        )
-        self.report.print_warning = terminal.print_warning
-        self._ctx = ctx
-        self._used = frozenset(used)
-
-    def warn_unused(self, unused: type[Settings], reason: str) -> None:
-        """Print a warning for the given options of *unused*, unless the command uses them itself."""
-        if unused in self._used:
-            return
-        names = [option.opts[0] for option in _given_options(self._ctx) if option.struct is unused]
-        have = "has" if len(names) == 1 else "have"
-        terminal.print_warning(f"{join_names(names)} {have} no effect: {reason}")
-
-    def handle_closing_errors(self, error: BaseException | None) -> None:
-        """Print the errors, which also determine the exit code."""
-        for closing_error in self.closing_errors:
-            terminal.print_error(str(closing_error))
-
-
-def _given_options(ctx: click.Context) -> list[FieldOption]:
-    """Return the options of settings that were given."""
-    not_given = (None, ParameterSource.DEFAULT)
-    return [
-        option
-        for option in ctx.command.get_params(ctx)
-        if isinstance(option, FieldOption)
-        and issubclass(option.struct, Settings)
-        and ctx.get_parameter_source(option.name or "") not in not_given
-    ]
-
-
-def _settings_of(ctx: click.Context, defaults: Mapping[str, Any]) -> list[Settings]:
-    """Return the settings of which an option was given, or has a value in *defaults*.
-
-    Settings that lack a required option are left out, with a warning.
-    """
-    options = _given_options(ctx)
-    values = {**defaults, **{option.name or "": ctx.params[option.name or ""] for option in options}}
-    if defaults:
-        providers = command_providers(ctx).available.all()
-        structs = [struct for provider in providers for struct in provider.settings]
-        options += [item for struct in structs for item in create_options(struct) if item.name in defaults]
-    given: list[Settings] = []
-    for struct in dict.fromkeys(option.struct for option in options):
-        try:
-            settings = from_values(struct, values)
-        except SettingsError as error:
-            raise click.UsageError(str(error)) from error
-        if isinstance(settings, Settings):
-            given.append(settings)
-        else:
-            needed = join_names(required_option_names(struct))
-            names = join_names([option.opts[0] for option in options if option.struct is struct])
-            terminal.print_warning(f"{names}: no effect without {needed}")
-    return given

@@ -1,8 +1,8 @@
 """Reloading the tree of `btcore run --watch` whenever its file is saved."""
 
 from btcore.cli import terminal
+from btcore.cli.command_run import CommandRun
 from btcore.cli.progress import Progress
-from btcore.cli.provider_command import CommandRun
 from btcore.cli.run_report import print_leaf_error
 from btcore.cli.tree_source import TreeSource
 from btcore.errors import BtcoreError, NodeExecutionError
@@ -16,7 +16,7 @@ class Reloads:
 
     Args:
         tree_source: The file of the tree.
-        files: Detects that the file, or one that it includes, was saved.
+        file_watcher: Detects saves of the file, and of files that it includes.
         progress: The status line of the run.
 
     Attributes:
@@ -24,12 +24,12 @@ class Reloads:
     """
 
     def __init__(
-        self, run: CommandRun, tree_source: TreeSource, files: FileWatcher, progress: Progress
+        self, run: CommandRun, tree_source: TreeSource, file_watcher: FileWatcher, progress: Progress
     ) -> None:
         self.printed_error: NodeExecutionError | None = None
         self._run = run
         self._tree_source = tree_source
-        self._files = files
+        self._file_watcher = file_watcher
         self._progress = progress
         self._count = 0
 
@@ -43,7 +43,7 @@ class Reloads:
 
     def reload(self) -> bool:
         """Replace the tree by that in its file, if the file was saved and has no errors; return whether."""
-        if not self._files.take_save():
+        if not self._file_watcher.take_save():
             return False
         run, tree = self._run, self._run.tree
         try:

@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from btcore.cli import terminal
+from btcore.cli.command_run import CommandRun
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.progress import Progress, log_to_console
-from btcore.cli.provider_command import CommandRun, command_providers
+from btcore.cli.provider_command import command_providers
 from btcore.cli.run_report import RunSummary, print_leaf_error
 from btcore.cli.tree_changes import TreeChanges
 from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, find_source
 from btcore.errors import NodeExecutionError
 from btcore.options import option
 from btcore.runs.run import Run
+from btcore.runs.settings import GivenSettings
 from btcore.runs.tick_loop import Until
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
@@ -88,7 +90,7 @@ class RunSession:
     Args:
         tree_source: The file of the tree.
         until: The result that ends the run.
-        files: Detects that the tree's file, or one that it includes, was saved; None without `--watch`.
+        file_watcher: Detects saves of the tree's file, and of files that it includes; None without `--watch`.
 
     Attributes:
         run: The run.
@@ -102,16 +104,16 @@ class RunSession:
         tree_source: TreeSource,
         plans: Plans,
         until: Until,
-        files: "FileWatcher | None",
+        file_watcher: "FileWatcher | None",
     ) -> None:
         self.run = run
         self.plans = plans
         self.summary = RunSummary(tree_source.name, run)
         self._tree_source = tree_source
         self._until: Until = until
-        self._files = files
+        self._file_watcher = file_watcher
         self._reloads: Reloads | None = None
-        if files is not None:
+        if file_watcher is not None:
             run.report["reloads"] = 0  # the first entry of the report
 
     def run_to_end(self, on_tree: Callable[[Tree], object] = lambda tree: None) -> None:
@@ -125,10 +127,10 @@ class RunSession:
             on_tree(run.tree)
             with closing(Progress(console, run.tree, self.summary.name, settings.duration)) as progress:
                 reload = on_end = None
-                if self._files is not None:
+                if self._file_watcher is not None:
                     from btcore.cli.reloads import Reloads  # most runs do not need it
 
-                    self._reloads = Reloads(run, self._tree_source, self._files, progress)
+                    self._reloads = Reloads(run, self._tree_source, self._file_watcher, progress)
                     reload, on_end = self._reloads.reload, self._reloads.show_end
                 with suppress(NodeExecutionError):  # it is printed after the summary
                     run.tick_to_end(self._until, on_tick=progress.on_tick, reload=reload, on_end=on_end)
@@ -152,13 +154,19 @@ class RunSession:
 
 
 def create_session(
-    ctx: click.Context, tree_name: str, options: RunOptions, installed: NodeLibraries | None = None
+    ctx: click.Context,
+    tree_name: str,
+    options: RunOptions,
+    settings: GivenSettings,
+    installed: NodeLibraries | None = None,
 ) -> RunSession:
     """Return the session of a tree, before its providers are opened.
 
     Args:
-        ctx: The context of the command, with the settings of providers.
+        ctx: The context of the command, with its providers and plugins.
         tree_name: The tree, as the user named it.
+        options: The options of the command itself.
+        settings: The settings of the run and of providers.
         installed: The installed nodes, for a process that loads them once for many runs. They are not
             changed.
     """
@@ -180,9 +188,11 @@ def create_session(
     def prepare(run: Run) -> None:
         run.tree.start_tick_counts()  # before the first tick: the report contains the counts
         terminal.print_diagnostics(plans.diagnostics.warnings)
-        changes.prepare(run.tree, plans)
+        changes.apply_to(run.tree, plans)
 
-    command_run = CommandRun(ctx, plans, prepare, provided=changes.provided, tick_limit=options.tick_limit)
+    command_run = CommandRun(
+        ctx, plans, prepare, settings=settings, provided=changes.provided, tick_limit=options.tick_limit
+    )
     return RunSession(command_run, tree_source, plans, options.until, file_watcher)
 
 

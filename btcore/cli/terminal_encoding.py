@@ -42,10 +42,6 @@ def make_encodable() -> None:
 
     Characters that the encoding lacks are replaced by similar characters, or else by escapes as in JSON.
     """
-    # Most terminals have UTF-8, which has all characters.
-    encodings = {getattr(stream, "encoding", None) or "utf-8" for stream in (sys.stdout, sys.stderr)}
-    if all(encoding.lower().startswith("utf") for encoding in encodings):
-        return
     codecs.register_error(_REPLACE, _replace)
     codecs.register(lambda name: _ASCII if name == _ASCII.name else None)
     for stream in (sys.stdout, sys.stderr):

@@ -59,7 +59,7 @@ class TreeChanges:
         except ValueError as error:
             raise click.UsageError(f"--outcomes: {error}. Mock leaves are leaves from a --model.") from error
 
-    def prepare(self, tree: Tree, plans: Plans) -> None:
+    def apply_to(self, tree: Tree, plans: Plans) -> None:
         """Write the entries to the blackboard of *tree*, and warn if substitution rules match no node.
 
         A key that no port or script uses is written too, with a warning.

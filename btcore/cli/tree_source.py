@@ -116,7 +116,7 @@ class TreeSource:
         path: The XML file, or `STDIN`.
         options: The options that select the tree.
         libraries: The available nodes; by default those that *options* name, as far as the tree needs them.
-        substitute: Returns the nodes to use instead of the available nodes; None = use these.
+        adapt_registry: Returns the nodes for the tree, made of the available nodes; None: these.
     """
 
     def __init__(
@@ -124,14 +124,14 @@ class TreeSource:
         path: Path,
         options: TreeOptions,
         libraries: NodeLibraries | None = None,
-        substitute: Callable[[Registry], Registry] | None = None,
+        adapt_registry: Callable[[Registry], Registry] | None = None,
     ) -> None:
         self.path = path
         self.options = options
         self.libraries = libraries or load_libraries(
             options.plugins, options.models, options.confined, own_packages=False
         )
-        self.substitute = substitute
+        self.adapt_registry = adapt_registry
 
     @property
     def name(self) -> str:
@@ -144,8 +144,8 @@ class TreeSource:
         try:
             document = parse_source(self.path, self.options.confined)
             sources, nodes = self.libraries.read(document)
-            if self.substitute is not None:
-                nodes = self.substitute(nodes)
+            if self.adapt_registry is not None:
+                nodes = self.adapt_registry(nodes)
             plans = plan(define(sources, self.options.tree, self.options.format), nodes)
             plans.diagnostics.raise_errors()
         except TreeError as error:

@@ -52,8 +52,8 @@ class AvailableProviders:
         self._load(point for point, provided in self._points.items() if provided == name)
         return [provider for provider in self._known() if name in provider.type_names]
 
-    def of_nothing(self, given: Set[type[Settings]]) -> list[Provider]:
-        """Return the providers that provide no type, such as a publisher, and take settings of *given*."""
+    def with_side_effects(self, given: Set[type[Settings]]) -> list[Provider]:
+        """Return the side-effect providers, such as a publisher, that take settings of *given*."""
         for provider in self.of_user:
             if not provider.types and not provider.settings:
                 raise ProviderError(
@@ -62,8 +62,8 @@ class AvailableProviders:
                 )
         if not given <= {settings for provider in self._known() for settings in provider.settings}:
             self._load(point for point, provided in self._points.items() if not provided)
-        of_nothing = [provider for provider in self._known() if not provider.types]
-        return [provider for provider in of_nothing if provider.settings.keys() & given]
+        side_effects = [provider for provider in self._known() if not provider.types]
+        return [provider for provider in side_effects if provider.settings.keys() & given]
 
     def all(self) -> list[Provider]:
         """Return all providers, the user's first."""

@@ -1,8 +1,9 @@
 """Choosing the providers of a run: which are used, and in which order they are opened.
 
 A provider of a type is used if a leaf or a used provider needs the type, and no object of the program has it.
-A provider of nothing is used if one of its settings was given. If several provide a type, the
-first of these differences decides:
+A side-effect provider is used if one of its settings was given. The needed types are assigned one after the
+other. The candidates for a type are its providers whose required options were given, and whose own needs can
+be provided. Of several candidates, the first of these criteria decides:
 
 1. A required option of the provider was given.
 2. The provider is used for another type anyway.
@@ -12,17 +13,17 @@ first of these differences decides:
 6. The provider takes all settings that its equals require: with `--bag FILE --description FILE`, the provider
    that takes both options, not the provider that takes only the bag.
 
-A provider that lost a type is not used for any other type, and neither is a provider that needs what only a
-loser provides: the map of a simulated world does not fit another robot. Therefore the choice begins anew
-whenever a provider has lost. Types with a single candidate are assigned first.
+The other candidates are rejected. They are used for no other type either, and neither is a provider that
+needs what only they provide: the map of a simulated world does not fit another robot. Since they, or such a
+provider, may be used already, the choice begins anew without them.
 
 For example, the leaves of `btcore run patrolling --ros2 tiago --map house.yaml` need a `Robot`, `Waypoints`
 and a `PoseNavigator`:
 
 1. `simulator` and `ros_robot` provide a `Robot`. The required option of `ros_robot`, `--ros2`, was given, so
-   that `simulator` loses, and the choice begins anew.
+   that `simulator` is rejected, and the choice begins anew.
 2. `navigator` provides the `PoseNavigator`, and needs a `Navigation`, which needs an `OccupancyMap`. It is
-   that of `map_file`: `world_map` needs the world of `simulator`, which has lost.
+   that of `map_file`: `world_map` needs the world of `simulator`, which is rejected.
 3. The order is: `ros_session`, which `ros_robot` needs, `ros_robot`, `waypoints`, `map_file`, `navigation`,
    `navigator`.
 """
@@ -45,25 +46,26 @@ class Choice(NamedTuple):
     """The used providers.
 
     Attributes:
-        order: The providers, each after those that it needs. Those that follow the tree are opened later.
+        order: The providers, each after those that it needs. Those that need the tree are opened later.
         providers: The provider of each needed type, by the full name of the type.
         objects: The objects of the program for the other types, by the full name of the type.
         problems: Why nothing is provided for a type, by its full name.
-        losers: The providers that have lost a type, with the reason.
+        rejected: The providers that are not used because another provider, or the program, provides one of
+            their types, with the reason.
     """
 
     order: Sequence[Provider] = ()
     providers: Mapping[str, Provider] = {}
     objects: Mapping[str, object] = {}
     problems: Mapping[str, str] = {}
-    losers: Mapping[Provider, str] = {}
+    rejected: Mapping[Provider, str] = {}
 
-    def follows_tree(self, provider: Provider) -> bool:
+    def opens_after_tree(self, provider: Provider) -> bool:
         """Return whether a used provider needs the tree, or what such a provider provides.
 
         It is opened when the tree was created, so that leaves cannot get what it provides.
         """
-        return provider.needs_tree or any(map(self.follows_tree, self.providers_for(provider)))
+        return provider.needs_tree or any(map(self.opens_after_tree, self.providers_for(provider)))
 
     def providers_for(self, provider: Provider) -> list[Provider]:
         """Return the used providers of the objects that *provider* needs."""
@@ -92,23 +94,26 @@ def choose(
             preferred for the types that are needed.
 
     Raises:
-        ProviderError: Two providers are equally good, or need each other, or a provider of nothing needs what
-            nothing provides.
+        ProviderError: Two providers are equally good, or need each other, or a side-effect provider needs
+            what nothing provides.
     """
     requests = [*(_Request(type, False) for type in needed), *(_Request(type, True) for type in optional)]
-    of_nothing = available.of_nothing(settings.keys() - {RunSettings})
-    starters = [provider for provider in of_nothing if settings.keys() >= set(provider.required_settings)]
-    losers: dict[Provider, str] = {}
+    side_effects = [
+        provider
+        for provider in available.with_side_effects(settings.keys() - {RunSettings})
+        if settings.keys() >= set(provider.required_settings)
+    ]
+    rejected: dict[Provider, str] = {}
     while True:
-        attempt = _Attempt(available, settings, provided, losers)
-        new_losers = attempt.assign(requests, starters)
-        if not new_losers:
+        attempt = _Attempt(available, _Candidates(available, settings, provided, rejected))
+        newly_rejected = attempt.assign(requests, side_effects)
+        if not newly_rejected:
             return attempt.result()
-        losers |= new_losers
+        rejected |= newly_rejected
 
 
 class _Request(NamedTuple):
-    """A needed type, and the providers that lead to it from a leaf or from a provider of nothing."""
+    """A needed type, and the providers that lead to it from a leaf or from a side-effect provider."""
 
     type: Any
     is_optional: bool
@@ -122,97 +127,17 @@ class _Request(NamedTuple):
         return f"{_join(self.chain) or 'a leaf'} needs {_with_article(self.type)}"
 
 
-class _Attempt:
-    """An attempt to assign a provider to each needed type. It ends when a further provider loses.
+class _Candidates(NamedTuple):
+    """What can be provided in a run, unless it is rejected."""
 
-    Args:
-        available: The available providers.
-        settings: The settings of the run.
-        provided: The objects of the program.
-        losers: The providers that have lost in earlier attempts, with the reason.
-    """
+    available: AvailableProviders
+    settings: GivenSettings
+    provided: Sequence[object]
+    rejected: Mapping[Provider, str]
 
-    def __init__(
-        self,
-        available: AvailableProviders,
-        settings: GivenSettings,
-        provided: Sequence[object],
-        losers: Mapping[Provider, str],
-    ) -> None:
-        self._available = available
-        self._settings = settings
-        self._provided = provided
-        self._losers = losers
-        self._pending: list[_Request] = []
-        self._used: dict[Provider, None] = {}
-        self._providers: dict[str, Provider] = {}
-        self._objects: dict[str, object] = {}
-        self._problems: dict[str, str] = {}
-
-    def assign(self, requests: Sequence[_Request], starters: Sequence[Provider]) -> dict[Provider, str]:
-        """Assign a provider to each needed type, until providers lose a type.
-
-        Args:
-            requests: What the leaves and the program need.
-            starters: The providers of nothing of which a setting was given.
-
-        Returns:
-            The providers that have lost, with the reason; none if each needed type is assigned.
-        """
-        self._pending = list(requests)
-        for provider in starters:
-            self._use(provider, ())
-        while self._pending:
-            # Needed types come before optional ones. Types with a single candidate come first: it is then
-            # preferred for the other types.
-            needed = [request for request in self._pending if not request.is_optional] or self._pending
-            single = (request for request in needed if len(self._candidates(request)) <= 1)
-            request = next(single, needed[0])
-            self._pending.remove(request)
-            is_assigned = request.type_name in self._providers or request.type_name in self._objects
-            losers = {} if is_assigned else self._assign_type(request)
-            if losers:
-                return losers
-        return {}
-
-    def _assign_type(self, request: _Request) -> dict[Provider, str]:
-        """Assign a provider or an object of the program; return the providers that lose the type."""
-        name = request.type_name
-        own = self._find_object(request.type)
-        if own is not None:
-            self._objects[name] = own
-            losers = [other for other in self._available.of_type(name) if other not in self._losers]
-            return dict.fromkeys(losers, f"the program provides the {_title(request.type)}")
-        candidates = self._candidates(request)
-        if not candidates:
-            self._problems[name] = self._explain(request)
-            if request.chain and not request.is_optional:
-                raise ProviderError(self._problems[name])
-            return {}
-        best = self._providers[name] = self._best(request, candidates)
-        if best not in self._used:
-            self._use(best, request.chain)
-        losers = [other for other in candidates if other is not best]  # no candidate has lost before
-        return dict.fromkeys(losers, f"{best.name} provides the {_title(request.type)}")
-
-    def _use(self, provider: Provider, chain: tuple[Provider, ...]) -> None:
-        self._used[provider] = None
-        self._pending += _requests_of(provider, chain)
-
-    def result(self) -> Choice:
-        """Return the choice, when each needed type is assigned."""
-        self._add_clock()
-        choice = Choice([], self._providers, self._objects, self._problems, self._losers)
-        order: list[Provider] = []
-        for provider in self._used:
-            self._append_after_needs(provider, (), choice, order)
-        return choice._replace(order=order)
-
-    # --- which providers of a type can be used
-
-    def _find_object(self, needed_type: Any) -> object:
+    def find_object(self, needed_type: Any) -> object:
         """Return the object of the program for a type, or None."""
-        fitting = [provided for provided in self._provided if fits(provided, needed_type)]
+        fitting = [provided for provided in self.provided if fits(provided, needed_type)]
         if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
             raise ProviderError(
                 f"the program provides {len(fitting)} objects of the class {type(fitting[0]).__name__}: the "
@@ -220,37 +145,38 @@ class _Attempt:
             )
         return next(iter(fitting), None)
 
-    def _candidates(self, request: _Request) -> list[Provider]:
-        """Return the providers of a type that can be used."""
-        of_type = self._available.of_type(request.type_name)
-        return [provider for provider in of_type if not self._obstacle(provider, request.chain)]
+    def find(self, request: _Request) -> tuple[list[Provider], str]:
+        """Return the candidates for a type, and why there is none, or ""."""
+        obstacles = {
+            provider: self._find_obstacle(provider, request.chain)
+            for provider in self.available.of_type(request.type_name)
+        }
+        candidates = [provider for provider, obstacle in obstacles.items() if not obstacle]
+        return candidates, "" if candidates else self._describe_problem(request, obstacles)
 
-    def _obstacle(self, provider: Provider, chain: tuple[Provider, ...]) -> str:
-        """Return why a provider of a type cannot be used, or ""; *chain* leads to the type."""
-        if provider in self._losers:
-            return f"is not used, because {self._losers[provider]}"
+    def _find_obstacle(self, provider: Provider, chain: tuple[Provider, ...]) -> str:
+        """Return why a provider of a type is no candidate, or ""; *chain* leads to the type."""
+        if provider in self.rejected:
+            return f"is not used, because {self.rejected[provider]}"
         if provider in chain:
             return f"needs itself: {_join([*chain, provider])}"
-        missing = [settings for settings in provider.required_settings if settings not in self._settings]
+        missing = [settings for settings in provider.required_settings if settings not in self.settings]
         if missing:
             options = [name for settings in missing for name in required_option_names(settings)]
             return f"is not used without {join_names(options)}"
-        for request in _requests_of(provider, chain):
-            is_met = request.is_optional or self._find_object(request.type) is not None
-            if not is_met and not self._candidates(request):
-                return f"needs {_with_article(request.type)}, but {self._explain(request)}"
+        for request in _make_requests(provider, chain):
+            if not request.is_optional and self.find_object(request.type) is None:
+                _, problem = self.find(request)
+                if problem:
+                    return f"needs {_with_article(request.type)}, but {problem}"
         return ""
 
-    def _explain(self, request: _Request) -> str:
-        """Return why nothing provides the type of a request."""
+    def _describe_problem(self, request: _Request, obstacles: Mapping[Provider, str]) -> str:
         name, title = request.type_name, _title(request.type)
-        reasons = [
-            f"{provider} {self._obstacle(provider, request.chain)}"
-            for provider in self._available.of_type(name)
-        ]
+        reasons = [f"{provider} {obstacle}" for provider, obstacle in obstacles.items()]
         reasons += (
             f"{provider} provides {other}, and not {name}: the file of the class was loaded twice"
-            for provider in self._available.of_user
+            for provider in self.available.of_user
             for other in provider.type_names
             if other != name and _title(other) == title
         )
@@ -259,12 +185,78 @@ class _Attempt:
             return f"{problem}: {'; '.join(reasons)}"
         return f"{problem} ({request})" if request.chain else problem
 
-    # --- which of them is used
 
-    def _best(self, request: _Request, candidates: Sequence[Provider]) -> Provider:
+class _Attempt:
+    """An attempt to assign a provider to each needed type. It ends when further providers are rejected."""
+
+    def __init__(self, available: AvailableProviders, candidates: _Candidates) -> None:
+        self._available = available
+        self._candidates = candidates
+        self._pending: list[_Request] = []
+        self._used: dict[Provider, None] = {}
+        self._providers: dict[str, Provider] = {}
+        self._objects: dict[str, object] = {}
+        self._problems: dict[str, str] = {}
+
+    def assign(self, requests: Sequence[_Request], side_effects: Sequence[Provider]) -> dict[Provider, str]:
+        """Assign a provider to each needed type, until providers are rejected.
+
+        Args:
+            requests: What the leaves and the program need.
+            side_effects: The side-effect providers of which a setting was given.
+
+        Returns:
+            The providers that are rejected, with the reason; none if each needed type is assigned.
+        """
+        self._pending = list(requests)
+        for provider in side_effects:
+            self._use(provider, ())
+        while self._pending:
+            # Needed types come before optional ones, and types with a single candidate before others: it is
+            # then preferred for the other types.
+            request = min(self._pending, key=lambda other: (other.is_optional, self._has_several(other)))
+            self._pending.remove(request)
+            if request.type_name in self._providers or request.type_name in self._objects:
+                continue
+            rejected = self._assign_type(request)
+            if rejected:
+                return rejected
+        return {}
+
+    def _has_several(self, request: _Request) -> bool:
+        candidates, _ = self._candidates.find(request)
+        return len(candidates) > 1
+
+    def _assign_type(self, request: _Request) -> dict[Provider, str]:
+        """Assign a provider or an object of the program; return the providers that are rejected by this."""
+        name, title = request.type_name, _title(request.type)
+        own = self._candidates.find_object(request.type)
+        if own is not None:
+            self._objects[name] = own
+            others = [
+                other for other in self._available.of_type(name) if other not in self._candidates.rejected
+            ]
+            return dict.fromkeys(others, f"the program provides the {title}")
+        candidates, problem = self._candidates.find(request)
+        if problem:
+            self._problems[name] = problem
+            if request.chain and not request.is_optional:
+                raise ProviderError(problem)
+            return {}
+        best = self._providers[name] = self._select_best(request, candidates)
+        if best not in self._used:
+            self._use(best, request.chain)
+        others = [other for other in candidates if other is not best]
+        return dict.fromkeys(others, f"{best.name} provides the {title}")
+
+    def _use(self, provider: Provider, chain: tuple[Provider, ...]) -> None:
+        self._used[provider] = None
+        self._pending += _make_requests(provider, chain)
+
+    def _select_best(self, request: _Request, candidates: Sequence[Provider]) -> Provider:
         ranks = {provider: self._rank(provider) for provider in candidates}
         best = [provider for provider in candidates if ranks[provider] == max(ranks.values())]
-        # Question 6 of the docstring of the module.
+        # Criterion 6 of the docstring of the module.
         required = {settings for provider in best for settings in provider.required_settings}
         wider = [provider for provider in best if required <= provider.settings.keys()]
         if len(wider) != 1:
@@ -275,17 +267,25 @@ class _Attempt:
         return wider[0]
 
     def _rank(self, provider: Provider) -> tuple[bool, ...]:
-        """Return the answers to questions 1 to 5 in the docstring of the module; the greatest is the best."""
+        """Return whether criteria 1 to 5 of the docstring of the module hold; the greatest rank is best."""
         needed = [self._available.of_type(need.type_name) for need in provider.object_needs]
         return (
-            bool(provider.required_settings),
+            bool(provider.required_settings),  # all are given, as the provider is a candidate
             provider in self._used,
             provider in self._available.of_user,
             bool(needed) and all(any(other in self._used for other in of_type) for of_type in needed),
             not provider.is_default,
         )
 
-    # --- the clock, and the order
+    def result(self) -> Choice:
+        """Return the choice, when each needed type is assigned."""
+        self._add_clock()
+        rejected = self._candidates.rejected
+        choice = Choice([], self._providers, self._objects, self._problems, rejected)
+        order: list[Provider] = []
+        for provider in self._used:
+            self._append_after_needs(provider, (), choice, order)
+        return choice._replace(order=order)
 
     def _add_clock(self) -> None:
         """Use a provider of the clock alone, unless the run has a clock or no robot.
@@ -299,12 +299,12 @@ class _Attempt:
             raise ProviderError(
                 f"a run has one clock, but {len(clocks)} of its providers are clocks: {names}"
             )
-        uses_core_alone = not self._provided and self._used.keys() <= set(self._available.core)
+        uses_core_alone = not self._candidates.provided and self._used.keys() <= set(self._available.core)
         if clocks or uses_core_alone:
             return
         for provider in self._available.of_type(_CLOCK):
             others = [need for need in provider.object_needs if need.type_name not in self._providers]
-            objects = {need.type_name: self._find_object(need.type) for need in others}
+            objects = {need.type_name: self._candidates.find_object(need.type) for need in others}
             has_needs = None not in objects.values()
             if has_needs and set(map(full_name, provider.types)) == {_CLOCK}:
                 self._used[provider] = None
@@ -328,7 +328,7 @@ class _Attempt:
         order.append(provider)
 
 
-def _requests_of(provider: Provider, chain: tuple[Provider, ...]) -> list[_Request]:
+def _make_requests(provider: Provider, chain: tuple[Provider, ...]) -> list[_Request]:
     needs = provider.object_needs
     return [_Request(need.type, need.is_optional, (*chain, provider)) for need in needs]
 
@@ -347,7 +347,7 @@ def _join(chain: Sequence[Provider]) -> str:
     return " → ".join(map(repr, chain))
 
 
-def unused_settings(
+def find_unused_settings(
     choice: Choice, available: AvailableProviders, settings: GivenSettings
 ) -> dict[type[Settings], str]:
     """Return the settings that were given, but that no used provider takes, with the reasons.
@@ -355,15 +355,15 @@ def unused_settings(
     Args:
         choice: The used providers.
     """
-    taken = {RunSettings, *(taken for provider in choice.order for taken in provider.settings)}
+    used = {RunSettings, *(taken for provider in choice.order for taken in provider.settings)}
     reasons = {}
-    for unused in [given for given in settings if given not in taken]:
+    for unused in [given for given in settings if given not in used]:
         takers = [provider for provider in available.all() if unused in provider.settings]
         takers = [provider for provider in takers if not provider.settings[unused]] or takers
-        lost = next((choice.losers[provider] for provider in takers if provider in choice.losers), None)
+        rejections = [choice.rejected[provider] for provider in takers if provider in choice.rejected]
         types = dict.fromkeys(_with_article(provider.types[0]) for provider in takers if provider.types)
-        if lost is not None:
-            reasons[unused] = lost
+        if rejections:
+            reasons[unused] = rejections[0]
         elif types:
             reasons[unused] = f"no leaf needs {join_names(list(types), 'or')}"
         elif takers:

@@ -15,8 +15,8 @@ from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, ProviderError
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, choose, unused_settings
-from btcore.runs.providers import Need, Provider, Report, fits, full_name, is_settings
+from btcore.runs.choice import Choice, choose, find_unused_settings
+from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, Report, fits, full_name, is_settings
 from btcore.runs.settings import GivenSettings, Settings
 from btcore.tree.tree import Tree
 
@@ -39,7 +39,7 @@ class OpenedProvider:
     def open(self, arguments: Mapping[str, object]) -> None:
         """Call the function with *arguments*, up to its `yield`."""
         function = self.provider.function
-        with _named(self.provider):
+        with _convert_errors(self.provider):
             if inspect.isgeneratorfunction(function):
                 context = contextlib.contextmanager(function)(**arguments)
                 self.value = context.__enter__()
@@ -62,7 +62,7 @@ class OpenedProvider:
         if context is None:
             return
         try:
-            with _named(self.provider, error):
+            with _convert_errors(self.provider, error):
                 context.__exit__(kind, error, trace)
         except BtcoreError as own_error:
             if error is not None and error in (own_error, own_error.__cause__):
@@ -74,7 +74,7 @@ class OpenedProvider:
         replace_tree = getattr(self.value, "replace_tree", None)
         if replace_tree is None:
             return False
-        with _named(self.provider):
+        with _convert_errors(self.provider):
             replace_tree(tree)
         return True
 
@@ -99,10 +99,11 @@ class RunProviders:
     Args:
         provided: The objects of the program.
         clock: The clock that the program has given, or None.
-        report: The report of the run.
 
     Attributes:
         choice: The used providers.
+        report: The report of the run.
+        tree: The first tree, or the tree that has replaced it; None before its creation.
         resources: The objects for leaves; the object of a used provider comes before others of its type.
     """
 
@@ -118,10 +119,10 @@ class RunProviders:
         self._settings = settings
         self._provided = provided
         self._clock = clock
-        self._report = report
-        self._tree: Tree | None = None
         self._opened: dict[Provider, OpenedProvider] = {}
         self.choice = Choice()
+        self.report = report
+        self.tree: Tree | None = None
         self.resources = Resources()
         self.resources.remedy = "the run does not provide it"
 
@@ -137,13 +138,13 @@ class RunProviders:
         for name in map(full_name, wanted):
             problem = self.choice.problems.get(name)
             if problem is not None:
-                raise ProviderError("; ".join([problem, *self._unavailable_notes()]))
+                raise ProviderError("; ".join([problem, *self._explain_unavailable()]))
             provider = self.choice.providers.get(name)
-            if provider is not None and self.choice.follows_tree(provider):
-                raise ProviderError(_unavailable_to_leaves(provider))
+            if provider is not None and self.choice.opens_after_tree(provider):
+                raise ProviderError(_explain_late_opening(provider))
 
     def open_before_tree(self, types: Sequence[Any], stack: contextlib.ExitStack) -> None:
-        """Open the providers that do not follow the tree, and fill the resources.
+        """Open the providers that do not need the tree, and fill the resources.
 
         Args:
             types: The types of which a leaf or the program gets the object of the chosen provider.
@@ -155,7 +156,7 @@ class RunProviders:
                 settings.check_environment()
         self.resources += self._provided
         for provider in self.choice.order:
-            if not self.choice.follows_tree(provider):
+            if not self.choice.opens_after_tree(provider):
                 # A provider may return an object of another one, under another type.
                 known = set(map(id, self.resources))
                 objects = self._open(provider, stack)
@@ -166,16 +167,16 @@ class RunProviders:
                 self.resources.choose(needed, chosen)
 
     def open_after_tree(self, tree: Tree, stack: contextlib.ExitStack) -> None:
-        """Open the providers that follow *tree*, whose leaves do not get their objects."""
-        self._tree = tree
+        """Open the providers that need *tree*, whose leaves do not get their objects."""
+        self.tree = tree
         for provider in self.choice.order:
-            if self.choice.follows_tree(provider):
+            if self.choice.opens_after_tree(provider):
                 self._open(provider, stack)
 
     def _open(self, provider: Provider, stack: contextlib.ExitStack) -> list[object]:
         opened = self._opened[provider] = OpenedProvider(provider)
         stack.push(opened.close)
-        opened.open(self._arguments(provider))
+        opened.open(self._collect_arguments(provider))
         return opened.objects
 
     def find(self, type: Any) -> object:
@@ -213,8 +214,8 @@ class RunProviders:
         return clock or (SimClock() if self._settings.run_settings.fast else SystemClock())
 
     def replace_tree(self, tree: Tree) -> None:
-        """Let the providers that follow the tree follow *tree*; those that cannot are opened again."""
-        self._tree = tree
+        """Pass *tree* to the providers that need the tree; those that cannot take it are opened again."""
+        self.tree = tree
         again: dict[Provider, OpenedProvider] = {}
         for provider, opened in self._opened.items():  # each after those that it needs
             if provider.needs_tree:
@@ -226,32 +227,32 @@ class RunProviders:
         for opened in reversed(again.values()):
             opened.close()
         for provider, opened in again.items():
-            opened.open(self._arguments(provider))
+            opened.open(self._collect_arguments(provider))
 
     @property
     def errors(self) -> list[BtcoreError]:
         """What the providers raised when they were closed."""
         return [opened.error for opened in self._opened.values() if opened.error is not None]
 
-    def unused_settings(self) -> dict[type[Settings], str]:
+    def find_unused_settings(self) -> dict[type[Settings], str]:
         """Return the settings that were given, but that no used provider takes, with the reasons."""
-        return unused_settings(self.choice, self._available, self._settings)
+        return find_unused_settings(self.choice, self._available, self._settings)
 
-    def missing_notes(self, needed: Sequence[Any]) -> Iterator[str]:
+    def explain_missing(self, needed: Sequence[Any]) -> Iterator[str]:
         """Yield why objects are missing that the leaves need; *needed* are their types."""
         unknown = []
         for type in needed:
             name = full_name(type)
             provider, problem = self.choice.providers.get(name), self.choice.problems.get(name)
-            if provider is not None and self.choice.follows_tree(provider):
-                yield _unavailable_to_leaves(provider)
+            if provider is not None and self.choice.opens_after_tree(provider):
+                yield _explain_late_opening(provider)
             elif provider is not None and self._find_chosen(name) is None:
                 yield f"the provider {provider} has provided None"
             elif problem is not None and self._available.of_type(name):
                 yield problem
             elif problem is not None:
                 unknown.append(type)
-        yield from self._unavailable_notes()
+        yield from self._explain_unavailable()
         if any(getattr(type, "__module__", "builtins") != "builtins" for type in unknown):
             yield (
                 "a run does not create objects of your own classes: derive the class from "
@@ -259,24 +260,18 @@ class RunProviders:
                 "may pass the object in Run(provided=[…])"
             )
 
-    def _unavailable_notes(self) -> list[str]:
+    def _explain_unavailable(self) -> list[str]:
         remedies = names_by_remedy(self._available.unavailable).items()
         return [
             f"providers that may do so cannot be loaded ({names}): {remedy}" for remedy, names in remedies
         ]
 
-    def _arguments(self, provider: Provider) -> dict[str, object]:
-        return {need.parameter: self._argument(provider, need) for need in provider.needs}
+    def _collect_arguments(self, provider: Provider) -> dict[str, object]:
+        return {need.parameter: self._find_argument(provider, need) for need in provider.needs}
 
-    def _argument(self, provider: Provider, need: Need) -> object:
-        if need.type is Clock:
-            return self.clock
-        if need.type is Tree:
-            return self._tree
-        if need.type is Report:
-            return self._report
-        if need.type is Resources:
-            return self.resources
+    def _find_argument(self, provider: Provider, need: Need) -> object:
+        if need.type in TYPES_OF_RUN:
+            return getattr(self, TYPES_OF_RUN[need.type])
         if is_settings(need.type):
             return self._settings.find(need.type)
         chosen = self._find_chosen(need.type_name)
@@ -286,12 +281,12 @@ class RunProviders:
         return chosen
 
 
-def _unavailable_to_leaves(provider: Provider) -> str:
-    return f"{provider} follows the tree, so that its leaves cannot get what it provides"
+def _explain_late_opening(provider: Provider) -> str:
+    return f"{provider} is opened after the tree, so that leaves cannot get what it provides"
 
 
 @contextlib.contextmanager
-def _named(provider: Provider, error_of_run: BaseException | None = None) -> Iterator[None]:
+def _convert_errors(provider: Provider, error_of_run: BaseException | None = None) -> Iterator[None]:
     """Return a context in which an exception of a provider becomes a `ProviderError`.
 
     A BtcoreError, and *error_of_run*, are passed on unchanged.

@@ -13,8 +13,9 @@ the provider needs, by their types. A package offers a provider by an entry poin
     "gripper-grippers.arm.Gripper" = "grippers.providers:gripper"
 
 The name of the entry point is that of the provider, a dash, and the full name of the type. A provider has one
-for each type by which leaves or other providers may ask for it, and a provider of nothing has its name alone.
-Nothing is imported to find out which packages provide a type.
+for each type by which leaves or other providers may ask for it. Nothing is imported to find out which
+packages provide a type. The entry point of a side-effect provider, whose annotation has no type, such as a
+publisher, is named after the provider alone.
 """
 
 import ast
@@ -37,7 +38,7 @@ from btcore.runs.settings import Settings
 from btcore.runs.tick_loop import LoopEnd
 from btcore.tree.tree import Tree
 
-_UNNAMED: Final = ("builtins", "typing", "abc", "typing_extensions")
+_GENERAL_MODULES: Final = ("builtins", "typing", "abc", "typing_extensions")
 """Modules whose classes are no types of resources, although they are base classes of them."""
 
 
@@ -90,8 +91,8 @@ def _print_warning(message: str) -> None:
     print(f"warning: {escape_controls(message)}", file=sys.stderr)
 
 
-TYPES_OF_RUN: Final = (Clock, Tree, Report, Resources)
-"""The types of parameters whose objects are those of the run itself."""
+TYPES_OF_RUN: Final[dict[Any, str]] = {Clock: "clock", Tree: "tree", Report: "report", Resources: "resources"}
+"""The types of parameters whose objects are those of the run itself: the attributes of `RunProviders`."""
 
 
 class Need(NamedTuple):
@@ -307,7 +308,7 @@ def fits(resource: object, needed: Any) -> bool:
 
 def _names_with_bases(type: Any) -> Iterator[str]:
     for base in getattr(type, "__mro__", (type,)):
-        if getattr(base, "__module__", None) not in _UNNAMED:
+        if getattr(base, "__module__", None) not in _GENERAL_MODULES:
             yield full_name(base)
 
 

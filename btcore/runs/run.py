@@ -61,7 +61,7 @@ Runnable = str | PathLike[str] | Plans | TreelessProgram
 """What a run ticks: the path of an XML file, the plans of a tree, or a program."""
 
 
-def _planned(source: object, arguments: LoadArguments) -> Plans | TreelessProgram:
+def _plan_source(source: object, arguments: LoadArguments) -> Plans | TreelessProgram:
     """Return the plans of a tree, or a program."""
     if isinstance(source, (str, PathLike)):
         with PausedGarbageCollection():
@@ -87,8 +87,8 @@ class Run:
 
     From its entry to its exit, a run handles Ctrl-C, SIGTERM and SIGHUP (the terminal was closed):
 
-    - The first signal ends `tick_to_end` or `serve` as usual. While providers are closed, it ends their
-      waits.
+    - The first signal ends `tick_to_end` or `run_until_signal` as usual. While providers are closed, it
+      ends their waits.
     - A second signal, or a signal at another time, raises KeyboardInterrupt. If the signal is not Ctrl-C, the
       exception leaves the run as SystemExit.
 
@@ -147,7 +147,7 @@ class Run:
             sources = source
         if not sources:
             raise ValueError("there is no run of an empty list: pass a tree or a program")
-        self._sources = [_planned(planned, arguments) for planned in sources]
+        self._sources = [_plan_source(each, arguments) for each in sources]
         self._load_arguments = arguments
         plans = [planned for planned in self._sources if isinstance(planned, Plans)]
         self._leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
@@ -208,7 +208,7 @@ class Run:
                 self._prepare(self)
             providers.open_after_tree(self.tree, stack)
             stack.callback(self._halt)
-            for unused, reason in providers.unused_settings().items():
+            for unused, reason in providers.find_unused_settings().items():
                 self.warn_unused(unused, reason)
             self._stack = stack.pop_all()
 
@@ -261,7 +261,7 @@ class Run:
             with PausedGarbageCollection():
                 return instantiate(source, self.resources, blackboard, self.clock, tick_limit)
         except TreeError as error:
-            for note in self._providers.missing_notes(self._leaf_types):
+            for note in self._providers.explain_missing(self._leaf_types):
                 error.add_note(note)
             raise
 
@@ -296,8 +296,8 @@ class Run:
         loop.start(until, on_tick, reload)
         began = time.perf_counter()
         try:
-            with self._leaf_error_kept():
-                with self._ended_by_signals(loop.stop):
+            with self._keep_leaf_error():
+                with self._stop_at_signal(loop.stop):
                     self.report.end_reason = loop.run() if reload is None else self._run_and_reload(on_end)
                 self._halt()
         finally:
@@ -333,22 +333,22 @@ class Run:
             NodeExecutionError: A leaf raised an exception.
         """
         self._check_open()
-        with self._leaf_error_kept():
+        with self._keep_leaf_error():
             self._loop.step()
         return self.status
 
-    def serve(self, serve: Callable[[], None], stop: Callable[[], None]) -> None:
-        """Call *serve*, for a program that ticks trees itself, until it returns or a signal ends it.
+    def run_until_signal(self, program: Callable[[], None], stop: Callable[[], None]) -> None:
+        """Call *program*, which ticks trees itself, until it returns or a signal ends it.
 
         The program passes each of its trees to `replace_tree`.
 
         Args:
-            serve: Called once. It returns soon after a call of *stop*.
+            program: Called once. It returns soon after a call of *stop*.
             stop: Called by the handler of the first signal.
         """
         self._check_open()
-        with self._ended_by_signals(stop):
-            serve()
+        with self._stop_at_signal(stop):
+            program()
         self.report.end_reason = "interrupted" if self._signals.number else "done"
 
     def pause(self) -> None:
@@ -370,7 +370,7 @@ class Run:
         self._providers.replace_tree(tree)
 
     @contextmanager
-    def _leaf_error_kept(self) -> Iterator[None]:
+    def _keep_leaf_error(self) -> Iterator[None]:
         try:
             yield
         except NodeExecutionError as error:
@@ -379,7 +379,7 @@ class Run:
             raise
 
     @contextmanager
-    def _ended_by_signals(self, stop: Callable[[], object]) -> Iterator[None]:
+    def _stop_at_signal(self, stop: Callable[[], object]) -> Iterator[None]:
         self._signals.number = 0
         self._signals.stop = stop
         try:
@@ -405,7 +405,7 @@ class Run:
         if errors and self.error is not None:
             self.error.later_errors += errors
         elif errors:
-            with self._leaf_error_kept():
+            with self._keep_leaf_error():
                 errors[0].later_errors += errors[1:]
                 raise errors[0]
 
@@ -443,14 +443,14 @@ class Run:
             ProviderError: Another error.
         """
         if error is None:
-            raise self._joint_closing_error()
+            raise self._join_closing_errors()
 
     @property
     def closing_errors(self) -> list[BtcoreError]:
         """What the providers raised when they were closed, such as `OutputError`."""
         return self._providers.errors
 
-    def _joint_closing_error(self) -> BtcoreError:
+    def _join_closing_errors(self) -> BtcoreError:
         if len(self.closing_errors) == 1:
             return self.closing_errors[0]
         text = "; ".join(map(str, self.closing_errors))
@@ -480,7 +480,7 @@ class Run:
         if self.error is not None:
             return ExitCode.LEAF_ERROR
         if self.closing_errors:
-            is_output = isinstance(self._joint_closing_error(), OutputError)
+            is_output = isinstance(self._join_closing_errors(), OutputError)
             return ExitCode.INCOMPLETE_OUTPUT if is_output else ExitCode.USER_ERROR
         if self.end_reason == "interrupted" and self._signals.number:
             return code_of_signal(self._signals.number)

@@ -30,7 +30,7 @@ _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
 }
 
 
-def _joint_status(trees: Sequence[Tree]) -> Status:
+def _join_statuses(trees: Sequence[Tree]) -> Status:
     """Return RUNNING or FAILURE, if a tree has it, otherwise the status of the first tree."""
     statuses = [tree.status for tree in trees]
     return RUNNING if RUNNING in statuses else FAILURE if FAILURE in statuses else statuses[0]
@@ -155,7 +155,7 @@ class TickLoop:
         for tree in trees:
             if not self._is_stopping and tree.tick_once() in self._end_statuses:
                 self._running = [other for other in self._running if other is not tree]
-        self.status = _joint_status(self.trees)
+        self.status = _join_statuses(self.trees)
         if self._on_tick is not None:
             self._on_tick(self.status)
 
@@ -163,7 +163,7 @@ class TickLoop:
         """Tick the trees that are RUNNING once, or all trees if none is."""
         for tree in [tree for tree in self.trees if tree.status is RUNNING] or self.trees:
             tree.tick_once()
-        self.status = _joint_status(self.trees)
+        self.status = _join_statuses(self.trees)
 
     def replace_tree(self, tree: Tree) -> None:
         """Tick *tree* in place of the first."""
@@ -200,7 +200,7 @@ class TickLoop:
             try:
                 if self._is_stopping:
                     continue
-                deadline = self._end_ns if self._settings.fast else self._poll_deadline(self._end_ns)
+                deadline = self._end_ns if self._settings.fast else self._find_next_poll(self._end_ns)
                 context = self.trees[0].context
                 if deadline is None:
                     context.wait_real_time(POLL_INTERVAL_S)
@@ -215,7 +215,7 @@ class TickLoop:
         """Let `reload` replace the first tree, unless the loop ends; return whether it did."""
         return self._reload is not None and self._find_end() is None and self._reload()
 
-    def _poll_deadline(self, latest: int | None) -> int:
+    def _find_next_poll(self, latest: int | None) -> int:
         """Return the time of the next poll, at the latest *latest*."""
         deadline = self.clock.now() + _POLL_INTERVAL_NS
         return deadline if latest is None else min(deadline, latest)
@@ -225,7 +225,7 @@ class TickLoop:
         while not self._is_stopping:
             if self._reload_if_saved():
                 return [], True
-            step = deadline if self._reload is None else self._poll_deadline(deadline)
+            step = deadline if self._reload is None else self._find_next_poll(deadline)
             woken = self._wait_for_wake_up(step)
             if woken or step == deadline:
                 return woken, False
@@ -236,12 +236,12 @@ class TickLoop:
         self._is_waiting = True
         try:
             while True:
-                woken = self._woken()
+                woken = self._take_woken_trees()
                 if woken or self._is_stopping:
                     return woken
                 first = min([tree.context.first_deadline(deadline) for tree in self._running])
                 if not self.clock.wait_until(first, self._wake_event):
-                    return self._woken()
+                    return self._take_woken_trees()
                 if not self._wake_event.is_set():
                     # The clock has ended the wait, as that of a simulation in lockstep may.
                     return self._running
@@ -249,7 +249,7 @@ class TickLoop:
         finally:
             self._is_waiting = False
 
-    def _woken(self) -> list[Tree]:
+    def _take_woken_trees(self) -> list[Tree]:
         """Consume the wake-ups of the trees that have not ended, and return the trees that had one."""
         return [tree for tree in self._running if tree.context.consume_wake_up()]
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from btcore.cli.command_run import given_settings
 from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.provider_command import ProviderCommand
 from btcore.cli.run_session import RunOptions, RunSession, create_session
@@ -26,7 +27,7 @@ from btcore.runs.settings import RunSettings
     help="Print the results as a JSON object on the last line of stdout (with --watch, of the last tree).",
 )
 @click.pass_context
-def run(ctx: click.Context, /, source: str, options: RunOptions, as_json: bool, **in_context: Any) -> int:
+def run(ctx: click.Context, /, source: str, options: RunOptions, as_json: bool, **values: Any) -> int:
     """Run TREE until it ends.
 
     TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore, such as bumpgo. The
@@ -44,8 +45,8 @@ def run(ctx: click.Context, /, source: str, options: RunOptions, as_json: bool, 
       130  interrupted by Ctrl-C
       143  terminated by SIGTERM
     """
-    # `CommandRun` takes the settings of the run and of providers from the context.
-    session = create_session(ctx, source, options)
+    # The settings have the *values* of the other options: those of every run, and those of providers.
+    session = create_session(ctx, source, options, given_settings(ctx))
     session.run_to_end()
     return session.print_results(as_json)
 
@@ -60,4 +61,4 @@ def parse_run(arguments: Sequence[str], installed: NodeLibraries | None = None) 
     with run.make_context("run", list(arguments)) as ctx:
         options = from_values(RunOptions, ctx.params)
         assert options is not None, "no option is required"
-        yield create_session(ctx, ctx.params["source"], options, installed)
+        yield create_session(ctx, ctx.params["source"], options, given_settings(ctx), installed)

@@ -76,7 +76,7 @@ def navigator(
         session.node.get_logger().info("waiting for goals of navigate_to_pose and navigate_through_poses")
         with CommandRun(ctx, TreelessProgram("Navigator"), provided=[session], used=[RosSettings]) as run:
             stopped = threading.Event()
-            run.serve(lambda: _serve(server, run, stopped), stopped.set)
+            run.run_until_signal(lambda: _serve(server, run, stopped), stopped.set)
     return run.exit_code
 
 

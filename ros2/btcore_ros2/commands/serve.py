@@ -12,7 +12,7 @@ from btcore.errors import SettingsError
 from btcore.escaping import escape_controls
 from btcore.extras import install_command
 from btcore.field_options import FiniteRange, add_options, pass_options
-from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, load_nodes
+from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, given_settings, load_nodes
 from btcore.suggestions import did_you_mean
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
@@ -59,7 +59,7 @@ def serve(
     action_name: str | None,
     tick_frequency: float | None,
     plugins: tuple[str, ...],
-    **settings: object,
+    **values: object,
 ) -> int:
     """Serve the trees in TREES, XML files or folders, as the action btcpp_ros2_interfaces/ExecuteTree.
 
@@ -73,9 +73,10 @@ def serve(
         source = _TreeSource(ctx, session, trees, plugins)
         wanted = LoadedTrees(source.read_files(), source.nodes).check()
         defaults = _publish_by_default(ctx, session)
-        run = CommandRun(
-            ctx, TreelessProgram("Waiting"), provided=[session], used=[RosSettings], option_defaults=defaults
-        ).want(*wanted)
+        settings = given_settings(ctx, defaults)
+        program = TreelessProgram("Waiting")
+        run = CommandRun(ctx, program, settings=settings, provided=[session], used=[RosSettings])
+        run.want(*wanted)
         with _explain_port("port" in defaults), run:
             robot = run.find(Robot)
             if robot is not None and robot.clock is not session.clock:
@@ -84,7 +85,7 @@ def serve(
                 _warn_about_misspelt_parameters(session)
                 ids = ", ".join(server.tree_ids)
                 session.node.get_logger().info(f"serving {ids} as the action {server.action_name}")
-                run.serve(server.run, server.stop)
+                run.run_until_signal(server.run, server.stop)
     return run.exit_code
 
 

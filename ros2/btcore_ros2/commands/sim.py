@@ -6,7 +6,14 @@ import click
 
 from btcore import RunSettings
 from btcore.field_options import FiniteRange, add_options, pass_options
-from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, print_json, print_result
+from btcore.program_runner import (
+    CommandRun,
+    ProviderCommand,
+    TreelessProgram,
+    given_settings,
+    print_json,
+    print_result,
+)
 from btcore_robot.robot import Phase
 from btcore_ros2.providers import RosRobotSettings, RosSettings, open_session
 from btcore_ros2.session import DRAIN_RATE, RosSession
@@ -36,7 +43,7 @@ def sim(
     seed: int,
     wait_limit: float,
     as_json: bool,
-    **settings: object,
+    **values: object,
 ) -> int:
     """Simulate a Tiago that publishes what the real robot publishes, and takes the same commands.
 
@@ -60,12 +67,13 @@ def _run(
     from btcore_sim.providers import SpareBoxes
     from btcore_sim.simulation import Simulation
 
-    program = TreelessProgram("Simulation")
-    run = CommandRun(
-        ctx, program, settings=[own], provided=[session, SpareBoxes(SPARE_BOXES)], used=[RosSettings]
-    ).want(Simulation)
-    if RosRobotSettings in run.settings:
+    settings = given_settings(ctx)
+    if RosRobotSettings in settings:
         raise click.UsageError("--ros2 does not belong here: this command simulates its own robot")
+    settings[RunSettings] = own
+    program = TreelessProgram("Simulation")
+    provided = [session, SpareBoxes(SPARE_BOXES)]
+    run = CommandRun(ctx, program, settings=settings, provided=provided, used=[RosSettings]).want(Simulation)
     server: LockstepServer | None = None
     with run:
         simulated = run.find(Simulation)

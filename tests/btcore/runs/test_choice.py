@@ -258,10 +258,10 @@ def test_a_clock_alone_is_used_only_beside_what_it_needs() -> None:
         assert run.clock is not clock
 
 
-# --- providers of nothing, errors, the tree
+# --- side-effect providers, errors, the tree
 
 
-def test_a_provider_of_nothing_is_used_if_a_setting_was_given() -> None:
+def test_a_side_effect_provider_is_used_if_a_setting_was_given() -> None:
     opened = []
 
     @provider
@@ -448,7 +448,7 @@ def test_an_installed_provider_comes_before_the_default_of_the_core() -> None:
         assert run.resources == ["dice"]
 
 
-def test_a_provider_that_needs_what_follows_the_tree_follows_it_too() -> None:
+def test_a_provider_that_needs_what_is_opened_after_the_tree_is_opened_after_it() -> None:
     log: list[str] = []
 
     class Watcher(NamedTuple):

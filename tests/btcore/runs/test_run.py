@@ -490,7 +490,7 @@ def test_a_leaf_cannot_get_what_follows_the_tree(tmp_path: Path) -> None:
     with pytest.raises(btcore.TreeError) as caught:
         Run(write_tree(tmp_path, "<Look/>"), nodes=nodes, providers=[torch]).__enter__()
     assert caught.value.__notes__ == [
-        f"{torch} follows the tree, so that its leaves cannot get what it provides"
+        f"{torch} is opened after the tree, so that leaves cannot get what it provides"
     ]
 
 
