@@ -133,7 +133,11 @@ class _BindingCache:
 
 
 class TreePlanner:
-    """Plans the trees of documents: `outline` is the first pass, and `complete` the second."""
+    """Plans the trees of documents in two passes, and reports their errors.
+
+    The first pass, `outline`, concerns all trees, because BehaviorTree.CPP rejects a document in which an
+    unused tree has a wrong structure. The second, `complete`, concerns the trees that are used.
+    """
 
     def __init__(self, definitions: Definitions, registry: Registry, collector: DiagnosticCollector) -> None:
         self._definitions = definitions
@@ -500,6 +504,7 @@ class TreePlanner:
     # --- SubTree elements
 
     def _plan_call(self, tag: str, node: NodePlan, tree: TreePlan) -> bool:
+        """Complete the plan of a SubTree element; return whether the called tree is known."""
         element = node.element
         format, definitions = self._dialect.format, self._definitions
         node.id = tag
@@ -512,7 +517,7 @@ class TreePlanner:
             node.name = id  # format 3 ignores the name of a call
         else:
             self._select_call_attributes(node, call)
-        self._report_call(call, model)
+        self._check_connections(call, model)
         if id in definitions.by_id:
             return True
         if element.get("ID") is not None and definitions.are_complete:
@@ -538,7 +543,7 @@ class TreePlanner:
                 attributes[key] = text
         node.conditions, node.attributes = conditions, attributes
 
-    def _report_call(self, call: SubtreeCall, model: Mapping[str, str | None]) -> None:
+    def _check_connections(self, call: SubtreeCall, model: Mapping[str, str | None]) -> None:
         element = call.element
         for key in call.invalid_flags:
             from btcore.xml.plan.hints import value_hint  # only errors need it
