@@ -290,11 +290,11 @@ class TreePlanner:
 
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
-        second = next(islice((child for child in children if child.tag == "AsyncSequence"), 1, None), None)
-        if second is not None and self._dialect.format == 4:
+        found = [child for child in children if child.tag == "AsyncSequence"]
+        if len(found) > 1 and self._dialect.format == 4:
             message = "second AsyncSequence in a ReactiveSequence, which can have only one"
             hint = "only one child can be RUNNING at a time"
-            self._collector.report(self._document, SEVERAL_ASYNC_SEQUENCES, message, second, hint=hint)
+            self._collector.report(self._document, SEVERAL_ASYNC_SEQUENCES, message, found[1], hint=hint)
 
     def _check_tree(self, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
