@@ -152,7 +152,7 @@ class TreePlanner:
         self._unknown_node_hints: UnknownNodeHints | None = None
         # Of the tree that is being planned:
         self._document: Document = definitions.sources.main_document
-        self._own_id: str | None = None
+        self._own_id = ""
 
     # --- the first pass: create node plans, and check the structure of the tree
 
@@ -163,8 +163,8 @@ class TreePlanner:
             The plans in pre-order, beginning with the root; [] if there is no root.
         """
         self._document = definition.document
+        self._own_id = definition.id
         top, dialect, limit = definition.element, self._dialect, definition.document.max_depth
-        self._own_id = top.get("ID")
         ignored: set[NodePlan] = set()
         nodes: list[NodePlan] = []
         pending = [NodePlan(top, 0)]
@@ -186,12 +186,7 @@ class TreePlanner:
             if children:
                 children = element_children(element)
                 if len(children) != len(element.children):
-                    message, hint = (
-                        "the obsolete <Root> is ignored",
-                        Hint("remove it", (Remove(is_safe=True),)),
-                    )
-                    for child in element.iterchildren("Root"):
-                        self._collector.report(self._document, CAPITALISED_ROOT, message, child, hint=hint)
+                    self._report_obsolete_roots(element)
             if not rule.is_node:
                 self._check_other_tag(tag, element, children)
             elif rule.counted_as is not None:
@@ -231,6 +226,12 @@ class TreePlanner:
 
     def _manifest(self, id: str) -> Manifest | None:
         return self._registry.get(id, self._dialect.format)
+
+    def _report_obsolete_roots(self, element: Element) -> None:
+        hint = Hint("remove it", (Remove(is_safe=True),))
+        for child in element.iterchildren("Root"):
+            message = "the obsolete <Root> is ignored"
+            self._collector.report(self._document, CAPITALISED_ROOT, message, child, hint=hint)
 
     def _check_other_tag(self, tag: str, element: Element, children: list[Element]) -> None:
         if tag == "BehaviorTree":
