@@ -22,6 +22,7 @@ MOVED_MODULES: Final = {
     "btcore.xml.render": "btcore_drawing",
     "btcore.xml.render.tree_xml": "btcore.loading.tree_xml",
     "btcore.xml.schema": "btcore_studio.schema",
+    "btcore_monitor.display": "btcore_monitor.environment_checks",
     "btcore_robot.navigation": "btcore_navigation",
     "btcore_robot.navigation.occupancy_map": "btcore_robot.occupancy_map",
     "btcore_robot.navigation.parameter_files": "btcore_robot.parameter_files",

@@ -27,7 +27,7 @@ def find_certain_error(statements: Sequence[Expression], enums: Mapping[str, int
     for statement in statements:
         for part in iter_subexpressions(statement):
             if isinstance(part, Assignment) and not isinstance(part.target, Name):
-                return part.fault(f"the left side of '{part.operator}' is not the name of an entry")
+                return part.error(f"the left side of '{part.operator}' is not the name of an entry")
         value = statement.value if isinstance(statement, Assignment) else statement
         if is_constant(value, enums):
             try:

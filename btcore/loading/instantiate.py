@@ -70,22 +70,22 @@ def instantiate(
     )
 
 
-def make_leaf_tree(leaf: type[TreeNode], ID: str, clock: Clock) -> Tree:
+def make_leaf_tree(leaf: type[TreeNode], id: str, clock: Clock) -> Tree:
     """Return a tree of a single leaf, which no document describes.
 
     Args:
         leaf: The class of the leaf, without parameters.
-        ID: The ID of the leaf and, with the suffix `Alone`, of the tree.
+        id: The ID of the leaf and, with the suffix `Alone`, of the tree.
     """
     registry = Registry.standard()
-    registry.add(leaf, ID=ID)
-    manifest = registry.get(ID, 4)
+    registry.add(leaf, ID=id)
+    manifest = registry.get(id, 4)
     assert manifest is not None
-    config = NodeConfig(ID, ID, uid=1)
-    config.path = f"{ID}::1"
+    config = NodeConfig(id, id, uid=1)
+    config.path = f"{id}::1"
     context, board = TreeContext(clock), Blackboard(clock=clock)
     nodes = [manifest.make(config, context, board, Resources(()), [])]
-    main = f"{ID}Alone"
+    main = f"{id}Alone"
     return Tree(main, 4, [Subtree(main, "", board, nodes)], nodes, context, registry)
 
 

@@ -137,11 +137,11 @@ def loads(text: str, *more: str, **arguments: Unpack[LoadArguments]) -> Tree:
         return _create_tree(plan_tree(parse_text, (text, *more), arguments), arguments)
 
 
-def make(ID: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
+def make(id: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
     """Return a new instance of a tree that was registered with `Registry.add_trees`.
 
     Args:
-        ID: The ID of the tree.
+        id: The ID of the tree.
         arguments: See `LoadArguments`. *nodes* is the registry of the tree. Whether includes are *confined*
             is an argument of `Registry.add_trees` instead.
 
@@ -163,11 +163,11 @@ def make(ID: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
     documents = _registry(arguments.get("nodes")).documents
     if not documents:
         hint = "register it: nodes.add_trees(…)"
-        raise TreeError([Diagnostic(UNDETERMINED_MAIN_TREE, f"unknown tree '{ID}'", hint=hint)])
+        raise TreeError([Diagnostic(UNDETERMINED_MAIN_TREE, f"unknown tree '{id}'", hint=hint)])
     # The document of the tree; the last document if the tree is in an included file.
-    main = next((document for document in reversed(documents) if _defines(document, ID)), documents[-1])
+    main = next((document for document in reversed(documents) if _defines(document, id)), documents[-1])
     with PausedGarbageCollection():
-        return _create_tree(_plan_documents([main], {**arguments, "tree": ID}), arguments)
+        return _create_tree(_plan_documents([main], {**arguments, "tree": id}), arguments)
 
 
 def required_resources(

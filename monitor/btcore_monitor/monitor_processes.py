@@ -104,19 +104,19 @@ class MonitorProcess:
 
 @contextlib.contextmanager
 def start_monitors(
-    address: str, monitors: Sequence[ViewerOptions], keys: KeyOptions
+    address: str, viewers: Sequence[ViewerOptions], keys: KeyOptions
 ) -> Iterator[list[MonitorProcess]]:
-    """Start a process for each of *monitors* that connects to *address*; all have ended after the context.
+    """Start a process for each of *viewers* that connects to *address*; all have ended after the context.
 
     Args:
         address: The address of the publisher.
-        monitors: The options of each process.
+        viewers: The options of each process.
         keys: The keys with which the processes connect.
     """
     started: list[MonitorProcess] = []
     try:
         with delayed_signals():
-            for options in monitors:
+            for options in viewers:
                 started.append(MonitorProcess(address, options, keys))
         yield started
     finally:

@@ -8,11 +8,9 @@ from msgspec.structs import replace
 
 from btcore import Settings, SettingsError
 from btcore.options import changed_option_names
-from btcore_monitor.display import has_display
+from btcore_monitor.environment_checks import check_installed, check_is_recording, check_writable, has_display
 from btcore_monitor.errors import MonitorError
-from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.keys import RobotKeys
-from btcore_monitor.output_files import check_is_recording, check_writable
 from btcore_monitor.viewer_options import DRAWING_OPTION_NAMES, OutputOptions, ViewerOptions, run_option
 from btcore_monitor.wire.groot1 import PORT_BESIDE_GROOT2, PUBLISH_PORT
 from btcore_monitor.wire.groot2 import DEFAULT_PORT

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 from btcore.options import option
 from btcore.runs.settings import Settings
-from btcore_monitor.installed_packages import check_installed
+from btcore_monitor.environment_checks import check_installed
 from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 

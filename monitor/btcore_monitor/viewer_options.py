@@ -16,7 +16,7 @@ from btcore.errors import SettingsError
 from btcore.field_options import create_options, pass_options
 from btcore.options import Options, option
 from btcore_monitor.console import print_message
-from btcore_monitor.output_files import check_folder, check_is_recording
+from btcore_monitor.environment_checks import check_folder, check_is_recording
 
 if TYPE_CHECKING:
     from btcore_monitor.screen.robot_layouts import RobotLayout

@@ -13,7 +13,7 @@ from btcore.field_options import pass_options
 from btcore.signals import EndingSignals
 from btcore.suggestions import did_you_mean
 from btcore_monitor.console import print_line
-from btcore_monitor.installed_packages import check_installed
+from btcore_monitor.environment_checks import check_installed
 from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.watch_options import duration_option
 from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from btcore_monitor.console import print_line
-from btcore_monitor.installed_packages import check_installed
+from btcore_monitor.environment_checks import check_installed
 
 
 @click.command(short_help="Create a key pair for encrypted connections.")

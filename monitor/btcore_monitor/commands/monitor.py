@@ -14,10 +14,9 @@ from btcore.field_options import pass_options
 from btcore.options import changed_option_names
 from btcore.signals import EndingSignals
 from btcore_monitor.console import print_message
+from btcore_monitor.environment_checks import check_folder, check_installed
 from btcore_monitor.errors import RecordingError
-from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import KeyOptions
-from btcore_monitor.output_files import check_folder
 from btcore_monitor.process_end import abandon, time_limit, wait_for_stop
 from btcore_monitor.viewer_options import (
     DRAWING_OPTION_NAMES,
@@ -86,7 +85,7 @@ def monitor(
         if recordings:
             if robots:
                 raise click.UsageError("recordings and robots cannot be shown together")
-            _check_is_live(options)
+            _reject_drawing_options(options)
             _show_recordings(recordings, options, duration)
             return
         robots = robots or [DEFAULT_ADDRESS]
@@ -115,8 +114,8 @@ def monitor(
         abandon(error)
 
 
-def _check_is_live(options: ViewerOptions) -> None:
-    """Raise click.UsageError if there are drawing options, because a recording keeps its own options."""
+def _reject_drawing_options(options: ViewerOptions) -> None:
+    """Raise click.UsageError if there are drawing options: a recording was drawn already."""
     for name in changed_option_names(options):
         if name in DRAWING_OPTION_NAMES:
             raise click.UsageError(
@@ -175,27 +174,7 @@ def _watch(
     with EndingSignals(stop.set):
         for thread in threads:
             thread.start()
-        deadline = None if duration is None else time.monotonic() + duration
-        next_file_check = time.monotonic()
-        viewer, next_check = sinks.viewer, time.monotonic() + _CHECK_VIEWER_INTERVAL_S
-        while any(thread.is_alive() for thread in threads) and not stop.wait(_CHECK_INTERVAL_S):
-            now = time.monotonic()
-            if now >= next_file_check:
-                next_file_check = now + _CHECK_FILE_INTERVAL_S
-                sinks.check_files()
-            if deadline is not None and now >= deadline:
-                break
-            if viewer is not None and now >= next_check:
-                next_check = now + _CHECK_VIEWER_INTERVAL_S
-                if not viewer.is_open:
-                    failure, viewer = viewer.failure(), None
-                    # Printed at once, because closing the recording takes some seconds without a viewer.
-                    report = f"the viewer (rerun) failed: {failure}" if failure else "the viewer was closed"
-                    print_message(report)
-                    if failure:
-                        errors.append(click.exceptions.Exit(ExitCode.USER_ERROR))
-                    if sinks.save is None:
-                        break
+        _wait_for_end(threads, stop, sinks, duration, errors)
         stop.set()
         for thread in threads:
             thread.join()
@@ -204,6 +183,37 @@ def _watch(
     if errors:
         raise errors[0]
     return views[0].files if shared is None else shared.files
+
+
+def _wait_for_end(
+    threads: Sequence[threading.Thread],
+    stop: threading.Event,
+    sinks: "RecordingSinks",
+    duration: float | None,
+    errors: list[BaseException],
+) -> None:
+    """Wait as long as `_watch`, and add an exit to *errors* if the viewer fails."""
+    start = time.monotonic()
+    next_file_check, next_viewer_check = start, start + _CHECK_VIEWER_INTERVAL_S
+    viewer = sinks.viewer
+    while any(thread.is_alive() for thread in threads) and not stop.wait(_CHECK_INTERVAL_S):
+        now = time.monotonic()
+        if now >= next_file_check:
+            next_file_check = now + _CHECK_FILE_INTERVAL_S
+            sinks.check_files()
+        if duration is not None and now >= start + duration:
+            return
+        if viewer is None or now < next_viewer_check:
+            continue
+        next_viewer_check = now + _CHECK_VIEWER_INTERVAL_S
+        if not viewer.is_open:
+            failure, viewer = viewer.failure(), None
+            # Printed at once, because closing the recording takes some seconds without a viewer.
+            print_message(f"the viewer (rerun) failed: {failure}" if failure else "the viewer was closed")
+            if failure:
+                errors.append(click.exceptions.Exit(ExitCode.USER_ERROR))
+            if sinks.save is None:
+                return
 
 
 def _create_label(feed: "Feed") -> str:

@@ -14,10 +14,9 @@ from btcore.field_options import pass_options
 from btcore.signals import EndingSignals
 from btcore.suggestions import join_names, suggestion
 from btcore_monitor.console import print_line
+from btcore_monitor.environment_checks import check_installed, check_writable
 from btcore_monitor.errors import RecordingError
-from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.key_options import KeyOptions
-from btcore_monitor.output_files import check_writable
 from btcore_monitor.process_end import abandon, time_limit
 from btcore_monitor.viewer_options import DrawingOptions
 from btcore_monitor.watch_options import duration_option, robot_options

@@ -14,6 +14,7 @@ from btcore.logs.recording import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import did_you_mean
 from btcore_monitor.console import print_line, print_message
+from btcore_monitor.environment_checks import check_installed
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.events import (
     NODE_TYPES,
@@ -26,7 +27,6 @@ from btcore_monitor.events import (
     TreeEvent,
     infer_node_type,
 )
-from btcore_monitor.installed_packages import check_installed
 from btcore_monitor.process_end import abandon, wait_for_stop
 from btcore_monitor.viewer_options import ViewerOptions, pass_viewer_options
 

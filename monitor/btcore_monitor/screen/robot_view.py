@@ -189,45 +189,31 @@ class _TreePanels:
         self.source = DataSource("")
         self.robot_layout = robot_layout
         self.recording, self.entity_path_prefix, self.file = robot_layout.begin_recording(tree.name)
-        # Other sources count the time from their beginning already.
-        start_stamp = event.stamp if event.source == RUN_CHANNEL else 0
-        self.rows = RowBuffer(self.recording, self.entity_path_prefix, start_stamp)
         self.log_level = log_level
         self._palette = palette
-        self.states = TickStates(tree)
         self._uids = {node.path: node.uid for node in tree.nodes}
+        # Other sources count the time from their beginning already.
+        start_stamp = event.stamp if event.source == RUN_CHANNEL else 0
+        rows = self.rows = RowBuffer(self.recording, self.entity_path_prefix, start_stamp)
         matches = {pattern: match_nodes(tree, pattern) for pattern in find_patterns}
         highlighted = {uid for uids in matches.values() for uid in uids}
-        self.lanes = Lanes(self.rows, tree, palette, highlighted)
+
+        self.states = TickStates(tree)
+        self.lanes = Lanes(rows, tree, palette, highlighted)
         lane_count = len(self.lanes.entities)
         view_size = (
             SHARED_VIEW_SIZE if self.entity_path_prefix else compute_tree_view_size(lane_count, has_scene)
         )
-        self.tree_view = TreeView(self.rows, tree, palette, view_size, highlighted)
+        self.tree_view = TreeView(rows, tree, palette, view_size, highlighted)
         self.tree_views: list[TreeView | FoldedTreeView] = [self.tree_view]
         if len(tree.nodes) > FOLD_ABOVE_NODES:
-            self.tree_views.insert(0, FoldedTreeView(self.rows, tree, palette, view_size, highlighted))
-        self.transition_log = TransitionLog(self.rows, tree, palette)
-        self.blackboard_table = BlackboardTable(self.rows, tree, palette)
-        self.tick_plots = TickPlots(self.rows, palette)
-        self.now_panel = NowPanel(self.rows, tree)
-        self.statistics_table = StatisticsTable(self.rows, tree)
-        self.scene_view = SceneView(self.rows, palette)
-        self._stamp, self._wall = event.stamp, event.wall
-        self._last_tick_stamp = event.stamp - 1
-        self._begin_time = self._current_time
-        self._end_time = self._begin_time + LIVE_SPAN_NS
-        self._show_source(event.source, event.stamp, event.wall)
-        for pattern, uids in matches.items():
-            if not uids:
-                self.transition_log.add_unmatched_pattern(pattern, event.stamp, event.wall)
-        self._is_layout_outdated = True
-        self._filled_panels = self._list_filled_panels()
-        for view in self.tree_views:
-            view.draw()
-        self.lanes.draw()
-        self.tick_plots.draw()
-        self._restart(event)
+            self.tree_views.insert(0, FoldedTreeView(rows, tree, palette, view_size, highlighted))
+        self.transition_log = TransitionLog(rows, tree, palette)
+        self.blackboard_table = BlackboardTable(rows, tree, palette)
+        self.tick_plots = TickPlots(rows, palette)
+        self.now_panel = NowPanel(rows, tree)
+        self.statistics_table = StatisticsTable(rows, tree)
+        self.scene_view = SceneView(rows, palette)
         self._handlers: dict[type, Callable[..., None]] = {
             TransitionEvent: self._show_transition,
             TickEvent: self._show_tick,
@@ -240,6 +226,24 @@ class _TreePanels:
             HooksEvent: self.transition_log.add_hooks,
             ConnectionEvent: self._show_connection,
         }
+
+        self._stamp, self._wall = event.stamp, event.wall
+        self._last_tick_stamp = event.stamp - 1
+        self._begin_time = self._current_time
+        self._end_time = self._begin_time + LIVE_SPAN_NS
+        self._draw_beginning(event, [pattern for pattern, uids in matches.items() if not uids])
+        self._is_layout_outdated = True
+        self._filled_panels = self._list_filled_panels()
+
+    def _draw_beginning(self, event: TreeEvent, unmatched_patterns: Sequence[str]) -> None:
+        self._show_source(event.source, event.stamp, event.wall)
+        for pattern in unmatched_patterns:
+            self.transition_log.add_unmatched_pattern(pattern, event.stamp, event.wall)
+        for view in self.tree_views:
+            view.draw()
+        self.lanes.draw()
+        self.tick_plots.draw()
+        self._restart(event)
 
     def resume(self, event: TreeEvent) -> None:
         """Continue the same tree with the statuses in *event*. The transitions before it are unknown."""

@@ -15,7 +15,7 @@ import rerun as rr
 from rerun.experimental import ViewerClient
 
 from btcore.output_files import numbered_file
-from btcore_monitor.display import has_display
+from btcore_monitor.environment_checks import has_display
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.screen.page import PageServer, page_files
 from btcore_monitor.screen.rerun_process import (

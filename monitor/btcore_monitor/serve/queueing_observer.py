@@ -59,7 +59,7 @@ def merge_scenes(scene_class: type[S], scenes: Sequence[S]) -> S:
 
 
 def compute_weight(scene: MovingScene) -> int:
-    """Return the weight of *scene*: 1, and plus the bytes of grids and pictures / _BYTES_PER_WEIGHT."""
+    """Return the weight of *scene*: 1 + the bytes of its grids and pictures / _BYTES_PER_WEIGHT."""
     buffers = [grid.cells for grid in scene.grids] + [picture.data for picture in scene.pictures]
     return 1 + sum(map(len, buffers)) // _BYTES_PER_WEIGHT
 

@@ -34,6 +34,7 @@ from btcore_monitor.wire.run_channel import (
     PieceMessage,
     StaticSceneMessage,
     StreamMessage,
+    TransitionRow,
     TransitionsMessage,
     TreeMessage,
     decode,
@@ -112,8 +113,7 @@ class History:
         if isinstance(message, TransitionsMessage):
             self.stamp, self.wall = message.stamp, message.wall
             for row in message.transitions:
-                # row: stamp, wall, tick, uid, previous, status
-                self.statuses[row[3]] = row[5]
+                self.statuses[row.uid] = row.status
 
     def create_piece(self, tree_id: str, first: int) -> PieceMessage:
         """Return the kept messages from number *first* on, up to about MAX_PIECE_BYTES bytes.
@@ -158,7 +158,7 @@ class RunChannelServer:
         )
         self._next_number: int | None = None
         self._first_number = 0
-        self._transitions: list[list[int]] = []
+        self._transitions: list[TransitionRow] = []
 
     def add_item(self, item: QueueItem) -> None:
         """Add *item* to the stream."""
@@ -183,8 +183,8 @@ class RunChannelServer:
     def flush(self) -> None:
         """Add a message with the transitions of an unfinished tick, so that clients show them early."""
         if self._transitions:
-            stamp, wall, tick = self._transitions[-1][:3]
-            self._add_buffered(tick, stamp, wall, 0, int(Status.IDLE), False)
+            last = self._transitions[-1]
+            self._add_buffered(last.tick, last.stamp, last.wall, 0, int(Status.IDLE), False)
 
     def take_pending_frames(self) -> Iterator[Frames]:
         """Yield the messages since the last call, in few large pieces.
@@ -208,7 +208,7 @@ class RunChannelServer:
         if not self._transitions:
             self._first_number = number
         self._next_number = number + 1
-        self._transitions.append([stamp, item.wall, tick, uid, int(previous), int(status)])
+        self._transitions.append(TransitionRow(stamp, item.wall, tick, uid, int(previous), int(status)))
 
     def _add_buffered(
         self, tick: int, stamp: int, wall: int, duration_ns: int, status: int, is_end: bool

@@ -25,7 +25,7 @@ x y z w, and every pose names its frame.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Final, TypeGuard, TypeVar, get_origin
+from typing import Any, ClassVar, Final, NamedTuple, TypeGuard, TypeVar, get_origin
 
 import msgpack
 
@@ -113,12 +113,23 @@ class StaticSceneMessage(Message):
     data: StaticScene
 
 
+class TransitionRow(NamedTuple):
+    """A transition of the node *uid* in a `TransitionsMessage`."""
+
+    stamp: int
+    wall: int
+    tick: int
+    uid: int
+    previous: int
+    status: int
+
+
 @dataclass(frozen=True, slots=True)
 class TransitionsMessage(StreamMessage):
     """Transitions in their order, and, only if *ended*, the end of tick number *tick* with its *status*.
 
-    Transition i has the number `first + i` and is (stamp, wall, tick, uid, previous, status). The numbers
-    of a tree's transitions count from 1 without gaps. *duration* is the tick's wall time in ns.
+    Transition i has the number `first + i`. The numbers of a tree's transitions count from 1 without gaps.
+    *duration* is the tick's wall time in ns.
     """
 
     kind: ClassVar[str] = "ticks"
@@ -127,7 +138,7 @@ class TransitionsMessage(StreamMessage):
     status: int
     ended: bool
     first: int
-    transitions: list[list[int]]
+    transitions: list[TransitionRow]
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,6 +282,8 @@ def decode(data: bytes) -> Message:
         return UnknownMessage(_read_field(str, values, "tree_id", kind), seq if _is_int(seq) else 0)
     if kind == TreeMessage.kind:
         values["statuses"] = _read_pairs(values)
+    elif kind == TransitionsMessage.kind:
+        values["transitions"] = _read_rows(values)
     elif kind == BlackboardMessage.kind:
         values["boards"] = check_boards(_read_field(dict, values, "boards", kind))
     elif kind in scene_schema.SCENES:
@@ -279,9 +292,7 @@ def decode(data: bytes) -> Message:
     message: Message = _MESSAGE_CLASSES[kind](
         *(_read_field(type_, values, name, kind) for name, type_ in _FIELDS[kind])
     )
-    if isinstance(message, TransitionsMessage):
-        _check_rows(message.transitions)
-    elif isinstance(message, PieceMessage) and not all(isinstance(data, bytes) for data in message.messages):
+    if isinstance(message, PieceMessage) and not all(isinstance(data, bytes) for data in message.messages):
         raise ProtocolError("expected messages as bytes in a 'piece' message")
     return message
 
@@ -314,9 +325,15 @@ def _read_pairs(values: Mapping[str, Any]) -> dict[int, int]:
     return statuses
 
 
-def _check_rows(rows: list[list[int]]) -> None:
-    for row in rows:
-        if not (isinstance(row, list) and len(row) == 6 and all(map(_is_int, row))):
+def _read_rows(values: Mapping[str, Any]) -> list[TransitionRow]:
+    rows = []
+    for numbers in _read_field(list, values, "transitions", TransitionsMessage.kind):
+        if not (isinstance(numbers, list) and len(numbers) == 6 and all(map(_is_int, numbers))):
             raise ProtocolError("expected six integers in a transition")
-        if row[4] not in _STATUSES or row[5] not in _STATUSES:
-            raise ProtocolError(f"expected statuses 0–4 in a transition, and got {row[4]} and {row[5]}")
+        row = TransitionRow(*numbers)
+        if row.previous not in _STATUSES or row.status not in _STATUSES:
+            raise ProtocolError(
+                f"expected statuses 0–4 in a transition, and got {row.previous} and {row.status}"
+            )
+        rows.append(row)
+    return rows

@@ -20,6 +20,7 @@ from btcore_monitor.wire.run_channel import (
     MovingSceneMessage,
     PieceMessage,
     StaticSceneMessage,
+    TransitionRow,
     TransitionsMessage,
     TreeMessage,
     UnknownMessage,
@@ -30,7 +31,8 @@ from btcore_scene import Box, MovingScene, Scan, StaticScene
 
 ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
 TICKS = TransitionsMessage(
-    ID, 3, 1_000, 2_000, 7, 300, 1, True, 41, [[900, 1900, 7, 1, 0, 1], [950, 1950, 7, 2, 1, 2]]
+    *(ID, 3, 1_000, 2_000, 7, 300, 1, True, 41),
+    [TransitionRow(900, 1900, 7, 1, 0, 1), TransitionRow(950, 1950, 7, 2, 1, 2)],
 )
 MESSAGES = [
     TreeMessage(ID, 5, 6, b"<root/>", 1, 9, {1: 0, 2: 4}),
@@ -139,7 +141,7 @@ def test_any_value_in_any_field_raises_nothing_but_a_protocol_error(message: Any
 
 
 def ticks(seq: int, size: int) -> TransitionsMessage:
-    rows = [[10**15 + seq, 10**18 + seq, seq, 1, 1 - row % 2, row % 2] for row in range(size)]
+    rows = [TransitionRow(10**15 + seq, 10**18 + seq, seq, 1, 1 - row % 2, row % 2) for row in range(size)]
     return TransitionsMessage(ID, seq, 10**15 + seq, 10**18 + seq, seq, 0, 1, True, 1, rows)
 
 

@@ -1,8 +1,28 @@
-"""Check the files that options name, before a command starts to write them."""
+"""Check that packages, a display and files that a command needs are there, before the command starts."""
 
+import importlib.util
+import os
+import sys
 from pathlib import Path
 
 from btcore.errors import SettingsError
+from btcore.extras import install_command
+from btcore_monitor.errors import MonitorError
+
+
+def check_installed(*modules: str, needed_by: str = "the monitor") -> None:
+    """Raise MonitorError if one of *modules*, which *needed_by* needs, is not installed."""
+    missing = [name for name in modules if importlib.util.find_spec(name) is None]
+    if missing:
+        command = install_command(missing[0], "monitor")
+        raise MonitorError(f"{needed_by} needs {missing[0]}, which is not installed: {command}")
+
+
+def has_display() -> bool:
+    """Return whether a window can be opened on this machine."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def check_is_recording(save: Path) -> None:
