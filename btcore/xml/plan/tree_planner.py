@@ -463,11 +463,12 @@ class TreePlanner:
     def _create_binding(self, node: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
         """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
         binding = (Input if port.reads else Binding)(port, text, self._dialect.format)
+        # Most texts are a literal that the binding has converted, or a key in braces: they need no check.
         if binding.key is None:
-            is_fine = not binding.error and text != port.default
+            is_valid = not binding.error and text != port.default
         else:
-            is_fine = text[0] == "{" and text[-1] == "}"
-        if is_fine or not self._dialect.checks_literals or self._check_literal(node, binding):
+            is_valid = text[0] == "{" and text[-1] == "}"
+        if is_valid or not self._dialect.checks_literals or self._check_literal(node, binding):
             by_text[text] = binding
         return binding
 
