@@ -95,23 +95,23 @@ def check_reachable_children(
         # The last child of a TryCatch is its handler, which is ticked after a failure of the others.
         has_handler = issubclass(cls, TryCatch)
         tried = children[:-1] if has_handler else children
-        _check_order(document, node, tried, continue_on, collector)
+        _check_order(node, document, tried, continue_on, collector)
         catches_halt = any(
             binding.name == "catch_on_halt" and binding.is_explicit for binding in node.bindings
         )
         if has_handler and not catches_halt and FAILURE not in results_in_order(tried, continue_on).results:
-            _warn_unreached(document, node.children[-1], "the children before it never fail", collector)
+            _warn_unreached(node.children[-1], document, "the children before it never fail", collector)
         if issubclass(cls, ReactiveNode):
-            _check_asynchronous_children(document, node, children, continue_on, collector)
+            _check_asynchronous_children(node, document, children, continue_on, collector)
     for chosen, branch in zip(cls.spec.branch_results, node.children[1:], strict=False):
         if chosen not in children[0].results:
             reason = f"the condition {node.children[0].label} never {_WORD[chosen]}"
-            _warn_unreached(document, branch, reason, collector)
+            _warn_unreached(branch, document, reason, collector)
 
 
 def _check_order(
-    document: Document,
     node: NodePlan,
+    document: Document,
     children: list[PossibleResults],
     continue_on: Status,
     collector: DiagnosticCollector,
@@ -123,18 +123,18 @@ def _check_order(
             # A child that is always RUNNING has no results.
             never = "ends" if not outcome.results else _WORD[continue_on]
             reason = f"{before.label} before it (line {document.line(before.element)}) never {never}"
-            _warn_unreached(document, node.children[index + 1], reason, collector)
+            _warn_unreached(node.children[index + 1], document, reason, collector)
             return  # the following children are unreachable for the same reason
 
 
-def _warn_unreached(document: Document, node: NodePlan, reason: str, collector: DiagnosticCollector) -> None:
+def _warn_unreached(node: NodePlan, document: Document, reason: str, collector: DiagnosticCollector) -> None:
     message = f"{node.label} is never ticked: {reason}"
     collector.report(document, UNREACHABLE_CHILD, message, node.element, hint="remove it, or the cause")
 
 
 def _check_asynchronous_children(
-    document: Document,
     node: NodePlan,
+    document: Document,
     children: list[PossibleResults],
     continue_on: Status,
     collector: DiagnosticCollector,

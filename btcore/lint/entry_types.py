@@ -63,14 +63,16 @@ def check_value_types(
             elif use.access is AccessKind.READS and use.port is not None:
                 _check_base_class(dry_run, entry, use, use.port, collector)
             elif use.access in WRITING and use.within:
-                text = str(use.node.element.get(use.attribute) or "")
+                text = use.node.element.get(use.attribute) or ""
                 if text not in scripts:
                     scripts[text] = _assignments_of(text, enums)
                 _check_script(dry_run, entry, use, scripts[text].get(use.within), enums, collector)
         _check_constant(dry_run, uses, entry, collector)
 
 
-def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, write: str, collector: DiagnosticCollector) -> None:
+def _warn_refused_write(
+    dry_run: DryRun, entry: Entry, use: EntryUse, write: str, collector: DiagnosticCollector
+) -> None:
     message = f"{write}, but the entry '{use.key}' has the type {entry.declared.name}: every write raises"
     declaration = dry_run.declared_by(entry)
     hint = f"declared by {declaration}; the type of an entry never changes" if declaration else ""
@@ -86,7 +88,7 @@ def _check_port(
         _check_written_literal(dry_run, entry, use, collector)
     elif entry.declared is STRING and port.type.strong and not issubclass(port.type.python_type, str):
         write = f"the port '{use.attribute}' of {use.node.label} writes {port.type.name}"
-        _warn(dry_run, entry, use, write, collector)
+        _warn_refused_write(dry_run, entry, use, write, collector)
 
 
 def _check_base_class(
@@ -130,13 +132,13 @@ def _check_written_literal(
     except ConversionError:
         is_refused = True
     if is_refused:
-        _warn(dry_run, entry, use, f"{use.node.label} writes '{text}'", collector)
+        _warn_refused_write(dry_run, entry, use, f"{use.node.label} writes '{text}'", collector)
 
 
 def _assigns_integer(use: EntryUse, enums: dict[str, int]) -> bool:
     if not use.within:
         return False
-    text = str(use.node.element.get(use.attribute) or "")
+    text = use.node.element.get(use.attribute) or ""
     assignment = _assignments_of(text, enums).get(use.within)
     return (
         assignment is not None
@@ -185,7 +187,7 @@ def _check_copied_integers(
         writers = [other for other in dry_run.uses[source] if other.access in WRITING]
         if writers and all(_assigns_integer(writer, enums) for writer in writers):
             write = f"{use.node.label} copies an integer of 64 bits, which a script has written"
-            _warn(dry_run, entry, use, write, collector)
+            _warn_refused_write(dry_run, entry, use, write, collector)
 
 
 def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], collector: DiagnosticCollector) -> None:

@@ -42,14 +42,10 @@ def all_children_known(node: NodePlan) -> bool:
 
 
 class ResultAnalysis:
-    """The possible results of the nodes of a document, computed on first use.
+    """The possible results of the nodes of a document, computed on first use."""
 
-    *bounded* must be False if trees are recursive or too large: then SubTree calls are not followed.
-    """
-
-    def __init__(self, plans: Plans, bounded: bool) -> None:
+    def __init__(self, plans: Plans) -> None:
         self._plans = plans
-        self._bounded = bounded
         self._known: dict[NodePlan, PossibleResults] = {}
 
     def results_of(self, node: NodePlan) -> PossibleResults:
@@ -63,7 +59,7 @@ class ResultAnalysis:
 
     def _without_conditions(self, node: NodePlan) -> PossibleResults:
         if node.subtree_call is not None:
-            inner = self._plans.trees.get(node.subtree_call.tree_id) if self._bounded else None
+            inner = self._plans.trees.get(node.subtree_call.tree_id) if self._plans.is_finite else None
             return UNKNOWN_RESULTS if inner is None or inner.root is None else self.results_of(inner.root)
         if node.manifest is None or is_mock(node.manifest.cls) or not all_children_known(node):
             return UNKNOWN_RESULTS

@@ -153,7 +153,7 @@ def _warn_never_written(
 def is_pointer(use: EntryUse) -> bool:
     """Return whether the key is in braces or comes from the port's default."""
     text = use.node.element.get(use.attribute)
-    return text is None or str(text) != use.key
+    return text is None or text != use.key
 
 
 def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key: str) -> str | Hint:

@@ -8,8 +8,6 @@ from btcore.diagnostic_codes import (
     FIRST_TICK_REFUSED,
     INCONVERTIBLE_TEXT,
     LOOSE_TEXT,
-    RECURSIVE_TREES,
-    TREE_TOO_LARGE,
     UNDETERMINED_MAIN_TREE,
 )
 from btcore.diagnostics import Diagnostic
@@ -40,8 +38,6 @@ from btcore.xml.read.scan import ScannedElement
 _HARMLESS: Final = frozenset({UNDETERMINED_MAIN_TREE, FIRST_TICK_REFUSED})
 # In format 3 the tree is built; only the node that reads the text raises.
 _HARMLESS_IN_FORMAT_3: Final = _HARMLESS | {INCONVERTIBLE_TEXT}
-# With these errors, following SubTree calls might not terminate in reasonable time.
-_UNBOUNDED: Final = frozenset({RECURSIVE_TREES, TREE_TOO_LARGE})
 # Between elements, but not a text.
 _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)
 
@@ -119,10 +115,9 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
 def _check_nodes(
     plans: Plans, models: Mapping[str, Mapping[str, str | None]], collector: DiagnosticCollector
 ) -> ResultAnalysis:
-    bounded = not any(error.code in _UNBOUNDED for error in collector.errors)
-    results = ResultAnalysis(plans, bounded)
+    results = ResultAnalysis(plans)
     enums = plans.registry.types.enums
-    tree_keys = TreeKeys(plans, bounded)
+    tree_keys = TreeKeys(plans)
     for tree in plans.trees.values():
         document = tree.definition.document
         for node in tree.nodes():

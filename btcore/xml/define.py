@@ -108,7 +108,7 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         if root.tag != "root":
             message = f"the outermost element is <{root.tag}>, not <root>"
             hint = Hint(EXAMPLE)
-            if str(root.tag).lower() == "root":
+            if root.tag.lower() == "root":
                 fix = Rename("root", is_safe=True)
                 hint = Hint(f"{suggestion('<root>')} XML is case-sensitive", (fix,))
             collector.report(document, NOT_A_ROOT, message, root, hint=hint)

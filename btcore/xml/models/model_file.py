@@ -84,9 +84,9 @@ def add_explicit_nodes(nodes: Registry, documents: Iterable[Document]) -> list[s
         format = parse_format(document.root.get("BTCPP_format")) or 4
         for tree in document.root.iterchildren("BehaviorTree"):
             for element in tree.iter(*EXPLICIT_TAGS):
-                id = str(element.get("ID") or "")
+                id = element.get("ID") or ""
                 if id and nodes.get(id, 3) is None and nodes.get(id, 4) is None:
-                    ports = unknown.setdefault(id, (document, str(element.tag), {}))[2]
+                    ports = unknown.setdefault(id, (document, element.tag, {}))[2]
                     collect_ports(element, ports, format)
     for id, (document, tag, seen) in unknown.items():
         add_mock(nodes, id, EXPLICIT_TAGS[tag], list(seen.values()), "", document)
@@ -98,10 +98,10 @@ def collect_ports(element: Element, ports: dict[str, Port], format: int) -> None
     for name, text in element.attributes.items():
         is_port = is_port_name(name) if format == 4 else not port_name_error(name, 3)
         if is_port and name not in SCRIPT_ATTRIBUTES:
-            known = ports.get(str(name))
-            is_key = remapped_key(str(text), str(name), 3) is not None
+            known = ports.get(name)
+            is_key = remapped_key(text, name, 3) is not None
             if known is None or (is_key and known.direction is Direction.IN):
-                ports[str(name)] = Port(str(name), Direction.INOUT if is_key else Direction.IN)
+                ports[name] = Port(name, Direction.INOUT if is_key else Direction.IN)
 
 
 def _models(document: Document) -> list[Element]:
@@ -135,15 +135,15 @@ def add_document_models(nodes: Registry, document: Document, override: bool = Fa
             message = f"missing ID in the model <{model.tag}>"
             collector.report(document, MISSING_ID, message, model, hint=f'write <{model.tag} ID="…">')
             continue
-        known = nodes.get(str(id), 3) or nodes.get(str(id), 4)
+        known = nodes.get(id, 3) or nodes.get(id, 4)
         if known is not None and not (override and known.is_overridable):
             continue
         ports = [_port(nodes, document, item) for item in model.iterchildren(*PORT_TAGS) if item.get("name")]
         described = next(model.iterchildren("description"), None)
         about = " ".join(document.text_in(described).split()) if described is not None else ""
         try:
-            add_mock(nodes, str(id), EXPLICIT_TAGS[str(model.tag)], ports, about, document, _metadata(model))
-            added.append(str(id))
+            add_mock(nodes, id, EXPLICIT_TAGS[model.tag], ports, about, document, _metadata(model))
+            added.append(id)
         except RegistrationError as error:
             collector.report(document, INVALID_NAME, str(error), model, "ID")
     collector.diagnostics.raise_errors()
@@ -160,7 +160,7 @@ def _metadata(model: Element) -> dict[str, str]:
 
 def _port(nodes: Registry, document: Document, element: Element) -> Port:
     port = Port(
-        str(element.get("name")),
+        element.get("name") or "",
         PORT_TAGS[element.tag],
         _type(nodes, element.get("type") or ""),
         element.get("default") or None,

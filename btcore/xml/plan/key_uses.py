@@ -162,14 +162,10 @@ def uses_whole_blackboard(manifest: Manifest) -> bool:
 
 
 class TreeKeys:
-    """The keys that each tree uses in its own blackboard; None for a tree that may use any key.
+    """The keys that each tree uses in its own blackboard; None for a tree that may use any key."""
 
-    *bounded* must be False if trees are recursive or too large: then SubTree calls are not followed.
-    """
-
-    def __init__(self, plans: Plans, bounded: bool) -> None:
+    def __init__(self, plans: Plans) -> None:
         self._plans = plans
-        self._bounded = bounded
         self._format = plans.dialect.format
         self._enums = plans.registry.types.enums
         self._known: dict[str, set[str] | None] = {}
@@ -221,7 +217,7 @@ class TreeKeys:
         keys = {outer for key, outer in call.remaps.items() if key not in NON_KEY_ATTRIBUTES}
         keys |= call.outer_constants
         if call.shares_blackboard or call.autoremap:
-            inner = self.keys_of(call.tree_id) if self._bounded else None
+            inner = self.keys_of(call.tree_id) if self._plans.is_finite else None
             if inner is None:
                 return None
             keys |= {outer for key in inner if (outer := call.outer_key(key)) is not None}

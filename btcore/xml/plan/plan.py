@@ -67,6 +67,11 @@ class Plans(NamedTuple):
         """The rules of the XML format."""
         return self.definitions.dialect
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether no tree is recursive or too large, so that calls of trees can be followed to their end."""
+        return len(self.sizes) == len(self.trees)
+
     def used_manifests(self) -> list[Manifest]:
         """Return the manifests of the nodes in the main tree and its subtrees, each once."""
         manifests: dict[str, Manifest] = {}

@@ -133,7 +133,11 @@ class _BindingCache:
 
 
 class TreePlanner:
-    """Plans the trees of documents: `outline` is the first pass, and `complete` the second."""
+    """Plans the trees of documents in two passes, and reports their errors.
+
+    The first pass, `outline`, concerns all trees, because BehaviorTree.CPP rejects a document in which an
+    unused tree has a wrong structure. The second, `complete`, concerns the trees that are used.
+    """
 
     def __init__(self, definitions: Definitions, registry: Registry, collector: DiagnosticCollector) -> None:
         self._definitions = definitions
@@ -148,7 +152,7 @@ class TreePlanner:
         self._unknown_node_hints: UnknownNodeHints | None = None
         # Of the tree that is being planned:
         self._document: Document = definitions.sources.main_document
-        self._own_id: str | None = None
+        self._own_id = ""
 
     # --- the first pass: create node plans, and check the structure of the tree
 
@@ -159,8 +163,8 @@ class TreePlanner:
             The plans in pre-order, beginning with the root; [] if there is no root.
         """
         self._document = definition.document
+        self._own_id = definition.id
         top, dialect, limit = definition.element, self._dialect, definition.document.max_depth
-        self._own_id = top.get("ID")
         ignored: set[NodePlan] = set()
         nodes: list[NodePlan] = []
         pending = [NodePlan(top, 0)]
@@ -182,12 +186,7 @@ class TreePlanner:
             if children:
                 children = element_children(element)
                 if len(children) != len(element.children):
-                    message, hint = (
-                        "the obsolete <Root> is ignored",
-                        Hint("remove it", (Remove(is_safe=True),)),
-                    )
-                    for child in element.iterchildren("Root"):
-                        self._collector.report(self._document, CAPITALISED_ROOT, message, child, hint=hint)
+                    self._report_obsolete_roots(element)
             if not rule.is_node:
                 self._check_other_tag(tag, element, children)
             elif rule.counted_as is not None:
@@ -227,6 +226,12 @@ class TreePlanner:
 
     def _manifest(self, id: str) -> Manifest | None:
         return self._registry.get(id, self._dialect.format)
+
+    def _report_obsolete_roots(self, element: Element) -> None:
+        hint = Hint("remove it", (Remove(is_safe=True),))
+        for child in element.iterchildren("Root"):
+            message = "the obsolete <Root> is ignored"
+            self._collector.report(self._document, CAPITALISED_ROOT, message, child, hint=hint)
 
     def _check_other_tag(self, tag: str, element: Element, children: list[Element]) -> None:
         if tag == "BehaviorTree":
@@ -286,11 +291,11 @@ class TreePlanner:
 
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
-        second = next(islice((child for child in children if child.tag == "AsyncSequence"), 1, None), None)
-        if second is not None and self._dialect.format == 4:
+        found = [child for child in children if child.tag == "AsyncSequence"]
+        if len(found) > 1 and self._dialect.format == 4:
             message = "second AsyncSequence in a ReactiveSequence, which can have only one"
             hint = "only one child can be RUNNING at a time"
-            self._collector.report(self._document, SEVERAL_ASYNC_SEQUENCES, message, second, hint=hint)
+            self._collector.report(self._document, SEVERAL_ASYNC_SEQUENCES, message, found[1], hint=hint)
 
     def _check_tree(self, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
@@ -458,11 +463,12 @@ class TreePlanner:
     def _create_binding(self, node: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
         """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
         binding = (Input if port.reads else Binding)(port, text, self._dialect.format)
+        # Most texts are a literal that the binding has converted, or a key in braces: they need no check.
         if binding.key is None:
-            is_fine = not binding.error and text != port.default
+            is_valid = not binding.error and text != port.default
         else:
-            is_fine = text[0] == "{" and text[-1] == "}"
-        if is_fine or not self._dialect.checks_literals or self._check_literal(node, binding):
+            is_valid = text[0] == "{" and text[-1] == "}"
+        if is_valid or not self._dialect.checks_literals or self._check_literal(node, binding):
             by_text[text] = binding
         return binding
 
@@ -500,6 +506,7 @@ class TreePlanner:
     # --- SubTree elements
 
     def _plan_call(self, tag: str, node: NodePlan, tree: TreePlan) -> bool:
+        """Complete the plan of a SubTree element; return whether the called tree is known."""
         element = node.element
         format, definitions = self._dialect.format, self._definitions
         node.id = tag
@@ -512,7 +519,7 @@ class TreePlanner:
             node.name = id  # format 3 ignores the name of a call
         else:
             self._select_call_attributes(node, call)
-        self._report_call(call, model)
+        self._check_connections(call, model)
         if id in definitions.by_id:
             return True
         if element.get("ID") is not None and definitions.are_complete:
@@ -538,7 +545,7 @@ class TreePlanner:
                 attributes[key] = text
         node.conditions, node.attributes = conditions, attributes
 
-    def _report_call(self, call: SubtreeCall, model: Mapping[str, str | None]) -> None:
+    def _check_connections(self, call: SubtreeCall, model: Mapping[str, str | None]) -> None:
         element = call.element
         for key in call.invalid_flags:
             from btcore.xml.plan.hints import value_hint  # only errors need it

@@ -33,21 +33,8 @@ if TYPE_CHECKING:
     from btcore.xml.read.positions import SourceMap
     from btcore.xml.read.tinyxml2_parser import Finding
 
-MAX_ELEMENTS: Final = 500_000
-"""Maximum number of elements of a document."""
-MAX_ATTRIBUTES: Final = 5_000_000
-"""Maximum number of attributes of a document."""
-
-_ROOT_TAG: Final = re.compile(rb"<root\b", re.IGNORECASE)
-_BYTE_ORDER_MARKS: Final = (
-    (b"\xff\xfe\x00\x00", "UTF-32"),
-    (b"\x00\x00\xfe\xff", "UTF-32"),
-    (b"\xff\xfe", "UTF-16"),
-    (b"\xfe\xff", "UTF-16"),
-)
 MAX_COMPARISONS: Final = 50_000
 """Maximum number of comparisons of misspelt names with known names; each takes about 30 µs."""
-
 MAX_PER_CODE: Final = 50_000
 """Maximum number of diagnostics that are collected with the same code."""
 
@@ -259,6 +246,19 @@ def sort_diagnostics(diagnostics: Sequence[Diagnostic]) -> list[Diagnostic]:
 
 
 # --- parsing
+
+MAX_ELEMENTS: Final = 500_000
+"""Maximum number of elements of a document."""
+MAX_ATTRIBUTES: Final = 5_000_000
+"""Maximum number of attributes of a document."""
+
+_ROOT_TAG: Final = re.compile(rb"<root\b", re.IGNORECASE)
+_BYTE_ORDER_MARKS: Final = (
+    (b"\xff\xfe\x00\x00", "UTF-32"),
+    (b"\x00\x00\xfe\xff", "UTF-32"),
+    (b"\xff\xfe", "UTF-16"),
+    (b"\xfe\xff", "UTF-16"),
+)
 
 
 def parse_text(text: str, file: str = "", *, confined: bool = False) -> Document:

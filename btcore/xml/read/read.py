@@ -4,7 +4,7 @@
 """
 
 import posixpath
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -58,108 +58,113 @@ def read(
             of a registry.
         packages: Finds the share directory of a ROS package.
     """
-    collector = DiagnosticCollector()
     shared_documents = tuple(shared_documents)
-    documents: list[Document] = []
-    main = real_path(document.file) if document.file else None
-    seen: set[Path] = set() if main is None else {main}
+    reader = _Reader(packages)
+    if document.file:
+        reader.seen.add(real_path(document.file))
     for shared in shared_documents:
         # The same file may be shared and the document itself, or an include of an earlier document.
-        if shared is not document and not (shared.file and real_path(shared.file) in seen):
-            _add_with_includes(shared, collector, packages, documents, seen, [])
-    _add_with_includes(document, collector, packages, documents, seen, [])
-    for read_document in documents:
+        if shared is not document and not (shared.file and real_path(shared.file) in reader.seen):
+            reader.add(shared)
+    reader.add(document)
+    for read_document in reader.documents:
         for warning in read_document.warnings:
-            collector.add(warning)
-    return Sources(tuple(documents), shared_documents, collector.diagnostics)
+            reader.collector.add(warning)
+    return Sources(tuple(reader.documents), shared_documents, reader.collector.diagnostics)
 
 
-def _add_with_includes(
-    document: Document,
-    collector: DiagnosticCollector,
-    packages: PackageResolver | None,
-    documents: list[Document],
-    seen: set[Path],
-    chain: list[Path],
-) -> None:
-    # The chain of includes, from the outermost file to this file.
-    files = [*chain, real_path(document.file)] if document.file else chain
-    seen.update(files)
-    for element in document.root.iterchildren("include"):
-        path = _include_path(document, element, collector, packages)
-        if path is None:
-            continue
-        resolved = real_path(path)
-        if document.confined_to is not None and not resolved.is_relative_to(document.confined_to):
-            message = "the included file is outside of the folder of the main file"
-            hint = "for trees that you trust, omit --confined (in Python: confined=False)"
-            collector.report(document, INCLUDE_FAILED, message, element, "path", hint=hint)
-        elif len(chain) > MAX_INCLUDE_DEPTH:
-            message = f"includes are nested more than {MAX_INCLUDE_DEPTH} deep"
-            collector.report(document, INCLUDE_FAILED, message, element, "path")
-        elif len(seen) >= MAX_INCLUDED_FILES:
-            message = f"the document includes more than {MAX_INCLUDED_FILES:,} files"
-            collector.report(document, INCLUDE_FAILED, message, element, "path")
-            break
-        elif resolved in files:
-            cycle = files[files.index(resolved) :]
-            names = " → ".join(file.name for file in [*cycle, resolved])
-            collector.report(
-                document, INCLUDE_FAILED, f"the files include each other: {names}", element, "path"
+class _Reader:
+    """Reads the files that documents include, each once.
+
+    Attributes:
+        documents: The documents, each after those that it includes.
+        seen: The files of the documents, and the files that cannot be read.
+    """
+
+    def __init__(self, packages: PackageResolver | None) -> None:
+        self._packages = packages
+        self.collector = DiagnosticCollector()
+        self.documents: list[Document] = []
+        self.seen: set[Path] = set()
+
+    def add(self, document: Document, including: Sequence[Path] = ()) -> None:
+        """Add the documents that *document* includes, then *document*.
+
+        Args:
+            including: The files between the main file and *document*, from the main file on.
+        """
+        files = [*including, real_path(document.file)] if document.file else including
+        self.seen.update(files)
+        for element in document.root.iterchildren("include"):
+            path = self._find(document, element)
+            if path is None:
+                continue
+            resolved = real_path(path)
+            message, hint = "", ""
+            if document.confined_to is not None and not resolved.is_relative_to(document.confined_to):
+                message = "the included file is outside of the folder of the main file"
+                hint = "for trees that you trust, omit --confined (in Python: confined=False)"
+            elif len(including) > MAX_INCLUDE_DEPTH:
+                message = f"includes are nested more than {MAX_INCLUDE_DEPTH} deep"
+            elif len(self.seen) >= MAX_INCLUDED_FILES:
+                message = f"the document includes more than {MAX_INCLUDED_FILES:,} files"
+                self.collector.report(document, INCLUDE_FAILED, message, element, "path")
+                break
+            elif resolved in files:
+                cycle = files[files.index(resolved) :]
+                names = " → ".join(file.name for file in [*cycle, resolved])
+                message = f"the files include each other: {names}"
+            elif resolved not in self.seen:
+                try:
+                    included = parse_file(path, included_by=document)
+                except XmlSyntaxError as error:
+                    self._add_errors(error, document, element)
+                    self.seen.add(resolved)  # its errors are reported once
+                else:
+                    self.add(included, files)
+            if message:
+                self.collector.report(document, INCLUDE_FAILED, message, element, "path", hint)
+        self.documents.append(document)
+
+    def _add_errors(self, error: XmlSyntaxError, document: Document, element: Element) -> None:
+        """Add the errors of the file that *element* includes."""
+        for cause in error.diagnostics:
+            if cause.code != UNREADABLE_FILE:
+                self.collector.add(cause)
+                continue
+            message = f"the included file '{cause.file}': {cause.message}"
+            written = posixpath.dirname((element.get("path") or "").rstrip("/"))
+            fixes = [
+                SetValue(*(posixpath.join(written, name) for name in fix.values))
+                for fix in cause.fixes
+                if isinstance(fix, SetValue)
+            ]
+            hint = Hint(cause.hint, tuple(fixes))
+            self.collector.report(document, INCLUDE_FAILED, message, element, "path", hint=hint)
+
+    def _find(self, document: Document, element: Element) -> Path | None:
+        """Return the path of the file that *element* includes, or None after an error."""
+        written = element.get("path")
+        if not written:
+            hint = 'write <include path="other.xml"/>'
+            self.collector.report(document, INCLUDE_FAILED, "missing path in <include>", element, hint=hint)
+            return None
+        path = Path(written)
+        package = element.get("ros_pkg")
+        if package is None:
+            return path if path.is_absolute() else document.folder / path
+        if path.is_absolute():
+            message = f"ros_pkg '{package}' is ignored because the path is absolute"
+            self.collector.report(document, IGNORED_PACKAGE, message, element, "ros_pkg")
+            return path
+        folder = self._packages(package) if self._packages is not None else None
+        if folder is None:
+            message = f"unknown ROS package '{package}'"
+            hint = (
+                "pass a package resolver, a function that returns the share directory of a package"
+                if self._packages is None
+                else "the package resolver does not know it"
             )
-        elif resolved not in seen:
-            try:
-                included = parse_file(path, included_by=document)
-            except XmlSyntaxError as error:
-                _add_errors(error, document, element, collector)
-                seen.add(resolved)  # its errors are reported once
-            else:
-                _add_with_includes(included, collector, packages, documents, seen, files)
-    documents.append(document)
-
-
-def _add_errors(
-    error: XmlSyntaxError, document: Document, element: Element, collector: DiagnosticCollector
-) -> None:
-    for cause in error.diagnostics:
-        if cause.code != UNREADABLE_FILE:
-            collector.add(cause)
-            continue
-        message = f"the included file '{cause.file}': {cause.message}"
-        written = posixpath.dirname((element.get("path") or "").rstrip("/"))
-        fixes = [
-            SetValue(*(posixpath.join(written, name) for name in fix.values))
-            for fix in cause.fixes
-            if isinstance(fix, SetValue)
-        ]
-        hint = Hint(cause.hint, tuple(fixes))
-        collector.report(document, INCLUDE_FAILED, message, element, "path", hint=hint)
-
-
-def _include_path(
-    document: Document, element: Element, collector: DiagnosticCollector, packages: PackageResolver | None
-) -> Path | None:
-    written = element.get("path")
-    if not written:
-        hint = 'write <include path="other.xml"/>'
-        collector.report(document, INCLUDE_FAILED, "missing path in <include>", element, hint=hint)
-        return None
-    path = Path(written)
-    package = element.get("ros_pkg")
-    if package is None:
-        return path if path.is_absolute() else document.folder / path
-    if path.is_absolute():
-        message = f"ros_pkg '{package}' is ignored because the path is absolute"
-        collector.report(document, IGNORED_PACKAGE, message, element, "ros_pkg")
-        return path
-    folder = packages(package) if packages is not None else None
-    if folder is None:
-        message = f"unknown ROS package '{package}'"
-        hint = (
-            "pass a package resolver, a function that returns the share directory of a package"
-            if packages is None
-            else "the package resolver does not know it"
-        )
-        collector.report(document, INCLUDE_FAILED, message, element, "ros_pkg", hint=hint)
-        return None
-    return Path(folder) / path
+            self.collector.report(document, INCLUDE_FAILED, message, element, "ros_pkg", hint=hint)
+            return None
+        return Path(folder) / path

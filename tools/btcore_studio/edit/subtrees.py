@@ -33,7 +33,7 @@ def extract_subtree(plans: Plans, element: Element, id: str) -> list[Edit]:
         raise EditError("in format 3, a SubTree element changes when the nodes of its tree are halted")
     if id in plans.definitions.by_id:
         raise EditError(f"there is a tree '{id}' already")
-    keys = TreeKeys(plans, bounded=True).keys_in(_branch(node))
+    keys = TreeKeys(plans).keys_in(_branch(node))
     if keys is None:
         raise EditError("a node of the branch may use any key, or is unknown")
     calls = [
@@ -96,7 +96,7 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
         raise EditError("the SubTree element connects a key with a key of the main tree ('@')")
     if call.constants:
         raise EditError(f"the SubTree element sets '{next(iter(call.constants))}' to a constant")
-    tree_keys = TreeKeys(plans, bounded=True)
+    tree_keys = TreeKeys(plans)
     inner, outer = tree_keys.keys_of(called.id), tree_keys.keys_of(tree.id)
     if inner is None or outer is None:
         raise EditError("a node of one of the trees may use any key, or is unknown")
