@@ -8,10 +8,11 @@ be provided. Of several candidates, the first of these criteria decides:
 1. A required option of the provider was given.
 2. The provider is used for another type anyway.
 3. The provider is the user's, not an installed one.
-4. The provider needs other objects, and only such as are used anyway.
+4. The provider needs other objects, and only such as are used anyway: if leaves explore, they also navigate
+   by `exploring_navigator`, which needs the `exploration`.
 5. The provider is not a default.
-6. The provider takes all settings that its equals require: with `--bag FILE --description FILE`, the provider
-   that takes both options, not the provider that takes only the bag.
+6. The provider takes all settings that its equals require: with `--bag FILE --ros2 tiago`, `bag_robot`, which
+   takes both options, not `ros_robot`.
 
 The other candidates are rejected. They are used for no other type either, and neither is a provider that
 needs what only they provide: the map of a simulated world does not fit another robot. Since they, or such a
