@@ -50,7 +50,7 @@ VULKAN := mesa-vulkan-drivers libvulkan1
 # What the demo runs, and for how long (s of the robot's time).
 DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
 
-# Targets that `make test` builds beside the tests of ROS 2, which often wait.
+# Targets that `make test` makes beside the tests of ROS 2, which often wait.
 BESIDE ?=
 
 # How many seeds each acceptance run is made with.
@@ -75,7 +75,7 @@ GOALS ?= 2000
 MISTAKES ?=
 EDITS ?= 10000
 
-.PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint lint-and-pure pure compiled vulkan accept \
+.PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint lint-and-pure other-tests pure compiled vulkan accept \
 	accept-robot accept-engine accept-tools accept-ros2 docs vscode npm-checks dist bench clean
 
 help:
@@ -185,8 +185,7 @@ demo: .venv/ready vulkan
 	fi
 
 test: .venv/ready
-	@$(MAKE) -s -j 2 environments lint-and-pure
-	@$(MAKE) -s -j 3 --output-sync compiled test-ros2 $(BESIDE)
+	@$(MAKE) -s -j 4 lint-and-pure other-tests
 
 check: .venv/ready
 	@.venv/bin/python tests/check.py $(if $(LIMIT),--limit $(LIMIT)) $(FILES)
@@ -196,10 +195,14 @@ environments:
 	@$(MAKE) -s .venv-compiled/ready
 	$(if $(ROS2),@$(MAKE) -s .venv-ros/ready)
 
-# The other environments are built meanwhile.
 lint-and-pure:
 	@$(MAKE) -s lint
 	@$(MAKE) -s pure
+
+# In the environments that are built meanwhile.
+other-tests:
+	@$(MAKE) -s environments
+	@$(MAKE) -s --output-sync compiled test-ros2 $(BESIDE)
 
 lint: .venv/ready
 	@echo '· style and types'
@@ -241,7 +244,7 @@ accept-robot: .venv/ready
 	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/patrolling.py $(PATROLS) --jobs $(CORES)
 	@.venv/bin/python tests/acceptance/failures.py $(FAILURES) --jobs $(CORES)
-	@.venv/bin/python tests/acceptance/worlds.py $(WORLDS) --jobs $(CORES)
+	@$(if $(WORLDS),.venv/bin/python tests/acceptance/worlds.py $(WORLDS) --jobs $(CORES))
 	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
 
 accept-engine: .venv/ready .venv-compiled/ready

@@ -42,8 +42,8 @@ HOT = {
     "btcore/status.py",
     "btcore/tree",
     "btcore/values",
-    "btcore/xml/plan/outline.py",
     "btcore/xml/plan/tree_plan.py",
+    "btcore/xml/plan/tree_planner.py",
     "btcore/xml/read/element.py",
     "tools/btcore_batch",
 }

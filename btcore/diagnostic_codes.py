@@ -1,4 +1,4 @@
-"""The table of diagnostic codes, with the severity, the summary and the documentation of each code.
+"""The table of diagnostic codes, with the kind, the summary and the documentation of each code.
 
 docs/reference/errors.md describes the codes; a test compares the page with this table.
 """
@@ -6,38 +6,56 @@ docs/reference/errors.md describes the codes; a test compares the page with this
 import re
 from typing import Final, Literal
 
-Severity = Literal["error", "warning", "same meaning", "new meaning", "manual step"]
-"""The severity of a problem (error, warning), or the effect of a change in a conversion to format 4."""
+Severity = Literal["error", "warning", "change"]
+"""An error or a warning about a document, or a change in its conversion to format 4."""
+Kind = Literal[
+    "document error", "tree error", "unknown node", "port error",
+    "warning",
+    "same meaning", "new meaning", "manual step",
+]  # fmt: skip
+"""The kind of an error, from which the exception follows, or "warning", or the effect of a change."""
+
+_SEVERITIES: Final[dict[Kind, Severity]] = {
+    "warning": "warning",
+    "same meaning": "change",
+    "new meaning": "change",
+    "manual step": "change",
+}
 
 
 class DiagnosticCode(str):
-    """A diagnostic code of the table below: a str such as "E101", with a severity and a summary.
+    """A diagnostic code of the table below: a str such as "E101", with a kind and a summary.
 
     Attributes:
-        severity: The severity of the problem, or the effect of the change.
+        kind: The kind of the error, or "warning", or the effect of the change.
         summary: A short description, such as "unknown node".
 
     Examples:
-        >>> from btcore.diagnostic_codes import UNKNOWN_NODE
-        >>> UNKNOWN_NODE, UNKNOWN_NODE.severity, UNKNOWN_NODE.summary
-        ('E101', 'error', 'unknown node')
+        >>> from btcore.diagnostic_codes import UNKNOWN_PORT
+        >>> UNKNOWN_PORT, UNKNOWN_PORT.kind, UNKNOWN_PORT.severity, UNKNOWN_PORT.summary
+        ('E201', 'port error', 'error', 'unknown port')
     """
 
     # A subclass of str, and not an Enum: a hundred members of an Enum would slow down `import btcore`.
-    __slots__ = ("severity", "summary")
-    severity: Severity
+    __slots__ = ("kind", "summary")
+    kind: Kind
     summary: str
 
-    def __new__(cls, text: str, severity: Severity, summary: str) -> "DiagnosticCode":
+    def __new__(cls, text: str, kind: Kind, summary: str) -> "DiagnosticCode":
         """Create an entry of the table; other modules use the constants below."""
         code = super().__new__(cls, text)
-        code.severity = severity
+        code.kind = kind
         code.summary = summary
         return code
 
-    def __getnewargs__(self) -> tuple[str, Severity, str]:  # type: ignore[override]
+    def __getnewargs__(self) -> tuple[str, Kind, str]:  # type: ignore[override]
         """Return the arguments of `__new__`, for copies and pickles."""
-        return str(self), self.severity, self.summary
+        return str(self), self.kind, self.summary
+
+    @property
+    def severity(self) -> Severity:
+        """Whether the code is that of an error, a warning or a change."""
+        return _SEVERITIES.get(self.kind, "error")
 
     @property
     def url(self) -> str | None:
@@ -53,47 +71,48 @@ class DiagnosticCode(str):
 
 
 # The document itself
-EMPTY_DOCUMENT: Final = DiagnosticCode("E001", "error", "empty document")
-NOT_XML: Final = DiagnosticCode("E002", "error", "not well-formed XML")
-UNREADABLE_FILE: Final = DiagnosticCode("E003", "error", "unreadable file")
-NOT_UTF8: Final = DiagnosticCode("E004", "error", "not UTF-8")
-DOCUMENT_TYPE: Final = DiagnosticCode("E005", "error", "document type declaration")
-TOO_DEEP: Final = DiagnosticCode("E006", "error", "nesting too deep")
-INCLUDE_FAILED: Final = DiagnosticCode("E007", "error", "include failed")
-NOT_A_ROOT: Final = DiagnosticCode("E008", "error", "root element is not `root`")
-UNKNOWN_FORMAT: Final = DiagnosticCode("E009", "error", "unknown format")
+EMPTY_DOCUMENT: Final = DiagnosticCode("E001", "document error", "empty document")
+NOT_XML: Final = DiagnosticCode("E002", "document error", "not well-formed XML")
+UNREADABLE_FILE: Final = DiagnosticCode("E003", "document error", "unreadable file")
+NOT_UTF8: Final = DiagnosticCode("E004", "document error", "not UTF-8")
+DOCUMENT_TYPE: Final = DiagnosticCode("E005", "document error", "document type declaration")
+TOO_DEEP: Final = DiagnosticCode("E006", "document error", "nesting too deep")
+INCLUDE_FAILED: Final = DiagnosticCode("E007", "document error", "include failed")
+NOT_A_ROOT: Final = DiagnosticCode("E008", "document error", "root element is not `root`")
+UNKNOWN_FORMAT: Final = DiagnosticCode("E009", "document error", "unknown format")
+DOCUMENT_TOO_LARGE: Final = DiagnosticCode("E010", "document error", "document too large")
 
 # Nodes and trees
-UNKNOWN_NODE: Final = DiagnosticCode("E101", "error", "unknown node")
-MISSING_ID: Final = DiagnosticCode("E102", "error", "missing ID or name")
-UNEXPECTED_ID: Final = DiagnosticCode("E103", "error", "unexpected ID")
-WRONG_CHILD_COUNT: Final = DiagnosticCode("E104", "error", "wrong number of children")
-TREE_NAMED_AS_NODE: Final = DiagnosticCode("E105", "error", "tree has the name of a node")
-TREE_WITHOUT_ID: Final = DiagnosticCode("E106", "error", "tree without an ID")
-INVALID_NAME: Final = DiagnosticCode("E107", "error", "invalid name")
-UNDETERMINED_MAIN_TREE: Final = DiagnosticCode("E108", "error", "main tree not determined")
-UNKNOWN_TREE: Final = DiagnosticCode("E109", "error", "unknown subtree")
-RECURSIVE_TREES: Final = DiagnosticCode("E110", "error", "recursive trees")
-DUPLICATE_SUBTREE_PATH: Final = DiagnosticCode("E112", "error", "duplicate subtree path")
-DUPLICATE_MODELS: Final = DiagnosticCode("E113", "error", "several models sections")
+UNKNOWN_NODE: Final = DiagnosticCode("E101", "unknown node", "unknown node")
+MISSING_ID: Final = DiagnosticCode("E102", "tree error", "missing ID or name")
+UNEXPECTED_ID: Final = DiagnosticCode("E103", "tree error", "unexpected ID")
+WRONG_CHILD_COUNT: Final = DiagnosticCode("E104", "tree error", "wrong number of children")
+TREE_NAMED_AS_NODE: Final = DiagnosticCode("E105", "tree error", "tree has the name of a node")
+TREE_WITHOUT_ID: Final = DiagnosticCode("E106", "tree error", "tree without an ID")
+INVALID_NAME: Final = DiagnosticCode("E107", "tree error", "invalid name")
+UNDETERMINED_MAIN_TREE: Final = DiagnosticCode("E108", "tree error", "main tree not determined")
+UNKNOWN_TREE: Final = DiagnosticCode("E109", "tree error", "unknown subtree")
+RECURSIVE_TREES: Final = DiagnosticCode("E110", "tree error", "recursive trees")
+DUPLICATE_SUBTREE_PATH: Final = DiagnosticCode("E112", "tree error", "duplicate subtree path")
+DUPLICATE_MODELS: Final = DiagnosticCode("E113", "tree error", "several models sections")
 SEVERAL_ASYNC_SEQUENCES: Final = DiagnosticCode(
-    "E114", "error", "several AsyncSequences in a ReactiveSequence"
+    "E114", "tree error", "several AsyncSequences in a ReactiveSequence"
 )
-LEAF_INIT_RAISED: Final = DiagnosticCode("E115", "error", "leaf constructor raised an exception")
-CONTROL_CHARACTER_IN_NAME: Final = DiagnosticCode("E116", "error", "control character in a name")
-TOO_LARGE: Final = DiagnosticCode("E117", "error", "tree too large")
-NODE_NOT_CREATED: Final = DiagnosticCode("E118", "error", "node not created")
-FIRST_TICK_REFUSED: Final = DiagnosticCode("E119", "error", "children rejected by the first tick")
-NOT_FOR_A_BATCH: Final = DiagnosticCode("E120", "error", "not supported in a batch")
+LEAF_INIT_RAISED: Final = DiagnosticCode("E115", "tree error", "leaf constructor raised an exception")
+CONTROL_CHARACTER_IN_NAME: Final = DiagnosticCode("E116", "tree error", "control character in a name")
+TREE_TOO_LARGE: Final = DiagnosticCode("E117", "tree error", "tree too large")
+NODE_NOT_CREATED: Final = DiagnosticCode("E118", "tree error", "node not created")
+FIRST_TICK_REFUSED: Final = DiagnosticCode("E119", "tree error", "children rejected by the first tick")
+NOT_FOR_A_BATCH: Final = DiagnosticCode("E120", "tree error", "not supported in a batch")
 
 # Ports, keys and scripts
-UNKNOWN_PORT: Final = DiagnosticCode("E201", "error", "unknown port")
-INCONVERTIBLE_TEXT: Final = DiagnosticCode("E202", "error", "text not convertible")
-CONFLICTING_ENTRY_TYPES: Final = DiagnosticCode("E203", "error", "conflicting types of an entry")
-MISSING_SUBTREE_PORT: Final = DiagnosticCode("E204", "error", "missing port of a subtree")
-MISSING_PORT: Final = DiagnosticCode("E205", "error", "missing mandatory port")
-SCRIPT_SYNTAX: Final = DiagnosticCode("E206", "error", "script syntax error")
-NOT_A_BOOLEAN: Final = DiagnosticCode("E207", "error", "not a boolean")
+UNKNOWN_PORT: Final = DiagnosticCode("E201", "port error", "unknown port")
+INCONVERTIBLE_TEXT: Final = DiagnosticCode("E202", "port error", "text not convertible")
+CONFLICTING_ENTRY_TYPES: Final = DiagnosticCode("E203", "port error", "conflicting types of an entry")
+MISSING_SUBTREE_PORT: Final = DiagnosticCode("E204", "port error", "missing port of a subtree")
+MISSING_PORT: Final = DiagnosticCode("E205", "port error", "missing mandatory port")
+SCRIPT_SYNTAX: Final = DiagnosticCode("E206", "port error", "script syntax error")
+NOT_A_BOOLEAN: Final = DiagnosticCode("E207", "port error", "not a boolean")
 
 # Warnings about documents, nodes and trees
 BARE_MARKUP: Final = DiagnosticCode("W101", "warning", "bare `<` or `&` in an attribute")

@@ -6,30 +6,8 @@ from typing import Final, Literal, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.escaping import escape_controls
+from btcore.fixes import Fix, Rename
 from btcore.suggestions import suggestion
-
-FixOperation = Literal[
-    "add_children", "call_tree", "close_tag", "connect", "create_entry", "create_tree", "declare_node",
-    "end_tag", "escape", "insert_text", "name_tree", "remove", "remove_children", "rename",
-    "rename_attribute", "rename_element", "replace_text", "set_attributes", "set_format", "set_value",
-    "wrap_children",
-]  # fmt: skip
-"""The operations of `Fix`; btcore/xml/edit/fixes.py describes each of them."""
-
-
-class Fix(NamedTuple):
-    """A change that removes the cause of a diagnostic; `btcore.xml.edit.fixes` makes edits of the text.
-
-    Attributes:
-        operation: The operation, applied at the place of the diagnostic.
-        arguments: The arguments of the operation, such as the new name.
-        is_safe: Whether the change needs no decision of a person: the document means the same as before, or
-            it was invalid and can mean nothing else. `btcore validate --fix` applies these changes.
-    """
-
-    operation: FixOperation
-    arguments: tuple[str | int, ...] = ()
-    is_safe: bool = False
 
 
 class Hint(NamedTuple):
@@ -47,7 +25,7 @@ class Hint(NamedTuple):
     @classmethod
     def similar_name(cls, name: str) -> "Hint":
         """Return the hint that the marked name may be a misspelt *name*."""
-        return cls(suggestion(f"'{name}'"), (Fix("rename", (name,)),))
+        return cls(suggestion(f"'{name}'"), (Rename(name),))
 
 
 class Diagnostic(NamedTuple):
@@ -193,12 +171,10 @@ def shown_diagnostics(diagnostics: Iterable[Diagnostic]) -> tuple[list[Diagnosti
             kept[file] += 1
             shown.append(diagnostic)
         else:
-            severity = diagnostic.code.severity
-            noun = severity if severity in ("error", "warning") else "change"
-            omitted.setdefault(file, Counter())[noun] += 1
+            omitted.setdefault(file, Counter())[diagnostic.code.severity] += 1
     sentences = [
         f"{file or '<text>'}: "
-        + " and ".join(f"{count:,} more {noun}{'s' * (count > 1)}" for noun, count in counts.items())
+        + " and ".join(f"{count:,} more {what}{'s' * (count > 1)}" for what, count in counts.items())
         for file, counts in omitted.items()
     ]
     return shown, sentences

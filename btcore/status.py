@@ -108,7 +108,7 @@ class PossibleResults(NamedTuple):
         """Return whether a parent that continues after *continue_on* may tick its next child."""
         return continue_on in self.results or SKIPPED in self.results
 
-    def mapped(self, changes: dict[Status, Status]) -> "PossibleResults":
+    def replace_results(self, changes: dict[Status, Status]) -> "PossibleResults":
         """Return a copy, with each status that is a key of *changes* replaced by its value there."""
         return PossibleResults(
             frozenset([changes.get(status, status) for status in self.in_first_tick]),

@@ -42,6 +42,7 @@ TIERS = (
         "escaping",
         "exit_codes",
         "extras",
+        "fixes",
         "moved_modules",
         "names",
         "options",

@@ -228,7 +228,7 @@ class Input(Binding):
             return list(value) if isinstance(value, list) else value
         entry = self.blackboard.find(key)
         if entry is None or entry.value is None:
-            raise self._unreadable(entry)
+            raise self._unreadable_error(entry)
         value = entry.value
         port_type = self.port.type
         if not port_type.strong:
@@ -242,7 +242,7 @@ class Input(Binding):
                 f"port [{self.name}] reads {{{key}}} as {port_type.name}, but it holds {value!r}: {error}"
             ) from None
 
-    def _unreadable(self, entry: Entry | None) -> BlackboardError:
+    def _unreadable_error(self, entry: Entry | None) -> BlackboardError:
         problem = "is not on the blackboard" if entry is None else "has never been written"
         error = BlackboardError(f"port [{self.name}] reads {{{self.key}}}, which {problem}")
         error.unwritten_key = self.key or ""

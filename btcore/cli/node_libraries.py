@@ -16,7 +16,8 @@ from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, unsearched_l
 from btcore.options import Options, option
 from btcore.registry.registry import Plugin, Registry, import_plugin, library_of
 from btcore.xml.read.dialect import EXPLICIT_TAGS
-from btcore.xml.read.read import Document, Sources, read
+from btcore.xml.read.document import Document
+from btcore.xml.read.read import Sources, read
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem

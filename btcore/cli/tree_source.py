@@ -13,8 +13,9 @@ from btcore.errors import BtcoreError, TreeError
 from btcore.input_files import read_error, read_stream
 from btcore.options import option
 from btcore.registry.registry import Registry
-from btcore.xml.plan.plan import Plans, define_and_plan
-from btcore.xml.read.read import Document, parse_bytes, parse_file
+from btcore.xml.define import define
+from btcore.xml.plan.plan import Plans, plan
+from btcore.xml.read.document import Document, parse_bytes, parse_file
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -145,7 +146,7 @@ class TreeSource:
             sources, nodes = self.libraries.read(document)
             if self.adapt_registry is not None:
                 nodes = self.adapt_registry(nodes)
-            plans = define_and_plan(sources, nodes, self.options.tree, self.options.format)
+            plans = plan(define(sources, self.options.tree, self.options.format), nodes)
             plans.diagnostics.raise_errors()
         except TreeError as error:
             # An unknown node may belong to an installed library that cannot be imported.

@@ -127,10 +127,7 @@ class ControlNode(TreeNode):
 
     def halt_child(self, index: int) -> None:
         """Halt the child at *index* if it is RUNNING, and reset it."""
-        child = self._children[index]
-        if child._status is RUNNING:
-            halt_node(child)
-        reset_status(child)
+        halt_and_reset(self._children[index])
 
     def reset_children(self) -> None:
         """Halt the children that are RUNNING, and reset all children.
@@ -215,6 +212,13 @@ def _reset_unobserved(children: list[TreeNode]) -> bool:
     return True
 
 
+def halt_and_reset(child: TreeNode) -> None:
+    """Halt *child* if it is RUNNING, and reset it."""
+    if child._status is RUNNING:
+        halt_node(child)
+    reset_status(child)
+
+
 class MissingChild(TreeNode):
     """Stands for the child of a decorator without a child: a tree of format 3 with such a decorator loads.
 
@@ -251,7 +255,6 @@ class DecoratorNode(TreeNode):
     spec: ClassVar[NodeSpec] = NodeSpec(
         node_type=NodeType.DECORATOR, child_count=(1, 1), child_count_at_load=(1, 1)
     )
-    _class_tick_flags: ClassVar[int] = RESETS_CHILD
     child: TreeNode
 
     def set_children(self, children: list[TreeNode]) -> None:
@@ -276,10 +279,7 @@ class DecoratorNode(TreeNode):
 
     def halt_child(self) -> None:
         """Halt the child if it is RUNNING, and reset it."""
-        child = self.child
-        if child._status is RUNNING:
-            halt_node(child)
-        reset_status(child)
+        halt_and_reset(self.child)
 
     def reset_child(self) -> None:
         """Call `halt_child`: BehaviorTree.CPP has both names."""
@@ -297,3 +297,4 @@ def enable_child_reset(node: DecoratorNode) -> None:
     Call it once, after `set_children` and `__init__`, which a class may override to change the child.
     """
     node._decorated_child = node.child
+    node._tick_flags |= RESETS_CHILD

@@ -82,7 +82,7 @@ class CoroutineAction(StatefulAction):
     spec: ClassVar[NodeSpec] = NodeSpec(state_fields=None)
 
     _body: Any = None
-    _until: int = 0
+    _sleep_end: int = 0
     _future: Any = None
 
     def create_body(self) -> Any:
@@ -91,17 +91,17 @@ class CoroutineAction(StatefulAction):
 
     def on_start(self) -> object:
         """Start the body."""
-        self._until = 0
+        self._sleep_end = 0
         self._body = self.create_body()
         return self._resume()
 
     def on_running(self) -> object:
         """Resume the body, unless it still sleeps or awaits a future that is not done."""
-        if self._until and not self.has_passed(self._until):
+        if self._sleep_end and not self.has_passed(self._sleep_end):
             return RUNNING
         if self._future is not None and not self._future.done():
             return RUNNING
-        self._until = 0
+        self._sleep_end = 0
         self._future = None
         return self._resume()
 
@@ -114,15 +114,15 @@ class CoroutineAction(StatefulAction):
         except RuntimeError as error:
             self._body = None
             if str(error) == "no running event loop":
-                raise self._not_awaitable("asyncio") from error
+                raise self._await_error("asyncio") from error
             raise
         except BaseException:
             self._body = None
             raise
         if isinstance(yielded, Pause):
             if yielded.seconds > 0:
-                self._until = read_clock(self) + round(yielded.seconds * NS_PER_S)
-                self.wake_at(self._until)
+                self._sleep_end = read_clock(self) + round(yielded.seconds * NS_PER_S)
+                self.wake_at(self._sleep_end)
         elif yielded is None:
             # A coroutine yields None for asyncio.sleep(0): continue after one cycle of the event loop.
             if self._context.on_wake_up is not None and hasattr(self._body, "cr_await"):
@@ -131,17 +131,17 @@ class CoroutineAction(StatefulAction):
             if not self._context.in_event_loop or not hasattr(yielded, "_asyncio_future_blocking"):
                 body, self._body = self._body, None
                 body.close()
-                raise self._not_awaitable(repr(yielded))
+                raise self._await_error(repr(yielded))
             # The protocol between asyncio.Task and a future that its coroutine yields (asyncio/tasks.py).
             yielded._asyncio_future_blocking = False
-            yielded.add_done_callback(self._future_done)
+            yielded.add_done_callback(self._on_future_done)
             self._future = yielded
         return RUNNING
 
-    def _future_done(self, future: object) -> None:
+    def _on_future_done(self, future: object) -> None:
         self.wake_up()
 
-    def _not_awaitable(self, awaited: str) -> NodeError:
+    def _await_error(self, awaited: str) -> NodeError:
         return NodeError(
             f"a leaf can await btcore.running() and btcore.sleep(), or yield without a value; to await "
             f"{awaited}, run the tree with `await tree.run()`"

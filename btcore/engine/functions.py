@@ -16,9 +16,9 @@ F = TypeVar("F", bound=Callable[..., object])
 class LeafMark:
     """The mark that a decorator sets on a function: whether it is a condition, and the ID if given."""
 
-    def __init__(self, is_condition: bool, ID: str | None) -> None:
+    def __init__(self, is_condition: bool, id: str | None) -> None:
         self.is_condition = is_condition
-        self.ID = ID
+        self.id = id
 
 
 MARK = "__btcore_leaf__"
@@ -52,7 +52,7 @@ def action(function: F | None = None, /, *, ID: str | None = None) -> F | Callab
         >>> tree.tick_once(), tree.blackboard["sum"]
         (<Status.SUCCESS: 2>, 5)
     """
-    return _marked(function, LeafMark(False, ID))
+    return _mark_leaf(function, LeafMark(False, ID))
 
 
 @overload
@@ -81,13 +81,13 @@ def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Cal
         >>> b.build(b.BatteryOk(level=0.1)).tick_once()
         <Status.FAILURE: 3>
     """
-    return _marked(function, LeafMark(True, ID))
+    return _mark_leaf(function, LeafMark(True, ID))
 
 
-def _marked(function: F | None, mark: LeafMark) -> F | Callable[[F], F]:
-    def set_mark(marked: F) -> F:
-        setattr(marked, MARK, mark)
-        return marked
+def _mark_leaf(function: F | None, mark: LeafMark) -> F | Callable[[F], F]:
+    def set_mark(leaf: F) -> F:
+        setattr(leaf, MARK, mark)
+        return leaf
 
     return set_mark if function is None else set_mark(function)
 

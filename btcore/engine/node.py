@@ -14,11 +14,10 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostics import LiteralProblem
-from btcore.engine.conditions import UNDECIDED, NodeConditions
 from btcore.engine.context import TreeContext
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
-from btcore.engine.tick_extras import TickCounts, TickExtras
+from btcore.engine.tick_extras import UNDECIDED, NodeConditions, TickCounts, TickExtras
 from btcore.errors import BlackboardError, ConversionError, NodeError, NodeExecutionError, TickInterrupt
 from btcore.status import (
     ANY_RESULT,
@@ -40,7 +39,7 @@ RESETS_CHILD: Final = 2  # reset the child of a decorator when the child has com
 OVERRIDES_EXECUTE_TICK: Final = 4  # let the class's own execute_tick() tick the node; the greatest flag
 
 NO_CHILDREN: Final[list["TreeNode"]] = []
-_UNPLACED: Final = NodeConfig("", "")
+_NO_CONFIG: Final = NodeConfig("", "")
 _STILL_RUNNING: Final = (
     "a synchronous action must complete within its tick, but it returned RUNNING; "
     "for an action of several ticks use StatefulAction, a generator or async def"
@@ -86,9 +85,9 @@ class TreeNode:
         id="",
     )
     _class_tick_flags: ClassVar[int] = 0
-    """The flags that all nodes of the class have: MUST_COMPLETE or RESETS_CHILD."""
+    """The flags that all nodes of the class have: MUST_COMPLETE or none."""
 
-    config: NodeConfig = _UNPLACED
+    config: NodeConfig = _NO_CONFIG
     _status: Status = IDLE
     _status_before_reset: Status = IDLE
     """The last result, for drawings of a tree whose parents have reset it."""

@@ -84,13 +84,13 @@ class NodeSpec:
 
     def __get__(self, node: object, cls: type) -> "NodeSpec":
         """Return the complete spec of *cls*."""
-        spec = _COMPLETE.get(cls)
+        spec = _COMPLETE_SPECS.get(cls)
         if spec is None:
-            _COMPLETE[cls] = spec = _completed(cls)
+            _COMPLETE_SPECS[cls] = spec = _complete_spec(cls)
         return spec
 
 
-_COMPLETE: Final["WeakKeyDictionary[type, NodeSpec]"] = WeakKeyDictionary()
+_COMPLETE_SPECS: Final["WeakKeyDictionary[type, NodeSpec]"] = WeakKeyDictionary()
 
 
 def declared_fields(cls: type) -> dict[str, Any]:
@@ -101,7 +101,7 @@ def declared_fields(cls: type) -> dict[str, Any]:
     return {name: value for name, value in vars(spec).items() if value is not INHERITED}
 
 
-def _completed(cls: type) -> NodeSpec:
+def _complete_spec(cls: type) -> NodeSpec:
     values: dict[str, Any] = {}
     added: dict[str, set[str]] = {name: set() for name in _ADDED}
     for parent in reversed(cls.__mro__):

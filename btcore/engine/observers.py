@@ -3,6 +3,7 @@
 An observer cannot change a tick's result. An observer that raises is unsubscribed, and a warning is logged.
 """
 
+import time
 from collections.abc import Callable
 from functools import partial
 
@@ -82,6 +83,7 @@ class Observers(TransitionRecorder):
         self._immediate_observers: list[Observer] = []
         self._batch_observers: list[Observer] = []
         self._flushing = False
+        self._tick_start = 0  # ns of real time
 
     def notify_at_once(self, change: Transition) -> None:
         """Notify the observers that override `Observer.transition`."""
@@ -112,9 +114,15 @@ class Observers(TransitionRecorder):
         """Notify the observers of the recorded transitions, then start tick number *tick* of the root."""
         self.flush()
         self.tick = tick
+        self._tick_start = time.perf_counter_ns()
 
-    def notify_tick(self, duration_ns: int, status: Status) -> None:
-        """Notify the observers of the end of a tick, which took *duration_ns* (ns, real time)."""
+    def end_tick(self, status: Status, stopped_ns: int) -> None:
+        """Notify the observers of the end of a tick with the result *status*.
+
+        Args:
+            stopped_ns: How long breakpoints have stopped the tick (ns).
+        """
+        duration_ns = time.perf_counter_ns() - self._tick_start - stopped_ns
         self.flush()
         stamp: int = self.now()
         for observer in self.observers:

@@ -141,7 +141,7 @@ class TransitionRecorder:
 
     def _latest(self, stamp: object, config: NodeConfig, previous: Status, status: Status) -> Transition:
         number = self._first + len(self._records) // 2 + self._surplus - 1
-        return _transition(number, stamp, self.tick, config, previous, status)
+        return _create_transition(number, stamp, self.tick, config, previous, status)
 
 
 def _decode(number: int, tick: int, records: list[object]) -> list[Transition]:
@@ -153,21 +153,21 @@ def _decode(number: int, tick: int, records: list[object]) -> list[Transition]:
         previous = records[at + 2] if at + 2 < len(records) else None
         following = number + len(transitions)
         if isinstance(previous, Status):
-            transitions.append(_transition(following, stamp, tick, config, previous, records[at + 3]))
+            transitions.append(_create_transition(following, stamp, tick, config, previous, records[at + 3]))
             at += 4
         elif isinstance(previous, list):
             for node, status in zip(cast(list[object], config), cast(list[object], previous), strict=False):
                 if status is not IDLE:
-                    transitions.append(_transition(following, stamp, tick, node, status, IDLE))
+                    transitions.append(_create_transition(following, stamp, tick, node, status, IDLE))
                     following += 1
             at += 4
         else:
-            transitions.append(_transition(following, stamp, tick, config, IDLE, SUCCESS))
+            transitions.append(_create_transition(following, stamp, tick, config, IDLE, SUCCESS))
             at += 2
     return transitions
 
 
-def _transition(
+def _create_transition(
     number: int, stamp: object, tick: int, config: object, previous: object, status: object
 ) -> Transition:
     values = (number, stamp, tick, cast(NodeConfig, config).uid, previous, status)

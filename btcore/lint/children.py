@@ -8,26 +8,28 @@ from typing import Final
 
 from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import FIRST_TICK_REFUSED, SECOND_ASYNC_CHILD, UNREACHABLE_CHILD
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.control import ControlNode, DecoratorNode, results_in_order
 from btcore.engine.node import TreeNode
+from btcore.fixes import AddChildren, Fix
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
-from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.nodes.parallel import threshold
 from btcore.nodes.sequences_and_fallbacks import ReactiveNode
 from btcore.nodes.try_catch import TryCatch
 from btcore.registry.mock_nodes import is_mock
 from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
-from btcore.xml.plan.outline import count_text, element_children, wrapping_fixes
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.read import Document
+from btcore.xml.plan.tree_planner import count_text, element_children, wrapping_fixes
+from btcore.xml.read.document import DiagnosticCollector, Document
 
 _THRESHOLDS: Final = {PortRole.SUCCESSES: "successes", PortRole.FAILURES: "failures"}
 _TICK_RAISES: Final = "the tree loads, as in BehaviorTree.CPP, but the node raises when it is ticked"
 _WORD: Final = {SUCCESS: "succeeds", FAILURE: "fails"}
 
 
-def check_child_count(node: NodePlan, document: Document, format: int, reporter: LintReporter) -> None:
+def check_child_count(
+    node: NodePlan, document: Document, format: int, collector: DiagnosticCollector
+) -> None:
     """Report *node* if the loader accepts the number of its children, but every tick raises."""
     if node.manifest is None:
         return
@@ -41,10 +43,10 @@ def check_child_count(node: NodePlan, document: Document, format: int, reporter:
         requirement = "a decorator has exactly 1"
     if requirement:
         hint = Hint(_TICK_RAISES, _fixes(node.manifest.cls, count))
-        reporter.report(FIRST_TICK_REFUSED, f"{has}; {requirement}", document, node, hint=hint)
+        collector.report(document, FIRST_TICK_REFUSED, f"{has}; {requirement}", node.element, hint=hint)
     for port, number, results in _thresholds(node, count):
         message = f"{has}, too few for {number} {results}"
-        reporter.report(FIRST_TICK_REFUSED, message, document, node, port, _TICK_RAISES)
+        collector.report(document, FIRST_TICK_REFUSED, message, node.element, port, _TICK_RAISES)
 
 
 def _child_requirement(cls: type[TreeNode], count: int) -> str:
@@ -64,7 +66,7 @@ def _child_requirement(cls: type[TreeNode], count: int) -> str:
 def _fixes(cls: type[TreeNode], count: int) -> tuple[Fix, ...]:
     least, most = cls.spec.child_count
     if count < least:
-        return (Fix("add_children", (least - count,)),)
+        return (AddChildren(least - count),)
     return wrapping_fixes(most) if most is not None and 0 < most < count else ()
 
 
@@ -79,7 +81,7 @@ def _thresholds(node: NodePlan, count: int) -> Iterator[tuple[str, int, str]]:
 
 
 def check_reachable_children(
-    node: NodePlan, document: Document, analysis: ResultAnalysis, reporter: LintReporter
+    node: NodePlan, document: Document, analysis: ResultAnalysis, collector: DiagnosticCollector
 ) -> None:
     """Warn about children of *node* that are never ticked, or that each tick halts."""
     if node.manifest is None or node.subtree_call is not None or len(node.children) < 2:
@@ -93,18 +95,18 @@ def check_reachable_children(
         # The last child of a TryCatch is its handler, which is ticked after a failure of the others.
         has_handler = issubclass(cls, TryCatch)
         tried = children[:-1] if has_handler else children
-        _check_order(document, node, tried, continue_on, reporter)
+        _check_order(document, node, tried, continue_on, collector)
         catches_halt = any(
             binding.name == "catch_on_halt" and binding.is_explicit for binding in node.bindings
         )
         if has_handler and not catches_halt and FAILURE not in results_in_order(tried, continue_on).results:
-            _warn_unreached(document, node.children[-1], "the children before it never fail", reporter)
+            _warn_unreached(document, node.children[-1], "the children before it never fail", collector)
         if issubclass(cls, ReactiveNode):
-            _check_asynchronous_children(document, node, children, continue_on, reporter)
+            _check_asynchronous_children(document, node, children, continue_on, collector)
     for chosen, branch in zip(cls.spec.branch_results, node.children[1:], strict=False):
         if chosen not in children[0].results:
-            reason = f"the condition {node_label(node.children[0])} never {_WORD[chosen]}"
-            _warn_unreached(document, branch, reason, reporter)
+            reason = f"the condition {node.children[0].label} never {_WORD[chosen]}"
+            _warn_unreached(document, branch, reason, collector)
 
 
 def _check_order(
@@ -112,7 +114,7 @@ def _check_order(
     node: NodePlan,
     children: list[PossibleResults],
     continue_on: Status,
-    reporter: LintReporter,
+    collector: DiagnosticCollector,
 ) -> None:
     """Warn about the first child that is never ticked, as the child before it never returns *continue_on*."""
     for index, outcome in enumerate(children[:-1]):
@@ -120,14 +122,14 @@ def _check_order(
             before = node.children[index]
             # A child that is always RUNNING has no results.
             never = "ends" if not outcome.results else _WORD[continue_on]
-            reason = f"{node_label(before)} before it ({line_of(document, before)}) never {never}"
-            _warn_unreached(document, node.children[index + 1], reason, reporter)
+            reason = f"{before.label} before it (line {document.line(before.element)}) never {never}"
+            _warn_unreached(document, node.children[index + 1], reason, collector)
             return  # the following children are unreachable for the same reason
 
 
-def _warn_unreached(document: Document, node: NodePlan, reason: str, reporter: LintReporter) -> None:
-    message = f"{node_label(node)} is never ticked: {reason}"
-    reporter.report(UNREACHABLE_CHILD, message, document, node, hint="remove it, or the cause")
+def _warn_unreached(document: Document, node: NodePlan, reason: str, collector: DiagnosticCollector) -> None:
+    message = f"{node.label} is never ticked: {reason}"
+    collector.report(document, UNREACHABLE_CHILD, message, node.element, hint="remove it, or the cause")
 
 
 def _check_asynchronous_children(
@@ -135,7 +137,7 @@ def _check_asynchronous_children(
     node: NodePlan,
     children: list[PossibleResults],
     continue_on: Status,
-    reporter: LintReporter,
+    collector: DiagnosticCollector,
 ) -> None:
     """Warn about a child that may be RUNNING after an earlier child that may be RUNNING.
 
@@ -144,13 +146,13 @@ def _check_asynchronous_children(
     first: NodePlan | None = None
     for child, outcome in zip(node.children, children, strict=True):
         if first is not None and outcome.may_run:
-            before = f"{node_label(first)} ({line_of(document, first)})"
+            before = f"{first.label} (line {document.line(first.element)})"
             message = (
-                f"{node_label(child)} is a second asynchronous child of <{node.id}>: each tick begins with "
-                f"{before}, which halts {node_label(child)} unless it completes at once"
+                f"{child.label} is a second asynchronous child of <{node.id}>: each tick begins with "
+                f"{before}, which halts {child.label} unless it completes at once"
             )
             hint = f"put both into a <{'Sequence' if continue_on is SUCCESS else 'Fallback'}>"
-            reporter.report(SECOND_ASYNC_CHILD, message, document, child, hint=hint)
+            collector.report(document, SECOND_ASYNC_CHILD, message, child.element, hint=hint)
             return
         if not outcome.passes(continue_on):
             return

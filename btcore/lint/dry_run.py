@@ -21,7 +21,7 @@ from btcore.registry.mock_nodes import is_mock
 from btcore.xml.plan.key_uses import WRITING, AccessKind, find_name_uses, port_uses, uses_whole_blackboard
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.read import Document
+from btcore.xml.read.document import Document
 
 
 @dataclass(frozen=True, slots=True, eq=False)

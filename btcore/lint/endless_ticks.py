@@ -6,12 +6,12 @@ from typing import Final
 from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import ENDLESS_TICK
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
-from btcore.lint.reporter import LintReporter, node_label
 from btcore.nodes.repeat import RepeatedNode
 from btcore.registry.mock_nodes import is_mock
 from btcore.status import FAILURE, SUCCESS, NodeType
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
+from btcore.xml.read.document import DiagnosticCollector
 
 _FOREVER: Final = -1
 _CHECKED_WHILE_RUNNING: Final = "_while"  # the only pre-condition that may halt a node that is RUNNING
@@ -21,10 +21,10 @@ _SKIPPING: Final = frozenset({"_skipIf", "_while"})
 class EndlessTickCheck:
     """Reports the loops of trees that never end a tick, each once."""
 
-    def __init__(self, plans: Plans, results: ResultAnalysis, reporter: LintReporter) -> None:
+    def __init__(self, plans: Plans, results: ResultAnalysis, collector: DiagnosticCollector) -> None:
         self._plans = plans
         self._results = results
-        self._reporter = reporter
+        self._collector = collector
         # In format 3 a loop repeats within its own tick, so that no other node can halt it.
         self._repeats_at_once = plans.dialect.format == 3
         # The results of _may_pause and _has_action, because many loops may contain the same nodes.
@@ -63,7 +63,7 @@ class EndlessTickCheck:
         child = node.children[0]
         if self._may_pause(child):
             return
-        label, repeated = node_label(node), node_label(child)
+        label, repeated = node.label, child.label
         ends = self._results.results_of(child).results - {cls.repeat_on}
         # A loop that checks a condition may be endless by design: its actions may change what is checked.
         is_while_loop = FAILURE in ends or not _SKIPPING.isdisjoint(child.conditions)
@@ -74,11 +74,11 @@ class EndlessTickCheck:
             message = f"{label} does not end a tick until {repeated} {until}"
         else:
             message = f"{label} never ends a tick: it repeats {repeated} forever"
-        self._reporter.report(
+        self._collector.report(
+            tree.definition.document,
             ENDLESS_TICK,
             f"{message}, and no node below it can be RUNNING",
-            tree.definition.document,
-            node,
+            node.element,
             hint="add a pause, such as a <Delay>, or limit the number of repetitions",
         )
 

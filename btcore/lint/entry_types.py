@@ -19,7 +19,6 @@ from btcore.engine.control import ControlNode
 from btcore.errors import BtcoreError, ConversionError, ScriptError
 from btcore.lint.dry_run import DryRun, EntryUse
 from btcore.lint.ports import conversion_error, entry_hint, is_listed, valid_literals
-from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.lint.scripts import is_constant
 from btcore.lint.unwritten_keys import is_declaration
 from btcore.names import POSTCONDITION_ATTRIBUTES
@@ -30,13 +29,18 @@ from btcore.status import SUCCESS
 from btcore.values import INT64, STRING
 from btcore.xml.plan.key_uses import WRITING, AccessKind, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
+from btcore.xml.read.document import DiagnosticCollector
 
 ChildPlace = tuple[NodePlan, int]
 """The parent of a node, and the node's index among the children."""
 
 
 def check_value_types(
-    dry_run: DryRun, is_main: bool, given: Collection[str], enums: dict[str, int], reporter: LintReporter
+    dry_run: DryRun,
+    is_main: bool,
+    given: Collection[str],
+    enums: dict[str, int],
+    collector: DiagnosticCollector,
 ) -> None:
     """Warn about writes that always raise, and report constants that the reading ports reject.
 
@@ -49,54 +53,56 @@ def check_value_types(
     """
     if dry_run.format == 4 and not dry_run.has_untracked_access:
         untyped = _untyped_entries(dry_run, is_main, given)
-        _check_untyped_entries(dry_run, untyped, reporter)
-        _check_copied_integers(dry_run, untyped, enums, reporter)
+        _check_untyped_entries(dry_run, untyped, collector)
+        _check_copied_integers(dry_run, untyped, enums, collector)
     scripts: dict[str, dict[int, Assignment]] = {}
     for entry, uses in dry_run.uses.items():
         for use in uses:
             if use.access is AccessKind.WRITES and use.port is not None:
-                _check_port(dry_run, entry, use, use.port, reporter)
+                _check_port(dry_run, entry, use, use.port, collector)
             elif use.access is AccessKind.READS and use.port is not None:
-                _check_base_class(dry_run, entry, use, use.port, reporter)
+                _check_base_class(dry_run, entry, use, use.port, collector)
             elif use.access in WRITING and use.within:
                 text = str(use.node.element.get(use.attribute) or "")
                 if text not in scripts:
                     scripts[text] = _assignments_of(text, enums)
-                _check_script(dry_run, entry, use, scripts[text].get(use.within), enums, reporter)
-        _check_constant(dry_run, uses, entry, reporter)
+                _check_script(dry_run, entry, use, scripts[text].get(use.within), enums, collector)
+        _check_constant(dry_run, uses, entry, collector)
 
 
-def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, write: str, reporter: LintReporter) -> None:
+def _warn(dry_run: DryRun, entry: Entry, use: EntryUse, write: str, collector: DiagnosticCollector) -> None:
     message = f"{write}, but the entry '{use.key}' has the type {entry.declared.name}: every write raises"
     declaration = dry_run.declared_by(entry)
     hint = f"declared by {declaration}; the type of an entry never changes" if declaration else ""
-    reporter.report(
-        REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint, within=use.within
+    collector.report(
+        use.document, REFUSED_ENTRY_VALUE, message, use.node.element, use.attribute, hint, within=use.within
     )
 
 
-def _check_port(dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, reporter: LintReporter) -> None:
+def _check_port(
+    dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, collector: DiagnosticCollector
+) -> None:
     if port.role is PortRole.WRITTEN_ENTRY:
-        _check_written_literal(dry_run, entry, use, reporter)
+        _check_written_literal(dry_run, entry, use, collector)
     elif entry.declared is STRING and port.type.strong and not issubclass(port.type.python_type, str):
-        write = f"the port '{use.attribute}' of {node_label(use.node)} writes {port.type.name}"
-        _warn(dry_run, entry, use, write, reporter)
+        write = f"the port '{use.attribute}' of {use.node.label} writes {port.type.name}"
+        _warn(dry_run, entry, use, write, collector)
 
 
 def _check_base_class(
-    dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, reporter: LintReporter
+    dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, collector: DiagnosticCollector
 ) -> None:
     """Warn if *port* reads an entry whose type is a base class of the type of the port."""
     entry_type = entry.declared
     if not entry_type.is_related(port.type) or issubclass(entry_type.python_type, port.type.python_type):
         return
     message = (
-        f"the port '{use.attribute}' of {node_label(use.node)} reads {port.type.name}, but the entry "
+        f"the port '{use.attribute}' of {use.node.label} reads {port.type.name}, but the entry "
         f"'{use.key}' has the type {entry_type.name}: reading any other {entry_type.name} raises"
     )
     origin = dry_run.declared_by(entry)
     hint = f"declared by {origin}" if origin else ""
-    reporter.report(BASE_CLASS_READ, message, use.document, use.node, use.attribute, hint)
+    collector.report(use.document, BASE_CLASS_READ, message, use.node.element, use.attribute, hint)
 
 
 def _written_value(use: EntryUse) -> Binding | None:
@@ -111,7 +117,9 @@ def _written_literal(use: EntryUse) -> str | None:
     return written.text if written is not None and written.key is None else None
 
 
-def _check_written_literal(dry_run: DryRun, entry: Entry, use: EntryUse, reporter: LintReporter) -> None:
+def _check_written_literal(
+    dry_run: DryRun, entry: Entry, use: EntryUse, collector: DiagnosticCollector
+) -> None:
     """Warn if the literal that a SetBlackboard writes doesn't convert to the type of the entry."""
     text = _written_literal(use)
     if text is None or not entry.declared.strong:
@@ -122,7 +130,7 @@ def _check_written_literal(dry_run: DryRun, entry: Entry, use: EntryUse, reporte
     except ConversionError:
         is_refused = True
     if is_refused:
-        _warn(dry_run, entry, use, f"{node_label(use.node)} writes '{text}'", reporter)
+        _warn(dry_run, entry, use, f"{use.node.label} writes '{text}'", collector)
 
 
 def _assigns_integer(use: EntryUse, enums: dict[str, int]) -> bool:
@@ -155,7 +163,7 @@ def _untyped_entries(dry_run: DryRun, is_main: bool, given: Collection[str]) -> 
 
 
 def _check_copied_integers(
-    dry_run: DryRun, untyped: list[Entry], enums: dict[str, int], reporter: LintReporter
+    dry_run: DryRun, untyped: list[Entry], enums: dict[str, int], collector: DiagnosticCollector
 ) -> None:
     """Warn about the SetBlackboard nodes that copy an integer of 64 bits to an entry of another type.
 
@@ -176,11 +184,11 @@ def _check_copied_integers(
             continue
         writers = [other for other in dry_run.uses[source] if other.access in WRITING]
         if writers and all(_assigns_integer(writer, enums) for writer in writers):
-            write = f"{node_label(use.node)} copies an integer of 64 bits, which a script has written"
-            _warn(dry_run, entry, use, write, reporter)
+            write = f"{use.node.label} copies an integer of 64 bits, which a script has written"
+            _warn(dry_run, entry, use, write, collector)
 
 
-def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], reporter: LintReporter) -> None:
+def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], collector: DiagnosticCollector) -> None:
     places: dict[TreePlan, dict[NodePlan, ChildPlace]] = {}
     for entry in untyped:
         uses = dry_run.uses[entry]
@@ -200,7 +208,7 @@ def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], reporter: Lint
             if not creator.within or (
                 use.scope is creator.scope and _runs_before(creator, use, places[plan])
             ):
-                _warn_untyped(use, creator, reporter)
+                _warn_untyped(use, creator, collector)
 
 
 def _writes_literal(use: EntryUse) -> bool:
@@ -244,18 +252,19 @@ def _runs_before(script: EntryUse, use: EntryUse, places: Mapping[NodePlan, Chil
     return is_sequence and index < indices[common]
 
 
-def _warn_untyped(use: EntryUse, creator: EntryUse, reporter: LintReporter) -> None:
+def _warn_untyped(use: EntryUse, creator: EntryUse, collector: DiagnosticCollector) -> None:
     text = _written_literal(use) or ""
     text = "…" if "'" in text else text
+    line = creator.document.line(creator.node.element)
     message = (
-        f"{node_label(use.node)} writes a text to the entry '{use.key}', which has no type: "
+        f"{use.node.label} writes a text to the entry '{use.key}', which has no type: "
         "BehaviorTree.CPP 4.10 empties the entry instead, and raises at the next text"
     )
     hint = (
-        f"'{creator.attribute}' of {node_label(creator.node)} in {line_of(creator.document, creator.node)} "
+        f"'{creator.attribute}' of {creator.node.label} in line {line} "
         f"creates the entry; a Script works in both: {use.key} := '{text}'"
     )
-    reporter.report(TEXT_FOR_UNTYPED_ENTRY, message, use.document, use.node, use.attribute, hint)
+    collector.report(use.document, TEXT_FOR_UNTYPED_ENTRY, message, use.node.element, use.attribute, hint)
 
 
 def _assignments_of(text: str, enums: dict[str, int]) -> dict[int, Assignment]:
@@ -276,7 +285,7 @@ def _check_script(
     use: EntryUse,
     assignment: Assignment | None,
     enums: dict[str, int],
-    reporter: LintReporter,
+    collector: DiagnosticCollector,
 ) -> None:
     """Warn if *assignment*, a statement of a script, assigns a constant that the entry's type refuses."""
     if not entry.declared.strong or entry.value is not None or assignment is None:
@@ -287,23 +296,22 @@ def _check_script(
     try:
         assignment.evaluate(use.scope)
     except BtcoreError as error:
-        message = f"the script in '{use.attribute}' of {node_label(use.node)} always raises: "
+        message = f"the script in '{use.attribute}' of {use.node.label} always raises: "
         message += error.message if isinstance(error, ScriptError) else str(error)
         declaration = dry_run.declared_by(entry)
-        hint = (
-            f"'{use.key}' has the type {entry.declared.name}, declared by {declaration}"
-            if declaration
-            else ""
-        )
-        reporter.report(
-            REFUSED_ENTRY_VALUE, message, use.document, use.node, use.attribute, hint,
+        place = f"'{use.key}' has the type {entry.declared.name}, declared by {declaration}"
+        hint = place if declaration else ""
+        collector.report(
+            use.document, REFUSED_ENTRY_VALUE, message, use.node.element, use.attribute, hint,
             within=use.within, width=len(use.key),
         )  # fmt: skip
     finally:
         entry.value = None
 
 
-def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry, reporter: LintReporter) -> None:
+def _check_constant(
+    dry_run: DryRun, uses: list[EntryUse], entry: Entry, collector: DiagnosticCollector
+) -> None:
     """Report a constant of a SubTree element that a port of the inner tree rejects.
 
     This is an error (E202), as for a literal of the port, unless a leaf with the whole blackboard may replace
@@ -323,14 +331,14 @@ def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry, reporte
             continue
         is_certain = not (dry_run.has_untracked_access or is_listed(manifest, reader.port))
         code = INCONVERTIBLE_TEXT if is_certain else REFUSED_ENTRY_VALUE
-        message = f"'{use.key}' of {node_label(use.node)} is the text '{text}': {reason}"
+        message = f"'{use.key}' of {use.node.label} is the text '{text}': {reason}"
         hint = Hint(
-            f"the port '{reader.attribute}' of {node_label(reader.node)} reads it as {reader.port.type.name}"
+            f"the port '{reader.attribute}' of {reader.node.label} reads it as {reader.port.type.name}"
         )
         if text.isidentifier():
             passed = entry_hint("pass the entry", text)
             hint = Hint(f"{hint.text}; {passed.text}", passed.fixes)
-        reporter.report(code, message, use.document, use.node, use.attribute, hint)
+        collector.report(use.document, code, message, use.node.element, use.attribute, hint)
         return
 
 

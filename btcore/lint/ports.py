@@ -26,11 +26,11 @@ from btcore.diagnostic_codes import (
     UNCHECKED_LITERAL,
     UNCONNECTED_OUTPUT,
 )
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.signature import PortAttribute
 from btcore.errors import ConversionError
+from btcore.fixes import SetAttributes, SetValue
 from btcore.lint.possible_results import is_built_in
-from btcore.lint.reporter import LintReporter, node_label
 from btcore.names import SCRIPT_ATTRIBUTES, is_port_name, port_name_error
 from btcore.registry.manifest import Manifest
 from btcore.registry.mock_nodes import is_mock
@@ -39,7 +39,7 @@ from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorT
 from btcore.values.numbers import whole_float
 from btcore.xml.plan.hints import value_hint
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.read import Document
+from btcore.xml.read.document import DiagnosticCollector, Document
 
 # Longer texts are not checked: the search for the longest number takes quadratic time.
 _MAX_NUMBER_LENGTH: Final = 64
@@ -47,7 +47,7 @@ _INTEGER: Final = re.compile(r"-?[0-9]+")
 _HALF_A_POINTER: Final = re.compile(r"\{(?P<open>[A-Za-z_@][\w.]*)|\$?\{?(?P<closed>[A-Za-z_@][\w.]*)\}")
 
 
-def check_ignored_attributes(node: NodePlan, document: Document, reporter: LintReporter) -> None:
+def check_ignored_attributes(node: NodePlan, document: Document, collector: DiagnosticCollector) -> None:
     """Warn about ignored attributes.
 
     Editors keep their own data in attributes that begin with an underscore. Such a name is reported only if
@@ -57,14 +57,14 @@ def check_ignored_attributes(node: NodePlan, document: Document, reporter: LintR
         if key[0] == "_":
             near = _similar_attribute(key, node.subtree_call is not None)
             if near is not None:
-                message = f"the attribute '{key}' of {node_label(node)} is ignored: unknown name"
+                message = f"the attribute '{key}' of {node.label} is ignored: unknown name"
                 hint = Hint.similar_name(near)
-                reporter.report(IGNORED_ATTRIBUTE, message, document, node, key, hint, part="name")
+                collector.report(document, IGNORED_ATTRIBUTE, message, node.element, key, hint, part="name")
         elif key not in ("ID", "name"):
             reason = port_name_error(key)
-            message = f"the attribute '{key}' of {node_label(node)} is ignored: invalid port name ({reason})"
+            message = f"the attribute '{key}' of {node.label} is ignored: invalid port name ({reason})"
             hint = Hint("rename the port, here and in the code that registers it")
-            reporter.report(IGNORED_ATTRIBUTE, message, document, node, key, hint, part="name")
+            collector.report(document, IGNORED_ATTRIBUTE, message, node.element, key, hint, part="name")
 
 
 @lru_cache(maxsize=64)  # every node of a file that btcore or Groot wrote may have the same attributes
@@ -73,7 +73,7 @@ def _similar_attribute(key: str, is_subtree: bool) -> str | None:
     return nearest_name(key, sorted(SCRIPT_ATTRIBUTES | ({"_autoremap"} if is_subtree else set())))
 
 
-def check_missing_ports(node: NodePlan, document: Document, reporter: LintReporter) -> None:
+def check_missing_ports(node: NodePlan, document: Document, collector: DiagnosticCollector) -> None:
     """Warn about missing ports without a default: *node* raises when it uses such a port."""
     manifest = node.manifest
     if manifest is None or node.subtree_call is not None or is_mock(manifest.cls):
@@ -92,9 +92,9 @@ def check_missing_ports(node: NodePlan, document: Document, reporter: LintReport
     else:
         message = f"the ports {names} of <{node.id}> are missing and have no default"
     examples = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
-    written = [text for port in missing for text in (port.name, f"{{{port.name}}}")]
-    hint = Hint("write " + " ".join(examples), (Fix("set_attributes", tuple(written)),))
-    reporter.report(EMPTY_PORT, message, document, node, hint=hint)
+    values = {port.name: f"{{{port.name}}}" for port in missing}
+    hint = Hint("write " + " ".join(examples), (SetAttributes(values),))
+    collector.report(document, EMPTY_PORT, message, node.element, hint=hint)
 
 
 def is_required(manifest: Manifest, port: Port) -> bool:
@@ -114,14 +114,16 @@ def is_listed(manifest: Manifest, port: Port) -> bool:
     return not (manifest.function is not None or is_attribute or is_built_in(manifest.cls))
 
 
-def check_port_literals(node: NodePlan, document: Document, format: int, reporter: LintReporter) -> None:
+def check_port_literals(
+    node: NodePlan, document: Document, format: int, collector: DiagnosticCollector
+) -> None:
     """Warn about literals of *node* that are read only in part, or were probably meant as keys."""
     for binding in node.bindings:
         port, text = binding.port, binding.text
         is_literal = remapped_key(text, port.name, format) is None
         if not binding.is_explicit or not is_literal or port.role in SCRIPT_ROLES:
             continue
-        label = f"port '{port.name}' of {node_label(node)}"
+        label = f"port '{port.name}' of {node.label}"
         intended = intended_key(text)
         error = conversion_error(port, text, format)
         if error is not None:
@@ -132,42 +134,42 @@ def check_port_literals(node: NodePlan, document: Document, format: int, reporte
                 key = intended or (text if is_port_name(text) else "")
                 entry = entry_hint("use the blackboard entry", key) if key else Hint()
                 hint = Hint(entry.text, (*value_hint(port.type).fixes, *entry.fixes))
-                reporter.report(INCONVERTIBLE_TEXT, message, document, node, port.name, hint)
+                collector.report(document, INCONVERTIBLE_TEXT, message, node.element, port.name, hint)
         elif intended:
             message = f"the {label} is the text '{text}', not an entry"
             hint = entry_hint("use the entry", intended)
-            reporter.report(INCOMPLETE_POINTER, message, document, node, port.name, hint)
+            collector.report(document, INCOMPLETE_POINTER, message, node.element, port.name, hint)
         elif port.direction is Direction.OUT and format == 4:
             message = f"the output {label} has no entry: '{text}' is only a text"
             key = f"{{{text}}}" if text.isidentifier() else f"{{{port.name}}}"
             shown = key if text.isidentifier() else "{…}"
-            hint = Hint(f'write {port.name}="{shown}"', (Fix("set_value", (key,)),))
-            reporter.report(UNCONNECTED_OUTPUT, message, document, node, port.name, hint)
+            hint = Hint(f'write {port.name}="{shown}"', (SetValue(key),))
+            collector.report(document, UNCONNECTED_OUTPUT, message, node.element, port.name, hint)
         else:
             for item, part, type_name in partly_read(text, _literal_type(node, port), format):
                 message = f"the {label} has the type {type_name}: only '{part}' of '{item}' is read"
                 hint = _number_hint(text, item, part, type_name)
-                reporter.report(PARTIAL_NUMBER, message, document, node, port.name, hint)
+                collector.report(document, PARTIAL_NUMBER, message, node.element, port.name, hint)
     for key, text in node.subtree_call.constants.items() if node.subtree_call is not None else ():
         intended = intended_key(text)
         if intended:
-            message = f"'{key}' of {node_label(node)} is the text '{text}', not an entry"
+            message = f"'{key}' of {node.label} is the text '{text}', not an entry"
             hint = entry_hint("use the entry", intended)
-            reporter.report(INCOMPLETE_POINTER, message, document, node, key, hint)
+            collector.report(document, INCOMPLETE_POINTER, message, node.element, key, hint)
 
 
-def check_literals_of_class(node: NodePlan, document: Document, reporter: LintReporter) -> None:
+def check_literals_of_class(node: NodePlan, document: Document, collector: DiagnosticCollector) -> None:
     """Report the problems that the class of *node* finds in literals; see `TreeNode.check_literals`."""
     if node.manifest is None or node.subtree_call is not None:
         return
     for problem in node.manifest.cls.check_literals(valid_literals(node)):
         code = UNCHECKED_LITERAL if problem.is_unchecked else INCONVERTIBLE_TEXT
-        message = f"the port '{problem.port}' of {node_label(node)}: {problem.message}"
-        reporter.report(
+        message = f"the port '{problem.port}' of {node.label}: {problem.message}"
+        collector.report(
+            document,
             code,
             message,
-            document,
-            node,
+            node.element,
             problem.port,
             problem.hint,
             within=problem.start,
@@ -247,8 +249,8 @@ def _number_hint(text: str, item: str, part: str, type_name: str) -> Hint:
     """Return the hint for *item*, a number in *text* of which only *part* is read."""
     with_point = item.replace(",", ".", 1)
     if type_name in ("double", "float") and whole_float(with_point) is not None:
-        return Hint(f"write {with_point}", (Fix("set_value", (text.replace(item, with_point, 1),)),))
-    fix = Fix("set_value", (text.replace(item, part, 1),))
+        return Hint(f"write {with_point}", (SetValue(text.replace(item, with_point, 1)),))
+    fix = SetValue(text.replace(item, part, 1))
     return Hint(f"write {part} if that is the intended value", (fix,))
 
 
@@ -258,4 +260,4 @@ def entry_hint(purpose: str, key: str) -> Hint:
     Args:
         purpose: What the value with braces does, such as "use the entry".
     """
-    return Hint(f"to {purpose}, write {{{key}}}", (Fix("set_value", (f"{{{key}}}",)),))
+    return Hint(f"to {purpose}, write {{{key}}}", (SetValue(f"{{{key}}}"),))

@@ -6,9 +6,9 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import declared_fields
 from btcore.registry.mock_nodes import is_mock
 from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
-from btcore.xml.plan.outline import element_children
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan
+from btcore.xml.plan.tree_planner import element_children
 
 _DECLARATIONS: Final = frozenset({"results", "continue_on", "branch_results"})
 # The result of each pre-condition that takes effect before the node itself is ticked.

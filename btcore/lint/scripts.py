@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.errors import ScriptError
-from btcore.lint.reporter import LintReporter, node_label
+from btcore.fixes import ReplaceText
 from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result
 from btcore.xml.plan.key_uses import iter_subexpressions, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.read import Document
+from btcore.xml.read.document import DiagnosticCollector, Document
 
 
 def is_constant(expression: Expression, enums: Mapping[str, int]) -> bool:
@@ -27,7 +27,7 @@ def find_certain_error(statements: Sequence[Expression], enums: Mapping[str, int
     for statement in statements:
         for part in iter_subexpressions(statement):
             if isinstance(part, Assignment) and not isinstance(part.target, Name):
-                return part.fault(f"the left side of '{part.operator}' is not the name of an entry")
+                return part.error(f"the left side of '{part.operator}' is not the name of an entry")
         value = statement.value if isinstance(statement, Assignment) else statement
         if is_constant(value, enums):
             try:
@@ -38,25 +38,31 @@ def find_certain_error(statements: Sequence[Expression], enums: Mapping[str, int
 
 
 def check_script_results(
-    node: NodePlan, document: Document, enums: Mapping[str, int], reporter: LintReporter
+    node: NodePlan, document: Document, enums: Mapping[str, int], collector: DiagnosticCollector
 ) -> None:
     """Warn about scripts of *node* that always raise, and about conditions that assign, not compare."""
     for attribute, text, is_condition in node.iter_scripts():
         if not text and is_condition and attribute not in node.conditions:
-            message = f"the script in '{attribute}' of {node_label(node)} always raises: it is empty"
-            reporter.report(SCRIPT_RAISES, message, document, node, attribute)
+            message = f"the script in '{attribute}' of {node.label} always raises: it is empty"
+            collector.report(document, SCRIPT_RAISES, message, node.element, attribute)
         try:
             statements = parse_statements(text, enums)
         except ScriptError:
             continue  # check_scripts has reported it
         error = find_certain_error(statements, enums)
         if error is not None:
-            message = f"the script in '{attribute}' of {node_label(node)} always raises: {error.message}"
-            reporter.report(
-                SCRIPT_RAISES, message, document, node, attribute, within=error.column, width=error.width
+            message = f"the script in '{attribute}' of {node.label} always raises: {error.message}"
+            collector.report(
+                document,
+                SCRIPT_RAISES,
+                message,
+                node.element,
+                attribute,
+                within=error.column,
+                width=error.width,
             )
         elif is_condition:
-            _check_condition(node, attribute, statements[-1], enums, document, reporter)
+            _check_condition(node, attribute, statements[-1], enums, document, collector)
 
 
 def _check_condition(
@@ -65,14 +71,21 @@ def _check_condition(
     last: Expression,
     enums: Mapping[str, int],
     document: Document,
-    reporter: LintReporter,
+    collector: DiagnosticCollector,
 ) -> None:
     """Check *last*, the last statement of a condition. Its value is the result of the condition."""
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
-        message = f"'{attribute}' of {node_label(node)} assigns to '{last.target.name}' instead of comparing"
-        hint = Hint(f"to compare, write {last.target.name} == …", (Fix("replace_text", ("==",)),))
-        reporter.report(
-            CONDITION_ASSIGNS, message, document, node, attribute, hint, within=last.column, width=last.width
+        message = f"'{attribute}' of {node.label} assigns to '{last.target.name}' instead of comparing"
+        hint = Hint(f"to compare, write {last.target.name} == …", (ReplaceText("=="),))
+        collector.report(
+            document,
+            CONDITION_ASSIGNS,
+            message,
+            node.element,
+            attribute,
+            hint,
+            within=last.column,
+            width=last.width,
         )
         return
     value = last.value if isinstance(last, Assignment) else last
@@ -82,15 +95,22 @@ def _check_condition(
     try:
         condition_result(result)
     except ScriptError:
-        failure = f"'{attribute}' of {node_label(node)} always raises"
+        failure = f"'{attribute}' of {node.label} always raises"
         if isinstance(result, str):
             message = f"{failure}: its result is the text '{result}'"
             hint = Hint("compare the text")
             if result in ("true", "false"):
-                hint = Hint(f"write {result} without quotes", (Fix("replace_text", (result,)),))
+                hint = Hint(f"write {result} without quotes", (ReplaceText(result),))
         else:
             message = f"{failure}: its result is {result}, neither true nor false"
             hint = Hint("valid results are 0, 1 and reals from 0 up; or write a comparison")
-        reporter.report(
-            SCRIPT_RAISES, message, document, node, attribute, hint, within=value.column, width=value.width
+        collector.report(
+            document,
+            SCRIPT_RAISES,
+            message,
+            node.element,
+            attribute,
+            hint,
+            within=value.column,
+            width=value.width,
         )

@@ -4,16 +4,16 @@ from collections.abc import Mapping
 
 from btcore.blackboard.ports import remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
-from btcore.diagnostics import Fix, Hint
-from btcore.lint.reporter import LintReporter, node_label
+from btcore.diagnostics import Hint
+from btcore.fixes import RenameElement, SetValue
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES, TreeKeys
 from btcore.xml.plan.plan import Plans, reachable_trees
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.read.read import Document
+from btcore.xml.read.document import DiagnosticCollector, Document
 
 
-def check_unused_trees(plans: Plans, main: TreePlan, reporter: LintReporter) -> None:
+def check_unused_trees(plans: Plans, main: TreePlan, collector: DiagnosticCollector) -> None:
     """Warn about trees of the main document that neither *main* nor another unused tree calls."""
     document = plans.definitions.sources.main_document
     used = reachable_trees(plans.trees, main)
@@ -26,7 +26,7 @@ def check_unused_trees(plans: Plans, main: TreePlan, reporter: LintReporter) -> 
         if tree.id not in called and element.get("ID") is not None:
             message = f"the tree '{tree.id}' is unused: '{main.id}' doesn't call it, directly or indirectly"
             hint = f'call it with <SubTree ID="{tree.id}"/>, or remove it'
-            reporter.collector.add(document.diagnostic(UNUSED_TREE, message, element, "ID", hint=hint))
+            collector.report(document, UNUSED_TREE, message, element, "ID", hint=hint)
 
 
 def check_remappings(
@@ -34,7 +34,7 @@ def check_remappings(
     document: Document,
     tree_keys: TreeKeys,
     models: Mapping[str, Mapping[str, str | None]],
-    reporter: LintReporter,
+    collector: DiagnosticCollector,
 ) -> None:
     """Warn about attributes of a SubTree element that the called tree doesn't use.
 
@@ -52,25 +52,25 @@ def check_remappings(
         if key in NON_KEY_ATTRIBUTES:
             continue
         if node.id == "SubTree" and call.remaps.get(key) == text and remapped_key(text, key, 3) is not None:
-            message = f"in format 3 {node_label(node)} takes keys without braces: '{key}' has no effect"
+            message = f"in format 3 {node.label} takes keys without braces: '{key}' has no effect"
             hint = Hint(
                 f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree_id}" {key}="{text}"/>',
-                (Fix("set_value", (text[1:-1],)), Fix("rename_element", ("SubTreePlus",))),
+                (SetValue(text[1:-1]), RenameElement("SubTreePlus")),
             )
-            reporter.report(BRACES_IN_FORMAT_3, message, document, node, key, hint)
+            collector.report(document, BRACES_IN_FORMAT_3, message, node.element, key, hint)
         if call.remaps.get(key) == "=" and node.element.get(key) is None:
             message = (
                 f"the model of '{call.tree_id}' has the default '{text}' for '{key}', which means the entry "
                 "'=' of the calling tree"
             )
             hint = Hint(f'write default="{{{key}}}" in the model')
-            reporter.report(INCOMPLETE_POINTER, message, document, node, hint=hint)
+            collector.report(document, INCOMPLETE_POINTER, message, node.element, hint=hint)
         if used is None or key in used or key in declared or node.element.get(key) is None:
             continue
-        message = f"no port or script in the tree of {node_label(node)} uses '{key}'"
-        may_search = reporter.collector.take_comparisons(used)
+        message = f"no port or script in the tree of {node.label} uses '{key}'"
+        may_search = collector.take_comparisons(used)
         unused = _unused_key_hint(key, used, call.port_texts) if may_search else ""
-        reporter.report(USELESS_REMAPPING, message, document, node, key, unused, part="name")
+        collector.report(document, USELESS_REMAPPING, message, node.element, key, unused, part="name")
 
 
 def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> str | Hint:

@@ -5,14 +5,12 @@ from collections.abc import Collection, Sequence
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.diagnostic_codes import ASSIGNMENT_TO_MISSING_ENTRY, UNWRITTEN_KEY
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
+from btcore.fixes import Connect, CreateEntry, SetValue
 from btcore.lint.dry_run import DryRun, EntryUse, has_writer
-from btcore.lint.reporter import LintReporter, line_of, node_label
 from btcore.suggestions import nearest_name
-from btcore.xml.plan.key_uses import AccessKind
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
-
-_READING = (AccessKind.READS, AccessKind.READS_AS_KEY)
+from btcore.xml.plan.key_uses import READING, AccessKind
+from btcore.xml.read.document import DiagnosticCollector
 
 
 class WrittenKeys:
@@ -25,7 +23,7 @@ class WrittenKeys:
         self._written: dict[Blackboard, dict[str, None]] = {}
 
     def guess(self, key: str, names: Collection[str]) -> str | None:
-        """Return the name in *names* that is most similar to *key*, or None; also if time is up."""
+        """Return the name in *names* that is most similar to *key*; None if none is, or not searched."""
         return nearest_name(key, names) if self._collector.take_comparisons(names) else None
 
     def written_in(self, board: Blackboard) -> Collection[str]:
@@ -41,7 +39,9 @@ class WrittenKeys:
         return known
 
 
-def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter: LintReporter) -> None:
+def check_keys(
+    dry_run: DryRun, is_main: bool, given: Collection[str], collector: DiagnosticCollector
+) -> None:
     """Warn about keys that are never written.
 
     The initial content of the blackboard is known for the main tree only, so keys of the outermost
@@ -51,7 +51,7 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter:
         dry_run: A completed dry run of the tree.
         given: Keys that the tree's blackboard holds before the first tick.
     """
-    keys = WrittenKeys(dry_run, given, reporter.collector)
+    keys = WrittenKeys(dry_run, given, collector)
     homes = dry_run.entry_homes()
     for entry, uses in dry_run.uses.items():
         if entry not in homes or entry.value is not None:
@@ -62,16 +62,16 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str], reporter:
         # Braces in a key come from a <SubTree> of format 3, for which W205 is reported.
         if (of_root and (not is_main or key in given)) or (dry_run.format == 3 and key.startswith("{")):
             continue
-        if _warn_empty_script_entry(uses, reporter, of_root) or dry_run.has_untracked_access:
+        if _warn_empty_script_entry(uses, collector, of_root) or dry_run.has_untracked_access:
             continue
         if has_writer(uses):
-            _warn_never_created(uses, reporter, key if of_root else "")
+            _warn_never_created(uses, collector, key if of_root else "")
         # A name in capitals may be an enum member that only the C++ code registers.
         elif not (dry_run.has_mocks and all(use.within and use.key.isupper() for use in uses)):
-            _warn_never_written(keys, uses, board, key, reporter)
+            _warn_never_written(keys, uses, board, key, collector)
 
 
-def _warn_empty_script_entry(uses: Sequence[EntryUse], reporter: LintReporter, of_root: bool) -> bool:
+def _warn_empty_script_entry(uses: Sequence[EntryUse], collector: DiagnosticCollector, of_root: bool) -> bool:
     """Warn about a script that is read from an empty entry. Returns whether there is such a script.
 
     The script is compiled when the tree is built, so the entry must have a value by then.
@@ -79,17 +79,17 @@ def _warn_empty_script_entry(uses: Sequence[EntryUse], reporter: LintReporter, o
     for use in uses:
         if use.port is None or use.port.role not in SCRIPT_ROLES:
             continue
-        label = node_label(use.node)
+        label = use.node.label
         message = f"{label} reads its script from {{{use.key}}}, which is empty when the tree is built"
         hint = "load the tree with a blackboard that holds the script: load(…, blackboard=…)"
         if not of_root:
             hint = f'pass the script in the SubTree element: {use.key}="…"'
-        reporter.report(UNWRITTEN_KEY, message, use.document, use.node, use.attribute, hint)
+        collector.report(use.document, UNWRITTEN_KEY, message, use.node.element, use.attribute, hint)
         return True
     return False
 
 
-def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_key: str) -> None:
+def _warn_never_created(uses: Sequence[EntryUse], collector: DiagnosticCollector, root_key: str) -> None:
     """Warn about the first `x = …` if neither a `:=` nor a port creates the entry.
 
     *root_key* is the key of the entry on the main tree's blackboard, or "" if it is not there.
@@ -98,16 +98,16 @@ def _warn_never_created(uses: Sequence[EntryUse], reporter: LintReporter, root_k
     if not assignments or any(use.access is AccessKind.WRITES or is_declaration(use) for use in uses):
         return
     use = assignments[0]
-    script = f"the script in '{use.attribute}' of {node_label(use.node)}"
+    script = f"the script in '{use.attribute}' of {use.node.label}"
     hint = f"to create it, write {use.key} := …"
     if root_key:
         hint += f"; or fill the blackboard before the first tick: {fill_example(root_key)}"
-    creation = (Fix("create_entry"),) if use.access is AccessKind.ASSIGNS else ()
-    reporter.report(
+    creation = (CreateEntry(),) if use.access is AccessKind.ASSIGNS else ()
+    collector.report(
+        use.document,
         ASSIGNMENT_TO_MISSING_ENTRY,
         f"{script} assigns to the entry '{use.key}', which is never created",
-        use.document,
-        use.node,
+        use.node.element,
         use.attribute,
         Hint(hint, creation, root_key),
         within=use.within,
@@ -126,9 +126,9 @@ def fill_example(key: str) -> str:
 
 
 def _warn_never_written(
-    keys: WrittenKeys, uses: Sequence[EntryUse], board: Blackboard, key: str, reporter: LintReporter
+    keys: WrittenKeys, uses: Sequence[EntryUse], board: Blackboard, key: str, collector: DiagnosticCollector
 ) -> None:
-    readers = [use for use in uses if use.access in _READING]
+    readers = [use for use in uses if use.access in READING]
     if not readers:
         return
     # The same place in a tree that is called several times counts once.
@@ -136,13 +136,13 @@ def _warn_never_written(
     use = readers[0]
     others = len(places) - 1
     more = f" ({others} more {'place reads' if others == 1 else 'places read'} it)" if others else ""
-    reader = f"the {'script in' if use.port is None else 'port'} '{use.attribute}' of {node_label(use.node)}"
+    reader = f"the {'script in' if use.port is None else 'port'} '{use.attribute}' of {use.node.label}"
     key_text = f"{{{use.key}}}" if use.port is not None and is_pointer(use) else f"'{use.key}'"
-    reporter.report(
+    collector.report(
+        use.document,
         UNWRITTEN_KEY,
         f"{reader} reads {key_text}, which is never written{more}",
-        use.document,
-        use.node,
+        use.node.element,
         use.attribute,
         _unwritten_key_hint(keys, use, board, key),
         within=use.within,
@@ -161,12 +161,12 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
         return Hint(
             f"{{{use.key}}} must hold the name of the entry to write; "
             f'to write the entry {use.key} itself, use {use.attribute}="{use.key}"',
-            (Fix("set_value", (use.key,)),),
+            (SetValue(use.key),),
         )
     known = keys.written_in(board)
     if key.strip() in known:
         correct = f"{{{key.strip()}}}"
-        fix = Fix("set_value", (correct,))
+        fix = SetValue(correct)
         return Hint(f"spaces inside the braces are part of the key: write {correct}", (fix,))
     near = keys.guess(key, known)
     if near is not None:
@@ -180,7 +180,8 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
         )
         hint = f"{enum}write it first, or fill the blackboard before the first tick: {fill_example(key)}"
         return Hint(hint, outer_key=key)
-    called = f"{entrance.node.id} of '{entrance.key}' in {line_of(entrance.document, entrance.node)}"
+    line = entrance.document.line(entrance.node.element)
+    called = f"{entrance.node.id} of '{entrance.key}' in line {line}"
     outer = keys.written_in(entrance.scope)
     passed = key if key in outer else keys.guess(key, outer) or "…"
     # The <SubTree> of format 3 takes keys without braces.
@@ -189,4 +190,4 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
     if entrance.document is not use.document:
         return hint
     index = entrance.document.source_map.index(entrance.node.element)
-    return Hint(hint, (Fix("connect", (index, entrance.key, key, value.replace("…", key))),))
+    return Hint(hint, (Connect(index, entrance.key, key, value.replace("…", key)),))

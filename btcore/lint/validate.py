@@ -9,7 +9,7 @@ from btcore.diagnostic_codes import (
     INCONVERTIBLE_TEXT,
     LOOSE_TEXT,
     RECURSIVE_TREES,
-    TOO_LARGE,
+    TREE_TOO_LARGE,
     UNDETERMINED_MAIN_TREE,
 )
 from btcore.diagnostics import Diagnostic
@@ -25,7 +25,6 @@ from btcore.lint.ports import (
     check_port_literals,
 )
 from btcore.lint.possible_results import ResultAnalysis
-from btcore.lint.reporter import LintReporter
 from btcore.lint.scripts import check_script_results
 from btcore.lint.subtree_calls import check_remappings, check_unused_trees
 from btcore.lint.unwritten_keys import check_keys
@@ -33,9 +32,8 @@ from btcore.loading.load import PausedGarbageCollection
 from btcore.registry.registry import Registry
 from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan_document, root_trees
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector, sort_diagnostics
+from btcore.xml.read.document import DiagnosticCollector, Document, sort_diagnostics
 from btcore.xml.read.positions import LineIndex
-from btcore.xml.read.read import Document
 from btcore.xml.read.scan import ScannedElement
 
 # After these errors each tree can still be dry-run: no main tree is selected, or only a tick raises.
@@ -43,7 +41,7 @@ _HARMLESS: Final = frozenset({UNDETERMINED_MAIN_TREE, FIRST_TICK_REFUSED})
 # In format 3 the tree is built; only the node that reads the text raises.
 _HARMLESS_IN_FORMAT_3: Final = _HARMLESS | {INCONVERTIBLE_TEXT}
 # With these errors, following SubTree calls might not terminate in reasonable time.
-_UNBOUNDED: Final = frozenset({RECURSIVE_TREES, TOO_LARGE})
+_UNBOUNDED: Final = frozenset({RECURSIVE_TREES, TREE_TOO_LARGE})
 # Between elements, but not a text.
 _OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)
 
@@ -94,13 +92,12 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
     for root in roots:
         plans.sizes[root.id].ensure_recursion_limit()
     models = definitions.subtree_models
-    reporter = LintReporter(collector)
-    results = _check_nodes(plans, models, reporter)
-    EndlessTickCheck(plans, results, reporter).check(roots)
+    results = _check_nodes(plans, models, collector)
+    EndlessTickCheck(plans, results, collector).check(roots)
     for document in definitions.sources.documents:
         _check_loose_text(document, collector)
     if main is not None and names_main and not is_selected:
-        check_unused_trees(plans, main, reporter)
+        check_unused_trees(plans, main, collector)
     harmless = _HARMLESS_IN_FORMAT_3 if plans.dialect.format == 3 else _HARMLESS
     if all(error.code in harmless for error in collector.errors):
         nodes_left = MAX_REPEATED_NODES + sum(tree.size for tree in plans.trees.values())
@@ -114,29 +111,29 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
                 collector.add(error)
             # A subtree model declares ports that callers of the tree provide.
             known = {*given, *models.get(root.id, ())}
-            check_keys(dry_run, root is main, known, reporter)
-            check_value_types(dry_run, root is main, known, enums, reporter)
+            check_keys(dry_run, root is main, known, collector)
+            check_value_types(dry_run, root is main, known, enums, collector)
     return collector
 
 
 def _check_nodes(
-    plans: Plans, models: Mapping[str, Mapping[str, str | None]], reporter: LintReporter
+    plans: Plans, models: Mapping[str, Mapping[str, str | None]], collector: DiagnosticCollector
 ) -> ResultAnalysis:
-    bounded = not any(error.code in _UNBOUNDED for error in reporter.collector.errors)
+    bounded = not any(error.code in _UNBOUNDED for error in collector.errors)
     results = ResultAnalysis(plans, bounded)
     enums = plans.registry.types.enums
     tree_keys = TreeKeys(plans, bounded)
     for tree in plans.trees.values():
         document = tree.definition.document
         for node in tree.nodes():
-            check_child_count(node, document, plans.dialect.format, reporter)
-            check_ignored_attributes(node, document, reporter)
-            check_port_literals(node, document, plans.dialect.format, reporter)
-            check_literals_of_class(node, document, reporter)
-            check_missing_ports(node, document, reporter)
-            check_script_results(node, document, enums, reporter)
-            check_reachable_children(node, document, results, reporter)
-            check_remappings(node, document, tree_keys, models, reporter)
+            check_child_count(node, document, plans.dialect.format, collector)
+            check_ignored_attributes(node, document, collector)
+            check_port_literals(node, document, plans.dialect.format, collector)
+            check_literals_of_class(node, document, collector)
+            check_missing_ports(node, document, collector)
+            check_script_results(node, document, enums, collector)
+            check_reachable_children(node, document, results, collector)
+            check_remappings(node, document, tree_keys, models, collector)
     return results
 
 

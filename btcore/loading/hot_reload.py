@@ -9,7 +9,8 @@ from btcore.errors import BtcoreError
 from btcore.loading.instantiate import instantiate
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
-from btcore.xml.read.read import parse_file, read
+from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import read
 
 
 class FileWatcher:

@@ -18,20 +18,20 @@ from btcore.diagnostic_codes import (
     MISSING_PORT,
     NODE_NOT_CREATED,
     SCRIPT_SYNTAX,
-    DiagnosticCode,
 )
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, ScriptError
+from btcore.fixes import SetAttributes
 from btcore.registry.manifest import Manifest, Resources, takes_children
 from btcore.registry.registry import Registry, library_of
 from btcore.tree.tree import Subtree, Tree
 from btcore.values import parse_constant, type_of
-from btcore.xml.plan.plan import Plans, script_diagnostic
+from btcore.xml.plan.plan import Plans, report_script_error
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
+from btcore.xml.read.document import DiagnosticCollector
 
 
 def instantiate(
@@ -45,10 +45,10 @@ def instantiate(
 
     Args:
         plans: The plans.
-        resources: As in `LoadArguments`, like all following arguments.
-        blackboard: The blackboard of the main tree.
-        clock: The clock.
-        tick_limit: The limit of a tick (s).
+        resources: As in `LoadArguments`.
+        blackboard: As in `LoadArguments`.
+        clock: As in `LoadArguments`.
+        tick_limit: As in `LoadArguments`.
 
     Raises:
         TreeError: The plans have errors, or nodes could not be created. It holds all errors.
@@ -70,22 +70,22 @@ def instantiate(
     )
 
 
-def make_leaf_tree(leaf: type[TreeNode], ID: str, clock: Clock) -> Tree:
+def make_leaf_tree(leaf: type[TreeNode], id: str, clock: Clock) -> Tree:
     """Return a tree of a single leaf, which no document describes.
 
     Args:
         leaf: The class of the leaf, without parameters.
-        ID: The ID of the leaf and, with the suffix `Alone`, of the tree.
+        id: The ID of the leaf and, with the suffix `Alone`, of the tree.
     """
     registry = Registry.standard()
-    registry.add(leaf, ID=ID)
-    manifest = registry.get(ID, 4)
+    registry.add(leaf, ID=id)
+    manifest = registry.get(id, 4)
     assert manifest is not None
-    config = NodeConfig(ID, ID, uid=1)
-    config.path = f"{ID}::1"
+    config = NodeConfig(id, id, uid=1)
+    config.path = f"{id}::1"
     context, board = TreeContext(clock), Blackboard(clock=clock)
     nodes = [manifest.make(config, context, board, Resources(()), [])]
-    main = f"{ID}Alone"
+    main = f"{id}Alone"
     return Tree(main, 4, [Subtree(main, "", board, nodes)], nodes, context, registry)
 
 
@@ -252,7 +252,9 @@ class NodeCreator:
         self, node_plan: NodePlan, port: Port, draft: SubtreeDraft, entry: Entry | None, error: BtcoreError
     ) -> None:
         if entry is None or entry.declared.same(port.type):
-            self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, draft, port.name)
+            self.collector.report(
+                draft.document, CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, port.name
+            )
             return
         own, declared = port.type.name, entry.declared.name
         if own == declared:
@@ -267,7 +269,9 @@ class NodeCreator:
             hint = (
                 f"{origin}; an output needs exactly this type, so declare the port as {entry.declared.name}"
             )
-        self._report(CONFLICTING_ENTRY_TYPES, message, node_plan, draft, port.name, hint)
+        self.collector.report(
+            draft.document, CONFLICTING_ENTRY_TYPES, message, node_plan.element, port.name, hint
+        )
 
     def create_node(
         self,
@@ -292,9 +296,11 @@ class NodeCreator:
             texts = node_plan.element.attributes.items()
             key = next((key for key, text in texts if text == error.text), None)
             if key is not None:
-                self.collector.add(script_diagnostic(draft.document, node_plan, key, error))
+                report_script_error(draft.document, node_plan, key, error, self.collector)
             else:
-                self._report(SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan, draft)
+                self.collector.report(
+                    draft.document, SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan.element
+                )
         except (NodeError, BlackboardError, ConversionError) as error:
             self._report_rejection(node_plan, draft, error)
         except BtcoreError:
@@ -304,35 +310,25 @@ class NodeCreator:
             hint = ""
             if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
                 hint = "call super().__init__() without arguments: a node has its name and config already"
-            self._report(LEAF_INIT_RAISED, message, node_plan, draft, hint=hint)
+            self.collector.report(draft.document, LEAF_INIT_RAISED, message, node_plan.element, hint=hint)
         return None
 
     def _report_rejection(self, node_plan: NodePlan, draft: SubtreeDraft, error: BtcoreError) -> None:
         if not isinstance(error, NodeError):
-            self._report(INCONVERTIBLE_TEXT, str(error), node_plan, draft)
+            self.collector.report(draft.document, INCONVERTIBLE_TEXT, str(error), node_plan.element)
             return
         set_names = {binding.name for binding in node_plan.bindings}
         ports = node_plan.manifest.ports.values() if node_plan.manifest is not None else ()
         # If a node can't be created and lacks an input port, the message names the port.
         missing = [port for port in ports if port.reads and port.name not in set_names]
         code = MISSING_PORT if missing else NODE_NOT_CREATED
-        written: list[str] = []
-        for port in missing:
-            if port.role in LOAD_TIME_ROLES:
-                written += (port.name, _EXAMPLES.get(port.role, f"{{{port.name}}}"))
-        hint = Hint("", (Fix("set_attributes", tuple(written)),) if written else ())
-        self._report(code, str(error), node_plan, draft, hint=hint)
-
-    def _report(
-        self,
-        code: DiagnosticCode,
-        message: str,
-        node_plan: NodePlan,
-        draft: SubtreeDraft,
-        attribute: str = "",
-        hint: str | Hint = "",
-    ) -> None:
-        self.collector.add(draft.document.diagnostic(code, message, node_plan.element, attribute, hint=hint))
+        values = {
+            port.name: _EXAMPLES.get(port.role, f"{{{port.name}}}")
+            for port in missing
+            if port.role in LOAD_TIME_ROLES
+        }
+        hint = Hint("", (SetAttributes(values),) if values else ())
+        self.collector.report(draft.document, code, str(error), node_plan.element, hint=hint)
 
     def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest | None:
         """Return the manifest after the registry's substitution rules, or None after an error."""
@@ -343,7 +339,7 @@ class NodeCreator:
         try:
             return self._registry.apply_substitutions(config, node_plan.manifest, children)
         except NodeError as error:
-            self._report(NODE_NOT_CREATED, str(error), node_plan, draft)
+            self.collector.report(draft.document, NODE_NOT_CREATED, str(error), node_plan.element)
             return None
 
     # --- SubTree elements
@@ -360,7 +356,9 @@ class NodeCreator:
         if config.path in self._paths:
             message = f"two SubTree nodes have the path '{config.path}'"
             hint = "give them different names, or remove the names"
-            self._report(DUPLICATE_SUBTREE_PATH, message, node_plan, draft, "name", hint)
+            self.collector.report(
+                draft.document, DUPLICATE_SUBTREE_PATH, message, node_plan.element, "name", hint
+            )
         self._paths.add(config.path)
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
@@ -378,7 +376,9 @@ class NodeCreator:
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
             except BlackboardError as error:
-                self._report(CONFLICTING_ENTRY_TYPES, str(error), node_plan, draft, key)
+                self.collector.report(
+                    draft.document, CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, key
+                )
         inner.autoremap = call.autoremap
         return inner
 

@@ -1,4 +1,4 @@
-"""Load a tree from files or texts, or make a registered tree, in one call."""
+"""Load a tree from files or texts, or make a registered tree: all stages of loading in one call."""
 
 import gc
 import reprlib
@@ -17,8 +17,10 @@ from btcore.registry.manifest import Resources
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
-from btcore.xml.plan.plan import Plans, define_and_plan
-from btcore.xml.read.read import Document, PackageResolver, parse_file, parse_text, read
+from btcore.xml.define import define
+from btcore.xml.plan.plan import Plans, plan
+from btcore.xml.read.document import Document, parse_file, parse_text
+from btcore.xml.read.read import PackageResolver, read
 
 __all__ = ["LoadArguments"]  # for the API reference, which has the functions on the page of `btcore`
 
@@ -109,7 +111,7 @@ def load(path: str | PathLike[str], *more: str | PathLike[str], **arguments: Unp
         <Status.SUCCESS: 2>
     """
     with PausedGarbageCollection():
-        return _load(_parse(parse_file, arguments, path, *more), arguments)
+        return _create_tree(plan_tree(parse_file, (path, *more), arguments), arguments)
 
 
 def loads(text: str, *more: str, **arguments: Unpack[LoadArguments]) -> Tree:
@@ -132,14 +134,14 @@ def loads(text: str, *more: str, **arguments: Unpack[LoadArguments]) -> Tree:
         <Status.SUCCESS: 2>
     """
     with PausedGarbageCollection():
-        return _load(_parse(parse_text, arguments, text, *more), arguments)
+        return _create_tree(plan_tree(parse_text, (text, *more), arguments), arguments)
 
 
-def make(ID: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
+def make(id: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
     """Return a new instance of a tree that was registered with `Registry.add_trees`.
 
     Args:
-        ID: The ID of the tree.
+        id: The ID of the tree.
         arguments: See `LoadArguments`. *nodes* is the registry of the tree. Whether includes are *confined*
             is an argument of `Registry.add_trees` instead.
 
@@ -161,11 +163,11 @@ def make(ID: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
     documents = _registry(arguments.get("nodes")).documents
     if not documents:
         hint = "register it: nodes.add_trees(…)"
-        raise TreeError([Diagnostic(UNDETERMINED_MAIN_TREE, f"unknown tree '{ID}'", hint=hint)])
+        raise TreeError([Diagnostic(UNDETERMINED_MAIN_TREE, f"unknown tree '{id}'", hint=hint)])
     # The document of the tree; the last document if the tree is in an included file.
-    main = next((document for document in reversed(documents) if _defines(document, ID)), documents[-1])
+    main = next((document for document in reversed(documents) if _defines(document, id)), documents[-1])
     with PausedGarbageCollection():
-        return _load([main], {**arguments, "tree": ID})
+        return _create_tree(_plan_documents([main], {**arguments, "tree": id}), arguments)
 
 
 def required_resources(
@@ -197,51 +199,52 @@ def required_resources(
         >>> btcore.required_resources("grasp.xml", nodes=nodes) == [Gripper]
         True
     """
-    plans = _plans_of(_parse(parse_file, arguments, path, *more), arguments)
+    plans = plan_tree(parse_file, (path, *more), arguments)
     plans.diagnostics.raise_errors()
     return plans.required_resources()
 
 
-def plan_file(path: str | PathLike[str], arguments: LoadArguments) -> Plans:
-    """Return the plans of the tree in an XML file, for callers that need them before the tree is created.
+def plan_tree(
+    parse: Callable[..., Document], inputs: Iterable[str | PathLike[str]], arguments: LoadArguments
+) -> Plans:
+    """Return the plans of the tree in XML files or texts, for callers that need them before the nodes.
 
     Args:
-        path: The XML file.
+        parse: `parse_file` or `parse_text`.
+        inputs: The paths or the texts; the trees of the first may call those of the others.
         arguments: As in `load`.
 
     Raises:
-        TreeError: The file cannot be read or parsed; other errors are in the diagnostics of the plans.
+        TreeError: An input cannot be read or parsed; other errors are in the diagnostics of the plans.
         TypeError: *nodes* is not a Registry, or an argument is unknown.
     """
-    return _plans_of(_parse(parse_file, arguments, path), arguments)
+    check_argument_names(arguments)
+    documents: list[Document] = []
+    errors: list[Diagnostic] = []
+    for path_or_text in inputs:
+        try:
+            documents.append(parse(path_or_text, confined=arguments.get("confined", False)))
+        except XmlSyntaxError as error:
+            errors += error.diagnostics
+    if errors:
+        raise XmlSyntaxError(errors)
+    return _plan_documents(documents, arguments)
 
 
-def plan_text(text: str, arguments: LoadArguments) -> Plans:
-    """Return the plans of the tree in an XML text; see `plan_file`."""
-    return _plans_of(_parse(parse_text, arguments, text), arguments)
+def _plan_documents(documents: Sequence[Document], arguments: LoadArguments) -> Plans:
+    registry = _registry(arguments.get("nodes"))
+    main, *others = documents
+    sources = read(main, [*registry.documents, *others], arguments.get("packages"))
+    return plan(define(sources, arguments.get("tree"), arguments.get("format")), registry)
 
 
-def _load(documents: Sequence[Document], arguments: LoadArguments) -> Tree:
+def _create_tree(plans: Plans, arguments: LoadArguments) -> Tree:
     resources = arguments.get("resources", ())
     # A text can be iterated, but is a single object here.
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
         raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
-    return create_tree(_plans_of(documents, arguments), {**arguments, "resources": Resources(resources)})
-
-
-def create_tree(plans: Plans, arguments: LoadArguments) -> Tree:
-    """Create the tree of *plans* with those of *arguments* that are not about reading and planning.
-
-    Raises:
-        TreeError: The plans have errors, or nodes could not be created.
-    """
-    return instantiate(
-        plans,
-        arguments.get("resources", ()),
-        arguments.get("blackboard"),
-        arguments.get("clock"),
-        arguments.get("tick_limit"),
-    )
+    blackboard, clock = arguments.get("blackboard"), arguments.get("clock")
+    return instantiate(plans, Resources(resources), blackboard, clock, arguments.get("tick_limit"))
 
 
 def check_argument_names(arguments: LoadArguments) -> None:
@@ -249,30 +252,6 @@ def check_argument_names(arguments: LoadArguments) -> None:
     for name in arguments.keys() - LoadArguments.__annotations__.keys():
         hint = did_you_mean(name, LoadArguments.__annotations__)
         raise TypeError(f"unexpected keyword argument '{name}'{hint}")
-
-
-def _plans_of(documents: Sequence[Document], arguments: LoadArguments) -> Plans:
-    registry = _registry(arguments.get("nodes"))
-    main, *others = documents
-    sources = read(main, [*registry.documents, *others], arguments.get("packages"))
-    return define_and_plan(sources, registry, arguments.get("tree"), arguments.get("format"))
-
-
-def _parse(
-    parse: Callable[..., Document], arguments: LoadArguments, *sources: str | PathLike[str]
-) -> list[Document]:
-    """Check the names of *arguments*, and return the documents of *sources*."""
-    check_argument_names(arguments)
-    documents: list[Document] = []
-    errors: list[Diagnostic] = []
-    for source in sources:
-        try:
-            documents.append(parse(source, confined=arguments.get("confined", False)))
-        except XmlSyntaxError as error:
-            errors += error.diagnostics
-    if errors:
-        raise XmlSyntaxError(errors)
-    return documents
 
 
 def _defines(document: Document, tree: str) -> bool:

@@ -54,10 +54,10 @@ class Parallel3(ParallelNode):
     def tick(self) -> Status:
         """Tick the children that have not completed, until the result is known."""
         count = len(self._children)
-        given = cast(int, self.get_input("success_threshold"))
-        given_failures = cast(int, self.get_input("failure_threshold"))
-        needed = required_results(given, count, "successes")
-        allowed = required_results(given_failures, count, "failures")
+        success_threshold = cast(int, self.get_input("success_threshold"))
+        failure_threshold = cast(int, self.get_input("failure_threshold"))
+        success_limit = required_results(success_threshold, count, "successes")
+        failure_limit = required_results(failure_threshold, count, "failures")
         successes = 0
         failures = 0
         for index in range(count):
@@ -67,12 +67,12 @@ class Parallel3(ParallelNode):
                 self._completed.add(index)
                 successes += 1
                 # Counted again in every tick, so "==" is reached; with a threshold of 0 never, as in C++.
-                if successes == needed:
+                if successes == success_limit:
                     return self.finish(SUCCESS)
             elif status is FAILURE:
                 self._completed.add(index)
                 failures += 1
-                if failures > count - needed or failures == allowed:
+                if failures > count - success_limit or failures == failure_limit:
                     return self.finish(FAILURE)
             elif status is not RUNNING:
                 raise self.idle_child_error(index)
@@ -173,12 +173,12 @@ class SetBlackboard3(SetBlackboard):
 class BlackboardCheck(DecoratorNode):
     """Ticks its child while `value_A` equals `value_B`, else returns `return_on_mismatch` (default FAILURE).
 
-    Both values are read in every tick, as the type *element*. If they differ while the child is RUNNING, the
-    child is halted. A value that cannot be read or converted counts as different. Real numbers are equal if
+    Both values are read in every tick, as *value_type*. If they differ while the child is RUNNING, the child
+    is halted. A value that cannot be read or converted counts as different. Real numbers are equal if
     they differ by at most C's FLT_EPSILON.
     """
 
-    element: ClassVar[ValueType] = STRING
+    value_type: ClassVar[ValueType] = STRING
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -197,13 +197,13 @@ class BlackboardCheck(DecoratorNode):
     def tick(self) -> Status:
         """Compare, then tick the child."""
         self.set_status(RUNNING)
-        if self._match():
+        if self._values_match():
             return execute_tick(self.child)
         if self.child._status is RUNNING:
             self.halt_child()
         return cast(Status, input_or(self, "return_on_mismatch", FAILURE))
 
-    def _match(self) -> bool:
+    def _values_match(self) -> bool:
         try:
             left = self._read("value_A")
             right = self._read("value_B")
@@ -214,12 +214,12 @@ class BlackboardCheck(DecoratorNode):
         return left == right
 
     def _read(self, name: str) -> object:
-        return self._converted(self.get_input(name))
+        return self._convert(self.get_input(name))
 
-    def _converted(self, value: object) -> object:
+    def _convert(self, value: object) -> object:
         if isinstance(value, str):
-            return self.element.from_text(value, 3)
-        return self.element.cast(value)
+            return self.value_type.from_text(value, 3)
+        return self.value_type.cast(value)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -227,7 +227,7 @@ class BlackboardCheckInt(BlackboardCheck):
     """Ticks its child while `value_A` equals `value_B` as integers, else returns `return_on_mismatch`."""
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
-    element: ClassVar[ValueType] = INT
+    value_type: ClassVar[ValueType] = INT
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -235,7 +235,7 @@ class BlackboardCheckDouble(BlackboardCheck):
     """Ticks its child while `value_A` equals `value_B` as real numbers, else returns `return_on_mismatch`."""
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
-    element: ClassVar[ValueType] = DOUBLE
+    value_type: ClassVar[ValueType] = DOUBLE
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -243,7 +243,7 @@ class BlackboardCheckString(BlackboardCheck):
     """Ticks its child while `value_A` equals `value_B` as texts, else returns `return_on_mismatch`."""
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
-    element: ClassVar[ValueType] = STRING
+    value_type: ClassVar[ValueType] = STRING
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -254,11 +254,11 @@ class BlackboardCheckBool(BlackboardCheck):
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
-    element: ClassVar[ValueType] = BOOL
+    value_type: ClassVar[ValueType] = BOOL
 
     def _read(self, name: str) -> object:
         value = self.get_input(name)
-        return value != 0 if isinstance(value, int) else self._converted(value)
+        return value != 0 if isinstance(value, int) else self._convert(value)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

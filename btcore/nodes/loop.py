@@ -27,7 +27,7 @@ class LoopNode(DecoratorNode):
     Derive a class for elements of another type, and declare the type in the annotation of the port.
 
     Attributes:
-        element: The type of the elements.
+        element_type: The type of the elements.
 
     Examples:
         >>> from dataclasses import dataclass
@@ -47,12 +47,12 @@ class LoopNode(DecoratorNode):
         (<Status.SUCCESS: 2>, Pose(x=2.0))
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↺", state_fields=("_current", "_child_running"))
-    element: ClassVar[ValueType] = ANY
-    _element: ValueType = ANY
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↺", state_fields=("_remaining", "_child_running"))
+    element_type: ClassVar[ValueType] = ANY
+    _element_type: ValueType = ANY
     _queue: Input | None = None
-    _literal: "list[object] | None" = None
-    _current: "deque[object] | None" = None
+    _literal_elements: "list[object] | None" = None
+    _remaining: "deque[object] | None" = None
     _child_running: bool = False  # whether the last tick of the child returned RUNNING
 
     @classmethod
@@ -66,7 +66,13 @@ class LoopNode(DecoratorNode):
                 role=PortRole.QUEUE,
             ),
             Port("if_empty", type=NODE_STATUS, default="SUCCESS", description="the result of an empty queue"),
-            Port("value", Direction.OUT, type=cls.element, description="the current element", optional=True),
+            Port(
+                "value",
+                Direction.OUT,
+                type=cls.element_type,
+                description="the current element",
+                optional=True,
+            ),
         ]
 
     def prepare(self) -> None:
@@ -76,27 +82,27 @@ class LoopNode(DecoratorNode):
             raise NodeError(f"<{self.config.id}> needs port [queue]")
         output = self.config.outputs.get("value")
         # A derived class may have declared the port anew, with its own type.
-        self._element = self.element if output is None else output.type
+        self._element_type = self.element_type if output is None else output.type
         if braced_key(self._queue.text) is None:
-            self._literal = self.elements(self._queue.text)
+            self._literal_elements = self.elements(self._queue.text)
 
     def elements(self, text: str) -> list[object]:
         """Return the elements of *text*, separated by semicolons. Raise ConversionError."""
         parts = text.removesuffix(";").split(";") if text else []
-        return [self._element.from_text(part, self.config.format) for part in parts]
+        return [self._element_type.from_text(part, self.config.format) for part in parts]
 
     def tick(self) -> Status:
         """Take the next element, unless the child is RUNNING, and tick the child."""
         # IDLE also after a halt: a literal queue starts from the beginning, but a deque keeps what is left.
         if self._status is IDLE:
             self._child_running = False
-            self._current = None if self._literal is None else deque(self._literal)
+            self._remaining = None if self._literal_elements is None else deque(self._literal_elements)
         if not self._child_running:
-            if self._literal is None:
-                self._fetch()
-            if not self._current:
+            if self._literal_elements is None:
+                self._fetch_queue()
+            if not self._remaining:
                 return cast(Status, self.get_input("if_empty"))
-            value = self._current.popleft()
+            value = self._remaining.popleft()
             output = self.config.outputs.get("value")
             # BehaviorTree.CPP ignores a text that is not a reference to an entry.
             if output is not None and output.key is not None:
@@ -110,7 +116,7 @@ class LoopNode(DecoratorNode):
             self.reset_child()
         return FAILURE if status is FAILURE else RUNNING
 
-    def _fetch(self) -> None:
+    def _fetch_queue(self) -> None:
         queue = self._queue
         if queue is None or queue.key is None:
             return
@@ -123,13 +129,13 @@ class LoopNode(DecoratorNode):
             )
         if isinstance(value, deque):
             # Shared with the entry: the loop removes the elements, and other nodes may append more meanwhile.
-            self._current = value
-        elif self._current is None:
+            self._remaining = value
+        elif self._remaining is None:
             # A copy, made once per start: later writes to the entry have no effect on this start.
             if isinstance(value, str):
-                self._current = deque(self.elements(value))
+                self._remaining = deque(self.elements(value))
             elif isinstance(value, (list, tuple)):
-                self._current = deque(value)
+                self._remaining = deque(value)
             else:
                 raise NodeError(
                     f"port [queue] reads {{{queue.key}}}, which holds {value!r}, not a list, deque or text"
@@ -145,7 +151,7 @@ class LoopInt(LoopNode):
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
-    element: ClassVar[ValueType] = INT
+    element_type: ClassVar[ValueType] = INT
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -157,7 +163,7 @@ class LoopBool(LoopNode):
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
-    element: ClassVar[ValueType] = BOOL
+    element_type: ClassVar[ValueType] = BOOL
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -169,7 +175,7 @@ class LoopDouble(LoopNode):
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
-    element: ClassVar[ValueType] = DOUBLE
+    element_type: ClassVar[ValueType] = DOUBLE
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -181,4 +187,4 @@ class LoopString(LoopNode):
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
-    element: ClassVar[ValueType] = STRING
+    element_type: ClassVar[ValueType] = STRING

@@ -52,9 +52,9 @@ class ManualSelector(ControlNode):
     later ticks. The node returns the result of the selected child, or the selected result.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(state_fields=("_last",), formats=(3,))
+    spec: ClassVar[NodeSpec] = NodeSpec(state_fields=("_last_choice",), formats=(3,))
 
-    _last: int = -1
+    _last_choice: int = -1
     _prompt: Prompt
 
     def __init__(self, prompt: Prompt | None = None) -> None:
@@ -68,10 +68,11 @@ class ManualSelector(ControlNode):
     def tick(self) -> Status:
         """Ask the user, then tick the chosen child."""
         count = len(self._children)
-        if self._last < 0 or input_or(self, "repeat_last_selection", False) is not True:
+        if self._last_choice < 0 or input_or(self, "repeat_last_selection", False) is not True:
             self.set_status(RUNNING)
             options = [child.name for child in self._children] + ["SUCCESS", "FAILURE", "RUNNING"]
-            self._last = self._prompt.choose(f"{self.config.path}: which child should be ticked?", options)
-        if self._last >= count:
-            return (SUCCESS, FAILURE, RUNNING)[self._last - count]
-        return execute_tick(self._children[self._last])
+            question = f"{self.config.path}: which child should be ticked?"
+            self._last_choice = self._prompt.choose(question, options)
+        if self._last_choice >= count:
+            return (SUCCESS, FAILURE, RUNNING)[self._last_choice - count]
+        return execute_tick(self._children[self._last_choice])

@@ -14,68 +14,67 @@ from btcore.status import FAILURE, IDLE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, P
 from btcore.values import INT
 
 _REPETITIONS_PER_CHECK: Final = 16
+"""The number of repetitions after which a node in a tree without a tick limit calls `must_end_tick`."""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class RepeatedNode(DecoratorNode):
     """Ticks its child until it has returned *repeat_on* as often as required, and returns *repeat_on*.
 
-    *repeat_on* is SUCCESS or FAILURE. The port called *limit* gives the required number; −1 = forever. If the
-    child returns the opposite of *repeat_on*, the node returns this result at once. If the node is async, the
-    child returns *repeat_on* in its first tick and repetitions remain, the node wakes the tree and returns
-    RUNNING; the next tick starts the child again. A skipped child makes the node SKIPPED and does not change
-    the count.
+    If the child returns the opposite of *repeat_on*, the node returns this result at once. If the child
+    returns *repeat_on* in its first tick and repetitions remain, a node that is async wakes the tree and
+    returns RUNNING; the next tick starts the child again. A skipped child makes the node SKIPPED and does not
+    change the count.
+
+    Attributes:
+        repeat_on: SUCCESS or FAILURE.
+        limit_port: The name of the port that gives the required number; −1 = forever.
+        is_async: Whether the node returns RUNNING between repetitions, so that a parent can halt it there.
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(symbol="↺", state_fields=("_count",), never_pauses=True)
     repeat_on: ClassVar[Status] = SUCCESS
-    limit: ClassVar[str] = "num_cycles"
+    limit_port: ClassVar[str] = "num_cycles"
     is_async: ClassVar[bool] = True
 
     _count: int = 0
-    _is_async: bool = True  # a copy, as in OrderedNode
 
     @classmethod
     def possible_results(
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return the results that follow from the child's results and from the limit, if it is a literal."""
-        child, again, limit = children[0], cls.repeat_on, literals.get(cls.limit)
+        child, repeat_on, limit = children[0], cls.repeat_on, literals.get(cls.limit_port)
         if not isinstance(limit, int):
-            return PossibleResults(child.in_first_tick | {again}, child.results | {again}, True)
+            return PossibleResults(child.in_first_tick | {repeat_on}, child.results | {repeat_on}, True)
         if limit == 0 or limit < -1:
-            return PossibleResults(frozenset({again}))
+            return PossibleResults(frozenset({repeat_on}))
         if limit == 1:
             return child
-        results = child.results - {again} if limit < 0 else child.results
-        pauses = cls.is_async and again in child.in_first_tick
+        results = child.results - {repeat_on} if limit < 0 else child.results
+        pauses = cls.is_async and repeat_on in child.in_first_tick
         first = child.in_first_tick & results
         if pauses and SKIPPED not in child.results:
-            first -= {again}
+            first -= {repeat_on}
         may_run = child.may_run or pauses
         return PossibleResults(first, results if may_run else NO_RESULT, may_run or limit < 0)
 
-    def prepare(self) -> None:
-        """Copy what ticks need."""
-        self._is_async = self.is_async
-
     def tick(self) -> Status:
         """Tick the child until it is RUNNING, the limit is reached, or the result is known."""
-        limit = cast(int, self.get_input(self.limit))
-        again = self.repeat_on
+        limit = cast(int, self.get_input(self.limit_port))
+        repeat_on = self.repeat_on
         self.set_status(RUNNING)
         while self._count < limit or limit == -1:
             was_idle = self.child._status is IDLE
             status = execute_tick(self.child)
             if status is RUNNING:
                 return RUNNING
-            if status is again:
+            if status is repeat_on:
                 self._count += 1
                 limit = self.limit_after(limit)
                 self.reset_child()
-                # Return between repetitions, so that a parent can halt the node. Format 3 repeats at once.
                 has_more = self._count < limit or limit == -1
-                if was_idle and has_more and (self._is_async or self._must_end_tick()):
+                if was_idle and has_more and (self.is_async or self._must_end_tick()):
                     self.wake_up()
                     return RUNNING
             elif status is SKIPPED:
@@ -89,12 +88,13 @@ class RepeatedNode(DecoratorNode):
                 self.reset_child()
                 return status
         self._count = 0
-        return again
+        return repeat_on
 
     def _must_end_tick(self) -> bool:
-        # Without a tick limit, the question only handles signals, which may wait for some repetitions.
-        is_due = self._context.must_check_end or self._count % _REPETITIONS_PER_CHECK == 0
-        return is_due and self._context.must_end_tick()
+        # Without a tick limit, the call only lets Python handle signals, which takes time and may be late.
+        context = self._context
+        is_due = context.must_check_end or self._count % _REPETITIONS_PER_CHECK == 0
+        return is_due and context.must_end_tick()
 
     def limit_after(self, limit: int) -> int:
         """Return the limit that applies after a repetition, given the *limit* before."""
@@ -117,7 +117,7 @@ class Repeat(RepeatedNode):
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     repeat_on: ClassVar[Status] = SUCCESS
-    limit: ClassVar[str] = "num_cycles"
+    limit_port: ClassVar[str] = "num_cycles"
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -138,7 +138,7 @@ class RetryUntilSuccessful(RepeatedNode):
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
     repeat_on: ClassVar[Status] = FAILURE
-    limit: ClassVar[str] = "num_attempts"
+    limit_port: ClassVar[str] = "num_attempts"
 
     @staticmethod
     def provided_ports() -> list[Port]:

@@ -27,7 +27,7 @@ class Inverter(DecoratorNode):
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return the child's results, with SUCCESS and FAILURE swapped."""
-        return children[0].mapped({SUCCESS: FAILURE, FAILURE: SUCCESS})
+        return children[0].replace_results({SUCCESS: FAILURE, FAILURE: SUCCESS})
 
     def tick(self) -> Status:
         """Tick the child, and return the opposite result."""
@@ -51,7 +51,7 @@ class ForcedNode(DecoratorNode):
         cls, children: list[PossibleResults], literals: Mapping[str, object]
     ) -> PossibleResults:
         """Return the child's results, with *forced* for SUCCESS and FAILURE."""
-        return children[0].mapped({SUCCESS: cls.forced, FAILURE: cls.forced})
+        return children[0].replace_results({SUCCESS: cls.forced, FAILURE: cls.forced})
 
     def tick(self) -> Status:
         """Tick the child."""

@@ -5,8 +5,8 @@ from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
-from btcore.engine.control import ControlNode, results_in_order
-from btcore.engine.node import execute_tick, halt_node, reset_status
+from btcore.engine.control import ControlNode, halt_and_reset, results_in_order
+from btcore.engine.node import execute_tick
 from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 
@@ -137,9 +137,7 @@ class ReactiveNode(ControlNode):
                 # Also the children after this child, which may be RUNNING since an earlier tick.
                 for other in children:
                     if other is not child and other._status is not IDLE:
-                        if other._status is RUNNING:
-                            halt_node(other)
-                        reset_status(other)
+                        halt_and_reset(other)
                 return RUNNING
             if status is continue_on:
                 all_skipped = False

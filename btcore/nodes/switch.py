@@ -48,12 +48,12 @@ class SwitchNode(ControlNode):
 
     spec: ClassVar[NodeSpec] = NodeSpec(
         symbol="⋔",
-        state_fields=("_running",),
+        state_fields=("_running_index",),
         skips_alone=False,
         child_roles="one for each case, and a default",
     )
 
-    _running: int = -1
+    _running_index: int = -1
     _variable: Input | None = None
     _cases: list[Input | None]
 
@@ -66,7 +66,7 @@ class SwitchNode(ControlNode):
 
     def prepare(self) -> None:
         """Look up the ports."""
-        self._running = -1
+        self._running_index = -1
         inputs = self.config.inputs
         self._variable = inputs.get("variable")
         self._cases = [inputs.get(f"case_{number}") for number in range(1, self.spec.child_count[0])]
@@ -77,7 +77,7 @@ class SwitchNode(ControlNode):
         try:
             variable = self.text(self._variable)
         except UndecidedOperandError as undecided:
-            return self._decided(undecided)
+            return self._choose_undecided(undecided)
         if variable is not None:
             only_texts = self.config.format == 3
             for index in range(len(self._cases)):
@@ -88,7 +88,7 @@ class SwitchNode(ControlNode):
                     return index
         return len(self._cases)
 
-    def _decided(self, undecided: UndecidedOperandError) -> int:
+    def _choose_undecided(self, undecided: UndecidedOperandError) -> int:
         for index in range(len(self._cases)):
             case = self.text(self._cases[index])
             if case is not None and undecided.decide("==", undecided.operand, case):
@@ -110,22 +110,22 @@ class SwitchNode(ControlNode):
         if count != cases + 1:
             raise NodeError(f"<{self.config.id}> takes {cases} cases and a default, not {count} children")
         chosen = self.choose()
-        if self._running != -1 and self._running != chosen:
-            self.halt_child(self._running)
+        if self._running_index != -1 and self._running_index != chosen:
+            self.halt_child(self._running_index)
         status = execute_tick(self._children[chosen])
         if status is SKIPPED:
             # The default child is not ticked instead, and no child is reset, as in BehaviorTree.CPP.
-            self._running = -1
+            self._running_index = -1
         elif status is RUNNING:
-            self._running = chosen
+            self._running_index = chosen
         else:
-            self._running = -1
+            self._running_index = -1
             self.reset_children()
         return status
 
     def halt(self) -> None:
         """Halt the children."""
-        self._running = -1
+        self._running_index = -1
         super().halt()
 
 

@@ -27,7 +27,7 @@ class TryCatch(ControlNode):
 
     spec: ClassVar[NodeSpec] = NodeSpec(
         symbol="↩",
-        state_fields=("_next", "_skipped_count", "_catching"),
+        state_fields=("_current_child_index", "_skipped_count", "_catching"),
         skips_alone=False,
         child_count=(2, None),
         child_count_at_load=(2, None),
@@ -36,7 +36,7 @@ class TryCatch(ControlNode):
         formats=(4,),
     )
 
-    _next: int = 0
+    _current_child_index: int = 0
     _skipped_count: int = 0
     _catching: bool = False
 
@@ -54,8 +54,8 @@ class TryCatch(ControlNode):
         """Return the results of a node with any children: the handler determines none of them."""
         return results_of_any(cls, children)
 
-    def _begin(self) -> None:
-        self._next = 0
+    def _forget(self) -> None:
+        self._current_child_index = 0
         self._skipped_count = 0
         self._catching = False
 
@@ -68,31 +68,31 @@ class TryCatch(ControlNode):
             self._catching = False
         self.set_status(RUNNING)
         last = len(self._children) - 1
-        while not self._catching and self._next < last:
-            status = execute_tick(self._children[self._next])
+        while not self._catching and self._current_child_index < last:
+            status = execute_tick(self._children[self._current_child_index])
             if status is RUNNING:
                 return RUNNING
             if status is SUCCESS:
-                self._next += 1
+                self._current_child_index += 1
             elif status is SKIPPED:
-                self._next += 1
+                self._current_child_index += 1
                 self._skipped_count += 1
             elif status is FAILURE:
-                self._next = 0
+                self._current_child_index = 0
                 self._catching = True
                 self.reset_children()
             else:
-                raise self.idle_child_error(self._next)
+                raise self.idle_child_error(self._current_child_index)
         # In the tick in which a child failed, the handler is ticked too.
         if self._catching:
             if execute_tick(self._children[last]) is RUNNING:
                 return RUNNING
-            self._next = 0
+            self._current_child_index = 0
             self._catching = False
             self.reset_children()
             return FAILURE
         all_skipped = self._skipped_count == last
-        self._begin()
+        self._forget()
         self.reset_children()
         return SKIPPED if all_skipped else SUCCESS
 
@@ -108,5 +108,5 @@ class TryCatch(ControlNode):
                 if execute_tick(self._children[last]) is RUNNING:
                     self.halt_child(last)
         finally:
-            self._begin()
+            self._forget()
             super().halt()

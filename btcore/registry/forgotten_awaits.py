@@ -20,7 +20,7 @@ _PAUSES: Final = (running, sleep)
 _NAMES: Final = frozenset(function.__name__ for function in _PAUSES)
 
 
-def check_awaits(ID: str, leaf: Any) -> None:
+def check_awaits(id: str, leaf: Any) -> None:
     """Check that a leaf awaits each `sleep()` and `running()`.
 
     The check includes the coroutines and generators that the code of the leaf names. It does not find calls
@@ -38,7 +38,7 @@ def check_awaits(ID: str, leaf: Any) -> None:
         for part in _code_within(code):
             used = (*part.co_names, *part.co_freevars)
             if not _NAMES.isdisjoint(part.co_names) or any(names.get(name) in _PAUSES for name in used):
-                _check_code(ID, function.__qualname__, part, names)
+                _check_code(id, function.__qualname__, part, names)
             pending += [names[name] for name in part.co_names if _is_coroutine(names.get(name))]
         pending += [value for value in _closure(function).values() if _is_coroutine(value)]
 
@@ -76,7 +76,7 @@ def _is_coroutine(value: object) -> bool:
     )
 
 
-def _check_code(ID: str, function_name: str, code: CodeType, names: Mapping[str, object]) -> None:
+def _check_code(id: str, function_name: str, code: CodeType, names: Mapping[str, object]) -> None:
     instructions = [
         instruction for instruction in dis.get_instructions(code) if instruction.opname != "EXTENDED_ARG"
     ]
@@ -103,7 +103,7 @@ def _check_code(ID: str, function_name: str, code: CodeType, names: Mapping[str,
         is_stored = following.opname.startswith("STORE_FAST")
         if following.opname == "POP_TOP" or (is_stored and target not in used):
             raise RegistrationError(
-                f"<{ID}>: {function_name} calls {pauses[place]}() in {code.co_filename}:{place[0]} without "
+                f"<{id}>: {function_name} calls {pauses[place]}() in {code.co_filename}:{place[0]} without "
                 f"await, which has no effect: {_remedy(code, pauses[place])}"
             )
 

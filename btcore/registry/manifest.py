@@ -347,7 +347,7 @@ class _MissingInput(Input):
 
 
 def create_manifest(
-    ID: str,
+    id: str,
     implementation: type[TreeNode] | Callable[..., object],
     types: TypeRegistry,
     names: Mapping[str, Any],
@@ -362,13 +362,13 @@ def create_manifest(
         distribution: The package that registers the node.
         format: The XML format whose rules for port names apply.
     """
-    check_id(ID)
-    check_awaits(ID, implementation)
+    check_id(id)
+    check_awaits(id, implementation)
     if isinstance(implementation, type):
         ports = class_ports(implementation, types, names)
-        check_ports(ID, ports, format)
-        check_class(ID, implementation)
-        check_methods(ID, implementation)
+        check_ports(id, ports, format)
+        check_class(id, implementation)
+        check_methods(id, implementation)
         attributes = class_resources(implementation, names)
         # After all checks, because it changes the class.
         bind_class(implementation, ports)
@@ -376,7 +376,7 @@ def create_manifest(
         parameters = []
         if _has_own_init(implementation):
             parameters = function_parameters(_initialiser(implementation), types, names, skip_first=True)
-        return Manifest(ID, implementation, ports, parameters, distribution, resource_attributes=attributes)
+        return Manifest(id, implementation, ports, parameters, distribution, resource_attributes=attributes)
     if inspect.isasyncgenfunction(implementation):
         raise RegistrationError(
             f"{implementation.__qualname__} is an async def that yields; await running() instead of the "
@@ -384,10 +384,10 @@ def create_manifest(
         )
     parameters = function_parameters(implementation, types, names)
     outputs = [item.name for item in parameters if item.port is not None and not item.port.reads]
-    check_outputs_are_called(ID, implementation, outputs)
+    check_outputs_are_called(id, implementation, outputs)
     ports = [parameter.port for parameter in parameters if parameter.port is not None]
-    check_ports(ID, ports, format)
-    return Manifest(ID, leaf_class(implementation), ports, parameters, distribution, implementation)
+    check_ports(id, ports, format)
+    return Manifest(id, leaf_class(implementation), ports, parameters, distribution, implementation)
 
 
 def _class_metadata(cls: type) -> dict[str, str]:

@@ -46,7 +46,7 @@ class Outcome(NamedTuple):
     outputs: tuple[tuple[str, str], ...] = ()
 
     def __str__(self) -> str:
-        texts = [f"{port}={_quoted(value)}" for port, value in self.outputs]
+        texts = [f"{port}={_quote(value)}" for port, value in self.outputs]
         return f"{self.letter}({', '.join(texts)})" if texts else self.letter
 
 
@@ -93,7 +93,7 @@ def _parse_outputs(text: str | None, outcomes: str) -> tuple[tuple[str, str], ..
     return tuple(outputs.items())
 
 
-def _quoted(value: str) -> str:
+def _quote(value: str) -> str:
     return value if re.fullmatch(r"[^',()\s]+", value) else "'" + value.replace("'", "''") + "'"
 
 
@@ -259,29 +259,29 @@ class MockAction(StatefulAction):
         given_outputs: The values that the mock leaves of the tree write when they succeed.
         tree_outcomes: The outcomes of the tree.
         starts: The number of starts.
-        left: The outcomes that remain of the current start.
+        remaining: The outcomes that remain of the current start.
     """
 
-    spec = NodeSpec(state_fields=("tree_outcomes", "starts", "left"), uses=frozenset())
+    spec = NodeSpec(state_fields=("tree_outcomes", "starts", "remaining"), uses=frozenset())
     given_outputs: ClassVar[GivenOutputs] = {}
 
     def __init__(self, tree_outcomes: Outcomes = SUCCEED) -> None:
         # Leaves of different trees do not share the source of random values.
         self.tree_outcomes = tree_outcomes if tree_outcomes is not SUCCEED else Outcomes()
         self.starts = 0
-        self.left: Start = ()
+        self.remaining: Start = ()
 
     def on_start(self) -> Status:
         """Take the next start, and return the result of its first outcome."""
         text = self.own_outcomes()
         is_condition = self.spec.node_type is NodeType.CONDITION
         if text is None:
-            self.left = self.tree_outcomes.next_start(is_condition)
+            self.remaining = self.tree_outcomes.next_start(is_condition)
         else:
             starts = parse_outcomes(text)
             if is_condition:
                 starts = tuple((outcome,) for start in starts for outcome in start)
-            self.left = starts[self.starts % len(starts)]
+            self.remaining = starts[self.starts % len(starts)]
         self.starts += 1
         return self._next_result()
 
@@ -295,9 +295,9 @@ class MockAction(StatefulAction):
         return leaves.get(self.name) or leaves.get(self.config.id)
 
     def _next_result(self) -> Status:
-        outcome = self.left[0]
+        outcome = self.remaining[0]
         # After the last outcome, the rest is empty: keep the outcome for the next tick.
-        self.left = self.left[1:] or self.left
+        self.remaining = self.remaining[1:] or self.remaining
         status = LETTERS.get(outcome.letter)
         if status is None:
             raise MockLeafError(f"the outcome of '{self.name}' is {outcome.letter}")
@@ -347,7 +347,7 @@ class MockDecorator(DecoratorNode):
         return status
 
 
-_OF_TYPE: Final[dict[NodeType, type[TreeNode]]] = {
+_MOCK_CLASSES: Final[dict[NodeType, type[TreeNode]]] = {
     NodeType.ACTION: MockAction,
     NodeType.CONDITION: MockCondition,
     NodeType.CONTROL: MockControl,
@@ -357,7 +357,7 @@ _OF_TYPE: Final[dict[NodeType, type[TreeNode]]] = {
 
 def is_mock(cls: type[TreeNode]) -> bool:
     """Return whether *cls* is a mock node: its results and optional ports are unknown."""
-    return issubclass(cls, tuple(_OF_TYPE.values()))
+    return issubclass(cls, tuple(_MOCK_CLASSES.values()))
 
 
 def make_mock_class(
@@ -377,7 +377,7 @@ def make_mock_class(
     listed, fields = list(ports), dict(metadata or {})
     return type(
         id,
-        (_OF_TYPE[node_type],),
+        (_MOCK_CLASSES[node_type],),
         {
             "provided_ports": staticmethod(lambda: listed),
             "metadata": staticmethod(lambda: fields),

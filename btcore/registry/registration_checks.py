@@ -16,7 +16,7 @@ from btcore.names import RESERVED_IDS, forbidden_in, port_name_error
 from btcore.suggestions import join_names
 from btcore.values import STRING, UserType, ValueType, VectorType
 
-_OVERRIDDEN: Final[tuple[tuple[type[TreeNode], str], ...]] = (
+_METHODS_TO_OVERRIDE: Final[tuple[tuple[type[TreeNode], str], ...]] = (
     (ThreadedAction, "work"),
     (CoroutineAction, "create_body"),
     (StatefulAction, "on_start"),
@@ -25,30 +25,30 @@ _OVERRIDDEN: Final[tuple[tuple[type[TreeNode], str], ...]] = (
 """The methods that subclasses of these action classes must override."""
 
 
-def check_id(ID: str) -> None:
-    """Raise RegistrationError if *ID* cannot be a tag in the XML."""
-    if not ID:
+def check_id(id: str) -> None:
+    """Raise RegistrationError if *id* cannot be a tag in the XML."""
+    if not id:
         raise RegistrationError("the ID of a node must not be empty")
-    if ID in RESERVED_IDS:
-        raise RegistrationError(f"'{ID}' is reserved in Groot, and can't be the ID of a node")
-    character = forbidden_in(ID)
+    if id in RESERVED_IDS:
+        raise RegistrationError(f"'{id}' is reserved in Groot, and can't be the ID of a node")
+    character = forbidden_in(id)
     if character:
-        raise RegistrationError(f"'{ID}' can't be the ID of a node: it contains {character!r}")
+        raise RegistrationError(f"'{id}' can't be the ID of a node: it contains {character!r}")
 
 
-def check_ports(ID: str, ports: Sequence[Port], format: int = 4) -> None:
+def check_ports(id: str, ports: Sequence[Port], format: int = 4) -> None:
     """Raise RegistrationError if a port has an invalid name, or a default that does not fit its type."""
     for port in ports:
         error = "" if port.name == "_autoremap" else port_name_error(port.name, format)
         if error:
-            message = f"<{ID}> can't have a port called '{port.name}': {error}"
+            message = f"<{id}> can't have a port called '{port.name}': {error}"
             if format == 4 and port.name and not port_name_error(port.name, 3):
                 message += "; BehaviorTree.CPP 3 accepts it: nodes.add(…, format=3)"
             raise RegistrationError(message)
         error = default_value_error(port)
         if error:
             default = port.default if port.value is UNSET else port.value
-            takes = f"the port '{port.name}' of <{ID}> takes {port.type.name}"
+            takes = f"the port '{port.name}' of <{id}> takes {port.type.name}"
             raise RegistrationError(f"{takes}, but its default is {default!r}: {error}")
 
 
@@ -76,30 +76,30 @@ def _is_known(value_type: ValueType) -> bool:
     return value_type.converts and not isinstance(value_type, UserType)
 
 
-def check_class(ID: str, cls: type[TreeNode]) -> None:
+def check_class(id: str, cls: type[TreeNode]) -> None:
     """Raise RegistrationError if *cls* is abstract or a frozen dataclass."""
     name = cls.__qualname__
     if isabstract(cls):
         missing = join_names(f"{method}()" for method in sorted(getattr(cls, "__abstractmethods__", ())))
-        raise RegistrationError(f"<{ID}>: {name} is abstract: derive a class that implements {missing}")
+        raise RegistrationError(f"<{id}>: {name} is abstract: derive a class that implements {missing}")
     dataclass = getattr(cls, "__dataclass_params__", None)
     if dataclass is not None and dataclass.frozen:
-        raise RegistrationError(f"<{ID}>: {name} is a frozen dataclass, but a node changes when it is ticked")
+        raise RegistrationError(f"<{id}>: {name} is a frozen dataclass, but a node changes when it is ticked")
 
 
-def check_methods(ID: str, cls: type[TreeNode]) -> None:
+def check_methods(id: str, cls: type[TreeNode]) -> None:
     """Raise RegistrationError if a StatefulAction lacks a method that a tick would call."""
     if cls.tick is not StatefulAction.tick:
         return
-    for base, method in _OVERRIDDEN:
+    for base, method in _METHODS_TO_OVERRIDE:
         if issubclass(cls, base) and getattr(cls, method) is getattr(base, method):
             base_name = base.__name__
             raise RegistrationError(
-                f"<{ID}>: {cls.__qualname__} is a {base_name}, but does not implement {method}(self)"
+                f"<{id}>: {cls.__qualname__} is a {base_name}, but does not implement {method}(self)"
             )
 
 
-def check_outputs_are_called(ID: str, function: Any, outputs: Sequence[str]) -> None:
+def check_outputs_are_called(id: str, function: Any, outputs: Sequence[str]) -> None:
     """Raise RegistrationError if *function* assigns to a parameter that it must call to write the output.
 
     A function that has used the parameter before it assigns to the name is accepted.
@@ -115,7 +115,7 @@ def check_outputs_are_called(ID: str, function: Any, outputs: Sequence[str]) -> 
             continue
         if instruction.opname.startswith(("STORE_FAST", "STORE_DEREF")) and names[0] in unused:
             raise RegistrationError(
-                f"<{ID}>: {function.__qualname__} assigns to its output '{names[0]}', which writes "
+                f"<{id}>: {function.__qualname__} assigns to its output '{names[0]}', which writes "
                 f"nothing: call it with the value, {names[0]}(…)"
             )
         if instruction.opname != "MAKE_CELL":

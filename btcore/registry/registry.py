@@ -23,13 +23,13 @@ from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manife
 from btcore.status import NodeType
 from btcore.suggestions import did_you_mean, similar_file, suggestion
 from btcore.values import TypeRegistry
-from btcore.xml.read.read import Document, parse_file, parse_text
+from btcore.xml.read.document import Document, parse_file, parse_text
 
 
 @cache
-def _builtin_manifest(ID: str, node: type[TreeNode]) -> Manifest:
+def _builtin_manifest(id: str, node: type[TreeNode]) -> Manifest:
     """Return the manifest of a built-in node, whose types need no registry. All registries share it."""
-    return create_manifest(ID, node, TypeRegistry(), {}, "btcore")
+    return create_manifest(id, node, TypeRegistry(), {}, "btcore")
 
 
 class SubstitutionRule:
@@ -103,7 +103,7 @@ class Registry:
     def __init__(self) -> None:
         self.types = TypeRegistry()
         # A built-in node is stored as its class until it is used, because creating a manifest takes time.
-        self._shared: dict[str, Manifest | type[TreeNode]] = {}
+        self._of_both_formats: dict[str, Manifest | type[TreeNode]] = {}
         self._of_format: dict[int, dict[str, Manifest | type[TreeNode]]] = {3: {}, 4: {}}
         self._libraries: list[str] = []
         self.substitutions: dict[str, SubstitutionRule] = {}
@@ -111,17 +111,17 @@ class Registry:
         """The documents of `add_trees`."""
         self.overridden_nodes: list[tuple[Manifest, Manifest]] = []
         """Pairs of manifests: a node of an installed library, and the user's node that replaced it."""
-        self._installing = False
+        self._installing = False  # whether `add_installed` registers nodes, which later nodes may override
 
     @classmethod
     def standard(cls) -> "Registry":
         """Return a new registry of the built-in nodes: of BehaviorTree.CPP 4.10, or of 3.8 in format 3."""
         registry = cls()
         for format, nodes in BUILTIN_NODES.items():
-            for ID, node in nodes.items():
-                common = BUILTIN_NODES[3 if format == 4 else 4].get(ID) is node
-                table = registry._shared if common else registry._of_format[format]
-                table[ID] = node
+            for id, node in nodes.items():
+                common = BUILTIN_NODES[3 if format == 4 else 4].get(id) is node
+                table = registry._of_both_formats if common else registry._of_format[format]
+                table[id] = node
         registry._libraries.append("btcore")
         return registry
 
@@ -132,7 +132,7 @@ class Registry:
         """
         registry = Registry()
         registry.types = self.types
-        registry._shared = dict(self._shared)
+        registry._of_both_formats = dict(self._of_both_formats)
         registry._of_format = {format: dict(table) for format, table in self._of_format.items()}
         registry._libraries = list(self._libraries)
         registry.substitutions = dict(self.substitutions)
@@ -143,31 +143,31 @@ class Registry:
 
     def manifests_of(self, format: int = 4) -> Mapping[str, Manifest]:
         """Return the nodes that a tree of *format* (3 or 4) may use, by ID, sorted."""
-        ids = sorted({*self._shared, *self._of_format[format]})
-        return {ID: manifest for ID in ids if (manifest := self.get(ID, format)) is not None}
+        ids = sorted({*self._of_both_formats, *self._of_format[format]})
+        return {id: manifest for id in ids if (manifest := self.get(id, format)) is not None}
 
     @property
     def manifests(self) -> Mapping[str, Manifest]:
         """The nodes that a tree of format 4 may use, by ID, sorted."""
         return self.manifests_of(4)
 
-    def get(self, ID: str, format: int = 4) -> Manifest | None:
+    def get(self, id: str, format: int = 4) -> Manifest | None:
         """Return the manifest of a node.
 
         Args:
-            ID: The registration ID, which is the tag in the XML.
+            id: The registration ID, which is the tag in the XML.
             format: The XML format of the tree, 3 or 4. The same ID may be another node in the other format.
 
         Returns:
             The manifest; None if the ID is unknown in this format.
         """
-        for table in (self._of_format[format], self._shared):
-            entry = table.get(ID)
+        for table in (self._of_format[format], self._of_both_formats):
+            entry = table.get(id)
             if isinstance(entry, Manifest):
                 return entry
             if entry is not None:
                 # mypy takes the hash of a node for that of the class.
-                manifest = table[ID] = _builtin_manifest(ID, entry)  # type: ignore[arg-type]
+                manifest = table[id] = _builtin_manifest(id, entry)  # type: ignore[arg-type]
                 return manifest
         return None
 
@@ -176,8 +176,8 @@ class Registry:
         """The libraries that registered nodes, in order: "btcore" and the plugins."""
         return list(self._libraries)
 
-    def __contains__(self, ID: object) -> bool:
-        return isinstance(ID, str) and self.get(ID) is not None
+    def __contains__(self, id: object) -> bool:
+        return isinstance(id, str) and self.get(id) is not None
 
     def __iter__(self) -> Iterator[Manifest]:
         return iter(self.manifests.values())
@@ -206,34 +206,37 @@ class Registry:
             self._add(implementation, ID, names, library_of(implementation), format)
 
     def replace(self, **nodes: Any) -> None:
-        """Register `ID=implementation` in place of the node that is registered as *ID*.
+        """Register other implementations of registered nodes: `replace(Grasp=grasp_gently)`.
+
+        Args:
+            nodes: The new functions and classes, by ID.
 
         Raises:
-            RegistrationError: *ID* is not registered, or the implementation cannot be registered; the
+            RegistrationError: An ID is not registered, or an implementation cannot be registered; the
                 registry is then unchanged for this ID.
         """
         names = _names_of_caller()
-        for ID, implementation in nodes.items():
-            tables = [table for table in (self._shared, *self._of_format.values()) if ID in table]
-            before = [table[ID] for table in tables]
-            self.remove(ID)
+        for id, implementation in nodes.items():
+            tables = [table for table in (self._of_both_formats, *self._of_format.values()) if id in table]
+            before = [table[id] for table in tables]
+            self.remove(id)
             try:
-                self._add(implementation, ID, names, library_of(implementation))
+                self._add(implementation, id, names, library_of(implementation))
             except RegistrationError:
                 for table, manifest in zip(tables, before, strict=True):
-                    table[ID] = manifest
+                    table[id] = manifest
                 raise
 
-    def remove(self, ID: str) -> None:
-        """Unregister *ID* for both formats.
+    def remove(self, id: str) -> None:
+        """Unregister *id* for both formats.
 
         Raises:
-            RegistrationError: *ID* is not registered.
+            RegistrationError: *id* is not registered.
         """
-        removed = [table.pop(ID, None) for table in (self._shared, *self._of_format.values())]
+        removed = [table.pop(id, None) for table in (self._of_both_formats, *self._of_format.values())]
         if not any(removed):
-            hint = did_you_mean(ID, self.manifests)
-            raise RegistrationError(f"no node is registered as '{ID}'{hint}")
+            hint = did_you_mean(id, self.manifests)
+            raise RegistrationError(f"no node is registered as '{id}'{hint}")
 
     def add_type(
         self, python_type: type, from_text: Callable[[str], Any] | None = None, **arguments: Any
@@ -337,31 +340,33 @@ class Registry:
     def _add(
         self,
         implementation: Any,
-        ID: str | None,
+        id: str | None,
         names: Mapping[str, Any],
         distribution: str,
-        only: int | None = None,
+        format: int | None = None,
     ) -> None:
-        manifest = self._manifest_of(implementation, ID, names, distribution, only or 4)
-        for format in (3, 4) if only is None else (only,):
-            known = self.get(manifest.id, format)
-            if known is not None and known.is_overridable and not self._installing:
-                if known.has_same_origin(manifest):
+        manifest = self._manifest_of(implementation, id, names, distribution, format or 4)
+        for used_format in (3, 4) if format is None else (format,):
+            known = self.get(manifest.id, used_format)
+            if known is None:
+                continue
+            is_same = known.has_same_origin(manifest)
+            if known.is_overridable and not self._installing:
+                if is_same:
                     return
                 self.remove(manifest.id)
                 self.overridden_nodes.append((known, manifest))
-                known = None
-            if known is not None and known.has_same_origin(manifest):
+            elif is_same:
                 raise RegistrationError(
                     f"'{manifest.id}' is registered already, from the same place: {known.origin}; add it once"
                 )
-            if known is not None:
+            else:
                 raise RegistrationError(
                     f"'{manifest.id}' is registered twice: by {known.origin} and by {manifest.origin}; "
                     f"replace the first with replace(…), or give one of them another ID"
                 )
         manifest.is_overridable = self._installing
-        table = self._shared if only is None else self._of_format[only]
+        table = self._of_both_formats if format is None else self._of_format[format]
         table[manifest.id] = manifest
         if distribution not in self._libraries:
             self._libraries.append(distribution)
@@ -369,7 +374,7 @@ class Registry:
     def _manifest_of(
         self,
         implementation: Any,
-        ID: str | None,
+        id: str | None,
         names: Mapping[str, Any],
         distribution: str,
         format: int = 4,
@@ -380,7 +385,7 @@ class Registry:
                     f"{implementation.__qualname__} is not a node: derive it from StatefulAction, "
                     "SyncAction, Condition, ControlNode or DecoratorNode"
                 )
-            ID = ID or implementation.__name__
+            id = id or implementation.__name__
         elif isinstance(implementation, TreeNode):
             name = type(implementation).__name__
             raise RegistrationError(
@@ -389,11 +394,11 @@ class Registry:
             )
         elif callable(implementation):
             mark = getattr(implementation, MARK, None)
-            ID = ID or (mark.ID if mark else None) or camel_case(getattr(implementation, "__name__", ""))
+            id = id or (mark.id if mark else None) or camel_case(getattr(implementation, "__name__", ""))
         else:
             hint = ": nodes.add(first, second)" if isinstance(implementation, (list, tuple, set)) else ""
             raise RegistrationError(f"{implementation!r} is neither a function nor a node class{hint}")
-        return create_manifest(ID, implementation, self.types, names, distribution, format)
+        return create_manifest(id, implementation, self.types, names, distribution, format)
 
     # --- node libraries
 

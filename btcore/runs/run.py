@@ -13,14 +13,8 @@ from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
 from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
 from btcore.exit_codes import ExitCode, code_of_signal
-from btcore.loading.instantiate import make_leaf_tree
-from btcore.loading.load import (
-    LoadArguments,
-    PausedGarbageCollection,
-    check_argument_names,
-    create_tree,
-    plan_file,
-)
+from btcore.loading.instantiate import instantiate, make_leaf_tree
+from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_argument_names, plan_tree
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
@@ -32,6 +26,7 @@ from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
+from btcore.xml.read.document import parse_file
 
 T = TypeVar("T")
 
@@ -70,7 +65,7 @@ def _plan_source(source: object, arguments: LoadArguments) -> Plans | TreelessPr
     """Return the plans of a tree, or a program."""
     if isinstance(source, (str, PathLike)):
         with PausedGarbageCollection():
-            source = plan_file(source, arguments)
+            source = plan_tree(parse_file, (source,), arguments)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):
@@ -261,9 +256,10 @@ class Run:
         if isinstance(source, TreelessProgram):
             return source.make_tree(self.clock)
         arguments = self._load_arguments
+        blackboard, tick_limit = arguments.get("blackboard"), arguments.get("tick_limit")
         try:
             with PausedGarbageCollection():
-                return create_tree(source, {**arguments, "resources": self.resources, "clock": self.clock})
+                return instantiate(source, self.resources, blackboard, self.clock, tick_limit)
         except TreeError as error:
             for note in self._providers.explain_missing(self._leaf_types):
                 error.add_note(note)

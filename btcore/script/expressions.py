@@ -17,9 +17,9 @@ from btcore.script.operators import (
     compare,
     compound_assigned_value,
     description,
-    negated,
+    negate,
+    number_of_text,
     operate,
-    readable_number,
 )
 from btcore.suggestions import did_you_mean
 from btcore.values import ANY_VALUE, DOUBLE, INT64, ValueType, as_double, number_of, type_of
@@ -49,7 +49,7 @@ class Expression:
         """Evaluate the expression on *board*, and return its value. Raise ScriptError."""
         raise NotImplementedError
 
-    def fault(self, message: str) -> ScriptError:
+    def error(self, message: str) -> ScriptError:
         """Return an error at the position of this expression."""
         return ScriptError(message, self.text, self.column, self.width)
 
@@ -82,7 +82,7 @@ class Name(Expression):
         entry = board.find(self.name)
         if entry is None:
             hint = did_you_mean(self.name, [*board.visible_keys(), *self.enums])
-            error = self.fault(f"there is no variable '{self.name}' on the blackboard{hint}")
+            error = self.error(f"there is no variable '{self.name}' on the blackboard{hint}")
             error.unwritten_key = self.name
             raise error
         return entry.value
@@ -116,12 +116,12 @@ class UnaryOperation(Expression):
         value = self.operand.evaluate(board)
         try:
             for sign in reversed(self.signs):
-                value = negated(sign, value)
+                value = negate(sign, value)
         except ConversionError as error:
             if value is None:
                 place = f"after '{self.signs[-1]}'"
                 raise no_value_error(self.operand, place, self.text, self.column, self.width) from None
-            raise self.fault(str(error)) from None
+            raise self.error(str(error)) from None
         return value
 
 
@@ -250,7 +250,7 @@ class ConditionalExpression(Expression):
             if value is None:
                 place = "before '?'"
                 raise no_value_error(self.condition, place, self.text, self.column, self.width) from None
-            raise self.fault(str(error)) from None
+            raise self.error(str(error)) from None
         return self.then.evaluate(board) if chosen else self.other.evaluate(board)
 
 
@@ -273,7 +273,7 @@ class Assignment(Expression):
         """Assign the value to the entry, and return the stored value."""
         target = self.target
         if not isinstance(target, Name):
-            raise self.fault(f"only the name of an entry is allowed before '{self.operator}'")
+            raise self.error(f"only the name of an entry is allowed before '{self.operator}'")
         # Created before the evaluation, as in BehaviorTree.CPP: it exists even if the evaluation raises.
         entry = board.find(target.name)
         if entry is None:
@@ -287,14 +287,14 @@ class Assignment(Expression):
                 if entry.value is None and not isinstance(value, str):
                     value_type = self._type_of(value, board)
                     entry.value_type = None if value_type.same(entry.declared) else value_type
-                stored = self._assigned(entry, value)
+                stored = self.value_to_store(entry, value)
             else:
                 stored = compound_assigned_value(self.operator, entry.value, value, entry.declared)
         except ConversionError as error:
-            fault = self.fault(f"cannot assign to '{target.name}': {error}")
+            failure = self.error(f"cannot assign to '{target.name}': {error}")
             if entry.value is None:
-                fault.unwritten_key = target.name
-            raise fault from None
+                failure.unwritten_key = target.name
+            raise failure from None
         entry.put(stored, board.now())
         return stored
 
@@ -303,21 +303,22 @@ class Assignment(Expression):
             try:
                 created = board.create(target.name)
             except BlackboardError as error:
-                raise target.fault(str(error)) from None
+                raise target.error(str(error)) from None
             if board.find(target.name) is None:
                 # BehaviorTree.CPP raises, too ("Bug: report"): "@" means the root only where a key is read.
-                raise target.fault(
+                raise target.error(
                     f"'{target.name}' cannot be created, because a SubTree remaps it to a key that begins "
                     "with '@': remap it to a key without '@', or write to '@…' in the script"
                 )
             return created
         hint = did_you_mean(target.name, board.visible_keys()) or ";"
-        raise target.fault(
+        raise target.error(
             f"there is no entry '{target.name}' on the blackboard, and '{self.operator}' does not create it"
             f"{hint} ':=' creates an entry"
         )
 
-    def _assigned(self, entry: Entry, value: object) -> object:
+    def value_to_store(self, entry: Entry, value: object) -> object:
+        """Return *value*, converted to what `:=` or `=` stores in *entry*. Raise ConversionError."""
         old = entry.value
         declared: ValueType = entry.declared
         if isinstance(value, str) and not isinstance(old, str):
@@ -330,7 +331,7 @@ class Assignment(Expression):
                 return value
             if number_of(old) is not None:
                 entry.value_type = DOUBLE  # whatever the type of the number was
-                return readable_number(value, self.enums)
+                return number_of_text(value, self.enums)
             if old is None:
                 raise ConversionError(
                     f"the entry has the type {declared.name}, to which a script converts no text"

@@ -11,9 +11,9 @@ NAME: Final = "name"
 MALFORMED: Final = "malformed"
 END: Final = "end"
 
-_TWO: Final = ("..", "&&", "||", "==", "!=", "<=", ">=", ":=", "+=", "-=", "*=", "/=")
-_ONE: Final = "+-*/&|^~!<>=?:();"
-_SPACE: Final = " \t\n\r"
+_TWO_CHARACTER_OPERATORS: Final = ("..", "&&", "||", "==", "!=", "<=", ">=", ":=", "+=", "-=", "*=", "/=")
+_ONE_CHARACTER_OPERATORS: Final = "+-*/&|^~!<>=?:();"
+_WHITESPACE: Final = " \t\n\r"
 _DIGITS: Final = "0123456789"
 _HEX_DIGITS: Final = "0123456789abcdefABCDEF"
 _NAME_START: Final = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz_@"
@@ -44,7 +44,7 @@ def tokenize(text: str) -> list[Token]:
     at = 0
     while at < size:
         char = text[at]
-        if char in _SPACE:
+        if char in _WHITESPACE:
             at += 1
             continue
         start = at
@@ -63,10 +63,10 @@ def tokenize(text: str) -> list[Token]:
             at = _skip(text, at + 1, _NAME_REST)
             word = text[start:at]
             token = Token(BOOLEAN if word in ("true", "false") else NAME, word, start, at - start)
-        elif text[at : at + 2] in _TWO:
+        elif text[at : at + 2] in _TWO_CHARACTER_OPERATORS:
             token = Token(text[at : at + 2], text[at : at + 2], start, 2)
         else:
-            token = Token(char if char in _ONE else MALFORMED, char, start, 1)
+            token = Token(char if char in _ONE_CHARACTER_OPERATORS else MALFORMED, char, start, 1)
         tokens.append(token)
         at = start + token.width
     tokens.append(Token(END, "", size, 1))

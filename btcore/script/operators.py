@@ -41,26 +41,26 @@ def operate(operator: int, left: object, right: object) -> object:
     second = number_of(right)
     if first is not None and second is not None:
         if operator <= _DIVIDE:
-            return _arithmetic(operator, as_double(first), as_double(second))
+            return _calculate(operator, as_double(first), as_double(second))
         # BehaviorTree.CPP converts both to double first, and so raises for large integers with any operator.
         as_double(first)
         as_double(second)
         if operator == _JOIN:
             return None
         if operator <= _LAST_BITWISE:
-            return _bitwise(_SIGNS[operator], first, second)
+            return _combine_bits(_SIGNS[operator], first, second)
         # Both operands are converted, so that an invalid second operand always raises.
-        truth = _truth(_SIGNS[operator], first)
-        other = _truth(_SIGNS[operator], second)
+        truth = _logical_operand(_SIGNS[operator], first)
+        other = _logical_operand(_SIGNS[operator], second)
         return 1.0 if ((truth or other) if operator == _OR else (truth and other)) else 0.0
     if operator == _ADD and isinstance(left, str) and isinstance(right, str):
-        return joined(left, right)
+        return join_texts(left, right)
     if operator == _JOIN and (isinstance(left, str) or isinstance(right, str)):
-        return joined(STRING.cast(left), STRING.cast(right))
-    raise _unsupported(_SIGNS[operator], left, right)
+        return join_texts(STRING.cast(left), STRING.cast(right))
+    raise _unsupported_error(_SIGNS[operator], left, right)
 
 
-def joined(left: str, right: str) -> str:
+def join_texts(left: str, right: str) -> str:
     """Return the text *left* followed by *right*. Raise ConversionError if it is too long."""
     length = len(left) + len(right)
     if length > MAX_TEXT:
@@ -70,7 +70,7 @@ def joined(left: str, right: str) -> str:
     return left + right
 
 
-def negated(sign: str, value: object) -> float:
+def negate(sign: str, value: object) -> float:
     """Return the result of the prefix operator *sign*, which is `-`, `!` or `~`, for *value*.
 
     `~` inverts the bits of the integer part, an integer of 64 bits.
@@ -104,13 +104,13 @@ def compare(operator: str, left: object, right: object, enums: Mapping[str, int]
         a = as_double(first)
         b = as_double(second)
     elif isinstance(left, str) and second is not None:
-        a = readable_number(left, enums)
+        a = number_of_text(left, enums)
         b = as_double(second)
     elif isinstance(right, str) and first is not None:
         a = as_double(first)
-        b = readable_number(right, enums)
+        b = number_of_text(right, enums)
     else:
-        raise _unsupported(operator, left, right)
+        raise _unsupported_error(operator, left, right)
     if operator == "==":
         return abs(a - b) <= EPSILON
     if operator == "!=":
@@ -125,7 +125,7 @@ def compare(operator: str, left: object, right: object, enums: Mapping[str, int]
     return not a < b
 
 
-def readable_number(text: str, enums: Mapping[str, int]) -> float:
+def number_of_text(text: str, enums: Mapping[str, int]) -> float:
     """Return the number of *text*: `true`, `false`, an enum name, or digits. Raise ConversionError."""
     if text == "true":
         return 1.0
@@ -164,14 +164,14 @@ def compound_assigned_value(operator: str, old: object, value: object, declared:
     number = number_of(value)
     stored = number_of(old)
     if number is not None and stored is not None:
-        result = _arithmetic(OPERATORS[operator[0]], as_double(stored), as_double(number))
+        result = _calculate(OPERATORS[operator[0]], as_double(stored), as_double(number))
         return assigned_value(result, old, declared)
     if isinstance(old, str) and isinstance(value, str) and operator == "+=":
-        return joined(old, value)
-    raise _unsupported(operator, old, value)
+        return join_texts(old, value)
+    raise _unsupported_error(operator, old, value)
 
 
-def _arithmetic(operator: int, left: float, right: float) -> float:
+def _calculate(operator: int, left: float, right: float) -> float:
     if operator == _ADD:
         return left + right
     if operator == _SUBTRACT:
@@ -186,7 +186,7 @@ def _arithmetic(operator: int, left: float, right: float) -> float:
     return math.copysign(math.inf, left) * math.copysign(1.0, right)
 
 
-def _bitwise(sign: str, left: int | float, right: int | float) -> float:
+def _combine_bits(sign: str, left: int | float, right: int | float) -> float:
     try:
         a = as_int(left, MIN_INT64, MAX_INT64)
         b = as_int(right, MIN_INT64, MAX_INT64)
@@ -197,14 +197,14 @@ def _bitwise(sign: str, left: int | float, right: int | float) -> float:
     return float(a | b) if sign == "|" else float(a ^ b)
 
 
-def _truth(sign: str, number: int | float) -> bool:
+def _logical_operand(sign: str, number: int | float) -> bool:
     try:
         return as_bool(number)
     except ConversionError as error:
         raise ConversionError(f"'{sign}' needs bools: {error}") from None
 
 
-def _unsupported(operator: str, left: object, right: object) -> ConversionError:
+def _unsupported_error(operator: str, left: object, right: object) -> ConversionError:
     if left is None or right is None:
         side = "before" if left is None else "after"
         return ConversionError(f"the operand {side} '{operator}' has no value: the entry was never written")

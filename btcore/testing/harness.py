@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import NS_PER_S, SimClock, SystemClock, TickSchedule
-from btcore.loading.load import load, loads, plan_file, plan_text
+from btcore.loading.load import load, loads, plan_tree
 from btcore.status import IDLE, RUNNING, Status
 from btcore.testing.trace import Trace, TraceStep, format_trace
 from btcore.tree.tree import Tree
+from btcore.xml.read.document import parse_file, parse_text
 
 if TYPE_CHECKING:
     from btcore.runs.providers import Provider
@@ -135,7 +136,7 @@ class Harness:
         from btcore.runs.settings import RunSettings
 
         run = Run(
-            plan_text(str(source), options) if is_text else plan_file(source, options),
+            plan_tree(parse_text if is_text else parse_file, (source,), options),
             provided=options.pop("resources", ()),
             settings=[RunSettings(fast=True), *settings],
             providers=AvailableProviders(providers, uses_installed=False),

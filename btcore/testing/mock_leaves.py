@@ -142,20 +142,20 @@ def with_mock_leaves(nodes: Registry, outputs: GivenOutputs | None = None) -> Re
     """
     copy = nodes.copy()
     members = {"draw_output": _draw_output, "given_outputs": outputs or {}}
-    for ID, leaf in (("Act", Act), ("Ask", Ask)):
-        if ID not in copy:
-            copy.add(type(ID, (leaf,), members), ID=ID)
+    for id, leaf in (("Act", Act), ("Ask", Ask)):
+        if id not in copy:
+            copy.add(type(id, (leaf,), members), ID=id)
     mocks = {
         node_type: type(mock.__name__, (mock,), members)
         for node_type, mock in ((NodeType.ACTION, MockAction), (NodeType.CONDITION, MockCondition))
     }
-    for ID, values in (outputs or {}).items():
-        manifest = nodes.get(ID) or nodes.get(ID, 3)
+    for id, values in (outputs or {}).items():
+        manifest = nodes.get(id) or nodes.get(id, 3)
         if manifest is not None:
-            check_outputs({ID: values}, {ID: manifest.ports})
+            check_outputs({id: values}, {id: manifest.ports})
     for format in (3, 4):
-        for ID, manifest in copy.manifests_of(format).items():
+        for id, manifest in copy.manifests_of(format).items():
             mock = mocks.get(manifest.type)
-            if mock is not None and manifest.distribution != "btcore" and ID not in copy.substitutions:
-                copy.substitute(ID, mock)
+            if mock is not None and manifest.distribution != "btcore" and id not in copy.substitutions:
+                copy.substitute(id, mock)
     return copy

@@ -98,7 +98,7 @@ class Hooks:
         self._condition = threading.Condition()
         self._hooks: dict[tuple[HookPosition, int], Hook] = {}
         self._listeners: list[Callable[[Hook], object]] = []
-        self._ignoring_breakpoints = False
+        self._ignores_breakpoints = False
         self._tick_thread: TickThread | None = None
 
     # --- setting
@@ -192,7 +192,7 @@ class Hooks:
     def ignore_breakpoints(self, ignore: bool = True) -> None:
         """Ignore all breakpoints, and release a stopped tick. If *ignore* is False, respect them again."""
         with self._condition:
-            self._ignoring_breakpoints = ignore
+            self._ignores_breakpoints = ignore
             self._condition.notify_all()
 
     # --- listing and subscribing
@@ -223,7 +223,7 @@ class Hooks:
     def has_active_breakpoint(self) -> bool:
         """Whether a breakpoint is set that could stop the next tick."""
         with self._condition:
-            return not self._ignoring_breakpoints and any(
+            return not self._ignores_breakpoints and any(
                 hook.enabled and hook.mode is HookMode.BREAKPOINT for hook in self._hooks.values()
             )
 
@@ -256,7 +256,7 @@ class Hooks:
                 return SKIPPED
             if hook.mode is HookMode.BREAKPOINT:
                 # A tick on the event loop's own thread must not stop: the loop could never unlock it.
-                if self._ignoring_breakpoints or (
+                if self._ignores_breakpoints or (
                     self._context.in_event_loop and (tick_thread is None or not tick_thread.is_current)
                 ):
                     return SKIPPED
@@ -269,7 +269,7 @@ class Hooks:
             # Without the lock: the event loop may need it before it yields to this thread.
             tick_thread.wait_for_turn()
         with self._condition:
-            if not hook.enabled or (stops and self._ignoring_breakpoints):
+            if not hook.enabled or (stops and self._ignores_breakpoints):
                 return SKIPPED
             if hook.once:
                 self._remove(hook)
@@ -280,13 +280,13 @@ class Hooks:
         hook.waiting = True
         if tick_thread is not None:
             tick_thread.yield_to_loop()
-        began = time.monotonic_ns()
+        start = time.monotonic_ns()
         try:
-            while hook.enabled and not hook.ready and not self._ignoring_breakpoints:
+            while hook.enabled and not hook.ready and not self._ignores_breakpoints:
                 self._condition.wait(SIGNAL_CHECK_S)
         finally:
             hook.waiting = hook.ready = False
-            self._context.add_stopped_time(time.monotonic_ns() - began)
+            self._context.add_stopped_time(time.monotonic_ns() - start)
 
     def _remove(self, hook: Hook) -> None:
         hook.enabled = False

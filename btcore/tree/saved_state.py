@@ -87,7 +87,7 @@ def save_state(tree: Tree) -> SavedState:
             keys[key] = indices[id(entry)]
         boards.append(keys)
     return SavedState(
-        _names(tree),
+        _paths_and_ids(tree),
         [(node._status, node._status_before_reset) for node in tree.nodes],
         copy.deepcopy(values),
         entries,
@@ -107,7 +107,7 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
         saved: The state, as returned by `save_state`.
     """
     boards = blackboards_of(tree)
-    if _names(tree) != saved.nodes or len(boards) != len(saved.boards):
+    if _paths_and_ids(tree) != saved.nodes or len(boards) != len(saved.boards):
         raise BtcoreError(f"the saved state is of another tree than '{tree.id}'")
     values = copy.deepcopy(saved.values)
     for node, (status, before), fields in zip(tree.nodes, saved.statuses, values, strict=False):
@@ -154,7 +154,7 @@ def check_state_declaration(node: TreeNode) -> None:
         )
 
 
-def _names(tree: Tree) -> list[tuple[str, str]]:
+def _paths_and_ids(tree: Tree) -> list[tuple[str, str]]:
     return [(node.config.path, node.config.id) for node in tree.nodes]
 
 

@@ -1,6 +1,5 @@
 """The class Tree: a loaded behavior tree, with methods to tick, halt and observe it."""
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from math import inf
 from typing import TYPE_CHECKING, NoReturn, SupportsIndex, TextIO, TypeVar
@@ -143,11 +142,7 @@ class Tree:
             NodeExecutionError: A node raised, or the tick exceeded `tick_limit`. The tree has been
                 halted.
         """
-        if self.tick_limit is not None:
-            return self._tick_within(self.tick_limit, repeat=False)
-        status = self._tick_root()
-        self.status = status
-        return status
+        return self._tick(repeat=False)
 
     def tick_once(self) -> Status:
         """Tick the root, and again while it is RUNNING and a wake-up is pending. Return its result.
@@ -157,13 +152,7 @@ class Tree:
             NodeExecutionError: A node raised, or the tick exceeded `tick_limit`. The tree has been
                 halted.
         """
-        if self.tick_limit is not None:
-            return self._tick_within(self.tick_limit, repeat=True)
-        status = self._tick_root()
-        while status is RUNNING and self.context.consume_wake_up() and not self.context.is_interrupted:
-            status = self._tick_root()
-        self.status = status
-        return status
+        return self._tick(repeat=True)
 
     def tick_while_running(self, period: float = 0.01) -> Status:
         """Tick until the root is no longer RUNNING, and wait between the ticks. Return its result.
@@ -242,62 +231,53 @@ class Tree:
             if self._hooks is not None:
                 self._hooks.close_tick_thread()
 
-    def _tick_within(self, limit: float, repeat: bool) -> Status:
-        """Tick the root for at most *limit* s of real time."""
-        context = self.context
-        context.set_tick_limit(limit)
-        try:
-            status = self._tick_root()
-            while repeat and status is RUNNING and context.consume_wake_up() and not context.must_end_tick():
-                status = self._tick_root()
-        finally:
-            context.clear_tick_limit()
-        if context.has_timed_out:
-            self._raise_timeout()
-        self.status = status
-        return status
-
-    def _tick_root(self) -> Status:
+    def _tick(self, repeat: bool) -> Status:
+        """Tick the root, and if *repeat*, again while it is RUNNING and a wake-up is pending."""
         if self._in_tick:
             raise BtcoreError(
                 f"tree '{self.id}' is being ticked already: neither a second thread nor a leaf of the tree "
                 "can tick it during a tick; to request another tick, call wake()"
             )
-        self.ticks += 1
         context = self.context
-        observers = context.observers
         root = self.root
+        limit = self.tick_limit
+        if limit is not None:
+            context.set_tick_limit(limit)
         try:
             self._in_tick = True
-            if context.uses_time:
-                context.tick_start = context.clock.now()
-            if observers is None:
+            while True:
+                self.ticks += 1
+                if context.uses_time:
+                    context.tick_start = context.clock.now()
+                observers = context.observers
+                if observers is not None:
+                    context.stopped_ns = 0
+                    observers.begin_tick(self.ticks)
                 status = execute_tick(root)
                 if status is SUCCESS or status is FAILURE:
                     reset_status(root)
-            else:
-                observers.begin_tick(self.ticks)
-                context.stopped_ns = 0
-                start = time.perf_counter_ns()
-                status = execute_tick(root)
-                if status is SUCCESS or status is FAILURE:
-                    reset_status(root)
-                observers.notify_tick(time.perf_counter_ns() - start - context.stopped_ns, status)
+                if observers is not None:
+                    observers.end_tick(status, context.stopped_ns)
+                if status is not RUNNING or not repeat or not context.consume_wake_up():
+                    break
+                if context.must_end_tick():
+                    break
+            if limit is not None and context.has_timed_out:
+                raise self._timeout_error()
         except NodeExecutionError as error:
-            self._halt_after(error)
+            self.status = IDLE
+            self._notify_error(error)
+            error.later_errors += self._halt_everything()
             raise
         finally:
             self._in_tick = False
             context.tick_start = -1
+            if limit is not None:
+                context.clear_tick_limit()
+        self.status = status
         return status
 
-    def _halt_after(self, error: NodeExecutionError) -> None:
-        self.status = IDLE
-        self._notify_error(error)
-        error.later_errors += self._halt_everything()
-
-    def _raise_timeout(self) -> NoReturn:
-        self.context.has_timed_out = False
+    def _timeout_error(self) -> NodeExecutionError:
         node = self._repeating_node()
         cause = NodeError(
             f"the tick was stopped after {self.tick_limit:g} s (tick limit): the node repeats without a "
@@ -308,8 +288,7 @@ class Tree:
         while node.config.uid in parents:
             node = parents[node.config.uid]
             add_to_backtrace(node, error)
-        self._halt_after(error)
-        raise error
+        return error
 
     def _repeating_node(self) -> TreeNode:
         """Return the first node that repeats without a limit, else the last node that requested a tick."""

@@ -7,22 +7,24 @@ from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import (
+    DUPLICATE_MODELS,
     DUPLICATE_TREE_ID,
     INVALID_NAME,
     MISSING_ID,
     NOT_A_ROOT,
-    TOO_LARGE,
+    TREE_TOO_LARGE,
     TREE_WITHOUT_ID,
     UNDETERMINED_MAIN_TREE,
     UNKNOWN_FORMAT,
 )
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
+from btcore.fixes import NameTree, Rename, SetFormat
 from btcore.names import model_port_name_error
 from btcore.suggestions import join_names, nearest_name, suggestion
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector, Diagnostics
 from btcore.xml.read.dialect import DIALECTS, PORT_TAGS, Dialect
+from btcore.xml.read.document import DiagnosticCollector, Diagnostics, Document
 from btcore.xml.read.element import EXAMPLE, Element
-from btcore.xml.read.read import Document, Sources
+from btcore.xml.read.read import Sources
 
 MAX_MODEL_PORTS: Final = 1_000
 """Maximum number of ports in the model of a subtree."""
@@ -52,6 +54,8 @@ class Definitions(NamedTuple):
     Attributes:
         sources: The documents.
         dialect: The rules of the main document's format, which apply to all documents.
+        is_format_assumed: Whether the main document is read as format 3, because no format is stated.
+        requested_tree: The ID of the main tree, if it was requested.
         all: The definitions in the order of the documents.
         by_id: The definitions without unused duplicates.
         main_tree: The main tree; None if it is missing or ambiguous.
@@ -64,6 +68,8 @@ class Definitions(NamedTuple):
 
     sources: Sources
     dialect: Dialect
+    is_format_assumed: bool
+    requested_tree: str | None
     all: tuple[TreeDefinition, ...]
     by_id: Mapping[str, TreeDefinition]
     main_tree: TreeDefinition | None
@@ -81,17 +87,16 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
     """
     collector = DiagnosticCollector(sources.diagnostics)
     main_document = sources.main_document
+    written = main_document.root.get("BTCPP_format")
+    is_format_assumed = format is None and written is None
     if format is None:
-        written = main_document.root.get("BTCPP_format")
         format = parse_format(written)
         if format is None:
             message = f"unknown BTCPP_format '{written}'"
-            fixes = (Fix("set_format", (4,)), Fix("set_format", (3,)))
+            fixes = (SetFormat(4), SetFormat(3))
             hint = Hint('write BTCPP_format="4", or "3" for a tree of Groot 1', fixes)
-            collector.add(
-                main_document.diagnostic(
-                    UNKNOWN_FORMAT, message, main_document.root, "BTCPP_format", hint=hint
-                )
+            collector.report(
+                main_document, UNKNOWN_FORMAT, message, main_document.root, "BTCPP_format", hint=hint
             )
     dialect = DIALECTS[format or 4]
     are_complete = not collector.errors
@@ -104,17 +109,17 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
             message = f"the outermost element is <{root.tag}>, not <root>"
             hint = Hint(EXAMPLE)
             if str(root.tag).lower() == "root":
-                fix = Fix("rename", ("root",), is_safe=True)
+                fix = Rename("root", is_safe=True)
                 hint = Hint(f"{suggestion('<root>')} XML is case-sensitive", (fix,))
-            collector.add(document.diagnostic(NOT_A_ROOT, message, root, hint=hint))
+            collector.report(document, NOT_A_ROOT, message, root, hint=hint)
             continue
         only_child = len(root.children) == 1
         for element in root.iterchildren("BehaviorTree"):
             id = element.get("ID")
             if not id and not only_child and dialect.checks_names:
                 message = "missing ID of the <BehaviorTree>"
-                hint = Hint('write <BehaviorTree ID="…">', (Fix("name_tree"),))
-                collector.add(document.diagnostic(TREE_WITHOUT_ID, message, element, hint=hint))
+                hint = Hint('write <BehaviorTree ID="…">', (NameTree(),))
+                collector.report(document, TREE_WITHOUT_ID, message, element, hint=hint)
             if id is None:
                 # The ID that BehaviorTree.CPP gives to a tree without an ID. An empty ID remains empty.
                 id = f"BehaviorTree_{unnamed}"
@@ -132,7 +137,16 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         main = _find_main(main_document, tree_id, definitions, by_id, are_complete, collector)
     models = _read_subtree_models(sources.documents, dialect, collector)
     return Definitions(
-        sources, dialect, tuple(definitions), by_id, main, models, are_complete, collector.diagnostics
+        sources,
+        dialect,
+        is_format_assumed,
+        tree_id,
+        tuple(definitions),
+        by_id,
+        main,
+        models,
+        are_complete,
+        collector.diagnostics,
     )
 
 
@@ -144,9 +158,7 @@ def _warn_duplicate(
     effect = f"it replaces the tree at {where}" if replaces else f"it is ignored, the tree at {where} is used"
     message = f"duplicate tree '{definition.id}': {effect}"
     hint = "rename or remove one of the two trees"
-    collector.add(
-        definition.document.diagnostic(DUPLICATE_TREE_ID, message, definition.element, "ID", hint=hint)
-    )
+    collector.report(definition.document, DUPLICATE_TREE_ID, message, definition.element, "ID", hint=hint)
 
 
 def _find_main(
@@ -165,20 +177,19 @@ def _find_main(
             if not fixes:
                 hint = f"--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; {hint}"
             message = f"unknown main tree '{requested}'"
-            collector.add(document.diagnostic(UNDETERMINED_MAIN_TREE, message, root, hint=hint))
+            collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=hint)
         return by_id.get(requested)
     written = root.get("main_tree_to_execute")
     if written is not None:
         if written not in by_id and are_complete:
             message = f"unknown main tree '{written}' in main_tree_to_execute"
-            collector.add(
-                document.diagnostic(
-                    UNDETERMINED_MAIN_TREE,
-                    message,
-                    root,
-                    "main_tree_to_execute",
-                    hint=tree_hint(written, by_id),
-                )
+            collector.report(
+                document,
+                UNDETERMINED_MAIN_TREE,
+                message,
+                root,
+                "main_tree_to_execute",
+                hint=tree_hint(written, by_id),
             )
         return by_id.get(written)
     # Trees of the document itself take precedence over included trees.
@@ -195,7 +206,7 @@ def _find_main(
         message = "ambiguous main tree: the document has several trees"
         names = join_names(sorted(by_id), "or")
         hint = f'write main_tree_to_execute="…" in <root>, or select a tree when loading: {names}'
-    collector.add(document.diagnostic(UNDETERMINED_MAIN_TREE, message, root, hint=hint))
+    collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=hint)
     return None
 
 
@@ -219,20 +230,25 @@ def _read_subtree_models(
     """Return the ports that subtree models declare. Models of other nodes are ignored."""
     models_by_id: dict[str, dict[str, str | None]] = {}
     for document in documents:
-        for models in document.root.iterchildren("TreeNodesModel"):
-            for model in models.iterchildren("SubTree"):
+        sections = list(document.root.iterchildren("TreeNodesModel"))
+        if dialect.format == 4 and len(sections) > 1:
+            message = "second <TreeNodesModel> in the document"
+            hint = "move its models into the first <TreeNodesModel>"
+            collector.report(document, DUPLICATE_MODELS, message, sections[1], hint=hint)
+        for section in sections:
+            for model in section.iterchildren("SubTree"):
                 id = model.get("ID")
                 if id is None:
                     message = "missing ID in the model of a subtree"
                     hint = 'write <SubTree ID="…">'
-                    collector.add(document.diagnostic(MISSING_ID, message, model, hint=hint))
+                    collector.report(document, MISSING_ID, message, model, hint=hint)
                     continue
                 ports = models_by_id.setdefault(id, {})
                 for port in model.iterchildren(*PORT_TAGS):
                     if len(ports) >= MAX_MODEL_PORTS:
                         # Every call of the tree has all ports: a short document could fill the memory.
                         message = f"the model of '{id}' has more than {MAX_MODEL_PORTS:,} ports"
-                        collector.add(document.diagnostic(TOO_LARGE, message, model, "ID"))
+                        collector.report(document, TREE_TOO_LARGE, message, model, "ID")
                         break
                     _add_model_port(document, port, ports, dialect, collector)
     return models_by_id
@@ -248,10 +264,10 @@ def _add_model_port(
     name = port.get("name")
     if name is None:
         message = f"missing name of the <{port.tag}>"
-        collector.add(document.diagnostic(MISSING_ID, message, port, hint=f'write <{port.tag} name="…"/>'))
+        collector.report(document, MISSING_ID, message, port, hint=f'write <{port.tag} name="…"/>')
         return
     error = model_port_name_error(name) if dialect.checks_names else ""
     if error:
         message = f"invalid port name '{name}' in the model of a subtree: {error}"
-        collector.add(document.diagnostic(INVALID_NAME, message, port, "name"))
+        collector.report(document, INVALID_NAME, message, port, "name")
     ports[name] = port.get("default")

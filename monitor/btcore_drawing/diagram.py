@@ -8,8 +8,8 @@ from btcore.blackboard.ports import SCRIPT_ROLES, Port
 from btcore.status import NodeType
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
+from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import Document
 
 
 @dataclass(slots=True)

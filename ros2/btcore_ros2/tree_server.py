@@ -21,7 +21,7 @@ from btcore_ros2.parameters import declare_parameter
 from btcore_ros2.session import RosSession
 
 if TYPE_CHECKING:
-    from btcore.xml.read.read import Document
+    from btcore.xml.read.document import Document
 
 __all__ = ["TreeServer"]
 

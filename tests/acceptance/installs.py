@@ -113,7 +113,6 @@ def main() -> int:
         compiler = folder / "compiler.py"
         compiler.write_text(HALFWAY, encoding="utf-8")
         cases = {
-            "pure build requested": {"BTCORE_PURE": "1"},
             "no compiler": {"CC": str(folder / "absent")},
             "a compiler that fails halfway": {"CC": f"{sys.executable} {compiler}"},
         }

@@ -12,7 +12,7 @@ from btcore import Registry, diagnostic_codes
 from btcore.diagnostic_codes import ALL_CODES, DiagnosticCode
 from btcore.errors import TreeError
 from btcore.lint.validate import validate_document
-from btcore.xml.read.read import parse_text
+from btcore.xml.read.document import parse_text
 from btcore_studio.convert.convert import convert
 
 ROOT = Path(__file__).parents[2]
@@ -23,9 +23,9 @@ PARAGRAPHS = dict(
     re.findall(r"^### ([EWC][0-9]{3}) · [^\n]+\n(.*?)(?=^##|\Z)", PAGE, re.MULTILINE | re.DOTALL)
 )
 EXAMPLES = re.findall(r"^```xml ([EWC][0-9]{3})\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-# These require a file that cannot be read, other bytes, a very large tree, a leaf's own code or classes, or a
-# batch.
-WITHOUT_EXAMPLE = {"E003", "E004", "E006", "E115", "E117", "E118", "E120", "W214", "W215"}
+# These require a file that cannot be read, other bytes, a very large document or tree, a leaf's own code or
+# classes, or a batch.
+WITHOUT_EXAMPLE = {"E003", "E004", "E006", "E010", "E115", "E117", "E118", "E120", "W214", "W215"}
 
 
 def test_page_lists_exactly_the_codes_and_summaries_of_the_table() -> None:
@@ -44,22 +44,27 @@ def test_a_code_links_to_its_heading() -> None:
     assert {anchor for _, anchor in links} < anchors
 
 
-def test_letter_of_a_code_defines_its_severity() -> None:
-    severities = {
-        "E": {"error"},
+def test_letter_and_digit_of_a_code_define_its_kind() -> None:
+    kinds = {
+        "E0": {"document error"},
+        "E1": {"tree error", "unknown node"},
+        "E2": {"port error"},
         "W": {"warning"},
         "C1": {"same meaning"},
         "C2": {"new meaning"},
         "C3": {"manual step"},
     }
-    for prefix, expected in severities.items():
-        assert {code.severity for code in ALL_CODES if code.startswith(prefix)} == expected
+    for prefix, expected in kinds.items():
+        assert {code.kind for code in ALL_CODES if code.startswith(prefix)} == expected
+    severities = {"E": {"error"}, "W": {"warning"}, "C": {"change"}}
+    for letter, severity in severities.items():
+        assert {code.severity for code in ALL_CODES if code.startswith(letter)} == severity
 
 
 def test_codes_are_unique_and_can_be_pickled() -> None:
     assert len(set(ALL_CODES)) == len(ALL_CODES)
     copied = pickle.loads(pickle.dumps(ALL_CODES[0]))
-    assert (copied, copied.severity, copied.summary) == ("E001", ALL_CODES[0].severity, ALL_CODES[0].summary)
+    assert (copied, copied.kind, copied.summary) == ("E001", ALL_CODES[0].kind, ALL_CODES[0].summary)
 
 
 def test_every_code_is_used_and_comes_from_the_table() -> None:

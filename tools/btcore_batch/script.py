@@ -23,7 +23,7 @@ from btcore.script.expressions import (
     OperatorChain,
     UnaryOperation,
 )
-from btcore.script.operators import EPSILON, OPERATORS, compare, compound_assigned_value, negated, operate
+from btcore.script.operators import EPSILON, OPERATORS, compare, compound_assigned_value, negate, operate
 from btcore.script.program import Parser, condition_result
 from btcore.values.numbers import leading_float
 from btcore.values.types import INT64, MAX_EXACT, as_double, number_of
@@ -190,7 +190,7 @@ class BatchName(BatchExpression):
         column = self.slot.column
         if column is None or column.exists & agents != agents:
             missing = agents if column is None else agents ^ (agents & column.exists)
-            run.fail(missing, self.name.fault(f"there is no variable '{self.name.name}' on the blackboard"))
+            run.fail(missing, self.name.error(f"there is no variable '{self.name.name}' on the blackboard"))
             agents ^= missing
         if column is None or not agents:
             return NO_VALUE
@@ -215,7 +215,7 @@ class BatchUnaryOperation(BatchExpression):
                 value = BatchValue(-data if sign == "-" else data == 0.0, NUMBER, 0)
             else:
                 results, agents = run.apply_each(
-                    agents, lambda operand, sign=sign: negated(sign, operand), (value,), self.operation.fault
+                    agents, lambda operand, sign=sign: negate(sign, operand), (value,), self.operation.error
                 )
                 value = run.value_from_objects(results, agents)
         return value
@@ -363,7 +363,7 @@ class BatchConditional(BatchExpression):
         agents = run.drop_failed(agents)
         agent_sets = run.agent_sets
         if not is_number(value):
-            results, agents = run.apply_each(agents, _is_chosen, (value,), self.conditional.fault)
+            results, agents = run.apply_each(agents, _is_chosen, (value,), self.conditional.error)
             chosen = agent_sets.from_mask(results.astype(np.bool_)) & agents
         elif isinstance(value.data, np.ndarray):
             chosen = agent_sets.from_mask(value.data != 0) & agents
@@ -416,7 +416,7 @@ class BatchAssignment(BatchExpression):
         """Return the value that was stored."""
         if self.slot is None or self.target is None:
             message = f"only the name of an entry is allowed before '{self.sign}'"
-            run.fail(agents, self.assignment.fault(message))
+            run.fail(agents, self.assignment.error(message))
             return NO_VALUE
         column = self._column(self.slot, self.target, run, agents)
         agents = run.drop_failed(agents)
@@ -448,12 +448,12 @@ class BatchAssignment(BatchExpression):
         if self.sign != ":=":
             message = f"there is no entry '{target.name}' on the blackboard, and "
             message += f"'{self.sign}' does not create it; ':=' creates an entry"
-            run.fail(missing, target.fault(message))
+            run.fail(missing, target.error(message))
             return column
         try:
             column = slot.get_or_create_column()
         except BlackboardError as error:
-            run.fail(missing, target.fault(str(error)))
+            run.fail(missing, target.error(str(error)))
             return slot.column
         # The entry exists even if the evaluation of the value fails, as in an ordinary script.
         column.exists |= missing
@@ -514,7 +514,7 @@ class BatchAssignment(BatchExpression):
         objects = to_objects(value, run.agent_sets, agents)
         empty = run.agent_sets.from_mask(np.array([value is None for value in objects])) & agents
         if empty:
-            run.fail(empty, assignment.fault(f"the operand after '{self.sign}' has no value"))
+            run.fail(empty, assignment.error(f"the operand after '{self.sign}' has no value"))
             agents = run.drop_failed(agents)
         # A single entry stands for the entry of each agent in turn.
         entry = Entry(column.declared)
@@ -523,13 +523,13 @@ class BatchAssignment(BatchExpression):
             if self.sign not in (":=", "="):
                 return compound_assigned_value(self.sign, old, new, entry.declared)
             entry.value = old
-            return assignment._assigned(entry, new)
+            return assignment.value_to_store(entry, new)
 
         results, agents = run.apply_each(
             agents,
             assigned,
             (value, BatchValue(column.objects(agents), OBJECT, 0)),
-            lambda message: assignment.fault(f"cannot assign to '{target.name}': {message}"),
+            lambda message: assignment.error(f"cannot assign to '{target.name}': {message}"),
         )
         column.put_objects(agents, results)
 

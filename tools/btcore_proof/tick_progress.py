@@ -9,9 +9,8 @@ from collections.abc import Callable, Hashable
 from functools import partial
 from typing import Any, NamedTuple
 
-from btcore.engine.conditions import WatchedConditions
 from btcore.engine.node import TreeNode
-from btcore.engine.tick_extras import TickExtras
+from btcore.engine.tick_extras import TickExtras, WatchedConditions
 from btcore.status import SKIPPED, Status
 from btcore.tree.saved_state import state_fields_of
 from btcore.tree.tree import Tree

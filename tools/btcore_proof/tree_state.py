@@ -157,7 +157,7 @@ class StateKeeper:
             if isinstance(node, (EntryUpdatedDecorator, WasEntryUpdated)):
                 self._watchers.append((index, node))
             if isinstance(node, RepeatedNode):
-                limit = node.config.inputs.get(node.limit)
+                limit = node.config.inputs.get(node.limit_port)
                 if limit is not None and limit.key is None and limit.literal == -1:
                     self._endless.add(index)
 

@@ -1,11 +1,13 @@
 """Make edits of a document's text from the fixes of diagnostics."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from functools import singledispatch
 from typing import Final, NamedTuple
 
+from btcore import fixes
 from btcore.diagnostic_codes import DiagnosticCode
-from btcore.diagnostics import Diagnostic, FixOperation
+from btcore.diagnostics import Diagnostic
 from btcore.names import SCRIPT_ATTRIBUTES, is_port_name
 from btcore.suggestions import nearest_name
 from btcore.xml.edit.editor import DocumentEditor, Edit, apply_edits, escape_value
@@ -28,7 +30,7 @@ class TextFix(NamedTuple):
     Attributes:
         title: What the fix does, for menus: "Change to <Sleep>".
         edits: The edits; they do not overlap.
-        is_safe: See `Fix`.
+        is_safe: See `btcore.fixes.Fix`.
     """
 
     title: str
@@ -53,11 +55,11 @@ class FixMaker:
             return []
         start = self.lines.offset(diagnostic.line, max(1, diagnostic.column))
         problem = _Problem(self._editor, start, start + diagnostic.width)
-        fixes: dict[str, TextFix] = {}
+        text_fixes: dict[str, TextFix] = {}
         for fix in diagnostic.fixes:
-            for title, edits in _OPERATIONS[fix.operation](problem, *fix.arguments):
-                fixes.setdefault(title, TextFix(title, tuple(edits), fix.is_safe))
-        return list(fixes.values())[:MAX_FIXES]
+            for title, edits in _titled_edits(fix, problem):
+                text_fixes.setdefault(title, TextFix(title, tuple(edits), fix.is_safe))
+        return list(text_fixes.values())[:MAX_FIXES]
 
 
 def fix_text(text: str, diagnostics: Iterable[Diagnostic]) -> tuple[str, list[DiagnosticCode]]:
@@ -118,52 +120,59 @@ class _Problem:
 _TitledEdits = Iterator[tuple[str, Sequence[Edit]]]
 
 
+@singledispatch
+def _titled_edits(fix: fixes.Fix, problem: _Problem) -> _TitledEdits:
+    """Yield the edits of a fix, each list with its title; nothing if the text does not permit the fix."""
+    raise NotImplementedError(type(fix))
+
+
 def _shown(text: str) -> str:
     return text if len(text) <= MAX_TITLE else f"{text[: MAX_TITLE - 1]}…"
 
 
-# --- names and values
+# --- names, values and characters
 
 
-def _rename(problem: _Problem, name: str) -> _TitledEdits:
-    """Replace the marked name: a tag, an attribute, an ID, or a key in braces or in a script."""
-    place, title = problem.place, f"Change to '{_shown(name)}'"
+@_titled_edits.register
+def _rename(fix: fixes.Rename, problem: _Problem) -> _TitledEdits:
+    place, title = problem.place, f"Change to '{_shown(fix.text)}'"
     if place.kind == "tag":
-        yield from _rename_element(problem, name)
+        yield from _titled_edits(fixes.RenameElement(fix.text), problem)
     elif place.kind == "attribute":
-        yield title, [Edit(place.start, place.end, name)]
+        yield title, [Edit(place.start, place.end, fix.text)]
     elif place.kind == "value":
         start, end = (place.start, place.end) if problem.marks_value else (problem.start, problem.end)
         value = problem.editor.text[start:end].strip()
         is_entry = value.startswith("{") and value.endswith("}")
-        yield title, [Edit(start, end, escape_value(f"{{{name}}}" if is_entry else name))]
+        yield title, [Edit(start, end, escape_value(f"{{{fix.text}}}" if is_entry else fix.text))]
 
 
-def _rename_element(problem: _Problem, name: str) -> _TitledEdits:
-    """Change the tag of the marked element, and its end tag."""
+@_titled_edits.register
+def _rename_element(fix: fixes.RenameElement, problem: _Problem) -> _TitledEdits:
     if problem.element is not None:
-        yield f"Change to <{_shown(name)}>", problem.editor.rename_element(problem.element, name)
+        yield f"Change to <{_shown(fix.text)}>", problem.editor.rename_element(problem.element, fix.text)
 
 
-def _rename_attribute(problem: _Problem, name: str) -> _TitledEdits:
-    """Rename the marked attribute, unless the element has an attribute *name*."""
+@_titled_edits.register
+def _rename_attribute(fix: fixes.RenameAttribute, problem: _Problem) -> _TitledEdits:
     attribute, element = problem.place.attribute, problem.element
-    if attribute is not None and element is not None and element.attribute(name) is None:
-        yield f"Write {name} instead of {attribute.name}", [Edit(attribute.start, attribute.name_end, name)]
+    if attribute is not None and element is not None and element.attribute(fix.text) is None:
+        edit = Edit(attribute.start, attribute.name_end, fix.text)
+        yield f"Write {fix.text} instead of {attribute.name}", [edit]
 
 
-def _replace_text(problem: _Problem, text: str) -> _TitledEdits:
-    """Replace the marked characters by *text*, which is escaped already."""
-    yield f"Write {_shown(text)}", [Edit(problem.start, problem.end, text)]
+@_titled_edits.register
+def _replace_text(fix: fixes.ReplaceText, problem: _Problem) -> _TitledEdits:
+    yield f"Write {_shown(fix.text)}", [Edit(problem.start, problem.end, fix.text)]
 
 
-def _insert_text(problem: _Problem, text: str) -> _TitledEdits:
-    """Insert *text* before the marked characters."""
-    yield f"Insert '{_shown(text)}'", [Edit(problem.start, problem.start, text)]
+@_titled_edits.register
+def _insert_text(fix: fixes.InsertText, problem: _Problem) -> _TitledEdits:
+    yield f"Insert '{_shown(fix.text)}'", [Edit(problem.start, problem.start, fix.text)]
 
 
-def _escape(problem: _Problem) -> _TitledEdits:
-    """Escape all markup characters in the marked value."""
+@_titled_edits.register
+def _escape(fix: fixes.Escape, problem: _Problem) -> _TitledEdits:
     attribute = problem.place.attribute
     if attribute is not None:
         matches = BARE_MARKUP_CHARACTER.finditer(
@@ -174,50 +183,49 @@ def _escape(problem: _Problem) -> _TitledEdits:
         yield f"Write {names}", edits
 
 
-def _set_value(problem: _Problem, *values: str) -> _TitledEdits:
-    """Replace the marked value. Of several values, the most similar comes first."""
+@_titled_edits.register
+def _set_value(fix: fixes.SetValue, problem: _Problem) -> _TitledEdits:
     attribute = problem.place.attribute
     if attribute is not None and attribute.is_closed:
-        nearest = nearest_name(attribute.value or "", values) if len(values) > 1 else None
-        for value in sorted(values, key=lambda value: value != nearest):
+        nearest = nearest_name(attribute.value or "", fix.values) if len(fix.values) > 1 else None
+        for value in sorted(fix.values, key=lambda value: value != nearest):
             yield f"Write {_shown(value)}", [problem.editor.set_value(attribute, value)]
 
 
-def _set_attributes(problem: _Problem, *pairs: str) -> _TitledEdits:
-    """Give attributes of the marked element values; *pairs* are names and values in turn."""
+@_titled_edits.register
+def _set_attributes(fix: fixes.SetAttributes, problem: _Problem) -> _TitledEdits:
     element = problem.element
     if element is not None:
-        names = dict(zip(pairs[::2], pairs[1::2], strict=True))
-        edits = [problem.editor.set_attribute(element, name, value) for name, value in names.items()]
-        written = " ".join(f'{name}="{value}"' for name, value in names.items())
+        edits = [problem.editor.set_attribute(element, name, value) for name, value in fix.values]
+        written = " ".join(f'{name}="{value}"' for name, value in fix.values)
         yield f"Write {_shown(written)}", edits
 
 
-def _create_entry(problem: _Problem) -> _TitledEdits:
-    """Change the assignment after the marked key, which creates the entry then."""
+@_titled_edits.register
+def _create_entry(fix: fixes.CreateEntry, problem: _Problem) -> _TitledEdits:
     assignment = _ASSIGNMENT.match(problem.editor.text, problem.end)
     if assignment is not None:
         yield "Create the entry with :=", [Edit(*assignment.span(1), ":=")]
 
 
-def _set_format(problem: _Problem, format: int) -> _TitledEdits:
-    """Write the XML format in the root element."""
+@_titled_edits.register
+def _set_format(fix: fixes.SetFormat, problem: _Problem) -> _TitledEdits:
     root = next(iter(problem.editor.scan.roots), None)
     if root is not None:
-        edit = problem.editor.set_attribute(root, "BTCPP_format", str(format))
-        yield f'Write BTCPP_format="{format}"', [edit]
+        edit = problem.editor.set_attribute(root, "BTCPP_format", str(fix.format))
+        yield f'Write BTCPP_format="{fix.format}"', [edit]
 
 
-def _name_tree(problem: _Problem) -> _TitledEdits:
-    """Give the marked <BehaviorTree> an ID that no tree of the text has."""
+@_titled_edits.register
+def _name_tree(fix: fixes.NameTree, problem: _Problem) -> _TitledEdits:
     trees = (element for root in problem.editor.scan.roots for element in root.iter("BehaviorTree"))
     known = {tree.get("ID") for tree in trees}
     number = next(number for number in range(1, len(known) + 2) if f"Tree{number}" not in known)
-    yield from _set_attributes(problem, "ID", f"Tree{number}")
+    yield from _titled_edits(fixes.SetAttributes({"ID": f"Tree{number}"}), problem)
 
 
-def _remove(problem: _Problem) -> _TitledEdits:
-    """Remove the marked attribute or element."""
+@_titled_edits.register
+def _remove(fix: fixes.Remove, problem: _Problem) -> _TitledEdits:
     attribute = problem.place.attribute
     if attribute is not None:
         assert problem.element is not None
@@ -231,8 +239,8 @@ def _remove(problem: _Problem) -> _TitledEdits:
 # --- trees
 
 
-def _call_tree(problem: _Problem) -> _TitledEdits:
-    """Make the marked element a SubTree element that calls the tree with its name."""
+@_titled_edits.register
+def _call_tree(fix: fixes.CallTree, problem: _Problem) -> _TitledEdits:
     element = problem.element
     if element is not None:
         start, *end = problem.editor.rename_element(element, "SubTree")
@@ -240,16 +248,16 @@ def _call_tree(problem: _Problem) -> _TitledEdits:
         yield f"Change to <{_shown(call)}>", [start._replace(text=call), *end]
 
 
-def _connect(problem: _Problem, index: int, tree: str, key: str, value: str) -> _TitledEdits:
-    """Connect *key* in the element with the number *index*, which calls *tree*."""
+@_titled_edits.register
+def _connect(fix: fixes.Connect, problem: _Problem) -> _TitledEdits:
     elements = problem.editor.scan.elements
-    if index < len(elements) and elements[index].get("ID") == tree:
-        edit = problem.editor.set_attribute(elements[index], key, value)
-        yield f"Connect {_shown(key)} in the SubTree of '{_shown(tree)}'", [edit]
+    if fix.index < len(elements) and elements[fix.index].get("ID") == fix.tree:
+        edit = problem.editor.set_attribute(elements[fix.index], fix.key, fix.value)
+        yield f"Connect {_shown(fix.key)} in the SubTree of '{_shown(fix.tree)}'", [edit]
 
 
-def _declare_node(problem: _Problem, id: str) -> _TitledEdits:
-    """Add a model of the node of the marked element, with its attributes as ports."""
+@_titled_edits.register
+def _declare_node(fix: fixes.DeclareNode, problem: _Problem) -> _TitledEdits:
     element, editor = problem.element, problem.editor
     if element is None:
         return
@@ -262,13 +270,13 @@ def _declare_node(problem: _Problem, id: str) -> _TitledEdits:
         if is_port_name(attribute.name) and attribute.name not in ("ID", "name", *SCRIPT_ATTRIBUTES)
     ]
     root, step = _root_and_step(problem)
-    lines = [f'{step * 2}<{tag} ID="{escape_value(id)}"' + (">" if ports else "/>")]
+    lines = [f'{step * 2}<{tag} ID="{escape_value(fix.text)}"' + (">" if ports else "/>")]
     for name, is_entry in ports:
         lines.append(f'{step * 3}<{"inout" if is_entry else "input"}_port name="{escape_value(name)}"/>')
     if ports:
         lines.append(f"{step * 2}</{tag}>")
     models = next((child for child in root.children if child.tag == "TreeNodesModel"), None)
-    title = f"Declare <{_shown(id)}> in the <TreeNodesModel>"
+    title = f"Declare <{_shown(fix.text)}> in the <TreeNodesModel>"
     if models is not None and models.end_tag_start >= 0:
         yield title, [editor.append_lines(models, lines)]
         return
@@ -279,13 +287,13 @@ def _declare_node(problem: _Problem, id: str) -> _TitledEdits:
         yield title, [editor.append_lines(root, lines)]
 
 
-def _create_tree(problem: _Problem, id: str) -> _TitledEdits:
-    """Add a tree *id* with one node to the document."""
+@_titled_edits.register
+def _create_tree(fix: fixes.CreateTree, problem: _Problem) -> _TitledEdits:
     if problem.element is not None:
         root, step = _root_and_step(problem)
-        tag = f'BehaviorTree ID="{escape_value(id)}"'
+        tag = f'BehaviorTree ID="{escape_value(fix.text)}"'
         lines = (f"{step}<{tag}>", f"{step * 2}<AlwaysSuccess/>", f"{step}</BehaviorTree>")
-        yield f"Create the tree '{_shown(id)}'", [problem.editor.append_lines(root, lines)]
+        yield f"Create the tree '{_shown(fix.text)}'", [problem.editor.append_lines(root, lines)]
 
 
 def _root_and_step(problem: _Problem) -> tuple[ScannedElement, str]:
@@ -299,42 +307,42 @@ def _root_and_step(problem: _Problem) -> tuple[ScannedElement, str]:
 # --- children
 
 
-def _add_children(problem: _Problem, count: int) -> _TitledEdits:
-    """Add *count* leaves after the children of the marked element."""
+@_titled_edits.register
+def _add_children(fix: fixes.AddChildren, problem: _Problem) -> _TitledEdits:
     if problem.element is not None:
-        title = "Add a child" if count == 1 else f"Add {count} children"
+        title = "Add a child" if fix.count == 1 else f"Add {fix.count} children"
         separator = "" if problem.editor.indent(problem.element) is None else "\n"
-        children = separator.join(["<AlwaysSuccess/>"] * count)
+        children = separator.join(["<AlwaysSuccess/>"] * fix.count)
         index = len(problem.element.children)
         yield title, [problem.editor.insert(problem.element, index, children)]
 
 
-def _remove_children(problem: _Problem) -> _TitledEdits:
-    """Remove the children of the marked element."""
+@_titled_edits.register
+def _remove_children(fix: fixes.RemoveChildren, problem: _Problem) -> _TitledEdits:
     if problem.element is not None and problem.element.children:
         yield "Remove the children", [problem.editor.remove_children(problem.element)]
 
 
-def _wrap_children(problem: _Problem, tag: str, first: int) -> _TitledEdits:
-    """Put the children from the index *first* into a new element."""
+@_titled_edits.register
+def _wrap_children(fix: fixes.WrapChildren, problem: _Problem) -> _TitledEdits:
     if problem.element is not None:
-        children = problem.element.children[first:]
-        which = "the children" if first == 0 else f"the last {len(children)} children"
-        yield f"Put {which} into a <{tag}>", problem.editor.wrap(children, tag)
+        children = problem.element.children[fix.first :]
+        which = "the children" if fix.first == 0 else f"the last {len(children)} children"
+        yield f"Put {which} into a <{fix.tag}>", problem.editor.wrap(children, fix.tag)
 
 
 # --- tags
 
 
-def _end_tag(problem: _Problem, name: str) -> _TitledEdits:
-    """Write the end tag of *name* instead of the marked end tag, or before it."""
-    end_tag = f"</{name}>"
+@_titled_edits.register
+def _end_tag(fix: fixes.EndTag, problem: _Problem) -> _TitledEdits:
+    end_tag = f"</{fix.text}>"
     if not problem.marked.startswith("</"):  # a start tag whose end tag is missing
         end = len(problem.editor.text.rstrip())
         yield f"Insert {end_tag}", [Edit(end, end, f"{problem.editor.line_break}{end_tag}")]
         return
     change = (f"Change to {end_tag}", [Edit(problem.start, problem.end, end_tag)])
-    insert = (f"Insert {end_tag}", [_inserted_end_tag(problem, name)])
+    insert = (f"Insert {end_tag}", [_inserted_end_tag(problem, fix.text)])
     # An end tag with a start tag is in its place, and the end tag of an element inside is missing.
     yield from (insert, change) if problem.element is not None else (change, insert)
 
@@ -352,8 +360,8 @@ def _inserted_end_tag(problem: _Problem, name: str) -> Edit:
     return Edit(line_start, line_start, f"{own}</{name}>{editor.line_break}")
 
 
-def _close_tag(problem: _Problem) -> _TitledEdits:
-    """Close the marked tag, which is cut off."""
+@_titled_edits.register
+def _close_tag(fix: fixes.CloseTag, problem: _Problem) -> _TitledEdits:
     element = problem.element
     if problem.marked.startswith("</"):
         yield "Close the tag", [Edit(problem.end, problem.end, ">")]
@@ -361,28 +369,3 @@ def _close_tag(problem: _Problem) -> _TitledEdits:
         end = element.attributes[-1].end if element.attributes else element.tag_end
         for ending in ("/>", ">"):
             yield f"Close the tag with {ending}", [Edit(end, end, ending)]
-
-
-_OPERATIONS: Final[dict[FixOperation, Callable[..., _TitledEdits]]] = {
-    "add_children": _add_children,
-    "call_tree": _call_tree,
-    "close_tag": _close_tag,
-    "connect": _connect,
-    "create_entry": _create_entry,
-    "create_tree": _create_tree,
-    "declare_node": _declare_node,
-    "end_tag": _end_tag,
-    "escape": _escape,
-    "insert_text": _insert_text,
-    "name_tree": _name_tree,
-    "remove": _remove,
-    "remove_children": _remove_children,
-    "rename": _rename,
-    "rename_attribute": _rename_attribute,
-    "rename_element": _rename_element,
-    "replace_text": _replace_text,
-    "set_attributes": _set_attributes,
-    "set_format": _set_format,
-    "set_value": _set_value,
-    "wrap_children": _wrap_children,
-}

@@ -21,10 +21,10 @@ from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import ANY, ValueType
 from btcore.xml.define import parse_format
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS
+from btcore.xml.read.document import DiagnosticCollector, Document, parse_file
 from btcore.xml.read.element import Element
-from btcore.xml.read.read import Document, parse_file, read
+from btcore.xml.read.read import read
 
 # Other names for types of BehaviorTree.CPP, as users and other compilers write them.
 _ALIASES: Final = {
@@ -133,7 +133,7 @@ def add_document_models(nodes: Registry, document: Document, override: bool = Fa
         id = model.get("ID")
         if id is None:
             message = f"missing ID in the model <{model.tag}>"
-            collector.add(document.diagnostic(MISSING_ID, message, model, hint=f'write <{model.tag} ID="…">'))
+            collector.report(document, MISSING_ID, message, model, hint=f'write <{model.tag} ID="…">')
             continue
         known = nodes.get(str(id), 3) or nodes.get(str(id), 4)
         if known is not None and not (override and known.is_overridable):
@@ -145,7 +145,7 @@ def add_document_models(nodes: Registry, document: Document, override: bool = Fa
             add_mock(nodes, str(id), EXPLICIT_TAGS[str(model.tag)], ports, about, document, _metadata(model))
             added.append(str(id))
         except RegistrationError as error:
-            collector.add(document.diagnostic(INVALID_NAME, str(error), model, "ID"))
+            collector.report(document, INVALID_NAME, str(error), model, "ID")
     collector.diagnostics.raise_errors()
     return added
 

@@ -3,16 +3,17 @@
 from collections.abc import Mapping
 from functools import cache, cached_property
 
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.entry_points import UnavailableEntryPoint, unsearched_libraries
+from btcore.fixes import CallTree, DeclareNode, Rename, SetFormat, SetValue
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.values import BOOL, EnumType, ValueType
 from btcore.xml.define import Definitions
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
+from btcore.xml.read.document import DiagnosticCollector
 
 
 class UnknownNodeHints:
@@ -33,36 +34,36 @@ class UnknownNodeHints:
         }
 
     @cached_property
-    def names(self) -> Mapping[str, Manifest]:
-        """The nodes of the format, by ID."""
+    def manifests(self) -> Mapping[str, Manifest]:
+        """The registered nodes of the format, by ID."""
         return self._registry.manifests_of(self._format)
 
     def hint(self, name: str) -> Hint:
         """Return a hint for an unknown node; the first of the hints suggests to load a plugin."""
-        if not self._collector.take_comparisons(self.names):
+        if not self._collector.take_comparisons(self.manifests):
             return Hint()
         if name in self._trees:
-            fix = Fix("call_tree", is_safe=True)
+            fix = CallTree(is_safe=True)
             return Hint(f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>", (fix,))
         successor = NODE_REPLACEMENTS.get(name)
         if successor is not None and self._registry.get(successor, self._format) is not None:
-            return Hint(f"use <{successor}>, which replaces it", (Fix("rename", (successor,), is_safe=True),))
+            return Hint(f"use <{successor}>, which replaces it", (Rename(successor, is_safe=True),))
         other = 3 if self._format == 4 else 4
         if self._registry.get(name, other) is not None:
             hint = f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
-            return Hint(hint, (Fix("set_format", (other,)),))
+            return Hint(hint, (SetFormat(other),))
         if name in self._declaring_files:
             model = f"--model {self._declaring_files[name] or 'FILE'}"
             return Hint(
                 "a <TreeNodesModel> declares it, but its code is not registered: use --plugin or nodes.add, "
                 f"or {model} to work without the code"
             )
-        declare = (Fix("declare_node", (name,)),) if is_port_name(name) else ()
-        if not self.names:
+        declare = (DeclareNode(name),) if is_port_name(name) else ()
+        if not self.manifests:
             hint = "the registry is empty: start with Registry.standard(), which has the built-in nodes"
             return Hint(hint, declare)
         # A registry without installed libraries is that of a program: the commands load them all.
-        is_program = not any(manifest.is_overridable for manifest in self.names.values())
+        is_program = not any(manifest.is_overridable for manifest in self.manifests.values())
         installed, unavailable = _installed_nodes() if is_program else (self._registry, [])
         provided = installed.get(name, self._format)
         if provided is not None:
@@ -72,18 +73,18 @@ class UnknownNodeHints:
             )
             return Hint(hint, declare)
         searched = "searched: " + ", ".join(self._distributions())
-        near = nearest_name(name, [*self.names, *EXPLICIT_TAGS])
+        near = nearest_name(name, [*self.manifests, *EXPLICIT_TAGS])
         hint = searched if near is None else f"{suggestion(f'<{near}>')}   {searched}"
         if not self._plugin_suggested:
             self._plugin_suggested = True
             hint += "; load a plugin that provides it (--plugin, or nodes.add_plugin)"
             hint += "".join(f"; {note}" for note in unsearched_libraries(unavailable))
-        rename = () if near is None else (Fix("rename", (near,)),)
+        rename = () if near is None else (Rename(near),)
         return Hint(hint, (*rename, *declare))
 
     def _distributions(self) -> list[str]:
         """Return the names of the Python distributions that provide the nodes, btcore first."""
-        names = {manifest.distribution for manifest in self.names.values()}
+        names = {manifest.distribution for manifest in self.manifests.values()}
         if "__main__" in names:
             names = (names - {"__main__"}) | {"your program"}
         return sorted(names, key=lambda name: (name != "btcore", name))
@@ -105,7 +106,7 @@ def literals_of(value_type: ValueType) -> list[str]:
 def value_hint(value_type: ValueType) -> Hint:
     """Return the hint, without a text, for a literal that is not of the type *value_type*."""
     literals = literals_of(value_type)
-    return Hint("", (Fix("set_value", tuple(literals)),) if literals else ())
+    return Hint("", (SetValue(*literals),) if literals else ())
 
 
 def port_hint(manifest: Manifest, name: str) -> Hint:

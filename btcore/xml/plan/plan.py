@@ -7,19 +7,20 @@ import sys
 from collections.abc import Collection, Mapping
 from typing import Any, Final, NamedTuple
 
-from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TOO_LARGE, UNKNOWN_FORMAT
-from btcore.diagnostics import Diagnostic, Fix, Hint
+from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TREE_TOO_LARGE, UNKNOWN_FORMAT
+from btcore.diagnostics import Hint
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import ScriptError
+from btcore.fixes import SetFormat
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition, define
-from btcore.xml.plan.outline import outline_trees
-from btcore.xml.plan.tree_plan import NodePlan, PlanContext, SubtreeCall, TreePlan, TreePlanner
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector, Diagnostics
+from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
+from btcore.xml.plan.tree_planner import TreePlanner
 from btcore.xml.read.dialect import Dialect
-from btcore.xml.read.read import Document, Sources, read
+from btcore.xml.read.document import DiagnosticCollector, Diagnostics, Document
+from btcore.xml.read.read import read
 
 MAX_DEPTH: Final = 10_000
 """The maximum number of levels of a tree with all its subtrees, each of which may have fewer levels.
@@ -86,29 +87,27 @@ class Plans(NamedTuple):
 def plan(definitions: Definitions, registry: Registry, every_tree: bool = False) -> Plans:
     """Return the plans of the main tree and of the trees that it calls.
 
+    If no format is stated, and format 4 would avoid errors, the first error says so.
+
     Args:
         every_tree: Whether all other trees are planned, too, and all scripts checked. Otherwise the scripts
             are checked only after errors: without errors they are compiled when the nodes are created.
     """
-    collector = DiagnosticCollector(definitions.diagnostics)
-    context = PlanContext(definitions, registry, collector)
-    outlines = outline_trees(context)
-    trees: dict[str, TreePlan] = {}
-    by_id, main = definitions.by_id, definitions.main_tree
-    pending: list[TreeDefinition] = [*by_id.values()][::-1] if every_tree else []
-    if main is not None:
-        pending.append(main)
-    while pending:
-        definition = pending.pop()
-        if definition.id not in trees:
-            trees[definition.id] = tree = TreePlanner(context, definition).complete(outlines[definition])
-            pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
-    main_tree = None if main is None else trees[main.id]
-    sizes = _measure(trees, main_tree, collector)
-    if every_tree or collector.errors:
-        for tree in trees.values():
-            _check_scripts(tree, registry.types.enums, collector)
-    return Plans(definitions, registry, trees, main_tree, sizes, collector.diagnostics)
+    plans = _plan_trees(definitions, registry, every_tree)
+    errors, sources = plans.diagnostics.errors, definitions.sources
+    if errors and definitions.is_format_assumed:
+        # Of these plans only the errors are counted, so they need no hints.
+        silent = sources._replace(diagnostics=sources.diagnostics._replace(comparisons_left=0))
+        as_format_4 = _plan_trees(define(silent, definitions.requested_tree, 4), registry, every_tree)
+        avoided = len(errors) - len(as_format_4.diagnostics.errors)
+        if avoided > 0:
+            count = "1 error" if avoided == 1 else f"{avoided} errors"
+            message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
+            hint = Hint('write <root BTCPP_format="4">', (SetFormat(4),))
+            document = sources.main_document
+            cause = document.diagnostic(UNKNOWN_FORMAT, message, document.root, hint=hint)
+            return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
+    return plans
 
 
 def plan_document(
@@ -122,47 +121,34 @@ def plan_document(
 
     Args:
         document: The main document, which may call the trees of *registry*.
-        registry: As in `define_and_plan`, like all following arguments.
-        tree_id: The ID of the main tree.
-        format: 3 or 4.
-        every_tree: As in `plan`.
-    """
-    return define_and_plan(read(document, registry.documents), registry, tree_id, format, every_tree)
-
-
-def define_and_plan(
-    sources: Sources,
-    registry: Registry,
-    tree_id: str | None = None,
-    format: int | None = None,
-    every_tree: bool = False,
-) -> Plans:
-    """Return the plans of the trees of documents: `define` and `plan` in one call.
-
-    If the main document states no format, and format 4 would avoid errors, the first error says so.
-
-    Args:
-        sources: The documents.
         registry: The registered nodes.
-        tree_id: The ID of the main tree; by default the main document determines it.
-        format: 3 or 4, overriding the main document's `BTCPP_format`.
+        tree_id: As in `define`.
+        format: As in `define`.
         every_tree: As in `plan`.
     """
-    plans = plan(define(sources, tree_id, format), registry, every_tree)
-    root = sources.main_document.root
-    errors = plans.diagnostics.errors
-    if errors and format is None and root.get("BTCPP_format") is None:
-        # These plans need no hints.
-        silent = sources._replace(diagnostics=sources.diagnostics._replace(comparisons_left=0))
-        as_format_4 = plan(define(silent, tree_id, 4), registry, every_tree)
-        avoided = len(errors) - len(as_format_4.diagnostics.errors)
-        if avoided > 0:
-            count = "1 error" if avoided == 1 else f"{avoided} errors"
-            message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
-            hint = Hint('write <root BTCPP_format="4">', (Fix("set_format", (4,)),))
-            cause = sources.main_document.diagnostic(UNKNOWN_FORMAT, message, root, hint=hint)
-            return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
-    return plans
+    return plan(define(read(document, registry.documents), tree_id, format), registry, every_tree)
+
+
+def _plan_trees(definitions: Definitions, registry: Registry, every_tree: bool) -> Plans:
+    collector = DiagnosticCollector(definitions.diagnostics)
+    planner = TreePlanner(definitions, registry, collector)
+    outlines = {definition: planner.outline(definition) for definition in definitions.all}
+    trees: dict[str, TreePlan] = {}
+    by_id, main = definitions.by_id, definitions.main_tree
+    pending: list[TreeDefinition] = [*by_id.values()][::-1] if every_tree else []
+    if main is not None:
+        pending.append(main)
+    while pending:
+        definition = pending.pop()
+        if definition.id not in trees:
+            trees[definition.id] = tree = planner.complete(definition, outlines[definition])
+            pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
+    main_tree = None if main is None else trees[main.id]
+    sizes = _measure(trees, main_tree, collector)
+    if every_tree or collector.errors:
+        for tree in trees.values():
+            _check_scripts(tree, registry.types.enums, collector)
+    return Plans(definitions, registry, trees, main_tree, sizes, collector.diagnostics)
 
 
 def reachable_trees(
@@ -255,8 +241,8 @@ def _measure_from(
     elif size.depth > MAX_DEPTH:
         message = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
     if message:
-        definition = root.definition
-        collector.add(definition.document.diagnostic(TOO_LARGE, message, definition.element, "ID", hint=hint))
+        document, element = root.definition.document, root.definition.element
+        collector.report(document, TREE_TOO_LARGE, message, element, "ID", hint=hint)
         del sizes[root.id]
 
 
@@ -272,7 +258,7 @@ def _add_cycle(
     message = f"the trees call each other recursively: {' → '.join([*cycle, call.tree_id])}"
     document = tree.definition.document
     hint = "a tree can't contain itself"
-    collector.add(document.diagnostic(RECURSIVE_TREES, message, call.element, "ID", hint=hint))
+    collector.report(document, RECURSIVE_TREES, message, call.element, "ID", hint=hint)
 
 
 def _check_scripts(tree: TreePlan, enums: dict[str, int], collector: DiagnosticCollector) -> None:
@@ -283,11 +269,13 @@ def _check_scripts(tree: TreePlan, enums: dict[str, int], collector: DiagnosticC
             try:
                 compile_script(text, enums)
             except ScriptError as error:
-                collector.add(script_diagnostic(tree.definition.document, node, key, error))
+                report_script_error(tree.definition.document, node, key, error, collector)
 
 
-def script_diagnostic(document: Document, node: NodePlan, key: str, error: ScriptError) -> Diagnostic:
-    """Return the diagnostic of an invalid script.
+def report_script_error(
+    document: Document, node: NodePlan, key: str, error: ScriptError, collector: DiagnosticCollector
+) -> None:
+    """Report an invalid script.
 
     Args:
         document: The document that contains the script.
@@ -295,4 +283,4 @@ def script_diagnostic(document: Document, node: NodePlan, key: str, error: Scrip
         key: The attribute that holds the script.
     """
     message = f"invalid script in '{key}' of <{node.id}>: {error.message}"
-    return document.diagnostic(SCRIPT_SYNTAX, message, node.element, key, within=error.column)
+    collector.report(document, SCRIPT_SYNTAX, message, node.element, key, within=error.column)

@@ -44,7 +44,6 @@ class Dialect(NamedTuple):
         checks_leaf_children: Whether children of a leaf whose ID is the tag are an error.
         checks_names: Whether the ID of a tree must be a valid name, and not the name of a node, the names of
             ports in models of subtrees must be valid, and names of nodes must have no control characters.
-        max_depth: The maximum depth of elements below a BehaviorTree.
     """
 
     format: int
@@ -61,7 +60,6 @@ class Dialect(NamedTuple):
     controls_requiring_children: frozenset[str] | None
     checks_leaf_children: bool
     checks_names: bool
-    max_depth: int
 
 
 DIALECTS: Final = {
@@ -80,7 +78,6 @@ DIALECTS: Final = {
         controls_requiring_children=None,
         checks_leaf_children=True,
         checks_names=True,
-        max_depth=256,
     ),
     3: Dialect(
         format=3,
@@ -97,6 +94,5 @@ DIALECTS: Final = {
         controls_requiring_children=frozenset({"Sequence", "SequenceStar", "Fallback"}),
         checks_leaf_children=False,
         checks_names=False,
-        max_depth=256,
     ),
 }

@@ -8,8 +8,9 @@ import sys
 from typing import Final, NamedTuple, NoReturn
 
 from btcore.diagnostic_codes import BARE_MARKUP, LENIENT_XML, NOT_XML, DiagnosticCode
-from btcore.diagnostics import Fix, Hint
+from btcore.diagnostics import Hint
 from btcore.errors import XmlSyntaxError
+from btcore.fixes import CloseTag, EndTag, Escape, Fix, InsertText, ReplaceText, SetAttributes
 from btcore.xml.read.element import EXAMPLE, MAX_LEVELS, Element
 from btcore.xml.read.positions import span_at
 from btcore.xml.read.tinyxml2_compat import (
@@ -47,7 +48,7 @@ class Finding(NamedTuple):
 
 def _rewrite(before: str, after: str) -> tuple[Fix, ...]:
     """Return the fix that replaces the marked text *before*. Only a text in one line is marked as a whole."""
-    return () if "\n" in before or "\r" in before else (Fix("replace_text", (after,), is_safe=True),)
+    return () if "\n" in before or "\r" in before else (ReplaceText(after, is_safe=True),)
 
 
 class _SyntaxError(Exception):
@@ -97,7 +98,7 @@ class _Parser:
             element, start = self._open[-1]
             hint = f"write </{element.tag}>, or <{element.tag} … />"
             message = f"<{element.tag}> is never closed"
-            fix = Fix("end_tag", (element.tag,))
+            fix = EndTag(element.tag)
             raise _SyntaxError(start, len(element.tag) + 1, message, hint, fix)
         if self._root is None:
             raise _SyntaxError(0, 1, "not XML: the document has no element", EXAMPLE)
@@ -180,11 +181,11 @@ class _Parser:
             return len(text)
         bare = _BARE_AMPERSAND.search(text, at, end)
         if bare is not None:
-            fix = Fix("replace_text", ("&amp;",), is_safe=True)
+            fix = ReplaceText("&amp;", is_safe=True)
             self._warn(bare.start(), 1, "unescaped '&' in text", "write &amp;", fix)
         closing = text.find("]]>", at, end)
         if closing >= 0:
-            fix = Fix("replace_text", ("]]&gt;",), is_safe=True)
+            fix = ReplaceText("]]&gt;", is_safe=True)
             self._warn(closing, 3, "']]>' in text", "write ]]&gt;", fix)
         self._check_characters(at, end)
         return end
@@ -234,7 +235,7 @@ class _Parser:
             place = span_at(self._text, start)
             hint = f"<{element.tag}> was opened in line {place.line}, column {place.column}"
             message = f"expected </{element.tag}>, but found </{name}>"
-            raise _SyntaxError(at, after - at, message, hint, Fix("end_tag", (element.tag,)))
+            raise _SyntaxError(at, after - at, message, hint, EndTag(element.tag))
         if tag.group().rstrip(name) != "</" or self._text[tag.end() : after].strip() != ">":
             fix = _rewrite(self._text[at:after], f"</{name}>")
             self._warn(at, after - at, "the end tag is more than a name", f"write </{name}>", *fix)
@@ -256,7 +257,7 @@ class _Parser:
                 raise _SyntaxError(at, len(name), message, "remove one of them")
             if at == after_name:
                 message = f"missing white space before the attribute {name}"
-                fix = Fix("insert_text", (" ",), is_safe=True)
+                fix = InsertText(" ", is_safe=True)
                 self._warn(at, len(name), message, f"write a space before {name}", fix)
             self._check_name(match, 1)
             attributes[name] = self._value(match)
@@ -270,14 +271,14 @@ class _Parser:
         tag = _TAG.match(text, at)
         if tag is not None and tag[1] and text[error_at : error_at + 1] in ("", "<"):
             message = f"the tag </{tag[2]} is not closed"
-            raise _SyntaxError(at, tag.end() - at, message, f"write </{tag[2]}>", Fix("close_tag"))
+            raise _SyntaxError(at, tag.end() - at, message, f"write </{tag[2]}>", CloseTag())
         attribute = _ATTRIBUTE.match(text, error_at)
         if attribute is None:
             raise _SyntaxError(error_at, 1, "invalid attribute name")
         if attribute[2] is None:
             name = attribute[1]
             message = f"the attribute {name} has no value"
-            fix = Fix("set_attributes", (name, f"{{{name}}}"))
+            fix = SetAttributes({name: f"{{{name}}}"})
             raise _SyntaxError(error_at, len(name), message, f'write {name}="…"', fix)
         raise _SyntaxError(attribute.end(), 1, "an attribute's value must be in quotes")
 
@@ -289,7 +290,7 @@ class _Parser:
         if '"' in inside or "'" in inside:
             raise _SyntaxError(at, width, f"missing closing quote in the tag {opening[0]} …>")
         message = f"the tag {opening[0]} …> is not closed"
-        raise _SyntaxError(at, width, message, "close it with > or />", Fix("close_tag"))
+        raise _SyntaxError(at, width, message, "close it with > or />", CloseTag())
 
     def _check_name(self, match: re.Match[str], group: int) -> None:
         prefix, colon, _ = match[group].partition(":")
@@ -309,7 +310,7 @@ class _Parser:
             message = f"unescaped '{bare[0]}' in an attribute value is read as text"
             written = f"{text[attribute.start() : start]}{escaped}{text[end]}"
             hint = f"other XML tools reject it; write {written}"
-            fix = Fix("escape", is_safe=True)
+            fix = Escape(is_safe=True)
             self._add(Finding(bare.start(), 1, BARE_MARKUP, message, Hint(hint, (fix,))))
         self._check_characters(start, end)
         return decode(attribute[group])

@@ -4,8 +4,8 @@ from btcore.diagnostic_codes import DiagnosticCode
 from btcore.diagnostics import Diagnostic
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import DocumentEditor, Edit, escape_value
+from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element, ElementPart
-from btcore.xml.read.read import Document
 from btcore.xml.read.scan import ScannedElement
 
 

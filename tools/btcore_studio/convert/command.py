@@ -9,12 +9,12 @@ from rich.text import Text
 from btcore import bundled_trees
 from btcore.cli import files, terminal
 from btcore.cli.node_libraries import LibraryOptions, load_libraries
-from btcore.diagnostic_codes import Severity
+from btcore.diagnostic_codes import Kind
 from btcore.diagnostics import Diagnostic
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.input_files import read_file
-from btcore.xml.read.read import parse_file
+from btcore.xml.read.document import parse_file
 from btcore_studio.convert.convert import Conversion
 from btcore_studio.convert.convert import convert as converted
 
@@ -101,5 +101,5 @@ def _print_summary(result: Conversion) -> None:
     console.print(mark)
 
 
-def _count(diagnostics: Sequence[Diagnostic], severity: Severity) -> int:
-    return sum(diagnostic.code.severity == severity for diagnostic in diagnostics)
+def _count(diagnostics: Sequence[Diagnostic], kind: Kind) -> int:
+    return sum(diagnostic.code.kind == kind for diagnostic in diagnostics)

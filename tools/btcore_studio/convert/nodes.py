@@ -23,7 +23,7 @@ from btcore.diagnostic_codes import (
 from btcore.errors import ConversionError
 from btcore.script.lexer import NAME, tokenize
 from btcore.values import BOOL, DOUBLE, INT, STRING, ValueType
-from btcore.xml.plan.outline import element_children
+from btcore.xml.plan.tree_planner import element_children
 from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 from btcore.xml.read.element import Element
 from btcore_studio.convert.changes import ConversionChanges

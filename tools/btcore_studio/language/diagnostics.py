@@ -11,7 +11,7 @@ from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import Edit
 from btcore.xml.edit.fixes import FixMaker, TextFix
-from btcore.xml.read.read import Document
+from btcore.xml.read.document import Document
 
 SOURCE: Final = "btcore"
 

@@ -15,16 +15,17 @@ from btcore.input_files import read_file
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
-from btcore.xml.define import parse_format
+from btcore.xml.define import define, parse_format
 from btcore.xml.models.model_file import (
     add_document_models,
     add_explicit_nodes,
     add_mock,
     collect_ports,
 )
-from btcore.xml.plan.plan import Plans, define_and_plan, plan
+from btcore.xml.plan.plan import Plans, plan
 from btcore.xml.read.dialect import EXPLICIT_TAGS
-from btcore.xml.read.read import Document, parse_file, parse_text, read
+from btcore.xml.read.document import Document, parse_file, parse_text
+from btcore.xml.read.read import read
 from btcore_drawing.diagram import DiagramNode, diagram_of_document
 from btcore_drawing.folding import fold
 from btcore_drawing.node_card import NODE_TYPE_COLOURS
@@ -88,7 +89,7 @@ class TreeFile:
         drawn = nodes.copy()
         sources = read(document, drawn.documents)
         _add_undeclared_nodes(drawn, sources.documents)
-        plans = define_and_plan(sources, drawn, self.tree, self.format)
+        plans = plan(define(sources, self.tree, self.format), drawn)
         is_known = _DRAWABLE.issuperset(error.code for error in plans.diagnostics.errors)
         is_drawable = is_known and bool(plans.definitions.by_id)
         return TreeReading(diagnostics, plans if is_drawable else None, document.text)

@@ -2,9 +2,9 @@
 
 import pytest
 
+from btcore.xml.read.document import Document, parse_text
 from btcore.xml.read.element import ElementPart
 from btcore.xml.read.positions import span_at
-from btcore.xml.read.read import Document, parse_text
 
 TEXT = """<?xml version="1.0"?>
 <!-- <A/> is a comment -->

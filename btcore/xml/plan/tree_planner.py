@@ -1,0 +1,558 @@
+"""Make the plans of trees in two passes: first their nodes, then the attributes and ports of the nodes.
+
+The caches only save time: without them the plans are the same.
+"""
+
+from collections.abc import Mapping
+from itertools import islice
+from operator import attrgetter
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from btcore.blackboard.ports import Binding, Input, Port
+from btcore.diagnostic_codes import (
+    CAPITALISED_ROOT,
+    CONTROL_CHARACTER_IN_NAME,
+    INCONVERTIBLE_TEXT,
+    INVALID_NAME,
+    MISSING_ID,
+    MISSING_SUBTREE_PORT,
+    NOT_A_BOOLEAN,
+    SEVERAL_ASYNC_SEQUENCES,
+    TOO_DEEP,
+    TREE_NAMED_AS_NODE,
+    TREE_TOO_LARGE,
+    UNEXPECTED_ID,
+    UNKNOWN_NODE,
+    UNKNOWN_PORT,
+    UNKNOWN_TREE,
+    UNREACHABLE_CHILD,
+    WRONG_CHILD_COUNT,
+)
+from btcore.diagnostics import Hint
+from btcore.engine.node_config import MAX_NODES
+from btcore.errors import ConversionError
+from btcore.fixes import (
+    AddChildren,
+    CreateTree,
+    Fix,
+    Remove,
+    RemoveChildren,
+    RenameAttribute,
+    SetAttributes,
+    SetValue,
+    WrapChildren,
+)
+from btcore.names import (
+    FORBIDDEN,
+    POSTCONDITION_ATTRIBUTES,
+    PRECONDITION_ATTRIBUTES,
+    RESERVED_IDS,
+    SCRIPT_ATTRIBUTES,
+    forbidden_in,
+    is_port_name,
+)
+from btcore.registry.manifest import Manifest
+from btcore.registry.registry import Registry
+from btcore.status import NodeType
+from btcore.values import BOOL
+from btcore.xml.define import Definitions, TreeDefinition, tree_hint
+from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
+from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
+from btcore.xml.read.document import DiagnosticCollector, Document
+from btcore.xml.read.element import Element
+
+if TYPE_CHECKING:
+    from btcore.xml.plan.hints import UnknownNodeHints
+
+MAX_SUGGESTED_TREES: Final = 20
+"""Maximum number of trees that are suggested for a SubTree element without an ID."""
+_LEAVES: Final = {NodeType.ACTION: "an action", NodeType.CONDITION: "a condition"}
+_DEPTH_OF = attrgetter("depth")
+_CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
+
+
+def element_children(element: Element) -> list[Element]:
+    """Return the child elements of *element*, without the obsolete `<Root>` of Groot 1."""
+    return [child for child in element.children if child.tag != "Root"]
+
+
+def count_text(count: int) -> str:
+    """Return a number of children as text, such as `2 children`."""
+    return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
+
+
+def _one_child_hint(count: int) -> Hint:
+    if not count:
+        return Hint("", (AddChildren(1),))
+    return Hint("put them into a <Sequence>", wrapping_fixes(1))
+
+
+def wrapping_fixes(most: int) -> tuple[Fix, ...]:
+    """Return the fixes that put the last children into a control node, so that *most* are left.
+
+    Args:
+        most: The maximum number of children.
+    """
+    return tuple(WrapChildren(tag, most - 1) for tag in ("Sequence", "Fallback"))
+
+
+class _TagRule(NamedTuple):
+    """How the first pass checks the elements with a tag.
+
+    Attributes:
+        is_node: Whether the tag is the ID of a registered node. `<BehaviorTree>`, calls of trees, explicit
+            tags such as `<Action ID="…">`, and unknown nodes have checks of their own.
+        counted_as: The node type that determines how many children the node may have; None = any number.
+        may_be_empty: Whether an element without children needs no check.
+    """
+
+    is_node: bool
+    counted_as: NodeType | None
+    may_be_empty: bool
+
+
+class _BindingCache:
+    """The bindings of a node's ports: the plans of nodes with the same ID and equal texts share them.
+
+    Attributes:
+        bindings_by_text: The bindings by the name of the port, then by its text.
+        defaults: A binding for each port that has a default.
+    """
+
+    __slots__ = ("bindings_by_text", "defaults", "manifest", "ports")
+
+    def __init__(self, manifest: Manifest, format: int) -> None:
+        self.manifest = manifest
+        self.ports = manifest.ports
+        self.bindings_by_text: dict[str, dict[str, Binding]] = {name: {} for name in manifest.ports}
+        self.defaults = [
+            (Input if port.reads else Binding)(port, port.default, format, is_explicit=False)
+            for port in manifest.ports.values()
+            if port.default is not None
+        ]
+
+
+class TreePlanner:
+    """Plans the trees of documents: `outline` is the first pass, and `complete` the second."""
+
+    def __init__(self, definitions: Definitions, registry: Registry, collector: DiagnosticCollector) -> None:
+        self._definitions = definitions
+        self._dialect: Dialect = definitions.dialect
+        self._registry = registry
+        self._collector = collector
+        self._tag_rules: dict[str, _TagRule] = {}
+        self._binding_caches: dict[str, _BindingCache] = {}
+        # Names of attributes that _select_attributes() kept. Its decision depends only on the name, so it is
+        # not called again for these names.
+        self._kept_attributes: set[str] = set()
+        self._unknown_node_hints: UnknownNodeHints | None = None
+        # Of the tree that is being planned:
+        self._document: Document = definitions.sources.main_document
+        self._own_id: str | None = None
+
+    # --- the first pass: create node plans, and check the structure of the tree
+
+    def outline(self, definition: TreeDefinition) -> list[NodePlan]:
+        """Return a plan of each node of a tree, with the element and the children only.
+
+        Returns:
+            The plans in pre-order, beginning with the root; [] if there is no root.
+        """
+        self._document = definition.document
+        top, dialect, limit = definition.element, self._dialect, definition.document.max_depth
+        self._own_id = top.get("ID")
+        ignored: set[NodePlan] = set()
+        nodes: list[NodePlan] = []
+        pending = [NodePlan(top, 0)]
+        while pending:
+            node = pending.pop()
+            if node not in ignored:
+                nodes.append(node)
+            if len(nodes) > MAX_NODES + 1:  # the first is the <BehaviorTree>
+                message = f"the tree has more than {MAX_NODES:,} nodes"
+                hint = Hint("nodes are numbered with 16 bits")
+                self._collector.report(self._document, TREE_TOO_LARGE, message, top, "ID", hint)
+                return []
+            element = node.element
+            tag = element.tag
+            children = element.children
+            rule = self._tag_rules.get(tag) or self._add_tag_rule(tag)
+            if not children and rule.may_be_empty:
+                continue
+            if children:
+                children = element_children(element)
+                if len(children) != len(element.children):
+                    message, hint = (
+                        "the obsolete <Root> is ignored",
+                        Hint("remove it", (Remove(is_safe=True),)),
+                    )
+                    for child in element.iterchildren("Root"):
+                        self._collector.report(self._document, CAPITALISED_ROOT, message, child, hint=hint)
+            if not rule.is_node:
+                self._check_other_tag(tag, element, children)
+            elif rule.counted_as is not None:
+                self._check_child_count(tag, rule.counted_as, element, children)
+            if not children:
+                continue
+            depth = node.depth + 1
+            if depth > limit:
+                message = f"elements are nested more than {limit:,} deep"
+                hint = Hint("split the tree into subtrees")
+                self._collector.report(self._document, TOO_DEEP, message, element, hint=hint)
+            elif tag not in dialect.tags_with_unchecked_children:
+                child_nodes = [NodePlan(child, depth) for child in children]
+                pending += reversed(child_nodes)
+                if tag in dialect.tags_with_ignored_children or node in ignored:
+                    ignored.update(child_nodes)
+                else:
+                    node.children = child_nodes
+        # A tree has one root: further roots are an error, reported above, and left out.
+        further_roots = nodes[0].children[1:]
+        return nodes[1 : nodes.index(further_roots[0])] if further_roots else nodes[1:]
+
+    def _add_tag_rule(self, tag: str) -> _TagRule:
+        dialect, manifest = self._dialect, self._manifest(tag)
+        if manifest is None or tag in dialect.subtree_tags or tag in EXPLICIT_TAGS:
+            rule = _TagRule(is_node=False, counted_as=None, may_be_empty=False)
+        else:
+            needed, node_type = dialect.controls_requiring_children, manifest.type
+            is_counted = (
+                node_type is NodeType.DECORATOR
+                or (node_type is NodeType.CONTROL and (needed is None or tag in needed))
+                or (node_type in _LEAVES and dialect.checks_leaf_children)
+            )
+            rule = _TagRule(True, node_type if is_counted else None, not is_counted or node_type in _LEAVES)
+        self._tag_rules[tag] = rule
+        return rule
+
+    def _manifest(self, id: str) -> Manifest | None:
+        return self._registry.get(id, self._dialect.format)
+
+    def _check_other_tag(self, tag: str, element: Element, children: list[Element]) -> None:
+        if tag == "BehaviorTree":
+            self._check_tree(element, children)
+        elif tag in self._dialect.subtree_tags:
+            self._check_call(tag, element, children)
+        elif tag in EXPLICIT_TAGS:
+            self._check_explicit(tag, element, children)
+        else:
+            hint = self._unknown_node_hint(tag)
+            self._collector.report(self._document, UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint)
+
+    def _check_explicit(self, tag: str, element: Element, children: list[Element]) -> None:
+        id = element.get("ID") or ""
+        if not id:
+            message, hint = f"the ID of the node is missing in <{tag}>", Hint(f'write <{tag} ID="…"/>')
+            self._collector.report(self._document, MISSING_ID, message, element, hint=hint)
+            return
+        manifest = self._manifest(id)
+        if manifest is None:
+            hint = self._unknown_node_hint(id)
+            self._collector.report(self._document, UNKNOWN_NODE, f"unknown node '{id}'", element, "ID", hint)
+            return
+        node_type = manifest.type if self._dialect.type_from_id else EXPLICIT_TAGS[tag]
+        self._check_child_count(id, node_type, element, children)
+
+    def _check_child_count(
+        self, id: str, node_type: NodeType, element: Element, children: list[Element]
+    ) -> None:
+        count = len(children)
+        has = count_text(count)
+        if node_type is NodeType.DECORATOR:
+            if count != 1:
+                message, hint = f"<{id}> has {has}; a decorator has exactly 1", _one_child_hint(count)
+                self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
+        elif node_type is NodeType.CONTROL:
+            manifest = self._manifest(id)
+            least = 1 if manifest is None else max(manifest.spec.child_count_at_load[0], 1)
+            if count < least:
+                message = (
+                    f"<{id}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
+                )
+                roles, needed = "", least
+                if manifest is not None:
+                    from btcore.registry.mock_nodes import is_mock  # only errors need it
+
+                    roles = manifest.spec.child_roles if least > 1 else ""
+                    # More children may be needed at the first tick than to load the tree.
+                    needed = least if is_mock(manifest.cls) else max(least, manifest.spec.child_count[0])
+                hint = Hint(roles, (AddChildren(needed - count),))
+                self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
+            elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
+                self._check_asynchronous(children)
+        elif count and node_type in _LEAVES:
+            message, hint = f"<{id}> has {has}; {_LEAVES[node_type]} has none", Hint("", (RemoveChildren(),))
+            self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
+
+    def _check_asynchronous(self, children: list[Element]) -> None:
+        # W106 covers other asynchronous children, whose results must be inferred.
+        second = next(islice((child for child in children if child.tag == "AsyncSequence"), 1, None), None)
+        if second is not None and self._dialect.format == 4:
+            message = "second AsyncSequence in a ReactiveSequence, which can have only one"
+            hint = "only one child can be RUNNING at a time"
+            self._collector.report(self._document, SEVERAL_ASYNC_SEQUENCES, message, second, hint=hint)
+
+    def _check_tree(self, element: Element, children: list[Element]) -> None:
+        id = element.get("ID") or ""
+        label = f"the tree '{id}'" if id else "the tree"
+        if self._dialect.checks_names and id:
+            self._check_not_a_node(id, element)
+            if not FORBIDDEN.isdisjoint(id):
+                message = f"invalid tree ID '{id}': {forbidden_in(id)!r} is not allowed"
+                hint = Hint("use letters, digits, '_' and '-'")
+                self._collector.report(self._document, INVALID_NAME, message, element, "ID", hint)
+            elif id in RESERVED_IDS:
+                message = f"invalid tree ID '{id}': the name is reserved"
+                self._collector.report(self._document, INVALID_NAME, message, element, "ID")
+        count = len(children)
+        if count != 1:
+            message, hint = f"{label} has {count_text(count)}; a tree has exactly 1", _one_child_hint(count)
+            self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
+
+    def _check_call(self, tag: str, element: Element, children: list[Element]) -> None:
+        id = element.get("ID") or ""
+        if element.get("ID") is None or (not id and self._dialect.format == 4):
+            message = f"the ID of the tree is missing in <{tag}>"
+            others = (tree_id for tree_id in self._definitions.by_id if tree_id != self._own_id)
+            fixes = [SetAttributes({"ID": other}) for other in islice(others, MAX_SUGGESTED_TREES)]
+            hint = Hint(f'write <{tag} ID="…"/>', tuple(fixes))
+            self._collector.report(self._document, MISSING_ID, message, element, hint=hint)
+        elif self._dialect.checks_names:
+            self._check_not_a_node(id, element)
+        if children and tag in self._dialect.tags_with_ignored_children:
+            message = f'the children of <{tag} ID="{id}"> are ignored'
+            hint = Hint("move them into the <BehaviorTree> that it calls, or remove them")
+            self._collector.report(self._document, UNREACHABLE_CHILD, message, children[0], hint=hint)
+        elif children:
+            message = f'<{tag} ID="{id}"> has children; they belong into the <BehaviorTree> that it calls'
+            hint = Hint("", (RemoveChildren(),))
+            self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
+
+    def _unknown_node_hint(self, id: str) -> Hint:
+        if self._unknown_node_hints is None:
+            from btcore.xml.plan.hints import UnknownNodeHints  # only errors need it
+
+            self._unknown_node_hints = UnknownNodeHints(self._definitions, self._registry, self._collector)
+        return self._unknown_node_hints.hint(id)
+
+    def _check_not_a_node(self, id: str, element: Element) -> None:
+        known = self._manifest(id)
+        if known is not None and not known.is_overridable:
+            message, hint = f"invalid tree ID '{id}': a node has this name", "rename the tree"
+            self._collector.report(self._document, TREE_NAMED_AS_NODE, message, element, "ID", hint)
+
+    # --- the second pass: add names, attributes, conditions, ports and calls of trees
+
+    def complete(self, definition: TreeDefinition, nodes: list[NodePlan]) -> TreePlan:
+        """Complete *nodes*, the result of `outline`; return the plan of the tree."""
+        self._document = definition.document
+        tree = TreePlan(definition, nodes[0] if nodes else None)
+        if nodes:
+            self._complete_nodes(nodes, tree)
+        return tree
+
+    def _complete_nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
+        """Complete *nodes*, and remove the plans of unknown nodes and of calls of unknown trees: errors."""
+        tree.size = len(nodes)
+        tree.depth = max(map(_DEPTH_OF, nodes))
+        subtree_tags, caches = self._dialect.subtree_tags, self._binding_caches
+        unknown: set[NodePlan] = set()
+        for node in nodes:
+            tag = node.element.tag
+            if tag in subtree_tags:
+                if not self._plan_call(tag, node, tree):
+                    unknown.add(node)
+                continue
+            id = (node.element.get("ID") or "") if tag in EXPLICIT_TAGS else tag
+            cache = caches.get(id) or self._add_binding_cache(id)
+            if cache is None:  # reported by the first pass
+                unknown.add(node)
+                continue
+            node.id, node.manifest = id, cache.manifest
+            self._plan_attributes(node, cache)
+        if unknown:
+            tree.has_unknown_nodes = True
+            if tree.root in unknown:
+                tree.root = None
+            for node in nodes:
+                node.children = [child for child in node.children if child not in unknown]
+
+    def _add_binding_cache(self, id: str) -> _BindingCache | None:
+        manifest = self._manifest(id)
+        if manifest is None:
+            return None
+        self._binding_caches[id] = cache = _BindingCache(manifest, self._dialect.format)
+        return cache
+
+    def _plan_attributes(self, node: NodePlan, cache: _BindingCache) -> None:
+        bindings: list[Binding] = []
+        other_attributes: dict[str, str] = {}
+        for key, text in node.element.attributes.items():
+            by_text = cache.bindings_by_text.get(key)
+            if by_text is not None:
+                port = cache.ports[key]
+                bindings.append(by_text.get(text) or self._create_binding(node, port, text, by_text))
+            elif key == "name":
+                node.name = text
+                if not text.isprintable():
+                    self._check_name(node, text)
+            else:
+                other_attributes[key] = text
+        if other_attributes:
+            if not self._kept_attributes.issuperset(other_attributes):
+                other_attributes = self._select_attributes(node, cache.manifest, other_attributes)
+            node.attributes = other_attributes
+        if cache.defaults and len(bindings) < len(cache.ports):
+            set_ports = {binding.port for binding in bindings}
+            bindings += [binding for binding in cache.defaults if binding.port not in set_ports]
+        node.bindings = bindings
+
+    def _select_attributes(
+        self, node: NodePlan, manifest: Manifest, attributes: dict[str, str]
+    ) -> dict[str, str]:
+        """Return those of *attributes* that are kept. They hold neither ports nor the name.
+
+        Conditions are stored in *node*. Attributes that are neither kept nor conditions are errors.
+        """
+        dialect = self._dialect
+        conditions: dict[str, str] = {}
+        kept: dict[str, str] = {}
+        for key, text in attributes.items():
+            if key in SCRIPT_ATTRIBUTES and dialect.has_conditions:
+                conditions[key] = text
+            elif key == "ID":
+                if dialect.requires_explicit_tag_for_id and node.element.tag not in EXPLICIT_TAGS:
+                    message = (
+                        f'unexpected ID in <{node.id}>: only explicit tags such as <Action ID="…"> have one'
+                    )
+                    fixes = (RenameAttribute("name"), Remove())
+                    hint = Hint('to name the node, write name="…"', fixes)
+                    self._collector.report(self._document, UNEXPECTED_ID, message, node.element, key, hint)
+            elif key in dialect.comment_attributes or (
+                dialect.allows_non_port_attributes and not is_port_name(key)
+            ):
+                kept[key] = text
+            else:
+                from btcore.xml.plan.hints import port_hint  # only errors need it
+
+                message = f"<{node.id}> has no port '{key}'"
+                may_search = self._collector.take_comparisons(manifest.ports)
+                hint = port_hint(manifest, key) if may_search else Hint()
+                self._collector.report(
+                    self._document, UNKNOWN_PORT, message, node.element, key, hint, part="name"
+                )
+        if conditions:
+            node.conditions = {
+                key: conditions[key]
+                for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
+                if key in conditions
+            }
+        self._kept_attributes.update(kept)
+        return kept
+
+    def _check_name(self, node: NodePlan, text: str) -> None:
+        if self._dialect.checks_names and not _CONTROL_CHARACTERS.isdisjoint(text):
+            message = f"control character in the name {text!r}"
+            self._collector.report(self._document, CONTROL_CHARACTER_IN_NAME, message, node.element, "name")
+
+    def _create_binding(self, node: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
+        """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
+        binding = (Input if port.reads else Binding)(port, text, self._dialect.format)
+        if binding.key is None:
+            is_fine = not binding.error and text != port.default
+        else:
+            is_fine = text[0] == "{" and text[-1] == "}"
+        if is_fine or not self._dialect.checks_literals or self._check_literal(node, binding):
+            by_text[text] = binding
+        return binding
+
+    def _check_literal(self, node: NodePlan, binding: Binding) -> bool:
+        """Return whether the text is a `{key}` or converts to the port's type; otherwise add an error."""
+        port, text = binding.port, binding.text
+        if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
+            return True  # a key, possibly in the notation of the other format
+        port_type = port.type
+        if not port.checks_text:
+            return True
+        error = binding.error
+        if binding.key is not None or text == port.default:
+            # The binding has not converted the text.
+            try:
+                port_type.from_text(text)
+            except ConversionError as conversion_error:
+                error = str(conversion_error)
+        if not error:
+            return True
+        from btcore.xml.plan.hints import value_hint  # only errors need it
+
+        hint = value_hint(port_type)
+        if binding.key is not None:
+            key = "{=}" if "=" in text else text.strip()
+            fix = SetValue(key, is_safe=True)
+            hint = Hint(f"write {key}" + (" without surrounding spaces" if key != "{=}" else ""), (fix,))
+        elif is_port_name(text):
+            fix = SetValue(f"{{{text}}}")
+            hint = Hint(f"to use the blackboard entry, write {{{text}}}", (*hint.fixes, fix))
+        message = f"the port '{port.name}' of <{node.id}> has the type {port_type.name}: {error}"
+        self._collector.report(self._document, INCONVERTIBLE_TEXT, message, node.element, port.name, hint)
+        return False
+
+    # --- SubTree elements
+
+    def _plan_call(self, tag: str, node: NodePlan, tree: TreePlan) -> bool:
+        element = node.element
+        format, definitions = self._dialect.format, self._definitions
+        node.id = tag
+        node.manifest = self._manifest(tag)
+        id = element.get("ID") or ""
+        model = definitions.subtree_models.get(id, {})
+        node.subtree_call = call = SubtreeCall(element, format, model)
+        tree.calls.append(call)
+        if format == 3:
+            node.name = id  # format 3 ignores the name of a call
+        else:
+            self._select_call_attributes(node, call)
+        self._report_call(call, model)
+        if id in definitions.by_id:
+            return True
+        if element.get("ID") is not None and definitions.are_complete:
+            trees = definitions.by_id
+            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else Hint()
+            if id:
+                hint = Hint(hint.text, (*hint.fixes, CreateTree(id)))
+            self._collector.report(
+                self._document, UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint
+            )
+        return False
+
+    def _select_call_attributes(self, node: NodePlan, call: SubtreeCall) -> None:
+        conditions: dict[str, str] = {}
+        attributes: dict[str, str] = {}
+        for key, text in node.element.attributes.items():
+            if key == "name":
+                node.name = text
+                self._check_name(node, text)
+            elif key in SCRIPT_ATTRIBUTES:
+                conditions[key] = text
+            elif key not in call.port_texts and key != "ID" and key != "_autoremap":
+                attributes[key] = text
+        node.conditions, node.attributes = conditions, attributes
+
+    def _report_call(self, call: SubtreeCall, model: Mapping[str, str | None]) -> None:
+        element = call.element
+        for key in call.invalid_flags:
+            from btcore.xml.plan.hints import value_hint  # only errors need it
+
+            message = f"{key} must be 'true' or 'false', not '{element.get(key)}'"
+            self._collector.report(self._document, NOT_A_BOOLEAN, message, element, key, value_hint(BOOL))
+        if call.format == 3 or call.autoremap:
+            return
+        for port, default in model.items():
+            if default or port in call.port_texts:
+                continue
+            if self._collector.is_full(MISSING_SUBTREE_PORT):
+                break
+            message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
+            fix = SetAttributes({port: f"{{{port}}}"})
+            hint = Hint(f'write {port}="…", or declare a default in <TreeNodesModel>', (fix,))
+            self._collector.report(self._document, MISSING_SUBTREE_PORT, message, element, "", hint)
