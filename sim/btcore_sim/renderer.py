@@ -125,12 +125,17 @@ class Renderer:
 
 def _spans(u: Floats, v: Floats, rows: Floats) -> tuple[Floats, Floats]:
     """Return the first and the last column of a convex polygon (corners *u*, *v* in pixels) in each row."""
-    rise = np.roll(v, -1) - v
+    rise = _following(v) - v
     rise[np.abs(rise) < _LEVEL] = _LEVEL
     part = (rows - v[:, None]) / rise[:, None]
-    across = u[:, None] + part * (np.roll(u, -1) - u)[:, None]
+    across = u[:, None] + part * (_following(u) - u)[:, None]
     crossed = (part >= 0.0) & (part <= 1.0)
     return np.where(crossed, across, np.inf).min(axis=0), np.where(crossed, across, -np.inf).max(axis=0)
+
+
+def _following(corners: Floats) -> Floats:
+    """Return the corner that follows each corner of a polygon: `np.roll` takes ten times as long."""
+    return np.concatenate((corners[1:], corners[:1]))
 
 
 def _normals(corners: Floats) -> Floats:
@@ -156,7 +161,7 @@ def _shades(faces: Floats) -> Floats:
 def _clipped(corners: Floats, near: float) -> Floats:
     """Return the part of a polygon with a depth of at least *near* (m), by Sutherland-Hodgman clipping."""
     kept: list[Floats] = []
-    for corner, following in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+    for corner, following in zip(corners, _following(corners), strict=True):
         if corner[2] >= near:
             kept.append(corner)
         if (corner[2] >= near) != (following[2] >= near):
