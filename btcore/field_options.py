@@ -42,6 +42,8 @@ class FiniteRange(click.FloatRange):
 class FieldOption(click.Option):
     """The option of a field of *struct*, and how a sweep treats it."""
 
+    name: str  # click permits None
+
     def __init__(self, struct: type[Options], field: FieldInfo) -> None:
         field_type, meta, details = describe_field(field)
         self.struct = struct

@@ -39,7 +39,7 @@ class EndingSignals:
         self._handlers: AbstractContextManager[None]
 
     def __enter__(self) -> Self:
-        self._handlers = _handled(self._handle)
+        self._handlers = _install_handler(self._handle)
         self._handlers.__enter__()
         return self
 
@@ -66,7 +66,7 @@ def delayed_signals() -> Iterator[None]:
     """
     received: list[int] = []
     try:
-        with _handled(lambda number, frame: received.append(number)):
+        with _install_handler(lambda number, frame: received.append(number)):
             yield
     finally:
         if received:
@@ -74,7 +74,7 @@ def delayed_signals() -> Iterator[None]:
 
 
 @contextmanager
-def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+def _install_handler(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
     """Return a context in which *handler* handles SIGINT, SIGTERM and SIGHUP.
 
     Outside the main thread, where Python allows no signal handlers, the context has no effect.

@@ -32,7 +32,7 @@ def given_settings(ctx: click.Context, defaults: Mapping[str, Any] | None = None
     """
     defaults = defaults or {}
     options = _given_options(ctx)
-    values = {**defaults, **{option.name or "": ctx.params[option.name or ""] for option in options}}
+    values = {**defaults, **{option.name: ctx.params[option.name] for option in options}}
     if defaults:
         providers = command_providers(ctx).available.all()
         structs = [struct for provider in providers for struct in provider.settings]
@@ -60,7 +60,7 @@ def _given_options(ctx: click.Context) -> list[FieldOption]:
         for option in ctx.command.get_params(ctx)
         if isinstance(option, FieldOption)
         and issubclass(option.struct, Settings)
-        and ctx.get_parameter_source(option.name or "") not in not_given
+        and ctx.get_parameter_source(option.name) not in not_given
     ]
 
 

@@ -84,7 +84,7 @@ class NodeLibraries:
             own_packages: Whether to load the libraries of btcore's own packages, too.
         """
         self.nodes, self.has_own_packages = Registry.standard(), own_packages
-        self.unavailable = self.nodes.add_installed(own_packages)
+        self.unavailable = self.nodes.add_installed(own=own_packages)
         for unavailable in self.unavailable:
             if unavailable.missing_module is None:
                 self._warn(str(unavailable.error))

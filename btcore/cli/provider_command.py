@@ -32,25 +32,25 @@ class CommandProviders(NamedTuple):
     plugins: Mapping[str, Plugin]
 
 
-def find_providers(
+def attach_providers(
     ctx: click.Context,
     command_options: Sequence[click.Parameter],
     args: Sequence[str],
     has_all_options: bool = False,
 ) -> CommandProviders:
-    """Find the providers for the command with the context *ctx*, also in its plugins.
+    """Find the providers for a command, also in its plugins, and attach them to the context *ctx*.
 
     Importing all providers takes time. Therefore the options of installed providers are missing, unless a
     word of *args* may be one of them, such as `--monitor` or `--help`.
 
     Args:
-        ctx: The context, which keeps them for `command_providers`.
+        ctx: The context of the command, for `command_providers`.
         command_options: The options that the command has without providers.
         args: The arguments of the command, which may contain the option `--plugin`.
         has_all_options: Whether to add the options of all providers in any case.
     """
     has_plugins = any(parameter.name == "plugins" for parameter in command_options)
-    plugins = {name: import_plugin(name) for name in _plugins_in(args)} if has_plugins else {}
+    plugins = {name: import_plugin(name) for name in _find_plugin_names(args)} if has_plugins else {}
     available = AvailableProviders(
         provider for plugin in plugins.values() for provider in providers_in(plugin.module)
     )
@@ -68,9 +68,9 @@ def find_providers(
 
 
 def command_providers(ctx: click.Context) -> CommandProviders:
-    """Return the providers for the command with the context *ctx*."""
+    """Return the providers that are attached to the context of a command."""
     if _META_KEY not in ctx.meta:  # nothing was parsed
-        return find_providers(ctx, ctx.command.params, (), has_all_options=True)
+        return attach_providers(ctx, ctx.command.params, (), has_all_options=True)
     providers: CommandProviders = ctx.meta[_META_KEY]
     return providers
 
@@ -95,7 +95,7 @@ def _create_unclashing_options(
 ) -> list[FieldOption]:
     options = create_options(settings)
     for option in options:
-        for name in (option.opts[0], option.name or ""):
+        for name in (option.opts[0], option.name):
             if name in taken:
                 raise ProviderError(
                     f"{option.opts[0]} is an option of {provider} and of {taken[name]}: rename one"
@@ -122,7 +122,7 @@ class ProviderCommand(click.Command):
         Returns:
             The arguments that remain.
         """
-        find_providers(ctx, self.params, args, has_all_options=ctx.resilient_parsing)
+        attach_providers(ctx, self.params, args, has_all_options=ctx.resilient_parsing)
         with explain_missing_options(ctx):
             return super().parse_args(ctx, args)
 
@@ -150,7 +150,7 @@ class ProviderCommand(click.Command):
                 formatter.write_dl(records)
 
 
-def _plugins_in(args: Sequence[str]) -> Iterator[str]:
+def _find_plugin_names(args: Sequence[str]) -> Iterator[str]:
     seen: set[str] = set()
     for word, following in zip(args, [*args, ""][1:], strict=True):
         if word == "--":

@@ -420,7 +420,7 @@ class Registry:
             ignored.append(error)
         return ignored
 
-    def add_installed(self, own: bool = True) -> list[UnavailableEntryPoint]:
+    def add_installed(self, *, own: bool = True) -> list[UnavailableEntryPoint]:
         """Register the node libraries of all installed packages like `add_plugin`, but as overridable.
 
         A node that is registered later under the same ID replaces the library's node. A type that is

@@ -21,17 +21,17 @@ class AvailableProviders:
     """The providers that a run can use: those of the user, and those of installed packages.
 
     Args:
-        users: The providers of the user's program and plugins.
+        of_user: The providers of the user's program and plugins.
         uses_installed: Whether to use those of installed packages, too.
 
     Attributes:
-        of_user: The providers of the user's program and plugins.
+        of_user: The argument, as a list.
         core: The providers of btcore's core.
         unavailable: The entry points that could not be imported.
     """
 
-    def __init__(self, users: Iterable[Provider] = (), uses_installed: bool = True) -> None:
-        self.of_user = list(users)
+    def __init__(self, of_user: Iterable[Provider] = (), uses_installed: bool = True) -> None:
+        self.of_user = list(of_user)
         for provider in self.of_user:
             if not isinstance(provider, Provider):
                 name = getattr(provider, "__name__", repr(provider))

@@ -8,10 +8,11 @@ be provided. Of several candidates, the first of these criteria decides:
 1. A required option of the provider was given.
 2. The provider is used for another type anyway.
 3. The provider is the user's, not an installed one.
-4. The provider needs other objects, and only such as are used anyway.
+4. The provider needs other objects, and only such as are used anyway: if leaves explore, they also navigate
+   by `exploring_navigator`, which needs the `exploration`.
 5. The provider is not a default.
-6. The provider takes all settings that its equals require: with `--bag FILE --description FILE`, the provider
-   that takes both options, not the provider that takes only the bag.
+6. The provider takes all settings that its equals require: with `--bag FILE --ros2 tiago`, `bag_robot`, which
+   takes both options, not `ros_robot`.
 
 The other candidates are rejected. They are used for no other type either, and neither is a provider that
 needs what only they provide: the map of a simulated world does not fit another robot. Since they, or such a
@@ -127,6 +128,14 @@ class _Request(NamedTuple):
         return f"{_join(self.chain) or 'a leaf'} needs {_with_article(self.type)}"
 
 
+class _Found(NamedTuple):
+    """The candidates for a needed type, and why there is none, or ""."""
+
+    request: _Request
+    candidates: list[Provider]
+    problem: str
+
+
 class _Candidates(NamedTuple):
     """What can be provided in a run, unless it is rejected."""
 
@@ -145,14 +154,15 @@ class _Candidates(NamedTuple):
             )
         return next(iter(fitting), None)
 
-    def find(self, request: _Request) -> tuple[list[Provider], str]:
-        """Return the candidates for a type, and why there is none, or ""."""
+    def find(self, request: _Request) -> _Found:
+        """Return the candidates for a type."""
         obstacles = {
             provider: self._find_obstacle(provider, request.chain)
             for provider in self.available.of_type(request.type_name)
         }
         candidates = [provider for provider, obstacle in obstacles.items() if not obstacle]
-        return candidates, "" if candidates else self._describe_problem(request, obstacles)
+        problem = "" if candidates else self._describe_problem(request, obstacles)
+        return _Found(request, candidates, problem)
 
     def _find_obstacle(self, provider: Provider, chain: tuple[Provider, ...]) -> str:
         """Return why a provider of a type is no candidate, or ""; *chain* leads to the type."""
@@ -166,7 +176,7 @@ class _Candidates(NamedTuple):
             return f"is not used without {join_names(options)}"
         for request in _make_requests(provider, chain):
             if not request.is_optional and self.find_object(request.type) is None:
-                _, problem = self.find(request)
+                problem = self.find(request).problem
                 if problem:
                     return f"needs {_with_article(request.type)}, but {problem}"
         return ""
@@ -192,7 +202,7 @@ class _Attempt:
     def __init__(self, available: AvailableProviders, candidates: _Candidates) -> None:
         self._available = available
         self._candidates = candidates
-        self._pending: list[_Request] = []
+        self._pending: list[_Found] = []
         self._used: dict[Provider, None] = {}
         self._providers: dict[str, Provider] = {}
         self._objects: dict[str, object] = {}
@@ -208,27 +218,23 @@ class _Attempt:
         Returns:
             The providers that are rejected, with the reason; none if each needed type is assigned.
         """
-        self._pending = list(requests)
+        self._pending = [self._candidates.find(request) for request in requests]
         for provider in side_effects:
             self._use(provider, ())
         while self._pending:
             # Needed types come before optional ones, and types with a single candidate before others: it is
             # then preferred for the other types.
-            request = min(self._pending, key=lambda other: (other.is_optional, self._has_several(other)))
-            self._pending.remove(request)
-            if request.type_name in self._providers or request.type_name in self._objects:
-                continue
-            rejected = self._assign_type(request)
-            if rejected:
-                return rejected
+            found = min(self._pending, key=lambda each: (each.request.is_optional, len(each.candidates) > 1))
+            self._pending.remove(found)
+            if found.request.type_name not in (*self._providers, *self._objects):
+                rejected = self._assign_type(found)
+                if rejected:
+                    return rejected
         return {}
 
-    def _has_several(self, request: _Request) -> bool:
-        candidates, _ = self._candidates.find(request)
-        return len(candidates) > 1
-
-    def _assign_type(self, request: _Request) -> dict[Provider, str]:
+    def _assign_type(self, found: _Found) -> dict[Provider, str]:
         """Assign a provider or an object of the program; return the providers that are rejected by this."""
+        request, candidates, problem = found
         name, title = request.type_name, _title(request.type)
         own = self._candidates.find_object(request.type)
         if own is not None:
@@ -237,7 +243,6 @@ class _Attempt:
                 other for other in self._available.of_type(name) if other not in self._candidates.rejected
             ]
             return dict.fromkeys(others, f"the program provides the {title}")
-        candidates, problem = self._candidates.find(request)
         if problem:
             self._problems[name] = problem
             if request.chain and not request.is_optional:
@@ -251,7 +256,7 @@ class _Attempt:
 
     def _use(self, provider: Provider, chain: tuple[Provider, ...]) -> None:
         self._used[provider] = None
-        self._pending += _make_requests(provider, chain)
+        self._pending += map(self._candidates.find, _make_requests(provider, chain))
 
     def _select_best(self, request: _Request, candidates: Sequence[Provider]) -> Provider:
         ranks = {provider: self._rank(provider) for provider in candidates}

@@ -11,7 +11,7 @@ from btcore.options import changed_option_names
 from btcore_monitor.environment_checks import check_installed, check_is_recording, check_writable, has_display
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.keys import RobotKeys
-from btcore_monitor.viewer_options import DRAWING_OPTION_NAMES, OutputOptions, ViewerOptions, run_option
+from btcore_monitor.viewer_options import DRAWING_OPTION_NAMES, OutputOptions, ViewerOptions, one_run_option
 from btcore_monitor.wire.groot1 import PORT_BESIDE_GROOT2, PUBLISH_PORT
 from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
@@ -27,18 +27,20 @@ class MonitorSettings(OutputOptions, Settings):
         MonitorError: A package or a display is missing, or a key cannot be used.
     """
 
-    monitor: Annotated[bool, run_option("Start the viewer and show the run live.")] = False
+    monitor: Annotated[bool, one_run_option("Start the viewer and show the run live.")] = False
     publish: Annotated[
         tuple[Literal["groot2", "groot1"], ...],
-        run_option("Publish the run for Groot 2 or Groot 1 (or both: give it twice), and btcore's monitor."),
+        one_run_option(
+            "Publish the run for Groot 2 or Groot 1 (or both: give it twice), and btcore's monitor."
+        ),
     ] = ()
     bind: Annotated[
-        str, run_option("Where to publish: an interface's address, or * for all.", metavar="ADDRESS")
+        str, one_run_option("Where to publish: an interface's address, or * for all.", metavar="ADDRESS")
     ] = "127.0.0.1"
     port: (
         Annotated[
             int,
-            run_option(
+            one_run_option(
                 f"The first port; 0 chooses free ports.  [default: {DEFAULT_PORT}, for Groot 1 "
                 f"{PUBLISH_PORT}; Groot 1 beside Groot 2 is {_GROOT1_OFFSET} further; a free port without "
                 "--publish]",
@@ -51,7 +53,7 @@ class MonitorSettings(OutputOptions, Settings):
     ) = None
     allow_control: Annotated[
         bool,
-        run_option(
+        one_run_option(
             "Let clients set breakpoints and inject statuses (btcore hook): with keys those of --allow-key, "
             "otherwise any client that reaches the port."
         ),
@@ -59,7 +61,7 @@ class MonitorSettings(OutputOptions, Settings):
     key_file: (
         Annotated[
             Path,
-            run_option(
+            one_run_option(
                 "The robot's secret key (see btcore keys): encrypt connections, and accept only the clients "
                 "of --allow-key.",
                 metavar="FILE",
@@ -69,7 +71,7 @@ class MonitorSettings(OutputOptions, Settings):
     ) = None
     allow_key: Annotated[
         tuple[str, ...],
-        run_option(
+        one_run_option(
             "With --key-file: the public key of a client that may connect, or a file with one key per line; "
             "may be given several times.",
             metavar="KEY",
@@ -78,7 +80,7 @@ class MonitorSettings(OutputOptions, Settings):
     watch_port: (
         Annotated[
             int,
-            run_option(
+            one_run_option(
                 "With --key-file: the first of further ports where clients without keys, such as Groot, can "
                 "watch but not control; 0 chooses free ports.",
                 metavar="PORT",
@@ -89,7 +91,7 @@ class MonitorSettings(OutputOptions, Settings):
         | None
     ) = None
     insecure: Annotated[
-        bool, run_option("Permit --allow-control from the network (--bind) without keys.")
+        bool, one_run_option("Permit --allow-control from the network (--bind) without keys.")
     ] = False
 
     def __post_init__(self) -> None:

@@ -30,7 +30,7 @@ PALETTE_NAMES: Final = get_args(PaletteName)
 LogLevel = Literal["trace", "debug", "info", "warn", "error"]
 LOG_LEVELS: Final = get_args(LogLevel)
 
-run_option: Final = functools.partial(option, one_run_only=True)
+one_run_option: Final = functools.partial(option, one_run_only=True)
 """An option that simultaneous runs cannot share."""
 
 
@@ -44,7 +44,7 @@ class DrawingOptions(Options, kw_only=True):
     palette: (
         Annotated[
             PaletteName,
-            run_option(
+            one_run_option(
                 "Colours of statuses: Groot's, or colours for red-green colour blindness; also set by the "
                 f"environment variable {_PALETTE_VARIABLE}.  [default: {PALETTE_NAMES[0]}]"
             ),
@@ -53,7 +53,7 @@ class DrawingOptions(Options, kw_only=True):
     ) = None
     find: Annotated[
         tuple[str, ...],
-        run_option(
+        one_run_option(
             "Highlight nodes whose name or path matches, such as 'Dock*', and show them in the lanes; may be "
             "given several times.",
             metavar="PATTERN",
@@ -61,7 +61,7 @@ class DrawingOptions(Options, kw_only=True):
     ] = ()
     log_level: Annotated[
         LogLevel,
-        run_option(
+        one_run_option(
             "Lowest level in the list of transitions: trace, all; debug, without IDLE; info, results; warn, "
             "FAILURE and missing data; error, exceptions of nodes. It can be changed in the viewer."
         ),
@@ -101,12 +101,13 @@ class OutputOptions(DrawingOptions):
     """Where the drawing of a tree is written and shown."""
 
     save: (
-        Annotated[Path, run_option("Write a recording for the viewer (rerun).", metavar="FILE.rrd")] | None
+        Annotated[Path, one_run_option("Write a recording for the viewer (rerun).", metavar="FILE.rrd")]
+        | None
     ) = None
     screenshot: (
         Annotated[
             Path,
-            run_option(
+            one_run_option(
                 "Write a picture of the monitor at the last tick; needs no display.", metavar="FILE.png"
             ),
         ]
@@ -115,7 +116,7 @@ class OutputOptions(DrawingOptions):
     serve_web: (
         Annotated[
             int,
-            run_option(
+            one_run_option(
                 "Serve the viewer to browsers until Ctrl-C, without opening a window.  [port: 9090]",
                 metavar="[PORT]",
                 ge=1,
@@ -127,7 +128,7 @@ class OutputOptions(DrawingOptions):
     ) = None
     verbose: Annotated[
         bool,
-        run_option("Print the log of the viewer (rerun); a run also prints when its monitors connect."),
+        one_run_option("Print the log of the viewer (rerun); a run also prints when its monitors connect."),
     ] = False
 
     @property

@@ -7,7 +7,7 @@ from typing import Any, Final, cast
 import click
 
 from btcore.cli.commands.run import run
-from btcore.cli.provider_command import ProviderCommand, explain_missing_options, find_providers
+from btcore.cli.provider_command import ProviderCommand, attach_providers, explain_missing_options
 from btcore.errors import SettingsError
 from btcore.field_options import FieldOption
 from btcore.options import Plural
@@ -43,7 +43,7 @@ class SweepCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse *args*, and keep the unconverted texts of the options for the command lines of the runs."""
-        find_providers(ctx, run.params, args, has_all_options=True)
+        attach_providers(ctx, run.params, args, has_all_options=True)
         words = list(args)  # click's parser removes the arguments from its list
         with explain_missing_options(ctx):
             try:

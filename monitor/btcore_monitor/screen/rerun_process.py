@@ -55,7 +55,7 @@ class RerunProcess:
     """
 
     def __init__(self, *options: str, port: int = 0, verbose: bool = False) -> None:
-        program = str(viewer_program())
+        program = str(find_viewer_program())
         self._held = hold_port(port)
         self.port = port_of(self._held)
         self.address = address_of(self.port)
@@ -67,7 +67,7 @@ class RerunProcess:
             stdin=subprocess.DEVNULL,
             stdout=2 if self._output is None else self._output,
             stderr=self._output,
-            env=environment(verbose),
+            env=make_environment(verbose),
             # Ctrl-C in the terminal ends the monitor, but not the window.
             start_new_session=True,
             creationflags=NEW_PROCESS_GROUP,
@@ -82,7 +82,7 @@ class RerunProcess:
         deadline = time.monotonic() + VIEWER_START_TIMEOUT_S
         while time.monotonic() < deadline:
             if self._process.poll() is not None:
-                raise ScreenError(f"the viewer (rerun) ended while starting: {self.failure()}")
+                raise ScreenError(f"the viewer (rerun) ended while starting: {self.find_failure()}")
             if is_listening(port or self.port):
                 return
             time.sleep(0.05)
@@ -108,9 +108,9 @@ class RerunProcess:
         deadline = time.monotonic() + _DRAW_TIMEOUT_S
         while not answered.wait(0.1) and time.monotonic() < deadline:
             if self._process.poll() is not None:
-                raise ScreenError(f"the viewer (rerun) ended while starting: {self.failure()}")
+                raise ScreenError(f"the viewer (rerun) ended while starting: {self.find_failure()}")
 
-    def failure(self) -> str | None:
+    def find_failure(self) -> str | None:
         """Return the reason why the viewer ended; None if it is running or was closed by a user."""
         try:
             code = self._process.wait(_END_TIMEOUT_S)
@@ -150,7 +150,7 @@ class RerunProcess:
         return self._output.read().decode(errors="replace")
 
 
-def environment(verbose: bool = False) -> Mapping[str, str]:
+def make_environment(verbose: bool = False) -> Mapping[str, str]:
     """Return the environment variables for rerun: no usage statistics, and only errors in its log.
 
     rerun's viewer also shows its log lines as pop-ups, which would be visible in pictures.
@@ -194,7 +194,7 @@ def port_of(held: socket.socket) -> int:
     return int(held.getsockname()[1])
 
 
-def viewer_program() -> Path:
+def find_viewer_program() -> Path:
     """Return the path of the viewer's executable.
 
     This is not `bin/rerun`: that wrapper leaves the viewer running when the wrapper is terminated.

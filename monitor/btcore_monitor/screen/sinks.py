@@ -59,9 +59,9 @@ class Viewer:
         """Whether the viewer is running."""
         return is_listening(self.port)
 
-    def failure(self) -> str | None:
+    def find_failure(self) -> str | None:
         """Return the reason why the viewer ended, or None if a user closed it."""
-        return self.process.failure() if self.process is not None else None
+        return self.process.find_failure() if self.process is not None else None
 
 
 @dataclass(slots=True)

@@ -166,7 +166,9 @@ class RunChannelServer:
             self._buffer_transition(item)
             return
         if isinstance(item, TickItem):
-            self._add_buffered(item.tick, item.stamp, item.wall, item.duration_ns, int(item.status), True)
+            self._add_buffered(
+                item.tick, item.stamp, item.wall, item.duration_ns, int(item.status), is_end=True
+            )
             return
         self.flush()
         head = self.tree_id, self.history.latest_seq + 1, item.stamp, item.wall
@@ -184,7 +186,7 @@ class RunChannelServer:
         """Add a message with the transitions of an unfinished tick, so that clients show them early."""
         if self._transitions:
             last = self._transitions[-1]
-            self._add_buffered(last.tick, last.stamp, last.wall, 0, int(Status.IDLE), False)
+            self._add_buffered(last.tick, last.stamp, last.wall, 0, int(Status.IDLE), is_end=False)
 
     def take_pending_frames(self) -> Iterator[Frames]:
         """Yield the messages since the last call, in few large pieces.
@@ -211,7 +213,7 @@ class RunChannelServer:
         self._transitions.append(TransitionRow(stamp, item.wall, tick, uid, int(previous), int(status)))
 
     def _add_buffered(
-        self, tick: int, stamp: int, wall: int, duration_ns: int, status: int, is_end: bool
+        self, tick: int, stamp: int, wall: int, duration_ns: int, status: int, *, is_end: bool
     ) -> None:
         transitions, self._transitions = self._transitions, []
         first = self._first_number if transitions else (self._next_number or 0)

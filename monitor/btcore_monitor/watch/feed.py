@@ -212,6 +212,9 @@ class Feed(Closeable):
         now = time.monotonic()
         self._report_errors(now, events)
         silence = now - self._run_channel_client.last_message_at
+        is_waiting = (
+            self._state is _State.ANNOUNCED and now - self._groot_replied_at < ANNOUNCED_RUN_CHANNEL_WAIT_S
+        )
         if silence < SILENT_AFTER_S and self._run_channel_client.tree_id:
             self._state = _State.RUN_CHANNEL
             self._close_groot1()
@@ -224,9 +227,7 @@ class Feed(Closeable):
                 self._report_connection(
                     events, "lost", f"no sign of life from {self.address} for {SILENT_AFTER_S:g} s"
                 )
-        elif self._state is _State.ANNOUNCED and now - self._groot_replied_at < ANNOUNCED_RUN_CHANNEL_WAIT_S:
-            pass
-        else:
+        elif not is_waiting:
             if self._state is _State.ANNOUNCED:
                 self._abandon_run_channel()
             if self._groot1_feed is not None:

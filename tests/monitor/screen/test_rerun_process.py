@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from btcore_monitor.screen.rerun_process import RerunProcess, environment, viewer_program
+from btcore_monitor.screen.rerun_process import RerunProcess, find_viewer_program, make_environment
 from btcore_monitor.screen.sinks import serve_web
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads the sockets of a process from /proc")
@@ -47,7 +47,7 @@ def headless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (folder / "__init__.py").touch()
     pid = tmp_path / "pid"
     program = folder / "rerun"
-    program.write_text(f'#!/bin/sh\necho $$ > {pid}\nexec {viewer_program()} --headless "$@"\n')
+    program.write_text(f'#!/bin/sh\necho $$ > {pid}\nexec {find_viewer_program()} --headless "$@"\n')
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(folder.parent), *sys.path]))
     monkeypatch.setenv("DISPLAY", ":99")
@@ -106,7 +106,7 @@ def test_usage_statistics_are_off_unless_the_user_forces_them(monkeypatch: pytes
     """rerun sends nothing if CI is set, unless FORCE_RERUN_ANALYTICS is set, too."""
     monkeypatch.delenv("CI", raising=False)
     monkeypatch.delenv("FORCE_RERUN_ANALYTICS", raising=False)
-    assert environment()["CI"] == "true"
-    assert "FORCE_RERUN_ANALYTICS" not in environment()
+    assert make_environment()["CI"] == "true"
+    assert "FORCE_RERUN_ANALYTICS" not in make_environment()
     monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
-    assert environment()["FORCE_RERUN_ANALYTICS"] == "1"
+    assert make_environment()["FORCE_RERUN_ANALYTICS"] == "1"
