@@ -69,7 +69,7 @@ def test_the_demo_fails_if_there_is_no_picture(tmp_path: Path, code: int) -> Non
     # The program fails as `btcore run` does without a driver, or writes the picture.
     program.write_text(f'#!/bin/sh\necho "$@"\n[ {code} = 0 ] && touch out/bumpgo.png\nexit {code}\n')
     program.chmod(0o755)
-    for name in ("pyproject.toml", "setup.py", ".venv/ready"):
+    for name in ("pyproject.toml", "setup.py", ".venv/project", ".venv/ready"):
         (tmp_path / name).touch()
     (tmp_path / "out").mkdir()
     (tmp_path / "out/bumpgo.png").touch()  # of an earlier run
