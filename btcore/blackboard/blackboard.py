@@ -155,9 +155,6 @@ class Blackboard:
 
     def find(self, key: str) -> Entry | None:
         """Return the entry of *key* after remapping, or None. The entry may never have been written."""
-        entry = self._entries.get(key)
-        if entry is not None and not key.startswith("@"):
-            return entry
         board = self
         while True:
             if key.startswith("@"):
