@@ -17,7 +17,7 @@ def documentation_url(page: str) -> str | None:
     return None if site is None else site + page
 
 
-def node_url(ID: str, distribution: str) -> str | None:
+def node_url(id: str, distribution: str) -> str | None:
     """Return the address of a node's page in the documentation.
 
     Args:
@@ -31,7 +31,7 @@ def node_url(ID: str, distribution: str) -> str | None:
     # The nodes of btcore and of its own node libraries have pages.
     if distribution != "btcore" and distribution not in own_packages(NODES_GROUP):
         return None
-    return documentation_url(f"reference/nodes/{ID}.html")
+    return documentation_url(f"reference/nodes/{id}.html")
 
 
 @cache

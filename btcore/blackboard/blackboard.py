@@ -155,9 +155,6 @@ class Blackboard:
 
     def find(self, key: str) -> Entry | None:
         """Return the entry of *key* after remapping, or None. The entry may never have been written."""
-        entry = self._entries.get(key)
-        if entry is not None and not key.startswith("@"):
-            return entry
         board = self
         while True:
             if key.startswith("@"):
@@ -168,9 +165,9 @@ class Blackboard:
             parent = board.parent
             if parent is None:
                 return None
-            outside = board._remaps.get(key)
-            if outside is not None:
-                key = outside
+            external = board._remaps.get(key)
+            if external is not None:
+                key = external
             elif not board.autoremap or key.startswith("_"):
                 return None
             board = parent
@@ -308,10 +305,10 @@ class Blackboard:
         """Return all keys without `@` for which `find` returns an entry, sorted."""
         keys = set(self._entries)
         if self.parent is not None:
-            seen = self.parent.visible_keys()
-            keys.update(inside for inside, outside in self._remaps.items() if outside in seen)
+            keys_of_parent = self.parent.visible_keys()
+            keys.update(internal for internal, external in self._remaps.items() if external in keys_of_parent)
             if self.autoremap:
-                keys.update(key for key in seen if not key.startswith("_"))
+                keys.update(key for key in keys_of_parent if not key.startswith("_"))
         return sorted(keys)
 
     def hint(self, key: str) -> str:
@@ -416,15 +413,15 @@ class Blackboard:
                 ):
                     raise board._type_error(key, previous, declared)
                 return entry
-            outside = board._remaps.get(key)
-            if outside is None and (not board.autoremap or key.startswith("_")):
+            external = board._remaps.get(key)
+            if external is None and (not board.autoremap or key.startswith("_")):
                 entry = Entry(declared, inferred)
                 board._entries[key] = entry
                 return entry
             if board.parent is None:
                 raise BlackboardError(f"the key '{key}' is remapped, but its blackboard has no parent")
-            if outside is not None:
-                key = outside
+            if external is not None:
+                key = external
             board = board.parent
 
     def _convert_to_entry(self, key: str, entry: Entry, value: object) -> object:

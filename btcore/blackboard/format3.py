@@ -21,11 +21,11 @@ class Format3Blackboard(Blackboard):
             entry = board._entries.get(key)
             if entry is not None:
                 return entry
-            outside = board._remaps.get(key)
-            if board.parent is None or (outside is None and not board.autoremap):
+            external = board._remaps.get(key)
+            if board.parent is None or (external is None and not board.autoremap):
                 return None
-            if outside is not None:
-                key = outside
+            if external is not None:
+                key = external
             board = board.parent
 
     def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
@@ -80,14 +80,14 @@ class Format3Blackboard(Blackboard):
                     raise self._type_error(key, previous, declared)
                 break
             way.append((board, key))
-            outside = board._remaps.get(key)
-            if outside is None and not board.autoremap:
+            external = board._remaps.get(key)
+            if external is None and not board.autoremap:
                 entry = Entry(declared, inferred)
                 break
             if board.parent is None:
                 raise BlackboardError(f"the key '{key}' is remapped, but its blackboard has no parent")
-            if outside is not None:
-                key = outside
+            if external is not None:
+                key = external
             board = board.parent
         for scope, inner in way:
             scope._entries[inner] = entry

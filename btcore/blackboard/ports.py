@@ -225,6 +225,7 @@ class Input(Binding):
             value = self.literal
             if value is None and self.error:
                 raise ConversionError(f"port [{self.name}] = '{self.text}': {self.error}")
+            # A copy of a list, because the leaf may change it.
             return list(value) if isinstance(value, list) else value
         entry = self.blackboard.find(key)
         if entry is None or entry.value is None:

@@ -22,6 +22,7 @@ class LeafMark:
 
 
 MARK = "__btcore_leaf__"
+"""The attribute of a function that holds its `LeafMark`."""
 
 
 @overload

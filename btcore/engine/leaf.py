@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from btcore.engine.node import MUST_COMPLETE, TreeNode
+from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import IDLE, NO_RESULT, RUNNING, NodeType, PossibleResults
@@ -64,7 +64,7 @@ class SyncAction(LeafNode):
         <Status.SUCCESS: 2>
     """
 
-    _class_tick_flags: ClassVar[int] = MUST_COMPLETE
+    _must_complete: ClassVar[bool] = True
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -84,8 +84,8 @@ class TreeNode:
         formats=(),
         id="",
     )
-    _class_tick_flags: ClassVar[int] = 0
-    """The flags that all nodes of the class have: MUST_COMPLETE or none."""
+    _must_complete: ClassVar[bool] = False
+    """Whether a tick must not return RUNNING."""
 
     config: NodeConfig = _NO_CONFIG
     _status: Status = IDLE
@@ -330,7 +330,7 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     node._status_before_reset = IDLE
     node._tick_extras = None
     node._decorated_child = None
-    node._tick_flags = node._class_tick_flags
+    node._tick_flags = MUST_COMPLETE if node._must_complete else 0
     if type(node).execute_tick is not TreeNode.execute_tick:
         node._tick_flags |= OVERRIDES_EXECUTE_TICK
     node._context = context

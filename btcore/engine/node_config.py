@@ -65,14 +65,14 @@ class NodeConfig:
         """Return input port *name*. Raise NodeError if it has neither a text in the XML nor a default."""
         port = self.inputs.get(name)
         if port is None:
-            raise NodeError(f"<{self.id}> needs port [{name}], which the tree does not give")
+            raise NodeError(f"<{self.id}> has no value for port [{name}]: set it in the tree")
         return port
 
     def output(self, name: str) -> Output:
         """Return output port *name*. Raise NodeError if it has neither a text in the XML nor a default."""
         port = self.outputs.get(name)
         if port is None:
-            raise NodeError(f"<{self.id}> writes port [{name}], which the tree does not give")
+            raise NodeError(f"<{self.id}> has no entry for port [{name}]: set it in the tree")
         return port
 
     @property

@@ -393,10 +393,10 @@ class LoadedTrees:
                 raise RosError(f"there is no XML file in the folder {file}")
             self._nodes.add_trees(*found)
         self.documents: dict[str, Document] = {
-            ID: document
+            id: document
             for document in self._nodes.documents
             for element in document.root.iterchildren("BehaviorTree")
-            if (ID := element.get("ID")) is not None
+            if (id := element.get("ID")) is not None
         }
         if not self.documents:
             raise RosError("there is no <BehaviorTree> with an ID in the files")
@@ -411,8 +411,8 @@ class LoadedTrees:
             TreeError: A tree has an error.
         """
         types: dict[type, None] = {}
-        for ID, document in self.documents.items():
-            plans = plan_document(document, self._nodes, ID)
+        for id, document in self.documents.items():
+            plans = plan_document(document, self._nodes, id)
             plans.diagnostics.raise_errors()
             types.update(dict.fromkeys(plans.required_resources()))
         return list(types)

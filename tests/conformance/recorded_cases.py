@@ -22,7 +22,7 @@ from btcore.blackboard.ports import Direction, Port
 from btcore.clock import SimClock
 from btcore.diagnostic_codes import CONTROL_CHARACTER_IN_NAME, NOT_XML
 from btcore.engine.leaf import SyncAction
-from btcore.engine.node import MUST_COMPLETE, TreeNode
+from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.observers import Observer
 from btcore.engine.signature import In
@@ -231,7 +231,7 @@ class PlanSync(PlanCondition):
     """The action of the recorded cases that completes within a tick."""
 
     spec = NodeSpec(node_type=NodeType.ACTION)
-    _class_tick_flags = MUST_COMPLETE
+    _must_complete = True
 
 
 class Inc(SyncAction):

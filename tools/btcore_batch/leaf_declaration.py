@@ -196,7 +196,7 @@ def action(function: F | None = None, /, *, ID: str | None = None) -> F | Callab
         >>> swarm.blackboard["x"]
         array([0.5, 1.5])
     """
-    return _marked(function, SyncAction, ID)
+    return _mark_leaf(function, SyncAction, ID)
 
 
 @overload
@@ -215,13 +215,13 @@ def condition(function: F | None = None, /, *, ID: str | None = None) -> F | Cal
     Returns:
         The function, or a decorator if *function* is omitted.
     """
-    return _marked(function, Condition, ID)
+    return _mark_leaf(function, Condition, ID)
 
 
-def _marked(function: F | None, base_class: type[TreeNode], ID: str | None) -> F | Callable[[F], F]:
-    def mark(marked: F) -> F:
-        setattr(marked, _MARK, (base_class, ID))
-        return marked
+def _mark_leaf(function: F | None, base_class: type[TreeNode], id: str | None) -> F | Callable[[F], F]:
+    def mark(leaf: F) -> F:
+        setattr(leaf, _MARK, (base_class, id))
+        return leaf
 
     return mark if function is None else mark(function)
 
@@ -267,10 +267,10 @@ def read_declaration(leaf: Any, types: TypeRegistry) -> LeafDeclaration:
             f"{leaf.__qualname__} is a generator or an async def, which cannot be at a different position "
             "for each agent; derive a class from batch.StatefulAction"
         )
-    base_class, ID = getattr(leaf, _MARK, (SyncAction, None))
+    base_class, id = getattr(leaf, _MARK, (SyncAction, None))
     parameters = _parameters(leaf, types)
     ports = [parameter.port for parameter in parameters if parameter.port is not None]
-    return LeafDeclaration(ID or camel_case(leaf.__name__), base_class, ports, parameters, leaf)
+    return LeafDeclaration(id or camel_case(leaf.__name__), base_class, ports, parameters, leaf)
 
 
 def _class_declaration(cls: type[StatefulAction], types: TypeRegistry) -> LeafDeclaration:

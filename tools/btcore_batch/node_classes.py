@@ -45,7 +45,7 @@ _BY_ID: Final[dict[str, type[BatchNode]]] = {
 }
 
 BATCH_CLASSES: Final[dict[type[TreeNode], type[BatchNode]]] = {
-    BUILTIN_NODES[4][ID]: cls for ID, cls in _BY_ID.items()
+    BUILTIN_NODES[4][id]: cls for id, cls in _BY_ID.items()
 }
 """The classes of the batch engine, by the classes of the nodes that they replace.
 

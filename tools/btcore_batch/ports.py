@@ -41,7 +41,7 @@ class BatchInput:
         declared = port if port is not None or bound is None else bound.port
         self.type = ANY if declared is None else declared.type
         if bound is None:
-            self.error = NodeError(f"<{node.id}> needs port [{name}], which the tree does not give")
+            self.error = NodeError(f"<{node.id}> has no value for port [{name}]: set it in the tree")
         elif bound.key is not None:
             self.slot = Slot(node.context.columns, node.board, bound.key)
         else:
@@ -177,7 +177,7 @@ class BatchOutput:
             ConversionError: *values* is an array of another length.
         """
         if self.type is None:
-            raise NodeError(f"<{self.node.id}> writes port [{self.name}], which the tree does not give")
+            raise NodeError(f"<{self.node.id}> has no entry for port [{self.name}]: set it in the tree")
         if self.slot is None:
             raise BlackboardError(
                 f"port [{self.name}] is an output, but '{self.text}' is not a blackboard entry: "

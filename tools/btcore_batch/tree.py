@@ -87,7 +87,7 @@ class BatchCompiler:
 
     def _hint(self, node: TreeNode, children: list[BatchNode]) -> str:
         if children:
-            supported = [ID for ID, cls in BUILTIN_NODES[4].items() if cls in BATCH_CLASSES]
+            supported = [id for id, cls in BUILTIN_NODES[4].items() if cls in BATCH_CLASSES]
             return f"it runs {', '.join(sorted(supported))}"
         nearest = nearest_name(node.config.id, self.leaves)
         question = suggestion(f"<{nearest}>") + " " if nearest else ""

@@ -28,7 +28,7 @@ def template_of(tree: Tree) -> str:
         f"# given = {_text(read)}",
         "",
         "# What the code of each leaf guarantees; below are the present models.",
-        *(line for ID, leaf in sorted(leaves.items()) for line in _lines_of_model(ID, leaf)),
+        *(line for id, leaf in sorted(leaves.items()) for line in _lines_of_model(id, leaf)),
         "# The values that leaves may write to entries; otherwise they are not known.",
         "# [entries]",
         *(f"# {_key(key)} = []" for key in unknown),
@@ -40,12 +40,12 @@ def template_of(tree: Tree) -> str:
     return "\n".join([*lines, ""])
 
 
-def _lines_of_model(ID: str, leaf: TreeNode) -> list[str]:
+def _lines_of_model(id: str, leaf: TreeNode) -> list[str]:
     model = model_leaf_model(leaf)
     assert model is not None
     if isinstance(leaf, ModelDecorator):
         # Declared results are those that a decorator returns without its child.
-        return [f"# [leaves.{_key(ID)}]", f"# lasts = {_text(model.lasts)}", ""]
+        return [f"# [leaves.{_key(id)}]", f"# lasts = {_text(model.lasts)}", ""]
     values: Mapping[str, object] = {
         "results": [status.name for status in model.results],
         "lasts": model.lasts,
@@ -58,7 +58,7 @@ def _lines_of_model(ID: str, leaf: TreeNode) -> list[str]:
         "writes": sorted(model.writes),
         "on_halt": sorted(model.on_halt),
     }
-    return [f"# [leaves.{_key(ID)}]", *(f"# {key} = {_text(value)}" for key, value in values.items()), ""]
+    return [f"# [leaves.{_key(id)}]", *(f"# {key} = {_text(value)}" for key, value in values.items()), ""]
 
 
 def _inputs(node: TreeNode) -> Iterable[str]:

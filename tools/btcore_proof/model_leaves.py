@@ -570,29 +570,29 @@ def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, objec
     """
     copy = nodes.copy()
     for format in (3, 4):
-        for ID, manifest in nodes.manifests_of(format).items():
+        for id, manifest in nodes.manifests_of(format).items():
             is_leaf = manifest.type in (NodeType.ACTION, NodeType.CONDITION)
             is_decorator = manifest.type is NodeType.DECORATOR and (
-                bool(resources_of(manifest)) or ID in declared
+                bool(resources_of(manifest)) or id in declared
             )
-            if not (is_leaf or is_decorator) or manifest.distribution == "btcore" or ID in copy.substitutions:
+            if not (is_leaf or is_decorator) or manifest.distribution == "btcore" or id in copy.substitutions:
                 continue
-            model = model_of(manifest, declared.get(ID))
+            model = model_of(manifest, declared.get(id))
             if is_decorator and model.uses:
-                raise ModelError(f"<{ID}>: a decorator uses no resources; declare those of its child")
+                raise ModelError(f"<{id}>: a decorator uses no resources; declare those of its child")
             ports = list(manifest.ports.values())
-            if copy.get(ID, format) is manifest:
-                copy.remove(ID)
-                model_class = _model_class(ID, manifest.cls, model, ports)
-                results = declared.get(ID, {}).get("results", manifest.metadata.get("results"))
+            if copy.get(id, format) is manifest:
+                copy.remove(id)
+                model_class = _model_class(id, manifest.cls, model, ports)
+                results = declared.get(id, {}).get("results", manifest.metadata.get("results"))
                 if issubclass(model_class, ModelDecorator) and results is not None:
                     model_class.instead = model.results
                     model_class.model = model._replace(lasts="RUNNING" in str(results))
-                copy.add(model_class, ID=ID)
+                copy.add(model_class, ID=id)
     return copy
 
 
-def _model_class(ID: str, cls: type[TreeNode], model: LeafModel, ports: Iterable[Port]) -> type[TreeNode]:
+def _model_class(id: str, cls: type[TreeNode], model: LeafModel, ports: Iterable[Port]) -> type[TreeNode]:
     base: type[TreeNode]
     if issubclass(cls, DecoratorNode):
         base = ModelDecorator
@@ -602,7 +602,7 @@ def _model_class(ID: str, cls: type[TreeNode], model: LeafModel, ports: Iterable
         base = ModelAction if model.lasts or not issubclass(cls, SyncAction) else ModelSyncAction
     listed = list(ports)
     members = {"model": model, "provided_ports": staticmethod(lambda: listed), "__doc__": "A model."}
-    return type(ID, (base,), members)
+    return type(id, (base,), members)
 
 
 def model_leaf_model(node: TreeNode) -> LeafModel | None:

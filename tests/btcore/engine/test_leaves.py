@@ -538,9 +538,9 @@ def test_missing_mandatory_port_raises_at_the_tick(make_tree: MakeTree) -> None:
         distance(level)
         return True
 
-    assert "<Look> needs port [level], which the tree does not give" in raised(make_tree("<Look/>", look))
+    assert "<Look> has no value for port [level]: set it in the tree" in raised(make_tree("<Look/>", look))
     expected_message = raised(make_tree('<Look level="1"/>', look))
-    assert "<Look> writes port [distance], which the tree does not give" in expected_message
+    assert "<Look> has no entry for port [distance]: set it in the tree" in expected_message
 
 
 def test_an_entry_that_was_never_written_is_named(make_tree: MakeTree) -> None:
