@@ -148,7 +148,7 @@ class DryRun(NodeCreator):
     ) -> None:
         self._recorded += (
             EntryUse(use.access, use.name, board, document, node_plan, attribute, use.column)
-            for use in find_name_uses(text, self._enums)
+            for use in find_name_uses(text, self.enums)
         )
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:

@@ -39,7 +39,6 @@ def check_value_types(
     dry_run: DryRun,
     is_main: bool,
     given: Collection[str],
-    enums: dict[str, int],
     collector: DiagnosticCollector,
 ) -> None:
     """Warn about writes that always raise, and report constants that the reading ports reject.
@@ -54,7 +53,7 @@ def check_value_types(
     if dry_run.format == 4 and not dry_run.has_untracked_access:
         untyped = _untyped_entries(dry_run, is_main, given)
         _check_untyped_entries(dry_run, untyped, collector)
-        _check_copied_integers(dry_run, untyped, enums, collector)
+        _check_copied_integers(dry_run, untyped, collector)
     scripts: dict[str, dict[int, Assignment]] = {}
     for entry, uses in dry_run.uses.items():
         for use in uses:
@@ -65,8 +64,8 @@ def check_value_types(
             elif use.access in WRITING and use.within:
                 text = use.node.element.get(use.attribute) or ""
                 if text not in scripts:
-                    scripts[text] = _assignments_of(text, enums)
-                _check_script(dry_run, entry, use, scripts[text].get(use.within), enums, collector)
+                    scripts[text] = _assignments_of(text, dry_run.enums)
+                _check_script(dry_run, entry, use, scripts[text].get(use.within), collector)
         _check_constant(dry_run, uses, entry, collector)
 
 
@@ -164,9 +163,7 @@ def _untyped_entries(dry_run: DryRun, is_main: bool, given: Collection[str]) -> 
     return untyped
 
 
-def _check_copied_integers(
-    dry_run: DryRun, untyped: list[Entry], enums: dict[str, int], collector: DiagnosticCollector
-) -> None:
+def _check_copied_integers(dry_run: DryRun, untyped: list[Entry], collector: DiagnosticCollector) -> None:
     """Warn about the SetBlackboard nodes that copy an integer of 64 bits to an entry of another type.
 
     Integers have 64 bits in the entries that only scripts write.
@@ -185,7 +182,7 @@ def _check_copied_integers(
         if source not in sources:
             continue
         writers = [other for other in dry_run.uses[source] if other.access in WRITING]
-        if writers and all(_assigns_integer(writer, enums) for writer in writers):
+        if writers and all(_assigns_integer(writer, dry_run.enums) for writer in writers):
             write = f"{use.node.label} copies an integer of 64 bits, which a script has written"
             _warn_refused_write(dry_run, entry, use, write, collector)
 
@@ -286,13 +283,12 @@ def _check_script(
     entry: Entry,
     use: EntryUse,
     assignment: Assignment | None,
-    enums: dict[str, int],
     collector: DiagnosticCollector,
 ) -> None:
     """Warn if *assignment*, a statement of a script, assigns a constant that the entry's type refuses."""
     if not entry.declared.strong or entry.value is not None or assignment is None:
         return
-    if assignment.operator not in (":=", "=") or not is_constant(assignment.value, enums):
+    if assignment.operator not in (":=", "=") or not is_constant(assignment.value, dry_run.enums):
         return
     # The dry run's blackboard converts the value; the entry is emptied again below.
     try:

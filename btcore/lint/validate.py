@@ -1,7 +1,7 @@
 """Find all errors and warnings in a document: by planning it, and in a dry run of its trees."""
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from typing import Final
 
 from btcore.diagnostic_codes import (
@@ -79,7 +79,7 @@ def validate_document(
 def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> DiagnosticCollector:
     """Return what was found in the document and in the trees of *plans*."""
     collector = DiagnosticCollector(plans.diagnostics)
-    definitions, main, enums = plans.definitions, plans.main_tree, plans.registry.types.enums
+    definitions, main = plans.definitions, plans.main_tree
     names_main = definitions.sources.main_document.root.get("main_tree_to_execute") is not None
     if not is_selected and definitions.all and not names_main:
         # The document is a library: no main tree is needed.
@@ -88,7 +88,7 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
     for root in roots:
         plans.sizes[root.id].ensure_recursion_limit()
     models = definitions.subtree_models
-    results = _check_nodes(plans, models, collector)
+    results = _check_nodes(plans, collector)
     EndlessTickCheck(plans, results, collector).check(roots)
     for document in definitions.sources.documents:
         _check_loose_text(document, collector)
@@ -108,15 +108,13 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
             # A subtree model declares ports that callers of the tree provide.
             known = {*given, *models.get(root.id, ())}
             check_keys(dry_run, root is main, known, collector)
-            check_value_types(dry_run, root is main, known, enums, collector)
+            check_value_types(dry_run, root is main, known, collector)
     return collector
 
 
-def _check_nodes(
-    plans: Plans, models: Mapping[str, Mapping[str, str | None]], collector: DiagnosticCollector
-) -> ResultAnalysis:
+def _check_nodes(plans: Plans, collector: DiagnosticCollector) -> ResultAnalysis:
     results = ResultAnalysis(plans)
-    enums = plans.registry.types.enums
+    models, enums = plans.definitions.subtree_models, plans.registry.types.enums
     tree_keys = TreeKeys(plans)
     for tree in plans.trees.values():
         document = tree.definition.document

@@ -126,6 +126,7 @@ class NodeCreator:
 
     Attributes:
         format: The format of the tree, 3 or 4.
+        enums: The enum names that scripts may use, with their numbers.
         context: The objects that the nodes share.
         blackboard: The main tree's blackboard.
         drafts: The drafts of trees, the main tree first.
@@ -141,7 +142,7 @@ class NodeCreator:
         self._registry = registry = plans.registry
         # Most registries have no substitution rules; then the manifests of the plan are used as they are.
         self._rules = registry.substitutions
-        self._enums = registry.types.enums
+        self.enums = registry.types.enums
         self._resources = Resources(resources)
         self.context = TreeContext(clock)
         self._scope_class = Blackboard
@@ -176,7 +177,7 @@ class NodeCreator:
         name = id if node_plan.name is None else node_plan.name
         conditions, attributes = node_plan.conditions, node_plan.attributes
         config = NodeConfig(
-            id, name, uid, self.format, document.file, line, conditions, attributes, self._enums
+            id, name, uid, self.format, document.file, line, conditions, attributes, self.enums
         )
         if call is not None:
             self._configure_call(node_plan, call, config, draft)
