@@ -36,21 +36,21 @@ from btcore import In, Put, StatefulAction, Status, action, condition
 
 
 @condition
-def lucky(chance: random.Random, odds: In[float] = 0.5) -> bool:
-    """Of many seeds, a part of *odds* is lucky."""
-    return chance.random() < odds
+def succeed_by_chance(rng: random.Random, probability: In[float] = 0.5) -> bool:
+    """Succeed with *probability*, depending on the seed of the run."""
+    return rng.random() < probability
 
 
 class Walk(StatefulAction):
-    """Walk for so many ticks as the seed says, up to *most*."""
+    """Succeed after a random number of ticks, at most *max_ticks*, depending on the seed of the run."""
 
-    most: In[int] = 9
+    max_ticks: In[int] = 9
 
-    def __init__(self, chance: random.Random) -> None:
-        self.chance = chance
+    def __init__(self, rng: random.Random) -> None:
+        self.rng = rng
 
     def on_start(self) -> Status:
-        self.left = self.chance.randint(1, self.most)
+        self.left = self.rng.randint(1, self.max_ticks)
         return Status.RUNNING
 
     def on_running(self) -> Status:
@@ -59,16 +59,16 @@ class Walk(StatefulAction):
 
 
 @action
-def explode(when: In[bool]) -> bool:
-    print("tick tack")
+def raise_error(when: In[bool]) -> bool:
+    print("printed by the leaf")
     if when:
-        raise ValueError("the fuse was lit")
+        raise ValueError("raised by the leaf")
     return True
 
 
 @action
-def die(when: In[bool] = True, mark: In[str] = "") -> bool:
-    """Take the worker along: always, or, if a *mark* is left, where none is yet."""
+def kill_worker(when: In[bool] = True, mark: In[str] = "") -> bool:
+    """Kill the worker process. With *mark*, create the file *mark*, and do nothing if it exists already."""
     if when and not (mark and Path(mark).exists()):
         if mark:
             Path(mark).touch()
@@ -77,17 +77,17 @@ def die(when: In[bool] = True, mark: In[str] = "") -> bool:
 
 
 @action
-def toil(seconds: In[float] = 0.05) -> bool:
-    """Take real time, as a simulation does, but leave the core to other tests."""
+def wait_seconds(seconds: In[float] = 0.05) -> bool:
+    """Take real time, as a simulation does, but no processor time, which other tests need."""
     time.sleep(seconds)
     return True
 
 
 @action
-def limited(calls: In[str], most: In[int]) -> bool:
-    """Leave a file in the folder *calls*; from *most* files on, wait for the file go_on beside them."""
+def wait_after(count: In[int], calls: In[str]) -> bool:
+    """Create a file in the folder *calls*. If there are more than *count*, wait for the file go_on there."""
     Path(calls, f"{os.getpid()} {time.monotonic_ns()}").touch()
-    while len(os.listdir(calls)) > most and not Path(calls, "go_on").exists():
+    while len(os.listdir(calls)) > count and not Path(calls, "go_on").exists():
         time.sleep(0.02)
     return True
 '''
@@ -120,8 +120,8 @@ def scheduler() -> Iterator[str]:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Change to an empty folder that contains only the node library things.py."""
-    (tmp_path / "things.py").write_text(LIBRARY, encoding="utf-8")
+    """Change to an empty folder that contains only the node library leaves.py."""
+    (tmp_path / "leaves.py").write_text(LIBRARY, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "110")
     monkeypatch.delenv("BTCORE_DEBUG", raising=False)
@@ -146,7 +146,7 @@ def sweep(folder: Path) -> Callable[..., Result]:
     """Call ``btcore sweep`` with the node library."""
 
     def call(*words: str) -> Result:
-        arguments = ["sweep", *words, "--plugin", str(folder / "things.py")]
+        arguments = ["sweep", *words, "--plugin", str(folder / "leaves.py")]
         return CliRunner().invoke(main, arguments, prog_name="btcore")
 
     return call
