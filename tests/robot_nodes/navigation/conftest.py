@@ -40,9 +40,9 @@ from btcore_robot.transforms import FrameBroadcaster, TransformTree
 from btcore_sim.differential_drive import DifferentialDrive
 
 Box = tuple[float, float, float, float]
-LASER_AHEAD = 0.202  # m from the base's middle
-PERSON = 0.25  # m, the radius of a person
-POLITE = 0.5  # m, the distance that a person keeps from a robot
+LASER_X = 0.202  # m, from the centre of the base to the laser
+PERSON_RADIUS = 0.25  # m
+MIN_PERSON_GAP = 0.5  # m, the distance that a person keeps from a robot
 
 
 def box_distances(
@@ -62,19 +62,22 @@ def box_distances(
 
 @dataclass(slots=True)
 class Person:
-    """A person who walks from *x*, *y* (m) at *vx*, *vy* (m/s), and stops 0.5 m before the robot."""
+    """A person who walks from *x*, *y* (m) at *vx*, *vy* (m/s), but not closer to a robot than 0.5 m."""
 
     x: float
     y: float
     vx: float = 0.0
     vy: float = 0.0
 
-    def walk(self, robot: Pose2D, reach: float, seconds: float) -> None:
-        x, y = self.x + self.vx * seconds, self.y + self.vy * seconds
-        gap = math.hypot(x - robot.x, y - robot.y) - reach - PERSON
-        nearer = math.hypot(x - robot.x, y - robot.y) < math.hypot(self.x - robot.x, self.y - robot.y)
-        if gap > POLITE or not nearer:
-            self.x, self.y = x, y
+    def gap(self, robot: Pose2D, robot_radius: float) -> float:
+        """Return the distance (m) between the person and the robot's hull."""
+        return math.hypot(self.x - robot.x, self.y - robot.y) - robot_radius - PERSON_RADIUS
+
+    def walk(self, robot: Pose2D, robot_radius: float, seconds: float) -> None:
+        moved = replace(self, x=self.x + self.vx * seconds, y=self.y + self.vy * seconds)
+        gap = moved.gap(robot, robot_radius)
+        if gap > MIN_PERSON_GAP or gap >= self.gap(robot, robot_radius):
+            self.x, self.y = moved.x, moved.y
 
 
 class FloorRobot(Robot):
@@ -86,16 +89,16 @@ class FloorRobot(Robot):
         self._schedule = SimulatedSchedule()
         self.boxes = list(boxes)
         self.people: list[Person] = []
-        self.blind = False
-        """Whether the laser has failed."""
-        self.numb = False
-        """Whether the odometry has failed."""
-        self.drift = 0.0
-        """The distance (m) along x, and the angle (rad), that are added to the odometry."""
+        self.laser_failed = False
+        self.odometry_failed = False
+        self.odometry_error_m = 0.0
+        """The distance along x that is added to the odometry."""
+        self.odometry_error_rad = 0.0
+        """The angle that is added to the odometry."""
         self.pose = start or Pose2D(0.0, 0.0, 0.0)
         self.commands: list[tuple[int, float, float]] = []
         self.nearest = math.inf
-        """The least distance (m) of the hull to anything, so far."""
+        """The smallest distance (m) of the robot to a box or a person so far."""
         self._random = np.random.default_rng([seed, 5])
         self._sigma = sigma
         self.info = BaseInfo(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
@@ -103,10 +106,10 @@ class FloorRobot(Robot):
         self._scan: LaserScan | None = None
         self._odometry = Odometry(self.pose, Twist2D(0.0, 0.0), 0)
         self.sonar_readings: list[SonarReading] = []
-        self._sweep(0)
+        self._update_scan(0)
         self._schedule.add_task(100.0, Phase.PHYSICS, self._move)
-        self._schedule.add_task(50.0, Phase.SENSORS, self._count)
-        self._schedule.add_task(10.0, Phase.SENSORS, self._sweep)
+        self._schedule.add_task(50.0, Phase.SENSORS, self._update_odometry)
+        self._schedule.add_task(10.0, Phase.SENSORS, self._update_scan)
 
     @property
     def clock(self) -> SimulatedSchedule:
@@ -127,9 +130,9 @@ class FloorRobot(Robot):
 
     def frames(self) -> Sequence[TransformStamped]:
         now = self._schedule.now()
-        still = (0.0, 0.0, 0.0, 1.0)
+        unrotated = (0.0, 0.0, 0.0, 1.0)
         return (
-            TransformStamped("base_laser_link", "base_footprint", (LASER_AHEAD, 0.0, 0.0945), still, now),
+            TransformStamped("base_laser_link", "base_footprint", (LASER_X, 0.0, 0.0945), unrotated, now),
             TransformStamped("sonar_link", "base_footprint", (-0.25, 0.0, 0.2), (0.0, 0.0, 1.0, 0.0), now),
         )
 
@@ -169,30 +172,30 @@ class FloorRobot(Robot):
             east = max(xmin - self.pose.x, 0.0, self.pose.x - xmax)
             north = max(ymin - self.pose.y, 0.0, self.pose.y - ymax)
             self.nearest = min(self.nearest, math.hypot(east, north) - self.info.radius)
-        for one in self.people:
-            one.walk(self.pose, self.info.radius, 0.01)
-            gap = math.hypot(one.x - self.pose.x, one.y - self.pose.y) - self.info.radius - PERSON
-            self.nearest = min(self.nearest, gap)
+        for person in self.people:
+            person.walk(self.pose, self.info.radius, 0.01)
+            self.nearest = min(self.nearest, person.gap(self.pose, self.info.radius))
 
-    def _count(self, now: int) -> None:
-        if not self.numb:
-            pose = replace(self.pose, x=self.pose.x + self.drift, yaw=self.pose.yaw + self.drift)
+    def _update_odometry(self, now: int) -> None:
+        if not self.odometry_failed:
+            x, yaw = self.pose.x + self.odometry_error_m, self.pose.yaw + self.odometry_error_rad
+            pose = replace(self.pose, x=x, yaw=yaw)
             self._odometry = Odometry(pose, self._base.twist, now)
 
-    def _sweep(self, now: int) -> None:
-        if self.blind:
+    def _update_scan(self, now: int) -> None:
+        if self.laser_failed:
             return
         info = self.laser
         angles = info.angle_min + info.angle_increment * np.arange(info.rays) + self.pose.yaw
         cos, sin = np.cos(angles), np.sin(angles)
-        x = self.pose.x + LASER_AHEAD * math.cos(self.pose.yaw)
-        y = self.pose.y + LASER_AHEAD * math.sin(self.pose.yaw)
+        x = self.pose.x + LASER_X * math.cos(self.pose.yaw)
+        y = self.pose.y + LASER_X * math.sin(self.pose.yaw)
         ranges = box_distances(self.boxes, x, y, angles)
-        for one in self.people:
-            ahead = (one.x - x) * cos + (one.y - y) * sin
-            beside = (one.x - x) * sin - (one.y - y) * cos
-            inside = np.maximum(PERSON**2 - beside**2, 0.0)
-            hit = (np.abs(beside) < PERSON) & (ahead > 0.0)
+        for person in self.people:
+            ahead = (person.x - x) * cos + (person.y - y) * sin
+            beside = (person.x - x) * sin - (person.y - y) * cos
+            inside = np.maximum(PERSON_RADIUS**2 - beside**2, 0.0)
+            hit = (np.abs(beside) < PERSON_RADIUS) & (ahead > 0.0)
             ranges = np.where(hit, np.minimum(ranges, ahead - np.sqrt(inside)), ranges)
         ranges += self._sigma * self._random.standard_normal(info.rays)
         ranges = np.where(ranges < info.range_min, -np.inf, ranges)
@@ -215,12 +218,14 @@ class NavigationRig:
         self.robot = robot
         self.tree = TransformTree()
         self.costmap = LocalCostmap()
-        self.held = False
+        self.held = False  # whether the controller keeps the robot still
         self.map_at((0.0, 0.0, 0.0))
         broadcaster = FrameBroadcaster(robot, self.tree)
         broadcaster.step(robot.clock.now())
-        figures = parameters or ControllerParameters()
-        self.follow_path = ControllerServer(robot, self.tree, self.costmap, figures, hold=lambda: self.held)
+        parameters = parameters or ControllerParameters()
+        self.follow_path = ControllerServer(
+            robot, self.tree, self.costmap, parameters, hold=lambda: self.held
+        )
         self.spin = SpinBehaviour(robot, self.tree, self.costmap)
         self.back_up = BackUpBehaviour(robot, self.tree, self.costmap)
         self.drive_on_heading = DriveOnHeadingBehaviour(robot, self.tree, self.costmap)
@@ -228,7 +233,7 @@ class NavigationRig:
         self.assisted_teleop = AssistedTeleopBehaviour(robot, self.tree, self.costmap)
         add_task = robot.schedule.add_task
         add_task(50.0, Phase.TRANSFORMS, broadcaster.step)
-        add_task(5.0, Phase.COSTMAPS, self._see)
+        add_task(5.0, Phase.COSTMAPS, self._update_costmap)
         add_task(20.0, Phase.CONTROLLER, self.follow_path.step)
         behaviours = (self.spin, self.back_up, self.drive_on_heading, self.wait, self.assisted_teleop)
         for behaviour in behaviours:
@@ -237,8 +242,8 @@ class NavigationRig:
     def map_at(self, pose: tuple[float, float, float]) -> None:
         """Set the pose of odom in the map."""
         x, y, yaw = pose
-        turned = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-        self.tree.set_static(TransformStamped("odom", "map", (x, y, 0.0), turned, 0))
+        rotation = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+        self.tree.set_static(TransformStamped("odom", "map", (x, y, 0.0), rotation, 0))
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> float:
         """Advance the time until a condition is true; return the seconds that this took."""
@@ -248,7 +253,7 @@ class NavigationRig:
             self.robot.clock.wait_until(self.robot.clock.now() + NS_PER_S // 20, threading.Event())
         return (self.robot.clock.now() - start) / NS_PER_S
 
-    def _see(self, now: int) -> None:
+    def _update_costmap(self, now: int) -> None:
         scan = self.robot.scan()
         if scan is not None:
             self.costmap.observe(smooth_scan(scan), laser_pose(self.tree, "odom", scan))
@@ -272,5 +277,5 @@ def path_through(*points: tuple[float, float], yaw: float = 0.0, frame: str = "m
 def rig_on_floor(
     *boxes: Box, start: Pose2D | None = None, seed: int = 0, **parameters: float
 ) -> NavigationRig:
-    """Return a robot on a floor with *boxes*; *parameters* are parameters of the controller."""
+    """Return the rig of a robot on a floor with *boxes*; *parameters* are those of the controller."""
     return NavigationRig(FloorRobot(boxes, start, seed), replace(ControllerParameters(), **parameters))

@@ -39,9 +39,9 @@ def arena() -> Iterator[Callable[..., Any]]:
         # There is no localiser here: with the slip of Tiago's wheels, the path would drift into the boxes.
         tiago = load_robot_description()
         milder = replace(tiago, odometry=replace(tiago.odometry, slip=slip, slip_sigma=slip_sigma))
-        course = NavigationRig(SimulatedRobot(worlds[-1], milder))
-        course.map_at(at)
-        return course
+        rig = NavigationRig(SimulatedRobot(worlds[-1], milder))
+        rig.map_at(at)
+        return rig
 
     yield make
     for world in worlds:
@@ -53,9 +53,9 @@ def touched_nothing(body: SimulatedRobot) -> bool:
 
 
 def test_an_s_shaped_path_between_boxes_is_followed_without_contact(arena: Callable[..., Any]) -> None:
-    course = arena()
+    rig = arena()
     beside = []
-    handle = course.follow_path.send_goal(
+    handle = rig.follow_path.send_goal(
         FollowPathGoal(path_through(START, (-1.5, -4.8), (-1.5, -1.5), (1.5, -1.5), (1.5, 1.6)))
     )
 
@@ -63,9 +63,9 @@ def test_an_s_shaped_path_between_boxes_is_followed_without_contact(arena: Calla
         beside.append(abs(handle.feedback.position_error) if handle.feedback else 0.0)
         return handle.done
 
-    course.run(80.0, done)
+    rig.run(80.0, done)
     assert handle.status == GoalStatus.SUCCEEDED
-    assert touched_nothing(course.robot)
+    assert touched_nothing(rig.robot)
     assert max(beside) < 0.2
 
 
@@ -73,11 +73,11 @@ def test_an_s_shaped_path_between_boxes_is_followed_without_contact(arena: Calla
 def test_a_box_on_a_path_with_a_corner_is_passed(
     arena: Callable[..., Any], seed: int, slip: float, slip_sigma: float
 ) -> None:
-    course = arena(slip=slip, slip_sigma=slip_sigma, seed=seed)
-    handle = course.follow_path.send_goal(FollowPathGoal(path_through(START, (-3.15, -4.4), (-3.15, -1.5))))
-    course.run(40.0, lambda: handle.done)
+    rig = arena(slip=slip, slip_sigma=slip_sigma, seed=seed)
+    handle = rig.follow_path.send_goal(FollowPathGoal(path_through(START, (-3.15, -4.4), (-3.15, -1.5))))
+    rig.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
-    assert touched_nothing(course.robot)
+    assert touched_nothing(rig.robot)
 
 
 @pytest.mark.parametrize(
@@ -92,33 +92,33 @@ def test_an_obstacle_on_a_straight_path_is_passed(
     arena: Callable[..., Any], begin: tuple[float, float], end: tuple[float, float]
 ) -> None:
     yaw = math.atan2(end[1] - begin[1], end[0] - begin[0])
-    course = arena(at=(*begin, yaw), slip=0.0, slip_sigma=0.0)
-    handle = course.follow_path.send_goal(FollowPathGoal(path_through(begin, end, yaw=yaw)))
-    course.run(40.0, lambda: handle.done)
+    rig = arena(at=(*begin, yaw), slip=0.0, slip_sigma=0.0)
+    handle = rig.follow_path.send_goal(FollowPathGoal(path_through(begin, end, yaw=yaw)))
+    rig.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
-    assert touched_nothing(course.robot)
+    assert touched_nothing(rig.robot)
 
 
 def test_the_arenas_wall_is_not_touched(arena: Callable[..., Any]) -> None:
-    course = arena()
-    handle = course.follow_path.send_goal(FollowPathGoal(path_through(START, (-4.8, -8.0))))
-    course.run(40.0, lambda: handle.done)
+    rig = arena()
+    handle = rig.follow_path.send_goal(FollowPathGoal(path_through(START, (-4.8, -8.0))))
+    rig.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.ABORTED
-    assert touched_nothing(course.robot)
-    assert -5.7 < course.robot.true_pose().y < -5.2
+    assert touched_nothing(rig.robot)
+    assert -5.7 < rig.robot.true_pose().y < -5.2
 
 
 def test_tiago_spins_and_backs_up(arena: Callable[..., Any]) -> None:
-    course = arena()
-    spin = course.spin.send_goal(SpinGoal(1.57))
-    course.run(10.0, lambda: spin.done)
-    course.run(0.5)
+    rig = arena()
+    spin = rig.spin.send_goal(SpinGoal(1.57))
+    rig.run(10.0, lambda: spin.done)
+    rig.run(0.5)
     assert spin.status == GoalStatus.SUCCEEDED
-    assert course.robot.true_pose().yaw == pytest.approx(1.57, abs=0.15)
-    before = course.robot.true_pose()
-    back = course.back_up.send_goal(BackUpGoal(0.3, 0.15))
-    course.run(10.0, lambda: back.done)
-    course.run(0.5)
+    assert rig.robot.true_pose().yaw == pytest.approx(1.57, abs=0.15)
+    before = rig.robot.true_pose()
+    back = rig.back_up.send_goal(BackUpGoal(0.3, 0.15))
+    rig.run(10.0, lambda: back.done)
+    rig.run(0.5)
     assert back.status == GoalStatus.SUCCEEDED
-    assert before.y - course.robot.true_pose().y == pytest.approx(0.3, abs=0.04)
-    assert touched_nothing(course.robot)
+    assert before.y - rig.robot.true_pose().y == pytest.approx(0.3, abs=0.04)
+    assert touched_nothing(rig.robot)

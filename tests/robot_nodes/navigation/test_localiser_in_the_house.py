@@ -66,7 +66,7 @@ def test_the_pose_is_accurate_to_centimetres(house: House) -> None:
 
 def test_kidnapping_is_noticed_and_the_pose_is_found_again(house: House) -> None:
     house.drive(0.3, 0.0, 3.0)
-    house.body.teleport(Pose2D(-5.3, -8.85, 2.0))
+    house.body.kidnap(Pose2D(-5.3, -8.85, 2.0))
     house.drive(0.0, 0.0, 0.5)
     assert not house.localiser.confident
     for _ in range(60):

@@ -149,7 +149,7 @@ def test_a_kidnapped_robot_is_shown_as_lost_and_turns_to_find_its_pose(house: Ho
     house.navigation.static_scene()
     house.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
     house.run(10.0)
-    house.body.teleport(Pose2D(3.275, -0.375, 1.0))
+    house.body.kidnap(Pose2D(3.275, -0.375, 1.0))
     states, turns = [], []
     for _ in range(60):
         states.append(house.run(0.1)[-1].notes["localisation"])

@@ -412,7 +412,7 @@ def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(
     assert home.body.distance - driven < 0.3 * 0.25 + 0.3**2 / 2 + 0.02
     assert home.navigation.estimate() is None
     if during == "carried to another room":
-        home.body.teleport(Pose2D(-2.2, -0.5, 2.5))
+        home.body.kidnap(Pose2D(-2.2, -0.5, 2.5))
     else:
         home.body._wheel_odometry.x = home.body._wheel_odometry.y = home.body._wheel_odometry.yaw = 0.0
     home.run(2.35)
@@ -486,7 +486,7 @@ def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(flat: Calla
     handle = home.navigation.go_to(Pose2D(2.5, -1.2, 0.0))
     home.run(5.0)
     planned = home.navigation.servers.compute_path.latest_path
-    home.body.teleport(Pose2D(-2.2, -0.5, 2.5))
+    home.body.kidnap(Pose2D(-2.2, -0.5, 2.5))
     noticed = home.run(5.0, lambda: home.navigation.estimate() is None)
     assert noticed < 2.0
     home.run(1.0)

@@ -54,41 +54,40 @@ class TransformLocaliser:
 class NodeRig:
     """A robot, its servers, and trees of Nav2's nodes and of leaves with planned results."""
 
-    def __init__(self, course: NavigationRig) -> None:
-        self.course = course
-        self.robot = course.robot
+    def __init__(self, navigation: NavigationRig) -> None:
+        self.navigation = navigation
+        self.robot = navigation.robot
         self.journal = Journal()
-        self.localiser = TransformLocaliser(course.tree)
+        self.localiser = TransformLocaliser(navigation.tree)
         self.costmap = GlobalCostmap(hall())
         self.compute_path = PlannerServer(Planner(self.costmap), self.localiser.pose)
         self.smooth_path = SmootherServer(self.compute_path.planner)
         self.servers = Servers(
-            course.robot,
-            course.tree,
+            navigation.robot,
+            navigation.tree,
             self.localiser,
             self.costmap,
-            course.costmap,
+            navigation.costmap,
             self.compute_path,
-            course.follow_path,
-            course.spin,
-            course.back_up,
-            course.drive_on_heading,
-            course.wait,
-            course.assisted_teleop,
+            navigation.follow_path,
+            navigation.spin,
+            navigation.back_up,
+            navigation.drive_on_heading,
+            navigation.wait,
+            navigation.assisted_teleop,
             self.smooth_path,
         )
         self.robot.schedule.add_task(20.0, Phase.PLANNER, self.compute_path.step)
         self.robot.schedule.add_task(20.0, Phase.PLANNER, self.smooth_path.step)
 
-    def tree(self, inside: str, **board: object) -> Tree:
-        """Return a tree with the content *inside*, on a blackboard with the entries *board*."""
+    def tree(self, content: str, **entries: object) -> Tree:
+        """Return a tree with the XML *content*, on a blackboard with *entries*."""
         nodes = Registry.standard()
         nav2_nodes.register(nodes)
         nodes.add(RecordedAct, ID="Act")
-        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{inside}</BehaviorTree></root>'
-        given = [self.servers, self.journal]
-        tree = btcore.loads(text, nodes=nodes, resources=given, clock=self.robot.clock)
-        for key, value in board.items():
+        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{content}</BehaviorTree></root>'
+        tree = btcore.loads(text, nodes=nodes, resources=[self.servers, self.journal], clock=self.robot.clock)
+        for key, value in entries.items():
             tree.blackboard[key] = value
         return tree
 
@@ -107,12 +106,12 @@ class NodeRig:
 
     def letters(self, tree: Tree, count: int, every: float = 0.0) -> str:
         """Return the first letters of *count* results, below a parent that does not reset ended children."""
-        found = ""
+        letters = ""
         for _ in range(count):
-            found += tree.root.execute_tick().name[0]
+            letters += tree.root.execute_tick().name[0]
             if every:
                 self.wait(every)
-        return found
+        return letters
 
     def move(self, x: float, y: float = 0.0, yaw: float = 0.0) -> None:
         """Move the robot together with its odometry, and take new readings."""
