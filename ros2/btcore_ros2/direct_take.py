@@ -31,7 +31,7 @@ EVENTS_NS = 500_000_000
 """The time (ns) between two rounds of the executor, for events such as an incompatible QoS."""
 
 REST_NS = 10_000_000
-"""The longest time (ns) between two drains while a caller waits for a client or a service."""
+"""The longest time (ns) between two calls of `take` while a caller waits for a client or a service."""
 
 # The queues of an action client in the order of taking: the flag that `take_data` tests, and the attribute
 # that is empty if no item is expected. Feedback comes before the result of its goal.
@@ -137,7 +137,7 @@ _SERVER_FLAG_VALUES = _flags(_SERVER_FLAGS)
 
 @coroutine
 def _suspend() -> Generator[None, None, None]:
-    """Suspend a coroutine until the next drain."""
+    """Suspend a coroutine until the next call of `take`."""
     yield
 
 
@@ -261,9 +261,8 @@ class DirectTake:
             future = client.get_pending_request(header.request_id.sequence_number)
         except KeyError:  # the request was removed
             return True
-        future._set_executor(
-            self._executor
-        )  # which calls the callbacks of the future, and keeps their errors
+        # The executor calls the callbacks of the future, and keeps their errors.
+        future._set_executor(self._executor)
         future.set_result(response)
         return True
 
@@ -359,7 +358,7 @@ async def _answer(service: Service, request: Any, header: Any) -> None:
 
 
 async def _finish(entity: Any, execution: Coroutine[Any, Any, Any]) -> None:
-    """Continue *execution* once in each drain until it ends, and release the callback group of *entity*."""
+    """Continue *execution* in each call of `take` until it ends, then release the callback group."""
     try:
         while True:
             try:
