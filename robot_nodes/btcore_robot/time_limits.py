@@ -34,7 +34,7 @@ A driver that is started again, or a network that is restored, mostly takes less
 BOOK_SCAN = 1.0
 """The greatest age of a scan in the book's programs, bump and go and VFF; the value is the book's."""
 COMPARED_SCANS = 0.5
-"""The greatest time between two scans whose beams are compared to notice that the robot was carried away.
+"""The greatest time between two scans whose beams are compared to notice that the robot was kidnapped.
 
 After a longer time, people and the robot itself may have changed most of the beams.
 """

@@ -3,6 +3,9 @@
 An event happens exactly at its time: `box:30` drops a box of 0.5 m at 30 s, `kidnap:60` moves the robot at
 60 s. An event that is not possible at its time ends the run with an error. Only an event with a window, such
 as `box:30-60`, waits: from 30 s on for the first suitable moment, and until 60 s at the latest.
+
+Kidnapping, a term of robotics, means that a robot is moved to another place without its odometry. The event
+`kidnap` does this at once, and `carry` along a path, which the robot's laser and camera see.
 """
 
 import math
@@ -214,11 +217,11 @@ class EventTarget(Protocol):
     def ramped_twist(self) -> tuple[float, float]:
         """Return the velocity (m/s, rad/s) that is commanded to the wheels."""
 
-    def teleport(self, pose: Pose2D) -> None:
+    def kidnap(self, pose: Pose2D) -> None:
         """Move the robot to *pose* at once, without a change of its odometry."""
 
     def carry(self, way: Sequence[Pose2D], speed: float) -> None:
-        """Carry the robot along *way* at *speed* (m/s), without a change of its odometry."""
+        """Begin to carry the robot along *way* at *speed* (m/s), without a change of its odometry."""
 
     def carried_along(self) -> Sequence[Pose2D]:
         """Return the poses along which the robot is still to be carried; empty if it is not being carried."""
@@ -404,7 +407,7 @@ class EventRunner:
                 continue
             pose = Pose2D(*place, yaw)
             if event.kind == "kidnap":
-                self._robot.teleport(pose)
+                self._robot.kidnap(pose)
             else:
                 way = floor.way(start, place, clearance)
                 if way is None:

@@ -14,7 +14,7 @@ FIRST_MEASUREMENT = NS_PER_S
 """Time (ns) of the first measurement: until then every navigator waits for its first scans."""
 
 RELOCALISED_ERROR = 0.3
-"""Localisation error (m) up to which a robot counts as relocalised after it was carried away."""
+"""Localisation error (m) up to which a robot counts as relocalised after it was kidnapped."""
 
 LOST_ERROR = 0.5
 """Localisation error (m) above which the estimate is too wrong for driving."""
@@ -26,9 +26,9 @@ _RATE = 10.0  # Hz of the measurements
 
 
 class KidnapRecovery:
-    """The recovery of the localisation after the robot was carried to another place.
+    """The recovery of the localisation after the robot was kidnapped (see `btcore_sim.events`).
 
-    *began* (ns) is the time at which it was carried, *driven* (m) the distance that it had driven before.
+    *began* (ns) is the time at which this began, *driven* (m) the distance that it had driven before.
     """
 
     def __init__(self, began: int, driven: float) -> None:
@@ -57,7 +57,7 @@ class KidnapRecovery:
         self._driven = driven
 
     def figures(self) -> dict[str, float | None]:
-        """Return the values of an entry of `carried`; see `RunMetrics.figures`."""
+        """Return the values of an entry of `kidnappings`; see `RunMetrics.figures`."""
         return {
             "t": self._began / NS_PER_S,
             "noticed_s": None if self._noticed is None else round(self._noticed, 3),
@@ -104,8 +104,8 @@ class RunMetrics:
         other place), its position `x`, `y` (m), the time `time_s` (s) at which navigation gave up, and its
         reason as `cause`.
 
-        If the robot was carried to another place, `carried` has an entry for each time: `t` (s) is the
-        time at which it was carried, `noticed_s` the duration until the navigator noticed it, `found_s`
+        If the robot was kidnapped, `kidnappings` has an entry for each time: `t` (s) is the time at
+        which this began, `noticed_s` the duration until the navigator noticed it, `found_s`
         the duration until the estimate was correct again, and `astray_m` the distance driven with a wrong
         estimate. A duration is None if the event did not happen.
         """
@@ -122,7 +122,7 @@ class RunMetrics:
         self._evaluate(self._navigator.outcomes())
         errors = self._errors
         if self._recoveries:
-            figures["carried"] = [recovery.figures() for recovery in self._recoveries]
+            figures["kidnappings"] = [recovery.figures() for recovery in self._recoveries]
         return figures | {
             "localization_error_m": {
                 "median": round(median(errors), 4) if errors else None,
@@ -144,7 +144,7 @@ class RunMetrics:
         body, estimate = self._body, navigator.estimate()
         true = body.true_pose()
         off = None if estimate is None else _apart(true, estimate)
-        for began in body.teleport_times[len(self._recoveries) :]:
+        for began in body.kidnap_times[len(self._recoveries) :]:
             self._recoveries.append(KidnapRecovery(began, body.distance))
         if self._recoveries:
             self._recoveries[-1].watch(now, body.distance, off, body.is_carried)

@@ -59,7 +59,7 @@ _SETTLE_TIME_S = 0.5  # s of physics before the run begins, in which the wheels 
 
 
 class CarryPath:
-    """The way along which a robot is carried: straight lines between *poses*, at a constant speed.
+    """The path along which a robot is carried: straight lines between *poses*, at a constant speed.
 
     Args:
         poses: The poses of the robot's base.
@@ -166,9 +166,9 @@ class SimulatedRobot(Robot):
         self.contacts = ContactCounter(world.client, self.physics_body.body_id, world.floor)
         self._position = self.physics_body.pose()[0]
         self.distance = 0.0
-        """The true distance driven (m), without the distances over which the robot was carried."""
-        self.teleport_times: list[int] = []
-        """The times (ns) at which `teleport` and `carry` were called."""
+        """The true distance driven (m), without kidnappings."""
+        self.kidnap_times: list[int] = []
+        """The times (ns) at which the robot was kidnapped: `kidnap` or `carry` was called."""
         # The laser's light passes through glass.
         opaque = {body: item for body, item in world.bodies.items() if not item.is_glass}
         static_objects = [item for item in opaque.values() if item.is_static]
@@ -341,9 +341,9 @@ class SimulatedRobot(Robot):
         position, quaternion = self.physics_body.pose()
         return Pose2D(position[0], position[1], pybullet.getEulerFromQuaternion(quaternion)[2])
 
-    def teleport(self, pose: Pose2D) -> None:
+    def kidnap(self, pose: Pose2D) -> None:
         """Move the robot to *pose* at once: the odometry does not change."""
-        self.teleport_times.append(self.world.now())
+        self.kidnap_times.append(self.world.now())
         self._carry_path = None
         self.physics_body.set_pose(pose)
         self._position = self.physics_body.pose()[0]
@@ -359,7 +359,7 @@ class SimulatedRobot(Robot):
             speed: The speed (m/s).
         """
         now = self.world.now()
-        self.teleport_times.append(now)
+        self.kidnap_times.append(now)
         self._carry_path = CarryPath(poses, speed, now, self.physics_body.pose()[0][2])
 
     @property

@@ -108,7 +108,7 @@ def waypoint_misses(result: Result, *names: str) -> list[str]:
 
 def moved_robot_misses(result: Result) -> list[str]:
     """Return the misses of a robot that is moved at 30 s, and has to find its pose again."""
-    moved = [one["t"] for one in result["robot"].get("carried", [])]
+    moved = [kidnapping["t"] for kidnapping in result["robot"].get("kidnappings", [])]
     return relocalisation_misses(result) + (
         [f"moved at {moved} s, and not at 30 s"] if moved != [30.0] else []
     )
@@ -116,8 +116,8 @@ def moved_robot_misses(result: Result) -> list[str]:
 
 def time_to_find(result: Result) -> str:
     """Return the time until the robot found its pose again."""
-    moved = result["robot"].get("carried", [])
-    return f"found after {moved[0]['found_s']} s" if moved else "not moved"
+    kidnappings = result["robot"].get("kidnappings", [])
+    return f"found after {kidnappings[0]['found_s']} s" if kidnappings else "not moved"
 
 
 def unknown_start_misses(result: Result) -> list[str]:

@@ -1,4 +1,4 @@
-"""The patrol of both houses: alone, with the camera, among people, past dropped boxes, and carried away.
+"""The patrol of both houses: alone, with the camera, among people, past dropped boxes, and kidnapped.
 
 ``python tests/acceptance/patrolling.py`` makes all runs, and exits with 1 on any miss; ``--sample`` makes one
 patrol of 300 s a house, from a battery of 25.
@@ -84,12 +84,12 @@ def box_misses(result: Result) -> list[str]:
 
 
 def relocalisation_misses(result: Result) -> list[str]:
-    """Return the misses of a robot that is carried away, stops and finds its pose again within 120 s."""
+    """Return the misses of a robot that is kidnapped, stops and finds its pose again within 120 s."""
     robot, misses = result["robot"], safety_misses(result)
-    carried = robot.get("carried", [])
-    if not carried:
-        return [*misses, "the robot was not carried away"]
-    for removal in carried:
+    kidnappings = robot.get("kidnappings", [])
+    if not kidnappings:
+        return [*misses, "the robot was not kidnapped"]
+    for removal in kidnappings:
         if removal["found_s"] is None or removal["found_s"] > 120.0:
             misses.append(f"not found within 120 s: {removal}")
         if removal["astray_m"] > 0.5:

@@ -77,7 +77,7 @@ def test_a_door_waits_for_the_robot(tmp_path: Path, door: dict) -> None:
     waiting = world.door_opening("office")
     assert 0.0 < waiting < 0.9
     assert (robot.contacts.collisions, robot.contacts.grazes) == (0, 0)
-    robot.teleport(Pose2D(-3.0, -3.0, 0.0))
+    robot.kidnap(Pose2D(-3.0, -3.0, 0.0))
     run(world, OPENING_TIME + 0.1)
     assert world.door_opening("office") == 1.0
     world.close()
@@ -164,7 +164,7 @@ class CarriedRobot:
     def true_pose(self) -> Pose2D:
         return self.poses[-1]
 
-    def teleport(self, pose: Pose2D) -> None:
+    def kidnap(self, pose: Pose2D) -> None:
         self.poses.append(pose)
 
 

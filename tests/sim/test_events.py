@@ -118,7 +118,7 @@ def go(body: SimulatedRobot, seconds: float, v: float = 0.3, w: float = 0.0) -> 
 
 def test_a_box_drops_ahead_and_is_in_the_scan_and_in_the_scene(meet: Callable[..., Any]) -> None:
     body, events = meet("house", "box:1@1.6,0.1")
-    body.teleport(Pose2D(-8.0, -0.5, 0.0))
+    body.kidnap(Pose2D(-8.0, -0.5, 0.0))
     number = body.world.kinematic_bodies("dropped_box_")[0]
     go(body, 0.9)
     assert events.event_log == []
@@ -138,7 +138,7 @@ def test_a_box_drops_ahead_and_is_in_the_scan_and_in_the_scene(meet: Callable[..
 
 def test_a_triggered_box_drops_at_once(meet: Callable[..., Any]) -> None:
     body, events = meet("house", spare_boxes=1)
-    body.teleport(Pose2D(-8.0, -0.5, 0.0))
+    body.kidnap(Pose2D(-8.0, -0.5, 0.0))
     go(body, 0.5, 0.0)
     events.trigger("box")
     assert [(event["event"], event["t"]) for event in events.event_log] == [("box", 0.5)]
@@ -160,7 +160,7 @@ def test_box_drops_at_time_and_place_or_raises(
     meet: Callable[..., Any], pose: Pose2D, event: str, message: str | None
 ) -> None:
     body, events = meet("house", event)
-    body.teleport(pose)
+    body.kidnap(pose)
     if message is not None:
         with pytest.raises(SimError, match=message):
             go(body, 1.5, 0.0)
@@ -174,14 +174,14 @@ def test_box_drops_at_time_and_place_or_raises(
 
 def test_a_second_box_does_not_drop_into_the_first(meet: Callable[..., Any]) -> None:
     body, _ = meet("house", "box:1", "box:1.5")
-    body.teleport(Pose2D(-8.0, -0.5, 0.0))
+    body.kidnap(Pose2D(-8.0, -0.5, 0.0))
     with pytest.raises(SimError, match="'dropped_box_0' is where the box would drop"):
         go(body, 2.0, 0.0)
 
 
 def test_driving_into_a_dropped_box_is_a_collision(meet: Callable[..., Any]) -> None:
     body, events = meet("house", "box:1")
-    body.teleport(Pose2D(-8.0, -0.5, 0.0))
+    body.kidnap(Pose2D(-8.0, -0.5, 0.0))
     go(body, 12.0)
     assert len(events.event_log) == 1
     assert body.contacts.collisions == 1
@@ -189,12 +189,12 @@ def test_driving_into_a_dropped_box_is_a_collision(meet: Callable[..., Any]) -> 
 
 def test_a_box_with_a_window_waits_for_a_robot_that_drives_straight(meet: Callable[..., Any]) -> None:
     body, events = meet("house", "box:0-20")
-    body.teleport(Pose2D(-8.0, -0.5, 0.0))
+    body.kidnap(Pose2D(-8.0, -0.5, 0.0))
     go(body, 1.0, 0.0, 0.0)
     go(body, 1.0, 0.1, 0.5)
     assert events.event_log == []
     assert [str(event) for event in events.pending] == ["box:0-20"]
-    body.teleport(Pose2D(-8.0, -0.5, 0.0))
+    body.kidnap(Pose2D(-8.0, -0.5, 0.0))
     go(body, 1.0)
     assert len(events.event_log) == 1
     assert events.pending == []
@@ -314,7 +314,7 @@ def test_a_carried_robot_sees_the_way_but_its_wheels_do_not_turn(meet: Callable[
     )
     assert body.odometry().pose.x == pytest.approx(0.0, abs=0.02)
     assert body.distance - distance < 0.02
-    assert body.teleport_times == [SECOND]
+    assert body.kidnap_times == [SECOND]
     assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
     go(body, 1.0)
     assert body.odometry().pose.x > 0.1

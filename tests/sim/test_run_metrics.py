@@ -158,8 +158,8 @@ def test_the_times_to_notice_a_kidnapping_and_find_the_pose_are_reported(body: A
     navigator = Navigator(body, Pose2D(0.0, 0.0, 0.0))
     metrics = RunMetrics(body, [navigator])
     steer(body, 2.0, (0.5, 0.0))
-    assert "carried" not in metrics.figures()
-    body.teleport(Pose2D(3.0, 3.0, 0.0))
+    assert "kidnappings" not in metrics.figures()
+    body.kidnap(Pose2D(3.0, 3.0, 0.0))
     navigator.error = Pose2D(3.0, 0.0, 0.0)
     steer(body, 1.0, (0.5, 0.0))
     navigator.error = None
@@ -168,7 +168,7 @@ def test_the_times_to_notice_a_kidnapping_and_find_the_pose_are_reported(body: A
     steer(body, 1.0, (0.5, 0.0))
     navigator.error = Pose2D(0.1, 0.0, 0.0)
     steer(body, 1.0, (0.5, 0.0))
-    (one,) = metrics.figures()["carried"]
+    (one,) = metrics.figures()["kidnappings"]
     assert one["t"] == pytest.approx(2.0)
     assert one["noticed_s"] == pytest.approx(1.0, abs=0.11)
     assert one["found_s"] == pytest.approx(4.0, abs=0.11)
@@ -177,9 +177,9 @@ def test_the_times_to_notice_a_kidnapping_and_find_the_pose_are_reported(body: A
 
 def test_the_distance_driven_after_an_unnoticed_kidnapping_is_reported(body: Any, steer: Any) -> None:
     metrics = RunMetrics(body, [Navigator(body, Pose2D(0.0, 2.0, 0.0))])
-    body.teleport(Pose2D(3.0, 3.0, 0.0))
+    body.kidnap(Pose2D(3.0, 3.0, 0.0))
     steer(body, 4.0, (0.5, 0.0))
-    (one,) = metrics.figures()["carried"]
+    (one,) = metrics.figures()["kidnappings"]
     assert one["noticed_s"] is one["found_s"] is None
     assert one["astray_m"] == pytest.approx(2.0, abs=0.2)
 
@@ -190,6 +190,8 @@ def test_a_carried_robot_has_found_its_pose_only_after_it_was_put_down(body: Any
     start = body.true_pose()
     body.carry([start, Pose2D(start.x + 2.0, start.y, start.yaw)], 1.0)
     steer(body, 1.0, None)
-    assert metrics.figures()["carried"] == [{"t": 0.0, "noticed_s": None, "found_s": None, "astray_m": 0.0}]
+    assert metrics.figures()["kidnappings"] == [
+        {"t": 0.0, "noticed_s": None, "found_s": None, "astray_m": 0.0}
+    ]
     steer(body, 1.5, None)
-    assert metrics.figures()["carried"][0]["found_s"] == pytest.approx(2.0, abs=0.11)
+    assert metrics.figures()["kidnappings"][0]["found_s"] == pytest.approx(2.0, abs=0.11)
