@@ -52,34 +52,32 @@ def corpus(*names: str) -> list[dict[str, object]]:
     return cases
 
 
-def mutated(text: str, chance: random.Random) -> str:
+def mutated(text: str, rng: random.Random) -> str:
     """*text* with one to six changes: pieces put in, cut out, doubled, moved, characters replaced."""
-    for _ in range(chance.randint(1, 6)):
-        at = chance.randint(0, len(text))
-        end = min(len(text), at + int(chance.expovariate(0.08)))
-        kind = chance.randrange(5)
+    for _ in range(rng.randint(1, 6)):
+        at = rng.randint(0, len(text))
+        end = min(len(text), at + int(rng.expovariate(0.08)))
+        kind = rng.randrange(5)
         if kind == 0:
-            text = text[:at] + chance.choice(PIECES) + text[at:]
+            text = text[:at] + rng.choice(PIECES) + text[at:]
         elif kind == 1:
             text = text[:at] + text[end:]
         elif kind == 2:
             text = text[:end] + text[at:]
         elif kind == 3:
-            text = text[:at] + chance.choice(PIECES) + text[end:]
+            text = text[:at] + rng.choice(PIECES) + text[end:]
         else:
             text = (
-                text[:at]
-                + chr(chance.choice((chance.randrange(32, 127), chance.randrange(0x2FF))))
-                + text[at + 1 :]
+                text[:at] + chr(rng.choice((rng.randrange(32, 127), rng.randrange(0x2FF)))) + text[at + 1 :]
             )
     return text
 
 
-def tree(chance: random.Random) -> None:
+def tree(rng: random.Random) -> None:
     """Check a mutated tree, load it, and tick it three times in format 4."""
-    case = chance.choice(corpus("v4_full", "v4_scopes", "v3_full"))
-    text = mutated(str(case["xml"]), chance)
-    format = chance.choice((None, 3, 4))
+    case = rng.choice(corpus("v4_full", "v4_scopes", "v3_full"))
+    text = mutated(str(case["xml"]), rng)
+    format = rng.choice((None, 3, 4))
     nodes = conformance_registry()
     try:
         validate_document(parse_text(text), nodes=nodes, format=format)
@@ -91,23 +89,23 @@ def tree(chance: random.Random) -> None:
         str(fault)
 
 
-def script(chance: random.Random) -> None:
+def script(rng: random.Random) -> None:
     """Compile a mutated script, and run it three times."""
-    case = chance.choice(corpus("scripts"))
+    case = rng.choice(corpus("scripts"))
     board = Blackboard()
     for key, value in dict(case["bb"]).items():  # type: ignore[call-overload]
         board.set(key, value)
     try:
-        program = compile_script(mutated(str(case["script"]), chance), {"RED": 1})
+        program = compile_script(mutated(str(case["script"]), rng), {"RED": 1})
         for _ in range(3):
             program.run(board)
     except BtcoreError as fault:
         str(fault)
 
 
-def port(chance: random.Random) -> None:
+def port(rng: random.Random) -> None:
     """Convert a mutated text to every type of port."""
-    text = mutated(str(chance.choice(corpus("convert"))["text"]), chance)
+    text = mutated(str(rng.choice(corpus("convert"))["text"]), rng)
     for kind in (INT, INT64, UINT, UINT64, DOUBLE, NODE_STATUS, VECTOR_INT, VECTOR_DOUBLE):
         for format in (3, 4):
             try:

@@ -308,17 +308,17 @@ class SlowClock:
 class RandomScript(LeafScript):
     """Random outcomes of the leaves, each of which takes up to *seconds*."""
 
-    def __init__(self, chance: random.Random, seconds: float, unknown: Sequence[int]) -> None:
+    def __init__(self, rng: random.Random, seconds: float, unknown: Sequence[int]) -> None:
         super().__init__(unknown)
-        self._chance = chance
+        self._rng = rng
         self._seconds = seconds
 
     def choose(self, options: int) -> int:
         """Return the number of the next outcome, after some time."""
-        if self._seconds and self._chance.random() < 0.5:
-            time.sleep(self._seconds * self._chance.random())
+        if self._seconds and self._rng.random() < 0.5:
+            time.sleep(self._seconds * self._rng.random())
         self.options.append(options)
-        return self._chance.randrange(options)
+        return self._rng.randrange(options)
 
 
 class Runner:
@@ -374,18 +374,18 @@ class Runner:
         longest = self._longest_timer(tree, clock.now())
         return End(seen, leaves.following(), tuple(leaves.given), state, longest)
 
-    def random_run(self, chance: random.Random, ticks: int) -> Iterator[Seen]:
+    def random_run(self, rng: random.Random, ticks: int) -> Iterator[Seen]:
         """Run the tree with random leaves, by the system's clock, and yield what happens in each tick.
 
         Args:
-            chance: The source of random numbers.
+            rng: The source of random numbers.
             ticks: The greatest number of ticks.
         """
         begin_run()
         clock = SystemClock()
         has_timers = not {*_TIMED, "UserTimer", "UserElapsed"}.isdisjoint(self.tree.tags.values())
         seconds = 2.5 * UNIT_MS / 1000 if has_timers else 0.0
-        leaves = RandomScript(chance, seconds, self._unknown)
+        leaves = RandomScript(rng, seconds, self._unknown)
         board = first_blackboard(self.tree.format, clock)
         resources = [leaves, ScriptedPrompt(leaves)]
         tree = instantiate(self._plans, resources, board, clock)
@@ -393,7 +393,7 @@ class Runner:
         for node in tree.nodes:
             node.set_post_tick_function(partial(_record, results))
         for _ in range(ticks):
-            time.sleep(seconds * chance.random())
+            time.sleep(seconds * rng.random())
             leaves.begin(())
             results.clear()
             seen = self._tick(tree, leaves, results, clock.now())

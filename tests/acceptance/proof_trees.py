@@ -68,67 +68,67 @@ Attributes = dict[str, str]
 _Maker = Callable[[random.Random, int], Attributes]
 
 
-def _none(chance: random.Random, children: int) -> Attributes:
+def _none(rng: random.Random, children: int) -> Attributes:
     return {}
 
 
 def _fixed(**texts: str) -> _Maker:
-    return lambda chance, children: dict(texts)
+    return lambda rng, children: dict(texts)
 
 
-def _switch(chance: random.Random, children: int) -> Attributes:
+def _switch(rng: random.Random, children: int) -> Attributes:
     cases = {f"case_{number}": str(number - 1) for number in range(1, children)}
-    return {"variable": chance.choice(["{s}", "{s}", "{w}"]), **cases}
+    return {"variable": rng.choice(["{s}", "{s}", "{w}"]), **cases}
 
 
-def _cycles(chance: random.Random, children: int) -> Attributes:
-    return {"num_cycles": chance.choice(["1", "2", "3", "-1"])}
+def _cycles(rng: random.Random, children: int) -> Attributes:
+    return {"num_cycles": rng.choice(["1", "2", "3", "-1"])}
 
 
-def _attempts(chance: random.Random, children: int) -> Attributes:
-    return {"num_attempts": chance.choice(["1", "2", "3", "-1"])}
+def _attempts(rng: random.Random, children: int) -> Attributes:
+    return {"num_attempts": rng.choice(["1", "2", "3", "-1"])}
 
 
 def _duration(name: str) -> _Maker:
-    return lambda chance, children: {name: str(UNIT_MS * chance.choice([0, 1, 1, 2, 2, 3]))}
+    return lambda rng, children: {name: str(UNIT_MS * rng.choice([0, 1, 1, 2, 2, 3]))}
 
 
-def _parallel(chance: random.Random, children: int) -> Attributes:
-    needed = chance.choice([-1, *range(1, children + 1)])
-    return {"success_count": str(needed), "failure_count": str(chance.randint(1, children))}
+def _parallel(rng: random.Random, children: int) -> Attributes:
+    needed = rng.choice([-1, *range(1, children + 1)])
+    return {"success_count": str(needed), "failure_count": str(rng.randint(1, children))}
 
 
-def _parallel_3(chance: random.Random, children: int) -> Attributes:
+def _parallel_3(rng: random.Random, children: int) -> Attributes:
     return {
-        "success_threshold": str(chance.randint(1, children)),
-        "failure_threshold": str(chance.randint(1, children)),
+        "success_threshold": str(rng.randint(1, children)),
+        "failure_threshold": str(rng.randint(1, children)),
     }
 
 
 def _flag(name: str) -> _Maker:
-    return lambda chance, children: {name: chance.choice(["true", "false"])}
+    return lambda rng, children: {name: rng.choice(["true", "false"])}
 
 
-def _precondition(chance: random.Random, children: int) -> Attributes:
+def _precondition(rng: random.Random, children: int) -> Attributes:
     results = ["SUCCESS", "FAILURE", "SKIPPED", "RUNNING"]
-    return {"if": chance.choice(_CONDITIONS), "else": chance.choice(results)}
+    return {"if": rng.choice(_CONDITIONS), "else": rng.choice(results)}
 
 
 def _loop(values: str, key: str) -> _Maker:
-    return lambda chance, children: {
-        "queue": chance.choice([values, values, "{q}"]),
+    return lambda rng, children: {
+        "queue": rng.choice([values, values, "{q}"]),
         "value": "{" + key + "}",
-        "if_empty": chance.choice(["SUCCESS", "FAILURE", "SKIPPED"]),
+        "if_empty": rng.choice(["SUCCESS", "FAILURE", "SKIPPED"]),
     }
 
 
-def _watched(chance: random.Random, children: int = 0) -> Attributes:
-    return {"entry": chance.choice(["{m}", "{u}"])}
+def _watched(rng: random.Random, children: int = 0) -> Attributes:
+    return {"entry": rng.choice(["{m}", "{u}"])}
 
 
-def _comparison(chance: random.Random, children: int) -> Attributes:
-    status = chance.choice(["SUCCESS", "FAILURE", "RUNNING"])
-    return {"value_A": chance.choice(["{a}", "{m}"]), "value_B": "1", "return_on_mismatch": status}
+def _comparison(rng: random.Random, children: int) -> Attributes:
+    status = rng.choice(["SUCCESS", "FAILURE", "RUNNING"])
+    return {"value_A": rng.choice(["{a}", "{m}"]), "value_B": "1", "return_on_mismatch": status}
 
 
 class NodeKind(NamedTuple):
@@ -160,7 +160,7 @@ NODES: dict[int, dict[str, NodeKind]] = {
         "AsyncSequence": NodeKind(1, 4),
         "SequenceWithMemory": NodeKind(1, 4),
         "Parallel": NodeKind(1, 4, _parallel),
-        "ParallelAll": NodeKind(1, 4, lambda chance, n: {"max_failures": str(chance.randint(1, n))}),
+        "ParallelAll": NodeKind(1, 4, lambda rng, n: {"max_failures": str(rng.randint(1, n))}),
         "TryCatch": NodeKind(2, 4, _flag("catch_on_halt")),
         "WhileDoElse": NodeKind(2, 3),
         "LoopBool": NodeKind(1, 1, _loop("true;false", "f")),
@@ -206,19 +206,19 @@ _WORD = re.compile(r"\w+")
 _FILLERS = ("AlwaysSuccess", "AlwaysFailure")
 _BUILT_IN: dict[int, dict[str, Callable[[random.Random], Attributes]]] = {
     4: {
-        "Script": lambda chance: {"code": chance.choice(_STATEMENTS)},
-        "ScriptCondition": lambda chance: {"code": chance.choice(_CONDITIONS)},
-        "SetBlackboard": lambda chance: {"value": chance.choice("01"), "output_key": "{m}"},
-        "UnsetBlackboard": lambda chance: {"key": "m"},
+        "Script": lambda rng: {"code": rng.choice(_STATEMENTS)},
+        "ScriptCondition": lambda rng: {"code": rng.choice(_CONDITIONS)},
+        "SetBlackboard": lambda rng: {"value": rng.choice("01"), "output_key": "{m}"},
+        "UnsetBlackboard": lambda rng: {"key": "m"},
         "WasEntryUpdated": _watched,
-        "Sleep": lambda chance: {"msec": str(UNIT_MS * chance.choice([0, 1, 2]))},
-        "AlwaysSuccess": lambda chance: {},
-        "AlwaysFailure": lambda chance: {},
+        "Sleep": lambda rng: {"msec": str(UNIT_MS * rng.choice([0, 1, 2]))},
+        "AlwaysSuccess": lambda rng: {},
+        "AlwaysFailure": lambda rng: {},
     },
     3: {
-        "SetBlackboard": lambda chance: {"value": chance.choice("01"), "output_key": "m"},
-        "AlwaysSuccess": lambda chance: {},
-        "AlwaysFailure": lambda chance: {},
+        "SetBlackboard": lambda rng: {"value": rng.choice("01"), "output_key": "m"},
+        "AlwaysSuccess": lambda rng: {},
+        "AlwaysFailure": lambda rng: {},
     },
 }
 
@@ -309,12 +309,12 @@ class RandomTree(NamedTuple):
 class _Writer:
     """Writes one random tree, node by node."""
 
-    def __init__(self, chance: random.Random, format: int) -> None:
-        self.chance = chance
+    def __init__(self, rng: random.Random, format: int) -> None:
+        self.rng = rng
         self.format = format
-        self.timers = MOST_TIMERS if chance.random() < 0.3 else 0
-        self.scripted = format == 4 and chance.random() < 0.3
-        self.users = chance.sample(list(_USER_NODES), 2) if format == 4 and chance.random() < 0.3 else []
+        self.timers = MOST_TIMERS if rng.random() < 0.3 else 0
+        self.scripted = format == 4 and rng.random() < 0.3
+        self.users = rng.sample(list(_USER_NODES), 2) if format == 4 and rng.random() < 0.3 else []
         self.numbers = count(1)
         self.tags: dict[str, str] = {}
         self.attributes: dict[str, Attributes] = {}
@@ -323,17 +323,17 @@ class _Writer:
 
     def element(self, leaves: int, depth: int = 0) -> str:
         """Return a random element with at most *leaves* leaves that are not built in."""
-        chance = self.chance
-        if leaves == 1 and (depth > 3 or chance.random() < 0.55):
+        rng = self.rng
+        if leaves == 1 and (depth > 3 or rng.random() < 0.55):
             return self.leaf()
-        if depth and chance.random() < 0.06:
+        if depth and rng.random() < 0.06:
             return self.subtree(leaves, depth)
         known = NODES[self.format]
-        if self.users and leaves < 3 and chance.random() < 0.5:
-            tag = self.users.pop(chance.randrange(len(self.users)))
+        if self.users and leaves < 3 and rng.random() < 0.5:
+            tag = self.users.pop(rng.randrange(len(self.users)))
             return self.written(tag, _USER_NODES[tag], leaves, depth)
         fitting = [tag for tag, kind in known.items() if (kind.most == 1 or leaves > 1 or depth < 1)]
-        decorates = leaves == 1 or chance.random() < 0.35
+        decorates = leaves == 1 or rng.random() < 0.35
         fitting = [
             tag
             for tag in fitting
@@ -344,33 +344,33 @@ class _Writer:
         fitting = [tag for tag in fitting if tag not in switches[1:]]
         # Several timers in a tree are more interesting than one.
         fitting += [tag for tag in fitting if tag in _TIMED] * 6
-        tag = chance.choice(fitting)
-        tag = chance.choice(switches) if tag in switches else tag
+        tag = rng.choice(fitting)
+        tag = rng.choice(switches) if tag in switches else tag
         kind = known[tag]
         self.timers -= tag in _TIMED
         return self.written(tag, kind, leaves, depth)
 
     def written(self, tag: str, kind: NodeKind, leaves: int, depth: int) -> str:
         """Return an element with children."""
-        chance = self.chance
-        wanted = max(kind.least, min(kind.most, chance.randint(1, leaves) if kind.most > 1 else 1))
+        rng = self.rng
+        wanted = max(kind.least, min(kind.most, rng.randint(1, leaves) if kind.most > 1 else 1))
         shares = [0] * wanted
         for _ in range(leaves):
-            shares[chance.randrange(wanted)] += 1
-        name = self.start(tag, kind.attributes(chance, wanted))
+            shares[rng.randrange(wanted)] += 1
+        name = self.start(tag, kind.attributes(rng, wanted))
         inside = "".join(self.element(share, depth + 1) if share else self.filler() for share in shares)
         return f"<{self.head(name)}>{inside}</{tag}>"
 
     def start(self, tag: str, attributes: Attributes) -> str:
         """Return the name of a new node."""
         name = f"n{next(self.numbers)}"
-        if self.scripted and self.chance.random() < 0.25:
+        if self.scripted and self.rng.random() < 0.25:
             before = ["_successIf", "_failureIf", "_skipIf", "_while"]
             after = ["_onSuccess", "_onFailure", "_post", "_onHalted"]
-            if self.chance.random() < 0.5:
-                attributes = {**attributes, self.chance.choice(before): self.chance.choice(_CONDITIONS)}
+            if self.rng.random() < 0.5:
+                attributes = {**attributes, self.rng.choice(before): self.rng.choice(_CONDITIONS)}
             else:
-                attributes = {**attributes, self.chance.choice(after): self.chance.choice(_STATEMENTS)}
+                attributes = {**attributes, self.rng.choice(after): self.rng.choice(_STATEMENTS)}
         self.tags[name] = tag
         self.attributes[name] = attributes
         return name
@@ -382,22 +382,22 @@ class _Writer:
 
     def leaf(self) -> str:
         """Return a leaf: a scripted one, or a built-in one."""
-        chance = self.chance
-        if chance.random() < 0.2:
+        rng = self.rng
+        if rng.random() < 0.2:
             built_in = _BUILT_IN[self.format]
-            tag = chance.choice([tag for tag in built_in if tag != "Sleep" or self.timers])
+            tag = rng.choice([tag for tag in built_in if tag != "Sleep" or self.timers])
             self.timers -= tag == "Sleep"
-            return f"<{self.head(self.start(tag, built_in[tag](chance)))}/>"
+            return f"<{self.head(self.start(tag, built_in[tag](rng)))}/>"
         possible = [tag for tag in LEAVES if self.format == 4 or tag not in _FORMAT_4_LEAVES]
-        tag = chance.choice([*possible, *_ACTIONS])
+        tag = rng.choice([*possible, *_ACTIONS])
         ports = {} if LEAVES[tag].port is None else {"value": "{" + LEAVES[tag].key + "}"}
         return f"<{self.head(self.start(tag, ports))}/>"
 
     def race(self) -> str:
         """Return a Parallel of two delayed actions, of which the second delay begins after a leaf."""
         known = NODES[self.format]
-        parallel = self.start("Parallel", known["Parallel"].attributes(self.chance, 2))
-        delays = [self.start("Delay", known["Delay"].attributes(self.chance, 1)) for _ in range(2)]
+        parallel = self.start("Parallel", known["Parallel"].attributes(self.rng, 2))
+        delays = [self.start("Delay", known["Delay"].attributes(self.rng, 1)) for _ in range(2)]
         self.racers = [self.start("Move", {}), self.start("Move", {})]
         first, second = (
             f"<{self.head(delay)}><{self.head(racer)}/></Delay>"
@@ -410,7 +410,7 @@ class _Writer:
 
     def filler(self) -> str:
         """Return a leaf without a choice."""
-        return f"<{self.head(self.start(self.chance.choice(_FILLERS), {}))}/>"
+        return f"<{self.head(self.start(self.rng.choice(_FILLERS), {}))}/>"
 
     def subtree(self, leaves: int, depth: int) -> str:
         """Return a SubTree, which uses the entries of the tree around it."""
@@ -419,7 +419,7 @@ class _Writer:
         if self.format == 4:
             tag, attributes = "SubTree", {"ID": ID, "_autoremap": "true"}
         else:
-            shared = self.chance.random() < 0.5
+            shared = self.rng.random() < 0.5
             tag = "SubTree" if shared else "SubTreePlus"
             attributes = {"ID": ID, "__shared_blackboard" if shared else "__autoremap": "true"}
         name = self.start(tag, attributes)
@@ -431,48 +431,46 @@ class _Writer:
 
 def random_tree(seed: str) -> RandomTree:
     """Return the random tree that follows from *seed*."""
-    chance = random.Random(seed)
-    format = chance.choice([4, 4, 3])
-    writer = _Writer(chance, format)
-    if writer.timers and chance.random() < 0.3:
+    rng = random.Random(seed)
+    format = rng.choice([4, 4, 3])
+    writer = _Writer(rng, format)
+    if writer.timers and rng.random() < 0.3:
         body = writer.race()
     else:
-        body = writer.element(chance.choice([1, 2, 3, 3, MOST_LEAVES, MOST_LEAVES]))
+        body = writer.element(rng.choice([1, 2, 3, 3, MOST_LEAVES, MOST_LEAVES]))
     texts = [text for attributes in writer.attributes.values() for text in attributes.values()]
     for key, tag in (("u", "Note"), ("w", "Tell")):
-        if any(key in _WORD.findall(text) for text in texts) and chance.random() < 0.7:
+        if any(key in _WORD.findall(text) for text in texts) and rng.random() < 0.7:
             first, leaf = writer.start("Sequence", {}), writer.start(tag, {"value": f"{{{key}}}"})
             body = f"<{writer.head(first)}><{writer.head(leaf)}/>{body}</Sequence>"
     trees = f'<BehaviorTree ID="Main">{body}</BehaviorTree>' + "".join(writer.subtrees)
     xml = f'<root BTCPP_format="{format}" main_tree_to_execute="Main">{trees}</root>'
     tree = RandomTree(format, xml, writer.tags, writer.attributes, [])
     if tree.leaves:
-        tree.questions.extend(_random_questions(chance, tree))
+        tree.questions.extend(_random_questions(rng, tree))
     if writer.racers:
         first, second = (Atom("ticked", racer, "") for racer in writer.racers)
         tree.questions.extend(
             [RandomQuestion("before", first, second), RandomQuestion("before", second, first)]
         )
-    return tree._replace(is_instant=chance.random() < 0.3)
+    return tree._replace(is_instant=rng.random() < 0.3)
 
 
-def _random_questions(chance: random.Random, tree: RandomTree) -> list[RandomQuestion]:
+def _random_questions(rng: random.Random, tree: RandomTree) -> list[RandomQuestion]:
     # The name of a SubTree of format 3 is the ID of its tree.
     named = [name for name, tag in tree.tags.items() if not tag.startswith("SubTree")]
 
     def atom() -> Atom:
-        kind = chance.choice(["running", "is", "is", "ticked", "halted", "entry"])
+        kind = rng.choice(["running", "is", "is", "ticked", "halted", "entry"])
         if kind == "entry":
-            return Atom(
-                kind, chance.choice("aamm" + "u" * ("Note" in tree.tags.values())), chance.choice("01")
-            )
-        leaf = chance.choice(tree.leaves)
-        name = leaf if kind in ("ticked", "halted") else chance.choice([leaf, *named])
-        return Atom(kind, name, chance.choice(["SUCCESS", "FAILURE"]) if kind == "is" else "")
+            return Atom(kind, rng.choice("aamm" + "u" * ("Note" in tree.tags.values())), rng.choice("01"))
+        leaf = rng.choice(tree.leaves)
+        name = leaf if kind in ("ticked", "halted") else rng.choice([leaf, *named])
+        return Atom(kind, name, rng.choice(["SUCCESS", "FAILURE"]) if kind == "is" else "")
 
     return [
         RandomQuestion("never", atom()),
         RandomQuestion("before", atom(), atom()),
-        RandomQuestion("leads to", atom(), atom(), chance.randint(0, 3)),
+        RandomQuestion("leads to", atom(), atom(), rng.randint(0, 3)),
         RandomQuestion("leads to", atom(), atom()),
     ]

@@ -436,12 +436,12 @@ def contradictions(tree: RandomTree, runs: int, seed: str) -> list[str]:
     proved = {answer.question for answer in answers if answer.answer == PROVED}
     checks = {question: check for question, check in standard_checks(tree).items() if question in proved}
     asked = [question for question in tree.questions if str(question) in proved]
-    chance = random.Random(seed)
+    rng = random.Random(seed)
     runner = Runner(tree, TICKS)
     found: dict[str, None] = {}
     for _ in range(runs if checks or asked else 0):
         memories = [0] * len(asked)
-        for seen in runner.random_run(chance, TICKS_OF_RUN):
+        for seen in runner.random_run(rng, TICKS_OF_RUN):
             found |= {question: None for question, is_violated in checks.items() if is_violated(seen)}
             for place, question in enumerate(asked):
                 memories[place], wrong = Monitor.advanced(question, memories[place], seen)

@@ -62,16 +62,16 @@ def real_files() -> list[str]:
 
 def file_text(seed: int, number: int) -> str:
     """Return the text of a file."""
-    chance = random.Random(f"{seed}:{number}")
-    if chance.random() < 0.4:
-        text = chance.choice(real_files())
+    rng = random.Random(f"{seed}:{number}")
+    if rng.random() < 0.4:
+        text = rng.choice(real_files())
     else:
-        text = str(chance.choice(corpus("v4_full", "v4_scopes", "v3_full"))["xml"]).replace("><", ">\n<")
-    at = text.find(">", chance.randrange(len(text))) + 1
-    text = text[:at] + chance.choice(GREETINGS) + text[at:]
+        text = str(rng.choice(corpus("v4_full", "v4_scopes", "v3_full"))["xml"]).replace("><", ">\n<")
+    at = text.find(">", rng.randrange(len(text))) + 1
+    text = text[:at] + rng.choice(GREETINGS) + text[at:]
     text = text.replace('name="', 'name="Größe 🤖 ', 2)
-    if chance.random() < 0.5:
-        text = mutated(text, chance)
+    if rng.random() < 0.5:
+        text = mutated(text, rng)
     return text.encode()[:LIMIT].decode(errors="ignore")
 
 
@@ -112,13 +112,13 @@ def seen(diagnostics: Sequence[types.Diagnostic]) -> list[Mistake]:
     )
 
 
-async def request_everything(editor: Editor, uri: str, offset: int, chance: random.Random) -> None:
+async def request_everything(editor: Editor, uri: str, offset: int, rng: random.Random) -> None:
     """Send a request for each feature at the cursor; a failure of the server raises an exception."""
     text = editor.texts[uri]
     identifier = types.TextDocumentIdentifier(uri)
     at = position(text, offset)
     whole = types.Range(types.Position(0, 0), position(text, len(text)))
-    options = types.FormattingOptions(chance.choice((2, 4)), chance.random() < 0.5)
+    options = types.FormattingOptions(rng.choice((2, 4)), rng.random() < 0.5)
     capabilities = editor.server_capabilities
     wanted = {
         "code_action_provider": lambda: editor.text_document_code_action_async(
@@ -171,23 +171,23 @@ async def request_everything(editor: Editor, uri: str, offset: int, chance: rand
 
 async def type_file(editor: Editor, folder: Path, library: Path, seed: int, number: int) -> str:
     """Type a file. Return the difference to `btcore validate`, or ""."""
-    chance = random.Random(f"typing:{seed}:{number}")
+    rng = random.Random(f"typing:{seed}:{number}")
     text = file_text(seed, number)
     path = folder / f"größe_{number}.xml"
     path.write_text("<root/>", encoding="utf-8")  # what is on disk is not what the editor shows
     uri = editor.open(path, "")
-    due = chance.randrange(REQUEST_EVERY)
+    due = rng.randrange(REQUEST_EVERY)
     for offset, character in enumerate(text):
         editor.replace(uri, offset, offset, character)
-        if chance.random() < 0.01:  # a slip of the finger
-            editor.replace(uri, offset + 1, offset + 1, chance.choice('<>"{🤖'))
+        if rng.random() < 0.01:  # a slip of the finger
+            editor.replace(uri, offset + 1, offset + 1, rng.choice('<>"{🤖'))
             editor.replace(uri, offset + 1, len(editor.texts[uri]), "")
         if offset == due:
-            await request_everything(editor, uri, offset + 1, chance)
-            due += chance.randrange(1, 2 * REQUEST_EVERY)
+            await request_everything(editor, uri, offset + 1, rng)
+            due += rng.randrange(1, 2 * REQUEST_EVERY)
     assert editor.texts[uri] == text
     shown = seen(await editor.find_mistakes(uri))
-    await request_everything(editor, uri, chance.randint(0, len(text)), chance)
+    await request_everything(editor, uri, rng.randint(0, len(text)), rng)
     editor.close(uri)
     path.write_bytes(text.encode())
     wanted = expected(path, library)

@@ -135,12 +135,12 @@ def test_transition_of_an_unknown_node_ends_the_reading(captures: Path, tmp_path
 
 def test_damaged_file_gives_a_recording_or_a_log_error(captures: Path, tmp_path: Path) -> None:
     data = (captures / "v4_sample.btlog").read_bytes()
-    chance = random.Random(3)
+    rng = random.Random(3)
     path = tmp_path / "bent.btlog"
     faults: list[str] = []
     for _ in range(300):
         bent = bytearray(data)
-        bent[chance.randrange(len(data))] = chance.randrange(256)
+        bent[rng.randrange(len(data))] = rng.randrange(256)
         path.write_bytes(bent)
         try:
             read_btlog(path)

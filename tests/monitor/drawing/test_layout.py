@@ -43,19 +43,19 @@ def tree_of(
 
 def random_tree(count: int, seed: int = 7) -> list[Box]:
     """A tree as people write them: some levels, two to six children, names of 6 to 24 letters."""
-    chance = random.Random(seed)
+    rng = random.Random(seed)
     parents, open_nodes = [], [0]
     load = {0: 0}
     for node in range(1, count):
-        parent = chance.choice(open_nodes[:60])
+        parent = rng.choice(open_nodes[:60])
         parents.append(parent)
         load[parent] += 1
-        if load[parent] >= chance.randint(2, 6):
+        if load[parent] >= rng.randint(2, 6):
             open_nodes.remove(parent)
         load[node] = 0
-        if chance.random() < 0.45 or not open_nodes:
+        if rng.random() < 0.45 or not open_nodes:
             open_nodes.append(node)
-    return tree_of(parents, [chance.uniform(90, 300) for _ in range(count)])
+    return tree_of(parents, [rng.uniform(90, 300) for _ in range(count)])
 
 
 @st.composite

@@ -102,13 +102,13 @@ def test_file_truncated_in_its_tree_raises(captures: Path, tmp_path: Path, cut: 
 
 def test_damaged_file_gives_a_recording_or_a_log_error(captures: Path, tmp_path: Path) -> None:
     data = (captures / "v3_sample.fbl").read_bytes()
-    chance = random.Random(3)
+    rng = random.Random(3)
     path = tmp_path / "bent.fbl"
     faults: list[str] = []
     for _ in range(1000):
         bent = bytearray(data)
         for _ in range(3):
-            bent[chance.randrange(len(data))] = chance.randrange(256)
+            bent[rng.randrange(len(data))] = rng.randrange(256)
         path.write_bytes(bent)
         try:
             read_fbl(path)

@@ -31,22 +31,22 @@ REPLIES = {
 CASES = 400
 
 
-def damaged(data: bytes, chance: random.Random) -> bytes:
+def damaged(data: bytes, rng: random.Random) -> bytes:
     """Return *data* with a few bytes changed, inserted, removed or repeated."""
     changed = bytearray(data)
-    for _ in range(chance.choice((1, 1, 3, 12))):
-        at = chance.randrange(len(changed) + 1)
-        kind = chance.randrange(5)
+    for _ in range(rng.choice((1, 1, 3, 12))):
+        at = rng.randrange(len(changed) + 1)
+        kind = rng.randrange(5)
         if kind == 0 and at < len(changed):
-            changed[at] ^= 1 << chance.randrange(8)
+            changed[at] ^= 1 << rng.randrange(8)
         elif kind == 1 and at < len(changed):
-            changed[at] = chance.choice((0, 127, 128, 255))
+            changed[at] = rng.choice((0, 127, 128, 255))
         elif kind == 2:
-            changed[at:at] = chance.randbytes(chance.randrange(9))
+            changed[at:at] = rng.randbytes(rng.randrange(9))
         elif kind == 3:
-            del changed[at : at + chance.randrange(40)]
+            del changed[at : at + rng.randrange(40)]
         else:
-            changed[at:at] = changed[: chance.randrange(64)]
+            changed[at:at] = changed[: rng.randrange(64)]
     return bytes(changed)
 
 
@@ -106,7 +106,7 @@ def test_a_feed_of_damaged_groot_2_replies_recovers(
     until: Callable[..., None],
     share: float,
 ) -> None:
-    chance = random.Random(20)
+    rng = random.Random(20)
     answers = 0
     tree_ids = [bytes(16), bytes(range(16))]
 
@@ -114,12 +114,12 @@ def test_a_feed_of_damaged_groot_2_replies_recovers(
         nonlocal answers
         answers += 1
         kind, unique_id = struct.unpack("<xBI", request[0])
-        frames = capture(f"{chance.choice(REPLIES[chr(kind)])}.rep")
+        frames = capture(f"{rng.choice(REPLIES[chr(kind)])}.rep")
         # Sometimes the robot restarts.
         frames[0] = struct.pack("<BBI", 2, kind, unique_id) + tree_ids[answers // 100 % 2]
-        if answers < CASES and chance.random() < share:
-            at = chance.choice((0, 1, 1, 1, 1, 1, 1, 1, 1, 1))
-            frames[at] = damaged(frames[at], chance)
+        if answers < CASES and rng.random() < share:
+            at = rng.choice((0, 1, 1, 1, 1, 1, 1, 1, 1, 1))
+            frames[at] = damaged(frames[at], rng)
         return frames
 
     reported: list[str] = []
@@ -155,14 +155,14 @@ def test_a_feed_of_damaged_groot_1_messages_recovers(
 ) -> None:
     monkeypatch.setattr(groot1_feed, "_RETRY_AFTER_S", 0.0)
     monkeypatch.setattr(groot1_feed, "FIRST_UPDATE", 0.0)
-    chance = random.Random(10)
+    rng = random.Random(10)
     tree = (CAPTURES / "v3_behaviortree.flatbuffer.bin").read_bytes()
     updates = [(CAPTURES / f"v3_pub_{number}.bin").read_bytes() for number in (1, 2, 3)]
     sent = 0
     share = 0.5
 
     def answer(request: list[bytes]) -> list[bytes]:
-        return [damaged(tree, chance) if chance.random() < share else tree]
+        return [damaged(tree, rng) if rng.random() < share else tree]
 
     requests = robot(answer)
     publisher = requests.context.socket(zmq.PUB)
@@ -176,8 +176,8 @@ def test_a_feed_of_damaged_groot_1_messages_recovers(
         sent += 1
         if sent > CASES:
             share = 0.0
-        update = chance.choice(updates)
-        publisher.send(damaged(update, chance) if chance.random() < share else update)
+        update = rng.choice(updates)
+        publisher.send(damaged(update, rng) if rng.random() < share else update)
         try:
             events = feed.step()
         except (NoReplyError, ProtocolError) as error:

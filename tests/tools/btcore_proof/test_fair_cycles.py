@@ -6,28 +6,28 @@ from itertools import combinations
 
 import pytest
 
+from btcore.status import SUCCESS
 from btcore_proof.fair_cycles import Fairness, cyclic_parts, find_fair_cycle
-from btcore_proof.state_graph import Edge, StateGraph
-from btcore_proof.state_graph import Step as GraphStep
+from btcore_proof.state_graph import END_OF, Edge, StateGraph, Step
 
-STATES, EDGES, BITS = 4, 8, 4
+STATES, EDGES = 4, 8
+BITS = 4  # in the signals of an edge
 
 
-def random_graph(chance: random.Random) -> StateGraph:
+def random_graph(rng: random.Random) -> StateGraph:
     edges: list[list[Edge]] = [[] for _ in range(STATES)]
     for _ in range(EDGES):
-        # Target -3: the tree has succeeded.
-        target = chance.choice([*range(STATES), -3])
-        edges[chance.randrange(STATES)].append(Edge(target, chance.getrandbits(BITS), 0, None))
+        target = rng.choice([*range(STATES), END_OF[SUCCESS]])
+        edges[rng.randrange(STATES)].append(Edge(target, rng.getrandbits(BITS), 0, None))
     return StateGraph(edges)
 
 
-def random_condition(chance: random.Random) -> Fairness:
-    cause = chance.choice([0, 1 << chance.randrange(BITS)])
-    return Fairness(cause, 1 << chance.randrange(BITS))
+def random_condition(rng: random.Random) -> Fairness:
+    cause = rng.choice([0, 1 << rng.randrange(BITS)])
+    return Fairness(cause, 1 << rng.randrange(BITS))
 
 
-def meets(steps: Sequence[GraphStep], conditions: Sequence[Fairness]) -> bool:
+def meets(steps: Sequence[Step], conditions: Sequence[Fairness]) -> bool:
     """Return whether a run through exactly *steps* again and again meets the conditions."""
     for cause, effect in conditions:
         caused = not cause or any(edge.signals & cause for _, edge in steps)
@@ -36,7 +36,7 @@ def meets(steps: Sequence[GraphStep], conditions: Sequence[Fairness]) -> bool:
     return True
 
 
-def is_connected(steps: Sequence[GraphStep]) -> bool:
+def is_connected(steps: Sequence[Step]) -> bool:
     """Return whether a run can pass all of *steps* again and again."""
     for _, first in steps:
         reached = {first.target}
@@ -49,10 +49,10 @@ def is_connected(steps: Sequence[GraphStep]) -> bool:
 
 @pytest.mark.parametrize("seed", range(120))
 def test_a_fair_cycle_is_found_if_there_is_one(seed: int) -> None:
-    chance = random.Random(seed)
-    graph = random_graph(chance)
-    conditions = [random_condition(chance) for _ in range(chance.randint(0, 3))]
-    forbidden = chance.choice([0, 1 << chance.randrange(BITS)])
+    rng = random.Random(seed)
+    graph = random_graph(rng)
+    conditions = [random_condition(rng) for _ in range(rng.randint(0, 3))]
+    forbidden = rng.choice([0, 1 << rng.randrange(BITS)])
     steps = [
         (state, edge)
         for state, edges in enumerate(graph.edges)
@@ -64,12 +64,12 @@ def test_a_fair_cycle_is_found_if_there_is_one(seed: int) -> None:
         for count in range(1, len(steps) + 1)
         for chosen in combinations(steps, count)
     )
-    found = find_fair_cycle(graph, cyclic_parts(graph), conditions, lambda edge: not edge.signals & forbidden)
-    assert (found is not None) == exists
-    if found is not None:
-        assert all(step in steps for step in found.steps)
-        assert [edge.target for _, edge in found.steps] == [
-            *(state for state, _ in found.steps[1:]),
-            found.start,
+    cycle = find_fair_cycle(graph, cyclic_parts(graph), conditions, lambda edge: not edge.signals & forbidden)
+    assert (cycle is not None) == exists
+    if cycle is not None:
+        assert all(step in steps for step in cycle.steps)
+        assert [edge.target for _, edge in cycle.steps] == [
+            *(state for state, _ in cycle.steps[1:]),
+            cycle.start,
         ]
-        assert meets(found.steps, conditions)
+        assert meets(cycle.steps, conditions)

@@ -73,9 +73,9 @@ def symbolic_ends(script: Script, instant: bool) -> Iterator[Ends]:
 @pytest.mark.parametrize("instant", [True, False])
 @pytest.mark.parametrize("seed", range(12))
 def test_the_timers_end_in_every_order_that_is_possible_and_in_no_other(seed: int, instant: bool) -> None:
-    chance = random.Random(seed)
-    counts = chance.choice([(1, 0, 2, 0), (2, 1, 0, 0), (1, 1, 1, 0), (3, 0, 0), (1, 2, 0), (0, 1, 2, 0)])
-    script = [[chance.randint(1, 3) for _ in range(count)] for count in counts]
+    rng = random.Random(seed)
+    counts = rng.choice([(1, 0, 2, 0), (2, 1, 0, 0), (1, 1, 1, 0), (3, 0, 0), (1, 2, 0), (0, 1, 2, 0)])
+    script = [[rng.randint(1, 3) for _ in range(count)] for count in counts]
     found = list(symbolic_ends(script, instant))
     assert len(found) == len(set(found))
     assert set(found) == concrete_ends(script, instant)

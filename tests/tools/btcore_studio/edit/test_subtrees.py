@@ -45,11 +45,11 @@ def behaviour(case: dict[str, Any], xml: str) -> list[Any]:
 
 @pytest.mark.parametrize("name", ["v4_full", "v4_scopes"])
 def test_an_extracted_branch_ticks_as_before(name: str) -> None:
-    chance, done = random.Random(f"extract:{name}"), 0
+    rng, done = random.Random(f"extract:{name}"), 0
     cases = recorded(name)
-    for case in chance.sample(cases, min(len(cases), COUNT)):
+    for case in rng.sample(cases, min(len(cases), COUNT)):
         plans = plans_of(case["xml"])
-        node = chance.choice(nodes_of(plans))
+        node = rng.choice(nodes_of(plans))
         try:
             edits = extract_subtree(plans, node.element, "Extracted")
         except EditError:
@@ -61,15 +61,15 @@ def test_an_extracted_branch_ticks_as_before(name: str) -> None:
 
 
 def test_an_inlined_tree_ticks_as_before() -> None:
-    chance, done = random.Random("inline"), 0
+    rng, done = random.Random("inline"), 0
     cases = [
         case for name in ("v4_scopes", "v4_full") for case in recorded(name) if "<SubTree" in case["xml"]
     ]
-    for case in chance.sample(cases, min(len(cases), 2 * COUNT)):
+    for case in rng.sample(cases, min(len(cases), 2 * COUNT)):
         plans = plans_of(case["xml"])
         calls = [node for node in nodes_of(plans) if node.subtree_call is not None]
         try:
-            edit = inline_subtree(plans, chance.choice(calls).element)
+            edit = inline_subtree(plans, rng.choice(calls).element)
         except (EditError, IndexError):
             continue
         text = apply_edits(case["xml"], [edit])

@@ -58,19 +58,19 @@ def plain(element: Element) -> Plain:
     return element.tag, dict(element.attributes), [plain(child) for child in element.children]
 
 
-def decorated(text: str, chance: random.Random) -> str:
+def decorated(text: str, rng: random.Random) -> str:
     """Return a document with the same elements, but other line ends, indentation, comments and CDATA."""
-    if chance.random() < 0.3:
+    if rng.random() < 0.3:
         text = re.sub(r"^( +)", lambda match: "\t" * (len(match[1]) // 2), text, flags=re.MULTILINE)
-    if chance.random() < 0.3:
+    if rng.random() < 0.3:
         text = re.sub(r"^([ \t]+)(?=<[A-Za-z])", r"\1<!-- 🤖ä -->", text, flags=re.MULTILINE)
-    if chance.random() < 0.3:
+    if rng.random() < 0.3:
         text = re.sub(r"/>$", "/> <!-- <Sleep/> -->", text, flags=re.MULTILINE)
-    if chance.random() < 0.3:
+    if rng.random() < 0.3:
         text = text.replace("</BehaviorTree>", "<![CDATA[ <x> ]]></BehaviorTree>")
-    if chance.random() < 0.3:
+    if rng.random() < 0.3:
         text = re.sub(r"(?=<BehaviorTree)", '<include path="included.xml"/>', text, count=1)
-    return text.replace("\n", "\r\n") if chance.random() < 0.3 else text
+    return text.replace("\n", "\r\n") if rng.random() < 0.3 else text
 
 
 def find(whole: Plain, path: list[int]) -> Plain:
@@ -90,25 +90,25 @@ def path_of(element: ScannedElement) -> list[int]:
 class Operation:
     """A random operation on a document: its edits, and the same change of the parsed elements."""
 
-    def __init__(self, text: str, model: Plain, chance: random.Random) -> None:
+    def __init__(self, text: str, model: Plain, rng: random.Random) -> None:
         self.editor = TreeEditor(scan(text))
         self.model = model
-        self.chance = chance
+        self.rng = rng
         inside = [item for item in self.editor.scan.elements if "BehaviorTree" in map(str, tags_above(item))]
-        self.element = chance.choice(inside)
+        self.element = rng.choice(inside)
         self.path = path_of(self.element)
         self.parent = find(model, self.path[:-1])
         self.index = self.path[-1]
         self.own = self.parent[2][self.index]
 
     def set_attribute(self) -> list[Edit]:
-        name = self.chance.choice([*self.own[1], "name"])
-        value = self.chance.choice(["a", "{b}", "<&\"'>", "1\n2", "🤖"])
+        name = self.rng.choice([*self.own[1], "name"])
+        value = self.rng.choice(["a", "{b}", "<&\"'>", "1\n2", "🤖"])
         self.own[1][name] = value
         return [self.editor.set_attribute(self.element, name, value)]
 
     def rename_attribute(self) -> list[Edit]:
-        name = self.chance.choice([*self.own[1], "none"])
+        name = self.rng.choice([*self.own[1], "none"])
         edit = self.editor.rename_attribute(self.element, name, "name")
         attributes = [("name" if key == name else key, value) for key, value in self.own[1].items()]
         self.own[1].clear()
@@ -116,12 +116,12 @@ class Operation:
         return [edit]
 
     def remove_attribute(self) -> list[Edit]:
-        name = self.chance.choice([*self.own[1], "none"])
+        name = self.rng.choice([*self.own[1], "none"])
         self.own[1].pop(name, None)
         return [self.editor.remove_attribute(self.element, name)]
 
     def change_type(self) -> list[Edit]:
-        id, ports = self.chance.choice((("Sleep", {"msec"}), ("Fallback", set()), ("Inverter", set())))
+        id, ports = self.rng.choice((("Sleep", {"msec"}), ("Fallback", set()), ("Inverter", set())))
         edits = self.editor.change_type(self.element, id, ports)
         attributes = self.own[1]
         for name in [name for name in attributes if name[0] != "_" and name not in (*ports, "ID", "name")]:
@@ -144,10 +144,10 @@ class Operation:
         return [self.editor.enable(self.element)]
 
     def insert(self) -> list[Edit]:
-        xml = self.chance.choice(
+        xml = self.rng.choice(
             ["<AlwaysSuccess/>", "<A/>\n<B>\n    <C/>\n</B>", "<A>", "text", '<Script code="a:=1;\n  b:=2"/>']
         )
-        at = self.chance.randint(0, len(self.own[2]))
+        at = self.rng.randint(0, len(self.own[2]))
         edit = self.editor.insert(self.element, at, xml)
         self.own[2][at:at] = plain(parse_text(f"<root>{xml}</root>").root)[2]
         return [edit]
@@ -157,9 +157,9 @@ class Operation:
         return [self.editor.remove(self.element)]
 
     def move(self) -> list[Edit]:
-        place = self.chance.choice(self.editor.scan.elements)
+        place = self.rng.choice(self.editor.scan.elements)
         target = find(self.model, path_of(place))
-        at = self.chance.randint(0, len(place.children))
+        at = self.rng.randint(0, len(place.children))
         edits = self.editor.move(self.element, place, at)
         if edits:
             target[2].insert(at, self.own)
@@ -173,7 +173,7 @@ class Operation:
         return [self.editor.duplicate(self.element)]
 
     def wrap(self) -> list[Edit]:
-        last = self.chance.randint(self.index, len(self.parent[2]) - 1)
+        last = self.rng.randint(self.index, len(self.parent[2]) - 1)
         children = self.parent[2][self.index : last + 1]
         self.parent[2][self.index : last + 1] = [("Fallback", {}, children)]
         assert self.element.parent is not None
@@ -201,20 +201,20 @@ def comments(text: str) -> list[str]:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_random_operations(nodes: Registry, texts: dict[str, list[str]], tmp_path: Path, seed: int) -> None:
-    chance = random.Random(f"edits:{seed}")
+    rng = random.Random(f"edits:{seed}")
     (tmp_path / "included.xml").write_text(
         '<root><BehaviorTree ID="Included"><Sleep msec="1"/></BehaviorTree></root>'
     )
     outcomes = {"done": 0, "refused": 0}
     for number in range(COUNT):
-        name = chance.choice(list(texts))
-        text = decorated(chance.choice(texts[name]), chance)
+        name = rng.choice(list(texts))
+        text = decorated(rng.choice(texts[name]), rng)
         try:
             document = parse_text(text, str(tmp_path / name))
-            made = Operation(text, plain(document.root), chance)
+            made = Operation(text, plain(document.root), rng)
         except (TreeError, IndexError):
             continue  # a recorded document that is invalid, or has no nodes
-        operation = chance.choice(OPERATIONS)
+        operation = rng.choice(OPERATIONS)
         place = f"{number}: {operation.__name__} in {name}"
         try:
             edits = operation(made)
@@ -224,7 +224,7 @@ def test_random_operations(nodes: Registry, texts: dict[str, list[str]], tmp_pat
                 assert plain(parse_text(result).root) == made.model, place
             assert apply_edits(result, invert_edits(text, edits)) == text, place
             check_rest(made, text, result, operation.__name__, place)
-            check_rebased(text, edits, chance, place)
+            check_rebased(text, edits, rng, place)
             assert apply_checked(document, edits, nodes) == result
         except EditError as error:
             outcomes["refused"] += bool(str(error))
@@ -244,9 +244,9 @@ def check_rest(made: Operation, text: str, result: str, name: str, place: str) -
         assert result.count("\n") == result.count("\r\n") or "\r\n" not in text, place
 
 
-def check_rebased(text: str, edits: list[Edit], chance: random.Random, place: str) -> None:
+def check_rebased(text: str, edits: list[Edit], rng: random.Random, place: str) -> None:
     """The inverse restores the text after another edit, too, with that edit applied."""
-    at = chance.choice([match.start() for match in re.finditer("<", text)])
+    at = rng.choice([match.start() for match in re.finditer("<", text)])
     other = [Edit(at, at, "<!-- meanwhile -->")]
     try:
         after = rebase_edits(other, edits)

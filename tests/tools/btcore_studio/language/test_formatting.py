@@ -60,10 +60,10 @@ def test_the_same_tree_is_formatted_again_after_white_space_changed(file: Path) 
 
 @pytest.mark.parametrize("file", sorted(TREES.rglob("*.xml")), ids=lambda file: file.stem)
 def test_formatting_changes_only_white_space_and_can_be_undone(file: Path) -> None:
-    chance = random.Random(f"format:{file.stem}")
+    rng = random.Random(f"format:{file.stem}")
     for _ in range(5):
-        text = decorated(file.read_text(encoding="utf-8"), chance)
-        edits = formatting_edits(scan(text), chance.choice(["\t", "    "]))
+        text = decorated(file.read_text(encoding="utf-8"), rng)
+        edits = formatting_edits(scan(text), rng.choice(["\t", "    "]))
         for start, end, new in edits:
             old = text[start:end]
             assert not (old + new).strip(), (old, new)
