@@ -29,6 +29,8 @@ MOVED_MODULES: Final = {
     "btcore_robot.navigation.waypoint_file": "btcore_robot.waypoint_file",
     "btcore_robot.leaves.explore": "btcore_navigation.leaves.explore",
     "btcore_robot.leaves.navigate": "btcore_navigation.leaves.navigate",
+    "btcore_robot.process": "btcore_robot.components",
+    "btcore_robot.process.process": "btcore_robot.components.component",
     "btcore_sim.scene": "btcore_sim.world_description",
 }
 """The new names of modules that have moved, by their old names. CHANGELOG.md lists them under "To do"."""

@@ -292,7 +292,7 @@ def test_robot_servers_do_not_import_the_engine() -> None:
         "btcore_navigation",
         "btcore_robot.control",
         "btcore_robot.perception",
-        "btcore_robot.process",
+        "btcore_robot.components",
     ):
         found = violations(package, "btcore", but=WITH_TREES)
         assert {text.partition(" → ")[2] for text in found} <= FILES_AND_ERRORS

@@ -68,7 +68,7 @@ class Phase(IntEnum):
     PLANNER = 5
     CONTROLLER = 6
     HEAD = 7
-    PROCESSES = 8
+    COMPONENTS = 8
     EVALUATION = 9
 
 

@@ -84,7 +84,7 @@ def check_schedule(robot: Robot) -> None:
     """Check that a scheduled task runs at its rate during a wait, and no longer after it was ended."""
     times: list[int] = []
     start = robot.clock.now()
-    end = robot.schedule.add_task(20.0, Phase.PROCESSES, times.append)
+    end = robot.schedule.add_task(20.0, Phase.COMPONENTS, times.append)
     wait(robot, 0.5)
     assert 9 <= len(times) <= 11, f"a task at 20 Hz ran {len(times)} times in 0.5 s"
     assert times == sorted(times), "the time that a task is called with never decreases"

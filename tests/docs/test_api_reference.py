@@ -30,9 +30,9 @@ def source() -> griffe.ModulesCollection:
 TABLES = ("btcore.diagnostic_codes", "btcore.values", "btcore_monitor.events")
 # Nav2's documentation explains the parameters; the pages show their names, types and defaults.
 NAV2_PARAMETERS = "btcore_navigation.parameters"
-# Leaves and processes are run, not called: their pages describe the ports and the topics, and hide all else.
+# Leaves and components are run, not called: their pages describe the ports and the topics, and hide all else.
 LEAVES = ("btcore_navigation.leaves", "btcore_robot.leaves")
-PROCESS = "btcore_robot.process.process.Process"
+COMPONENT = "btcore_robot.components.component.Component"
 
 
 def public_objects() -> Iterator[tuple[str, griffe.Object]]:
@@ -104,8 +104,8 @@ def explains(cls: griffe.Class, name: str) -> bool:
 
 
 def is_run_only(cls: griffe.Class) -> bool:
-    """Whether *cls* is a built-in leaf of a robot or derived from Process."""
-    return cls.path.startswith(LEAVES) or any(base.path == PROCESS for base in bases(cls))
+    """Whether *cls* is a built-in leaf of a robot or derived from Component."""
+    return cls.path.startswith(LEAVES) or any(base.path == COMPONENT for base in bases(cls))
 
 
 def is_enum(cls: griffe.Class) -> bool:

@@ -14,10 +14,10 @@ pytest.importorskip("pybullet")
 
 from btcore import Registry, Status, Tree, load, loads
 from btcore.cli.main import main
+from btcore_robot.components.lifecycle import Lifecycle, LifecycleState
 from btcore_robot.leaves import LocateObjects, TurnToFree, register
 from btcore_robot.leaves.drive import TURN_SPEED
 from btcore_robot.perception.object_locator import BoundingBox3D
-from btcore_robot.process.lifecycle import LifecycleComponent, LifecycleState
 
 ROOT = Path(__file__).parents[2]
 FREE_SPACE = ROOT / "trees/tutorials/free_space.xml"
@@ -106,7 +106,7 @@ def test_an_enclosed_robot_searches_for_a_gap_and_then_fails(robot: RecordingRob
     assert {v for v, _ in robot.commands} == {0.0}
 
 
-class Locator(LifecycleComponent):
+class Locator(Lifecycle):
     """A locator whose boxes the test sets."""
 
     boxes: tuple[BoundingBox3D, ...] = ()

@@ -39,8 +39,8 @@ from btcore_navigation.navigation_servers import (
 )
 from btcore_navigation.path import NavPath
 from btcore_proof.leaf_models import LeafModel, model_of, resources_of
+from btcore_robot.components.lifecycle import LifecycleState
 from btcore_robot.leaves.lifecycle_leaves import ObjectLocatorProtocol
-from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import Odometry, Pose2D, Twist2D, Waypoints
 
 IDLE, RUNNING, SUCCESS, FAILURE = Status.IDLE, Status.RUNNING, Status.SUCCESS, Status.FAILURE
@@ -318,7 +318,7 @@ def random_resources(robot: Any, draw: random.Random, used: list[str], tmp_path:
         exclude_goal=lambda: None,
         save=lambda path: None,
     )
-    component = SimpleNamespace(
+    server = SimpleNamespace(
         state=LifecycleState.INACTIVE, activate=lambda: True, deactivate=lambda: True, boxes=[1]
     )
     places = Waypoints({"recharge": Pose2D(0, 0, 0), "wp1": Pose2D(1, 1, 0)}, "here")
@@ -333,9 +333,9 @@ def random_resources(robot: Any, draw: random.Random, used: list[str], tmp_path:
     servers = random_servers(draw, used)
     assert isinstance(explorer, Explorer)
     assert isinstance(explorer, PoseNavigator)
-    assert isinstance(component, ObjectLocatorProtocol)
+    assert isinstance(server, ObjectLocatorProtocol)
     assert isinstance(servers, NavigationServers)
-    return [robot, servers, explorer, component, places, MapFile(tmp_path / "map.yaml")]
+    return [robot, servers, explorer, server, places, MapFile(tmp_path / "map.yaml")]
 
 
 def watch_of(draw: random.Random, tick: float, halt: float) -> type[Watch]:
@@ -393,8 +393,8 @@ def test_leaves_follow_their_models_in_the_simulator(explores: bool, tmp_path: A
     else:
         stack = Navigation(robot, rasterise(description), random_numbers, folder())
     tracker, locator = HeadTracker(robot), ObjectLocator(robot, stack.servers.transforms)
-    for component in (tracker, locator):
-        component.configure()
+    for server in (tracker, locator):
+        server.configure()
     wheels: list[str] = []
     records(robot, "drive", wheels, lambda *given: f"drive {given}")
     records(stack, "go_to", wheels, lambda *given: "go_to")
@@ -412,8 +412,8 @@ def test_leaves_follow_their_models_in_the_simulator(explores: bool, tmp_path: A
             tree.tick_exactly_once()
             world.wait_until(world.now() + 100_000_000, threading.Event())
     finally:
-        for component in (tracker, locator):
-            component.shutdown()
+        for server in (tracker, locator):
+            server.shutdown()
         world.close()
     assert sorted(set(watch.faults)) == []
 

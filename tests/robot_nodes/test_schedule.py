@@ -19,7 +19,7 @@ def test_each_class_is_a_clock_and_a_schedule(kind: type) -> None:
     clock: RobotClock = made
     schedule: Schedule = made
     calls: list[int] = []
-    schedule.add_task(1000.0, Phase.PROCESSES, calls.append)
+    schedule.add_task(1000.0, Phase.COMPONENTS, calls.append)
     start = clock.now()
     assert clock.wait_until(start + SECOND // 50, NEVER) is False
     assert clock.now() >= start + SECOND // 50
@@ -31,7 +31,7 @@ def test_each_class_is_a_clock_and_a_schedule(kind: type) -> None:
 def test_a_wait_ends_when_it_is_woken(kind: type) -> None:
     made = kind()
     wake = threading.Event()
-    made.add_task(1000.0, Phase.PROCESSES, lambda now: wake.set())
+    made.add_task(1000.0, Phase.COMPONENTS, lambda now: wake.set())
     start = time.monotonic()
     assert made.wait_until(made.now() + 60 * SECOND, wake) is True
     assert time.monotonic() - start < 30.0
@@ -46,7 +46,7 @@ def test_a_frequency_of_zero_is_refused(kind: type) -> None:
 def test_in_simulated_time_simultaneous_tasks_run_by_rank_and_then_by_order() -> None:
     made = SimulatedSchedule()
     calls: list[str] = []
-    for name, rank in (("b", Phase.PROCESSES), ("c", Phase.PROCESSES), ("a", Phase.SENSORS)):
+    for name, rank in (("b", Phase.COMPONENTS), ("c", Phase.COMPONENTS), ("a", Phase.SENSORS)):
         made.add_task(2.0, rank, lambda now, name=name: calls.append(f"{name}{now // 10**6}"))
     made.wait_until(SECOND, NEVER)
     assert calls == ["a500", "b500", "c500", "a1000", "b1000", "c1000"]

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import btcore_scene
+from btcore_robot.components.component import Component, ComponentContext
 from btcore_robot.errors import RobotError
 from btcore_robot.perception.colour import ColourRange, Detection, Detections, debug_image, detect_each
-from btcore_robot.process.process import Process, ProcessContext
 from btcore_robot.robot import Robot
 from btcore_scene import MovingScene, Picture, StaticScene
 
@@ -19,11 +19,11 @@ PERIOD_S = 1.0
 """The period (s) of the reports."""
 
 
-class ColourWatcher(Process):
-    """A process that logs, once a second, the last objects published on the topic `detection`.
+class ColourWatcher(Component):
+    """A component that logs, once a second, the last objects published on the topic `detection`.
 
     Args:
-        context: The resources that processes share.
+        context: The resources that components share.
         ranges: The lower and upper limits of hue, saturation and value, as `parse_hsv_ranges` returns them.
         each: Whether every object is marked separately in the picture.
 
@@ -31,7 +31,7 @@ class ColourWatcher(Process):
         RobotError: The robot has no camera, or the camera is off.
     """
 
-    def __init__(self, context: ProcessContext, ranges: list[int], each: bool) -> None:
+    def __init__(self, context: ComponentContext, ranges: list[int], each: bool) -> None:
         super().__init__("colour_watcher", context)
         if context.robot is None or context.robot.camera_info is None:
             raise RobotError("there are no camera images: the robot has no camera, or it is off")

@@ -11,12 +11,12 @@ from btcore_robot.book.runner import (
     BookRunner,
     OutputSettings,
     Results,
-    run_processes,
+    run_components,
     world_command,
 )
-from btcore_robot.process.launch import launch_processes, read_launch
-from btcore_robot.process.process import ProcessOptions
-from btcore_robot.process.programs import create_processes
+from btcore_robot.components.component import ComponentOptions
+from btcore_robot.components.launch import launch_components, read_launch
+from btcore_robot.components.programs import create_components
 
 FIRST_STEPS = ("logger", "publisher", "subscriber", "executor", "localization")
 _DRIVEN = {
@@ -38,17 +38,17 @@ def book() -> None:
 @click.pass_context
 def hello(ctx: click.Context, /, program: str, params: Path | None, **settings: object) -> int:
     """Run a program of chapter 2; by default the executor with publisher and subscriber."""
-    from btcore_robot.process.parameters import load_process_parameters
+    from btcore_robot.components.parameters import load_component_parameters
 
-    options = ProcessOptions()
+    options = ComponentOptions()
     if params is not None:
-        options = ProcessOptions(parameters=load_process_parameters(params, f"{program}_node"))
+        options = ComponentOptions(parameters=load_component_parameters(params, f"{program}_node"))
 
     def create(runner: BookRunner) -> Results:
-        runner.add(*create_processes(program, runner.context, options))
+        runner.add(*create_components(program, runner.context, options))
         return Results()
 
-    return run_processes(ctx, "Hello", create, embodied=False)
+    return run_components(ctx, "Hello", create, embodied=False)
 
 
 @world_command(book, "launch", "Start the programs of a launch file.")
@@ -60,14 +60,14 @@ def launch(ctx: click.Context, /, file: Path, output: OutputSettings, **settings
     entries = read_launch(file)
 
     def create(runner: BookRunner) -> Results:
-        runner.add(*launch_processes(entries, runner.context))
+        runner.add(*launch_components(entries, runner.context))
         return Results(
-            lambda: {"processes": [process.name for process in runner.executor.processes]},
+            lambda: {"components": [component.name for component in runner.executor.components]},
             lambda: draw_graph(runner.context.topics),
         )
 
     is_embodied = any(entry.node.program == "bridge" for entry in entries)
-    return run_processes(ctx, "Launched", create, output, embodied=is_embodied)
+    return run_components(ctx, "Launched", create, output, embodied=is_embodied)
 
 
 @world_command(book, "bumpgo-fsm", "Bump and go by a state machine (chapter 3).")
@@ -87,16 +87,16 @@ def bumpgo_fsm(ctx: click.Context, /, turn: str, output: OutputSettings, **setti
     colours = {"forward": (46, 130, 80), "back": (200, 70, 50), "turn": (40, 100, 190), "stop": (90, 90, 90)}
 
     def create(runner: BookRunner) -> Results:
-        [process] = create_processes(program, runner.context, ProcessOptions(remap=_DRIVEN))
-        assert isinstance(process, BumpGo)
-        runner.add(*create_processes("bridge", runner.context), process)
-        trail = Trail(runner.context, lambda: process.state.value)
+        [component] = create_components(program, runner.context, ComponentOptions(remap=_DRIVEN))
+        assert isinstance(component, BumpGo)
+        runner.add(*create_components("bridge", runner.context), component)
+        trail = Trail(runner.context, lambda: component.state.value)
         return Results(
-            lambda: {"changes": process.changes, "state": process.state.value},
+            lambda: {"changes": component.changes, "state": component.state.value},
             lambda: trail.draw(colours, "bump and go: the way by odometry, what the laser saw").image,
         )
 
-    return run_processes(ctx, "BumpGo", create, output)
+    return run_components(ctx, "BumpGo", create, output)
 
 
 @world_command(book, "vff", "Avoidance by a virtual force field (chapter 5.1).")
@@ -108,13 +108,13 @@ def vff(ctx: click.Context, /, all_near: bool, output: OutputSettings, **setting
 
     def create(runner: BookRunner) -> Results:
         program = "avoidance_vff_all" if all_near else "avoidance_vff"
-        [process] = create_processes(program, runner.context, ProcessOptions(remap=_DRIVEN))
-        assert isinstance(process, Avoidance)
+        [component] = create_components(program, runner.context, ComponentOptions(remap=_DRIVEN))
+        assert isinstance(component, Avoidance)
         watcher = ForceWatcher(runner.context)
-        runner.add(*create_processes("bridge", runner.context), process, watcher)
+        runner.add(*create_components("bridge", runner.context), component, watcher)
         return Results(watcher.results, watcher.draw, [watcher])
 
-    return run_processes(ctx, "AvoidanceVff", create, output)
+    return run_components(ctx, "AvoidanceVff", create, output)
 
 
 class DetectorSettings(Settings):
@@ -134,19 +134,19 @@ def _obstacle(
 
     def create(runner: BookRunner) -> Results:
         parameters = {"colour_by_distance": settings.colour_by_distance}
-        processes = create_processes(detector, runner.context, ProcessOptions(remap=_DRIVEN))
-        processes += create_processes(
-            "obstacle_monitor", runner.context, ProcessOptions(parameters=parameters)
+        components = create_components(detector, runner.context, ComponentOptions(remap=_DRIVEN))
+        components += create_components(
+            "obstacle_monitor", runner.context, ComponentOptions(parameters=parameters)
         )
         if settings.displacement:
-            processes += create_processes("displacement", runner.context)
+            components += create_components("displacement", runner.context)
         if settings.frames:
-            processes += create_processes("obstacle_in_frames", runner.context)
+            components += create_components("obstacle_in_frames", runner.context)
         watcher = ObstacleWatcher(runner.context, settings.drive, settings.turn)
-        runner.add(*create_processes("bridge", runner.context), *processes, watcher)
+        runner.add(*create_components("bridge", runner.context), *components, watcher)
         return Results(watcher.results, watcher.draw, [watcher])
 
-    return run_processes(ctx, name, create, output)
+    return run_components(ctx, name, create, output)
 
 
 _DETECTOR_OPTIONS = [pass_options(DetectorSettings, "detector")]
@@ -199,17 +199,17 @@ def colour(
     ranges = parse_hsv_ranges(hsv)
 
     def create(runner: BookRunner) -> Results:
-        options = ProcessOptions(remap=_DRIVEN, parameters={"hsv_ranges": ranges, "each": each})
+        options = ComponentOptions(remap=_DRIVEN, parameters={"hsv_ranges": ranges, "each": each})
         watcher = ColourWatcher(runner.context, ranges, each)
         runner.add(
-            *create_processes("bridge", runner.context),
-            *create_processes("object_detector", runner.context, options),
+            *create_components("bridge", runner.context),
+            *create_components("object_detector", runner.context, options),
             watcher,
         )
         runner.robot.move_head(pan, tilt)
         return Results(watcher.results, watcher.draw, [watcher])
 
-    return run_processes(ctx, "ColourDetection", create, output)
+    return run_components(ctx, "ColourDetection", create, output)
 
 
 @world_command(book, "head-tracking", "The head follows a colour, by PID (chapter 5.2).")
@@ -226,4 +226,4 @@ def head_tracking(
         runner.add(watcher)
         return Results(watcher.results, watcher.draw, [watcher])
 
-    return run_processes(ctx, "HeadTracking", create, output)
+    return run_components(ctx, "HeadTracking", create, output)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 import btcore_scene
 from btcore_robot.book.top_view import TopView
 from btcore_robot.book.trail import scan_points_in
-from btcore_robot.process.messages import Arrow, Arrows
-from btcore_robot.process.process import Process, ProcessContext
+from btcore_robot.components.component import Component, ComponentContext
+from btcore_robot.components.messages import Arrow, Arrows
 from btcore_robot.robot import Phase, Pose2D
 from btcore_scene import MovingScene, StaticScene
 
@@ -20,10 +20,10 @@ FRAME = "base_footprint"
 _NAMES = {0: "repulsive", 1: "result", 2: "attractive"}
 
 
-class ForceWatcher(Process):
-    """A process that stores the forces, published as arrows on `vff_debug`, at the strongest repulsion."""
+class ForceWatcher(Component):
+    """A component that stores the forces, published as arrows on `vff_debug`, at the strongest repulsion."""
 
-    def __init__(self, context: ProcessContext) -> None:
+    def __init__(self, context: ComponentContext) -> None:
         super().__init__("vff_watcher", context)
         self.arrows: tuple[Arrow, ...] = ()
         self.strongest: tuple[Arrow, ...] = ()

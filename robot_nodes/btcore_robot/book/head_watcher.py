@@ -6,18 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.book.colour_watcher import camera_scene
+from btcore_robot.components.component import Component, ComponentContext
 from btcore_robot.control.head_tracker import BOOK_TUNING, REACTIVE, HeadTracker, command_from_detection
 from btcore_robot.errors import RobotError
 from btcore_robot.perception.colour import debug_image
-from btcore_robot.process.process import Process, ProcessContext
 from btcore_scene import MovingScene, StaticScene
 
 PERIOD_S = 1.0
 """The period (s) of the reports."""
 
 
-class HeadWatcher(Process):
-    """A process that runs a head tracker, turns the base at *turn* (rad/s), and logs the head's position.
+class HeadWatcher(Component):
+    """A component that runs a head tracker, turns the base at *turn* (rad/s), and logs the head's position.
 
     *reactive* selects the tuning `REACTIVE` of the tracker.
 
@@ -25,7 +25,7 @@ class HeadWatcher(Process):
         RobotError: The robot has no head with a camera, or the camera is off.
     """
 
-    def __init__(self, context: ProcessContext, turn: float, reactive: bool) -> None:
+    def __init__(self, context: ComponentContext, turn: float, reactive: bool) -> None:
         super().__init__("head_watcher", context)
         assert context.robot is not None
         self.robot = context.robot

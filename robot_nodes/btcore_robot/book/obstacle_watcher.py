@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from btcore_robot.book.force_watcher import scene_arrow
 from btcore_robot.book.trail import ODOM_FRAME, Trail
+from btcore_robot.components.component import Component, ComponentContext
+from btcore_robot.components.messages import Arrow, Arrows
 from btcore_robot.perception.obstacle_detector import OBSTACLE_FRAME
-from btcore_robot.process.messages import Arrow, Arrows
-from btcore_robot.process.process import Process, ProcessContext
 from btcore_robot.robot import Twist2D
 from btcore_robot.transforms import TransformError
 from btcore_scene import MovingScene, StaticScene
@@ -19,10 +19,10 @@ OBSTACLES = (205, 50, 40)
 TRAIL = (46, 130, 80)
 
 
-class ObstacleWatcher(Process):
-    """A process that drives at *v* (m/s) and *w* (rad/s), and records where the obstacle is in `odom`."""
+class ObstacleWatcher(Component):
+    """A component that drives at *v* (m/s) and *w* (rad/s), and records where the obstacle is in `odom`."""
 
-    def __init__(self, context: ProcessContext, v: float = 0.0, w: float = 0.0) -> None:
+    def __init__(self, context: ComponentContext, v: float = 0.0, w: float = 0.0) -> None:
         super().__init__("obstacle_watcher", context)
         self.twist = Twist2D(v, w)
         self.positions: list[tuple[float, float]] = []

@@ -1,4 +1,4 @@
-"""The common parts of the `btcore book` commands: options, the robot, and the executor of processes."""
+"""The common parts of the `btcore book` commands: options, the robot, and the executor of components."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ from btcore.field_options import add_options, pass_options
 from btcore.options import from_values
 from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, print_json, print_result
 from btcore_robot.book.top_view import is_image_format_supported, save_picture
-from btcore_robot.process.process import Executor, LogMessage, Process, ProcessContext
+from btcore_robot.components.component import Component, ComponentContext, Executor, LogMessage
 from btcore_robot.robot import Phase, Robot
 from btcore_robot.schedule import RealTimeSchedule, SimulatedSchedule
 from btcore_robot.transforms import FrameBroadcaster
@@ -24,7 +24,7 @@ Image = NDArray[np.uint8]
 
 
 class OutputSettings(Settings):
-    """The outputs of a run of processes."""
+    """The outputs of a run of components."""
 
     picture: (
         Annotated[Path, option("Draw the result at the end.", metavar="FILE.png", one_run_only=True)] | None
@@ -72,7 +72,7 @@ def world_command(
 
 
 class Results(NamedTuple):
-    """The results of processes.
+    """The results of components.
 
     Attributes:
         report: A function that returns the results at the end.
@@ -86,15 +86,15 @@ class Results(NamedTuple):
 
 
 class BookRunner:
-    """The processes of a run with a robot, or with a clock alone.
+    """The components of a run with a robot, or with a clock alone.
 
-    An executor runs all processes. The robot's frames are written to the transform tree 50 times a second.
+    An executor runs all components. The robot's frames are written to the transform tree 50 times a second.
 
     Args:
-        context: What the processes share.
+        context: What the components share.
     """
 
-    def __init__(self, context: ProcessContext) -> None:
+    def __init__(self, context: ComponentContext) -> None:
         self.context = context
         if context.robot is not None:
             broadcaster = FrameBroadcaster(context.robot, context.transforms)
@@ -108,15 +108,15 @@ class BookRunner:
         """The robot. Do not use this property in a run without a robot."""
         return cast(Robot, self.context.robot)
 
-    def add(self, *processes: Process) -> None:
-        """Add *processes* to the run. Print a warning for each parameter that a process does not declare."""
-        for process in processes:
-            for warning in process.unused_warnings():
+    def add(self, *components: Component) -> None:
+        """Add *components* to the run. Print a warning for each parameter that is not declared."""
+        for component in components:
+            for warning in component.unused_warnings():
                 click.echo(f"warning: {escape_controls(warning)}", err=True)
-            self.executor.add(process)
+            self.executor.add(component)
 
 
-def run_processes(
+def run_components(
     ctx: click.Context,
     name: str,
     create: Callable[[BookRunner], Results],
@@ -124,12 +124,12 @@ def run_processes(
     *,
     embodied: bool = True,
 ) -> int:
-    """Run processes, then draw the picture and print the results.
+    """Run components, then draw the picture and print the results.
 
     Args:
         ctx: The context of the command.
         name: The name of the run.
-        create: Adds the processes to the run, and returns how to obtain their results.
+        create: Adds the components to the run, and returns how to obtain their results.
         output: The outputs.
         embodied: Whether the run needs a robot.
 
@@ -152,9 +152,9 @@ def run_processes(
         if clock is None:
             robot = run.find(Robot)
             assert robot is not None
-            context = ProcessContext(robot.clock, robot.schedule, log_sink, robot=robot)
+            context = ComponentContext(robot.clock, robot.schedule, log_sink, robot=robot)
         else:
-            context = ProcessContext(clock, clock, _since(clock, log_sink))
+            context = ComponentContext(clock, clock, _since(clock, log_sink))
         results = create(BookRunner(context))
         run.resources.extend(results.shown)
 

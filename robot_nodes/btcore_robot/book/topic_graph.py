@@ -1,10 +1,10 @@
-"""A drawing of the topic graph: processes as ellipses, topics as boxes."""
+"""A drawing of the topic graph: components as ellipses, topics as boxes."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.process.topics import Topics
+from btcore_robot.components.topics import Topics
 
 _ROW, _WIDTH = 52, 760
 _LEFT, _MIDDLE, _RIGHT = 120, 380, 640
@@ -43,7 +43,7 @@ def draw_graph(topics: Topics) -> NDArray[np.uint8]:
 
 
 def _rows(names: list[list[str]]) -> dict[str, int]:
-    """Return the y (pixels) of each process: the mean y of its topics, moved down to avoid overlaps."""
+    """Return the y (pixels) of each component: the mean y of its topics, moved down to avoid overlaps."""
     places: dict[str, list[int]] = {}
     for index, group in enumerate(names):
         for name in group:

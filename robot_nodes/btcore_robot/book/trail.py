@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.book.top_view import Colour, TopView
-from btcore_robot.process.process import ProcessContext
+from btcore_robot.components.component import ComponentContext
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import LaserScan, Phase, Pose2D
 from btcore_robot.transform_filter import TransformFilter
@@ -24,7 +24,7 @@ class Trail:
     *state* returns the text that is stored with each pose, for example the state of a controller.
     """
 
-    def __init__(self, context: ProcessContext, state: Callable[[], str] = lambda: "") -> None:
+    def __init__(self, context: ComponentContext, state: Callable[[], str] = lambda: "") -> None:
         assert context.robot is not None
         self._context = context
         self._robot = context.robot
@@ -73,7 +73,7 @@ class Trail:
             self._laser_points.setdefault((round(x / _CELL), round(y / _CELL)), (x, y))
 
 
-def scan_points_in(context: ProcessContext, frame: str, scan: LaserScan) -> NDArray[np.float64]:
+def scan_points_in(context: ComponentContext, frame: str, scan: LaserScan) -> NDArray[np.float64]:
     """Return the points of *scan* in *frame*, shape `(n, 2)` (m); empty if the frame is not available.
 
     Args:

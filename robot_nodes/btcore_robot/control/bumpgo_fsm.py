@@ -11,7 +11,7 @@ from enum import Enum
 import numpy as np
 
 from btcore.clock import NS_PER_S
-from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
 from btcore_robot.robot import LaserScan, Twist2D
 from btcore_robot.time_limits import BOOK_SCAN, is_stale
 
@@ -58,16 +58,16 @@ next state. The next state is None if the state does not change.
 """
 
 
-class BumpGo(Process):
+class BumpGo(Component):
     """Drive forward up to an obstacle 1 m ahead; then back for 2 s, turn left for 2 s, and forward again.
 
-    The robot stops when the newest scan is older than 1 s, until there is a newer scan. The process
+    The robot stops when the newest scan is older than 1 s, until there is a newer scan. The component
     subscribes to `input_scan` and publishes on `output_vel`, starting with the first scan. In the cycle
     of a state change the velocity is still the old state's velocity. In the state FORWARD an obstacle takes
     precedence over an old scan.
     """
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__("bump_go", context, options)
         self.velocities = self.create_publisher("output_vel", Twist2D)
         self.create_subscription("input_scan", LaserScan, self.on_scan)
@@ -265,7 +265,7 @@ class OpenLoop(BumpGo):
     anything in the lane ahead that is as wide as the robot.
     """
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__(context, options)
         self.angle = 0.0
         """The angle (rad) to turn by, from the direction in which the turn starts."""

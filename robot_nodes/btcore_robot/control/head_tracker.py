@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import btcore_scene
+from btcore_robot.components.lifecycle import Lifecycle
 from btcore_robot.perception.colour import WOOD, ColourRange, Detection, detect_colour
-from btcore_robot.process.lifecycle import LifecycleComponent
 from btcore_robot.robot import Phase, Robot
 from btcore_scene import MovingScene, StaticScene
 
@@ -114,7 +114,7 @@ def command_from_detection(detection: Detection) -> PanTiltCommand:
     return PanTiltCommand(detection.x / width * 2 - 1, detection.y / height * 2 - 1, detection.stamp)
 
 
-class HeadTracker(LifecycleComponent):
+class HeadTracker(Lifecycle):
     """While active, detect objects within *colours* in the camera's images and turn the head towards them.
 
     The head returns to its centre position when the last detection is older than 100 ms, and when the tracker

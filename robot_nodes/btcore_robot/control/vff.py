@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.process.messages import BLUE, GREEN, RED, Arrow, Arrows, Colour
-from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
+from btcore_robot.components.messages import BLUE, GREEN, RED, Arrow, Arrows, Colour
 from btcore_robot.robot import LaserScan, Twist2D
 from btcore_robot.time_limits import BOOK_SCAN, is_stale
 
@@ -113,15 +113,15 @@ def _sum(repulsive: Vector) -> Forces:
     return Forces(attractive, repulsive, attractive + repulsive)
 
 
-class Avoidance(Process):
+class Avoidance(Component):
     """Drive by the force field, 20 times a second, while the newest scan is younger than 1 s.
 
-    The process subscribes to `input_scan` and publishes on `output_vel`. Without a recent scan it
+    The component subscribes to `input_scan` and publishes on `output_vel`. Without a recent scan it
     publishes nothing, and the base stops because it receives no new commands. On `vff_debug` it publishes
     the forces as arrows if there is a subscriber: blue is the attraction, red the repulsion, green the sum.
     """
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__("avoidance_vff", context, options)
         self.velocities = self.create_publisher("output_vel", Twist2D)
         self.arrows = self.create_publisher("vff_debug", Arrows)

@@ -1,15 +1,15 @@
-"""Leaves that keep a lifecycle component active: the head tracker and the object locator."""
+"""Leaves that keep the head tracker or the object locator active."""
 
 from collections.abc import Sequence
 from typing import Annotated, Protocol, runtime_checkable
 
 from btcore import RUNNING, NodeSpec, Out, StatefulAction, Status
-from btcore_robot.process.lifecycle import LifecycleState
+from btcore_robot.components.lifecycle import LifecycleState
 
 
 @runtime_checkable
 class HeadTrackerProtocol(Protocol):
-    """A component that follows objects with the head while it is active."""
+    """A head tracker: a server that follows objects with the head while it is active."""
 
     @property
     def state(self) -> LifecycleState:
@@ -24,7 +24,7 @@ class HeadTrackerProtocol(Protocol):
 
 @runtime_checkable
 class ObjectLocatorProtocol(HeadTrackerProtocol, Protocol):
-    """A component with the same lifecycle that finds objects in camera images while it is active."""
+    """An object locator: a server that finds objects in camera images while it is active."""
 
     @property
     def boxes(self) -> Sequence[object]:
@@ -32,26 +32,26 @@ class ObjectLocatorProtocol(HeadTrackerProtocol, Protocol):
 
 
 class _KeepActive(StatefulAction):
-    """Keep a component active. Always RUNNING; a halt deactivates the component."""
+    """Keep a server active. Always RUNNING; a halt deactivates the server."""
 
     spec = NodeSpec(results=frozenset())
 
-    component: HeadTrackerProtocol
+    server: HeadTrackerProtocol
 
     def on_start(self) -> Status:
-        """Activate the component."""
+        """Activate the server."""
         return self.on_running()
 
     def on_running(self) -> Status:
-        """Activate the component if it is inactive, for example because another program deactivated it."""
-        if self.component.state is LifecycleState.INACTIVE:
-            self.component.activate()
+        """Activate the server if it is inactive, for example because another program deactivated it."""
+        if self.server.state is LifecycleState.INACTIVE:
+            self.server.activate()
         return RUNNING
 
     def on_halted(self) -> None:
-        """Deactivate the component."""
-        if self.component.state is LifecycleState.ACTIVE:
-            self.component.deactivate()
+        """Deactivate the server."""
+        if self.server.state is LifecycleState.ACTIVE:
+            self.server.deactivate()
 
 
 class TrackObjects(_KeepActive):
@@ -60,7 +60,7 @@ class TrackObjects(_KeepActive):
     spec = NodeSpec(state_fields=())
 
     def __init__(self, tracker: HeadTrackerProtocol) -> None:
-        self.component = tracker
+        self.server = tracker
 
 
 class LocateObjects(_KeepActive):
@@ -79,7 +79,7 @@ class LocateObjects(_KeepActive):
         return {"writes": "boxes"}
 
     def __init__(self, locator: ObjectLocatorProtocol) -> None:
-        self.component = self.locator = locator
+        self.server = self.locator = locator
         self.written_boxes: Sequence[object] | None = None
 
     def on_start(self) -> Status:

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore_robot.process.parameters import ParameterError
-from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
+from btcore_robot.components.parameters import ParameterError
 from btcore_robot.robot import CameraImage
 
 __all__ = [
@@ -172,15 +172,15 @@ class Detections:
     objects: tuple[Detection, ...]
 
 
-class ObjectDetector(Process):
+class ObjectDetector(Component):
     """Detect objects by colour in the images on `input_image` and publish them on `detection`.
 
     The parameter `hsv_ranges` contains the lower and upper limits of hue (0–180), saturation and value
     (0–255). With the parameter `each` every patch is a separate object; without it all pixels of the colour
-    are a single object. The process works only while `detection` has subscribers.
+    are a single object. The component works only while `detection` has subscribers.
     """
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__("object_detector", context, options)
         ranges = self.parameters.declare("hsv_ranges", [0, 180, 0, 255, 0, 255])
         if len(ranges) != 6:

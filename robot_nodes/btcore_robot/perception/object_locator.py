@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore_robot.components.lifecycle import Lifecycle
 from btcore_robot.perception.colour import WOOD, ColourRange, colour_mask
-from btcore_robot.process.lifecycle import LifecycleComponent
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import CameraImage, CameraInfo, Phase, Robot
 from btcore_robot.transform_filter import TransformFilter
@@ -120,7 +120,7 @@ def _box(cloud: NDArray[np.float64], frame: str, stamp: int) -> BoundingBox3D:
     return BoundingBox3D(frame, (x, y, z), (length, width, height), stamp)
 
 
-class ObjectLocator(LifecycleComponent):
+class ObjectLocator(Lifecycle):
     """While active, detect objects within *colours* in the robot's camera images and locate them in *frame*.
 
     Images are requested only while the locator is active. An image waits until *transforms* knows the

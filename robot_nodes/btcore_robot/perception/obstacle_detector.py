@@ -1,12 +1,12 @@
-"""Processes that publish an obstacle as a frame of the transform tree, and log its position.
+"""Components that publish an obstacle as a frame of the transform tree, and log its position.
 
 They are from chapter 4 of the book *A Concise Introduction to Robot Programming with ROS2*.
 """
 
 import math
 
-from btcore_robot.process.messages import RED, Arrow, Arrows, Colour
-from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
+from btcore_robot.components.messages import RED, Arrow, Arrows, Colour
 from btcore_robot.robot import LaserScan, TransformStamped
 from btcore_robot.transforms import Transform, TransformError
 
@@ -34,7 +34,7 @@ FRAMES = (ODOM_FRAME, BASE_FRAME, "head_2_link")
 """The frames in which the obstacle's position is reported."""
 
 
-class ObstacleDetector(Process):
+class ObstacleDetector(Component):
     """Publish the obstacle at the middle ray as a static frame below the laser's frame.
 
     A static frame stays at the same place relative to the laser, so the obstacle seems to move with the
@@ -43,7 +43,7 @@ class ObstacleDetector(Process):
 
     default_name = "obstacle_detector"
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__(self.default_name, context, options)
         self.create_subscription("input_scan", LaserScan, self.on_scan)
 
@@ -82,10 +82,10 @@ class ObstacleDetectorImproved(ObstacleDetector):
         transforms.set(_frame(ODOM_FRAME, odom2laser * laser2object, scan.stamp))
 
 
-class ObstacleMonitor(Process):
+class ObstacleMonitor(Component):
     """Report the obstacle's position twice a second, and publish an arrow to it on `obstacle_marker`."""
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__("obstacle_monitor", context, options)
         self.by_distance = self.parameters.declare("colour_by_distance", False)
         self.markers = self.create_publisher("obstacle_marker", Arrows)
@@ -118,10 +118,10 @@ def _frame(parent: str, pose: Transform, stamp: int) -> TransformStamped:
     return TransformStamped(OBSTACLE_FRAME, parent, pose.position, pose.quaternion, stamp)
 
 
-class Displacement(Process):
+class Displacement(Component):
     """Report each second how far the robot has moved since the last report, by odometry."""
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__("displacement", context, options)
         self.previous: Transform | None = None
         self.create_timer(REPORT_PERIOD_S, self.report)
@@ -140,10 +140,10 @@ class Displacement(Process):
         self.previous = now
 
 
-class ObstacleInFrames(Process):
+class ObstacleInFrames(Component):
     """Report the obstacle's position twice a second in `odom`, `base_footprint` and `head_2_link`."""
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__("obstacle_in_frames", context, options)
         self.create_timer(PERIOD_S, self.report)
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 from lifecycle_msgs.srv import ChangeState, GetState
 from std_srvs.srv import Trigger
 
-from btcore_robot.process.lifecycle import LifecycleComponent, LifecycleState, LifecycleTransition
+from btcore_robot.components.lifecycle import Lifecycle, LifecycleState, LifecycleTransition
 from btcore_ros2.nav2.conversions import nav2_type
 from btcore_ros2.session import RosSession
 
@@ -31,7 +31,7 @@ _COMMANDS: Final = {
 """The transitions of a command of `nav2_msgs/srv/ManageLifecycleNodes`."""
 
 
-class ServedNode(LifecycleComponent):
+class ServedNode(Lifecycle):
     """The lifecycle of a node, which is active from the start.
 
     Args:
@@ -102,7 +102,7 @@ class LifecycleManager:
         return response
 
 
-def _state_getter(node: LifecycleComponent) -> Callable[[Any, Any], Any]:
+def _state_getter(node: Lifecycle) -> Callable[[Any, Any], Any]:
     def answer(request: object, response: Any) -> Any:
         response.current_state.id = int(node.state)
         response.current_state.label = node.state.name.lower()
@@ -111,7 +111,7 @@ def _state_getter(node: LifecycleComponent) -> Callable[[Any, Any], Any]:
     return answer
 
 
-def _state_changer(node: LifecycleComponent) -> Callable[[Any, Any], Any]:
+def _state_changer(node: Lifecycle) -> Callable[[Any, Any], Any]:
     def answer(request: Any, response: Any) -> Any:
         transition = _transition(node.state, request.transition.id, request.transition.label)
         response.success = transition is not None and node.change_state(transition)

@@ -113,17 +113,17 @@ class NavigationTopics:
         self._published_plan: NavPath | None = None
         self._publish_map()
         add_task, parameters = robot.schedule.add_task, navigation.parameters
-        add_task(POSE_RATE, Phase.PROCESSES, self._publish_pose)
-        add_task(PARTICLE_RATE, Phase.PROCESSES, self._publish_particles)
+        add_task(POSE_RATE, Phase.COMPONENTS, self._publish_pose)
+        add_task(PARTICLE_RATE, Phase.COMPONENTS, self._publish_particles)
         for name, settings, pose in (
             ("global_costmap", parameters.global_costmap, navigation.estimate),
             ("local_costmap", parameters.local_costmap, lambda: robot.odometry().pose),
         ):
             topics = CostmapTopics(node, navigation, name, settings, self._stamp)
             if settings.publish_frequency:
-                add_task(settings.publish_frequency, Phase.PROCESSES, topics.publish)
+                add_task(settings.publish_frequency, Phase.COMPONENTS, topics.publish)
             if settings.update_frequency:
-                add_task(settings.update_frequency, Phase.PROCESSES, partial(topics.publish_footprint, pose))
+                add_task(settings.update_frequency, Phase.COMPONENTS, partial(topics.publish_footprint, pose))
 
     def _ros_time(self, stamp: int) -> int:
         """Return the ROS time (ns) for *stamp* (ns) of the robot's clock.

@@ -138,5 +138,5 @@ def test_the_picture_of_a_launch_file_shows_the_topic_graph(tmp_path: Path) -> N
     found = report(
         "launch", str(tmp_path / "l.yaml"), "--duration", "1", "--picture", str(tmp_path / "g.png")
     )
-    assert found["processes"] == ["publisher_node", "subscriber_node"]
+    assert found["components"] == ["publisher_node", "subscriber_node"]
     assert cv2.imread(str(tmp_path / "g.png")).shape[1] == 760

@@ -10,6 +10,8 @@ from tests.robot_nodes.conftest import RecordingRobot
 
 pytest.importorskip("pybullet")
 
+from btcore_robot.components.component import Component, ComponentContext, ComponentOptions, Executor
+from btcore_robot.components.robot_bridge import RobotBridge
 from btcore_robot.control.bumpgo_fsm import (
     BumpGo,
     BumpGoState,
@@ -19,8 +21,6 @@ from btcore_robot.control.bumpgo_fsm import (
     freest_direction,
     is_lane_blocked,
 )
-from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
-from btcore_robot.process.robot_bridge import RobotBridge
 from btcore_robot.robot import LaserScan, Twist2D
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
@@ -31,20 +31,20 @@ AHEAD, BACK, LEFT, STAND = Twist2D(0.3, 0.0), Twist2D(-0.3, 0.0), Twist2D(0.0, 0
 
 
 class Bumping:
-    """The process, a laser whose ranges the test sets, and the process's messages with the time (s)."""
+    """The component, a laser whose ranges the test sets, and the component's messages with the time (s)."""
 
     def __init__(self, robot: RecordingRobot, kind: type[BumpGo] = BumpGo) -> None:
         self.clock = robot.clock
-        self.context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
+        self.context = ComponentContext(robot.clock, robot.schedule, lambda line: None)
         self.executor = Executor(robot.schedule, robot.clock)
-        self.process = kind(self.context)
-        self.laser = Process("laser", self.context)
+        self.component = kind(self.context)
+        self.laser = Component("laser", self.context)
         self.scans = self.laser.create_publisher("input_scan", LaserScan)
         self.commands: list[tuple[float, Twist2D]] = []
         self.laser.create_subscription("output_vel", Twist2D, self.on_command)
         self.ranges = [5.0] * 9
         self.alive = True
-        self.executor.add(self.process)
+        self.executor.add(self.component)
         self.executor.add(self.laser)
 
     def on_command(self, twist: Twist2D) -> None:
@@ -83,7 +83,7 @@ def test_reading_below_1_m_is_an_obstacle(robot: RecordingRobot, distance: float
     bumping = Bumping(robot)
     bumping.ahead(distance)
     bumping.run(0.2)
-    assert bumping.process.state is state
+    assert bumping.component.state is state
 
 
 def test_only_the_middle_reading_is_used(robot: RecordingRobot) -> None:
@@ -91,7 +91,7 @@ def test_only_the_middle_reading_is_used(robot: RecordingRobot) -> None:
     bumping.ranges = [0.2] * 9
     bumping.ahead(5.0)
     bumping.run(1.0)
-    assert bumping.process.state is BumpGoState.FORWARD
+    assert bumping.component.state is BumpGoState.FORWARD
 
 
 def test_the_robot_drives_back_for_2_s_turns_left_for_2_s_and_goes_on(robot: RecordingRobot) -> None:
@@ -123,12 +123,12 @@ def test_the_robot_stops_while_the_scan_is_older_than_a_second(robot: RecordingR
     bumping.run(1.0)
     bumping.alive = False
     bumping.run(2.0)
-    assert bumping.process.state is BumpGoState.STOP
+    assert bumping.component.state is BumpGoState.STOP
     # the last scan is of 0.9 s; at 1.95 s it is too old; that cycle still sends the old state's command
     assert next(time for time, twist in bumping.commands if twist == STAND) == pytest.approx(2.0)
     bumping.alive = True
     bumping.run(0.3)
-    assert bumping.process.state is BumpGoState.FORWARD
+    assert bumping.component.state is BumpGoState.FORWARD
     assert bumping.commands[-1][1] == AHEAD
 
 
@@ -139,7 +139,7 @@ def test_back_has_priority_over_stop(robot: RecordingRobot) -> None:
     late = LaserScan(np.array([0.5], dtype=np.float32), -2 * SECOND, 0.0, 0.1, 0.05, 25.0, "laser")
     bumping.scans.publish(late)
     bumping.clock.sleep(0.05)
-    assert bumping.process.state is BumpGoState.BACK
+    assert bumping.component.state is BumpGoState.BACK
 
 
 # --- exercises
@@ -150,7 +150,7 @@ def test_exercise_robot_turns_to_freer_diagonal(robot: RecordingRobot, index: in
     bumping = Bumping(robot, Diagonals)
     bumping.ranges[index] = 0.4
     bumping.run(3.0)
-    assert bumping.process.state is BumpGoState.TURN
+    assert bumping.component.state is BumpGoState.TURN
     assert bumping.commands[-1][1] == Twist2D(0.0, side * 0.3)
 
 
@@ -187,22 +187,22 @@ def test_exercise_obstacle_anywhere_in_lane_blocks_it(ahead: float, aside: float
 
 
 def turned(kind: type[BumpGo], seconds: float, seed: int = 2) -> tuple[SimulatedRobot, BumpGo, float]:
-    """Run the process in the simulator; return the robot, the process, and the distance."""
+    """Run the component in the simulator; return the robot, the component, and the distance."""
     body = SimulatedRobot(World(load_world_description("arena_boxes"), seed=seed))
-    context = ProcessContext(body.clock, body.schedule, lambda line: None, robot=body)
+    context = ComponentContext(body.clock, body.schedule, lambda line: None, robot=body)
     executor = Executor(body.schedule, body.clock)
-    process = kind(context, ProcessOptions(remap={"input_scan": "scan_raw", "output_vel": "nav_vel"}))
+    component = kind(context, ComponentOptions(remap={"input_scan": "scan_raw", "output_vel": "nav_vel"}))
     executor.add(RobotBridge(context))
-    executor.add(process)
+    executor.add(component)
     body.world.wait_until(round(seconds * SECOND), threading.Event())
-    return body, process, body.distance
+    return body, component, body.distance
 
 
 @pytest.mark.parametrize("kind", [BumpGo, Diagonals, OpenLoop, ClosedLoop])
 def test_in_the_simulator_the_robot_avoids_obstacles(kind: type[BumpGo]) -> None:
-    body, process, distance = turned(kind, 40.0)
+    body, component, distance = turned(kind, 40.0)
     assert distance > 6.0
-    assert process.changes >= 3
+    assert component.changes >= 3
     assert body.contacts.collisions == 0
     body.world.close()
 
@@ -223,8 +223,8 @@ def test_exercise_open_loop_the_turning_time_is_angle_over_speed(robot: Recordin
     bumping.ranges = [8.0] * 9
     bumping.run(6.0)
     turns = [time for time, twist in bumping.commands if twist == LEFT]
-    assert bumping.process.angle > 0.5
-    assert turns[-1] - turns[0] == pytest.approx(bumping.process.angle / 0.3, abs=0.15)
+    assert bumping.component.angle > 0.5
+    assert turns[-1] - turns[0] == pytest.approx(bumping.component.angle / 0.3, abs=0.15)
 
 
 def test_exercise_closed_loop_the_robot_turns_until_the_way_is_clear(robot: RecordingRobot) -> None:
@@ -232,7 +232,7 @@ def test_exercise_closed_loop_the_robot_turns_until_the_way_is_clear(robot: Reco
     bumping.ranges = [0.5] * 9
     bumping.ranges[8] = 8.0
     bumping.run(8.0)
-    assert bumping.process.state is BumpGoState.TURN
+    assert bumping.component.state is BumpGoState.TURN
     bumping.ranges = [8.0] * 9
     bumping.run(0.2)
-    assert bumping.process.state is BumpGoState.FORWARD
+    assert bumping.component.state is BumpGoState.FORWARD

@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from btcore_robot.components.component import Component, ComponentContext, ComponentOptions, Executor
+from btcore_robot.components.lifecycle import Lifecycle, LifecycleState, LifecycleTransition
+from btcore_robot.components.parameters import ParameterError
 from btcore_robot.control.head_tracker import (
     PID,
     REACTIVE,
@@ -21,9 +24,6 @@ from btcore_robot.perception.colour import (
     detect_colour,
     detect_each,
 )
-from btcore_robot.process.lifecycle import LifecycleComponent, LifecycleState, LifecycleTransition
-from btcore_robot.process.parameters import ParameterError
-from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import CameraImage, HeadInfo, HeadPosition
 from tests.robot_nodes.conftest import RecordingRobot
 
@@ -118,22 +118,22 @@ def test_the_debug_image_dims_the_background_and_draws_the_detections_box() -> N
     assert shown[50, 100].tolist() == shown[69, 139].tolist() == [255, 255, 0]
 
 
-def detector(robot: RecordingRobot, **parameters) -> tuple[ProcessContext, Process, ObjectDetector]:
-    context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
+def detector(robot: RecordingRobot, **parameters) -> tuple[ComponentContext, Component, ObjectDetector]:
+    context = ComponentContext(robot.clock, robot.schedule, lambda line: None)
     executor = Executor(robot.schedule, robot.clock)
-    process = ObjectDetector(context, ProcessOptions(parameters=parameters))
-    other = Process("other", context)
-    executor.add(process)
+    component = ObjectDetector(context, ComponentOptions(parameters=parameters))
+    other = Component("other", context)
+    executor.add(component)
     executor.add(other)
-    return context, other, process
+    return context, other, component
 
 
-def test_the_detector_process_publishes_its_detections_to_subscribers(robot: RecordingRobot) -> None:
-    _, other, process = detector(robot, hsv_ranges=[15, 20, 50, 200, 20, 200])
+def test_the_detector_publishes_its_detections_to_subscribers(robot: RecordingRobot) -> None:
+    _, other, component = detector(robot, hsv_ranges=[15, 20, 50, 200, 20, 200])
     images, received = other.create_publisher("input_image", CameraImage), []
     images.publish(picture((100, 50, 40, 20)))
     robot.clock.sleep(0.0)
-    assert not process.detections.has_subscribers
+    assert not component.detections.has_subscribers
     other.create_subscription("detection", Detections, received.append)
     images.publish(picture())
     images.publish(picture((100, 50, 40, 20), (300, 200, 40, 60)))
@@ -141,7 +141,7 @@ def test_the_detector_process_publishes_its_detections_to_subscribers(robot: Rec
     assert [len(one.objects) for one in received] == [1]
 
 
-def test_the_detector_process_requires_six_numbers_in_hsv_ranges(robot: RecordingRobot) -> None:
+def test_the_detector_requires_six_numbers_in_hsv_ranges(robot: RecordingRobot) -> None:
     with pytest.raises(ParameterError, match="hsv_ranges has 6 numbers"):
         detector(robot, hsv_ranges=[1, 2])
 
@@ -253,22 +253,22 @@ def test_the_states_and_transitions_have_the_numbers_of_ros() -> None:
     ] == [1, 2, 3, 4]
 
 
-def test_a_component_makes_valid_transitions_and_refuses_others() -> None:
-    component = LifecycleComponent()
-    assert not component.activate()
-    assert not component.deactivate()
-    assert component.configure()
-    assert component.state is LifecycleState.INACTIVE
-    assert not component.configure()
-    assert component.activate()
-    assert component.state is LifecycleState.ACTIVE
-    assert not component.cleanup()
-    assert component.deactivate()
-    assert component.cleanup()
-    assert component.state is LifecycleState.UNCONFIGURED
-    assert component.shutdown()
-    assert component.state is LifecycleState.FINALIZED
-    assert not component.configure()
+def test_a_lifecycle_makes_valid_transitions_and_refuses_others() -> None:
+    server = Lifecycle()
+    assert not server.activate()
+    assert not server.deactivate()
+    assert server.configure()
+    assert server.state is LifecycleState.INACTIVE
+    assert not server.configure()
+    assert server.activate()
+    assert server.state is LifecycleState.ACTIVE
+    assert not server.cleanup()
+    assert server.deactivate()
+    assert server.cleanup()
+    assert server.state is LifecycleState.UNCONFIGURED
+    assert server.shutdown()
+    assert server.state is LifecycleState.FINALIZED
+    assert not server.configure()
 
 
 def test_a_callback_that_fails_refuses_the_transition(robot: RecordingRobot) -> None:

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from btcore_robot.components.component import Component, ComponentContext, ComponentOptions, Executor
+from btcore_robot.components.messages import BLUE, GREEN, RED, Arrows
 from btcore_robot.control.vff import (
     Avoidance,
     AvoidanceFromAll,
@@ -12,8 +14,6 @@ from btcore_robot.control.vff import (
     forces_from_nearest,
     velocity,
 )
-from btcore_robot.process.messages import BLUE, GREEN, RED, Arrows
-from btcore_robot.process.process import Executor, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Twist2D
 from tests.robot_nodes.conftest import RecordingRobot
 
@@ -102,20 +102,20 @@ VELOCITIES = {
 
 
 class Avoiding:
-    """The avoidance process with a scan at 30 Hz, and its messages."""
+    """The avoidance component with a scan at 30 Hz, and its messages."""
 
     def __init__(self, robot: RecordingRobot, kind: type[Avoidance] = Avoidance) -> None:
         self.robot = robot
-        self.context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
+        self.context = ComponentContext(robot.clock, robot.schedule, lambda line: None)
         self.executor = Executor(robot.schedule, robot.clock)
-        self.process = kind(
-            self.context, ProcessOptions(remap={"input_scan": "/scan_raw", "output_vel": "/nav_vel"})
+        self.component = kind(
+            self.context, ComponentOptions(remap={"input_scan": "/scan_raw", "output_vel": "/nav_vel"})
         )
-        self.laser = Process("laser", self.context)
+        self.laser = Component("laser", self.context)
         self.commands: list[Twist2D] = []
         self.scans = self.laser.create_publisher("/scan_raw", LaserScan)
         self.laser.create_subscription("/nav_vel", Twist2D, self.commands.append)
-        self.executor.add(self.process)
+        self.executor.add(self.component)
         self.executor.add(self.laser)
 
     def run(self, scan: LaserScan, seconds: float) -> None:
@@ -156,7 +156,7 @@ def test_the_arrows_are_published_for_subscribers_only(robot: RecordingRobot) ->
     avoiding = Avoiding(robot)
     avoiding.run(CASES["4 ahead to the right"], 0.5)
     received: list[Arrows] = []
-    assert not avoiding.process.arrows.has_subscribers
+    assert not avoiding.component.arrows.has_subscribers
     avoiding.laser.create_subscription("vff_debug", Arrows, received.append)
     avoiding.run(CASES["4 ahead to the right"], 0.5)
     arrows = {arrow.number: arrow for arrow in received[-1].arrows}
@@ -204,7 +204,7 @@ def test_exercise_a_single_obstacle_gives_the_books_result() -> None:
 def test_exercise_the_robot_does_not_drive_forward_if_the_sum_points_back(robot: RecordingRobot) -> None:
     avoiding = Avoiding(robot, AvoidanceFromAll)
     avoiding.run(scan_of(k6=0.2, k7=0.2, k8=0.2, k9=0.25), 0.5)
-    assert avoiding.process.forces is not None
-    assert avoiding.process.forces.result[0] < 0.0
+    assert avoiding.component.forces is not None
+    assert avoiding.component.forces.result[0] < 0.0
     assert avoiding.commands[-1].v == 0.0
     assert abs(avoiding.commands[-1].w) == 0.5

@@ -13,9 +13,9 @@ pytest.importorskip("pybullet")
 import btcore
 from btcore import Registry, Status, Tree
 from btcore_navigation.action import ActionServer, GoalHandle
+from btcore_robot.components.lifecycle import LifecycleState
 from btcore_robot.control.head_tracker import HeadTracker
 from btcore_robot.leaves.waypoint import WaypointError
-from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import HeadInfo, HeadPosition, Phase, Pose2D, Waypoints
 from btcore_sim.worlds import load_world_description
 

@@ -18,9 +18,9 @@ from btcore_navigation.navigation_servers import NavigationServers
 from btcore_navigation.providers import ExplorationSettings, MapSettings, NavigationSettings
 from btcore_navigation.servers import Servers
 from btcore_navigation.stack import Navigation
+from btcore_robot.components.lifecycle import LifecycleState
 from btcore_robot.leaves.lifecycle_leaves import HeadTrackerProtocol, ObjectLocatorProtocol
 from btcore_robot.occupancy_map import OccupancyMap, load_map, save_map
-from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import Robot, Waypoints
 from btcore_ros2.providers import BagSettings, Nav2Settings, RosRobotSettings
 from btcore_sim.providers import SimulatorSettings

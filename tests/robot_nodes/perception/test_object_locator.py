@@ -13,9 +13,9 @@ pytest.importorskip("pybullet")
 
 from btcore.bundled_trees import folder
 from btcore_navigation.stack import Navigation
+from btcore_robot.components.lifecycle import LifecycleState
 from btcore_robot.perception.colour import WOOD
 from btcore_robot.perception.object_locator import BoundingBox3D, ObjectLocator, depth_to_points, detect_boxes
-from btcore_robot.process.lifecycle import LifecycleState
 from btcore_robot.robot import CameraImage, CameraInfo, Phase
 from btcore_robot.transforms import FrameBroadcaster, Transform, TransformTree
 from btcore_scene import MovingScene

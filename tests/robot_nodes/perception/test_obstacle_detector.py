@@ -5,6 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from btcore_robot.components.component import (
+    Component,
+    ComponentContext,
+    ComponentOptions,
+    Executor,
+    LogMessage,
+)
+from btcore_robot.components.messages import GREEN, RED, Arrow, Arrows
 from btcore_robot.perception.obstacle_detector import (
     Displacement,
     ObstacleDetector,
@@ -13,8 +21,6 @@ from btcore_robot.perception.obstacle_detector import (
     ObstacleMonitor,
     distance_colour,
 )
-from btcore_robot.process.messages import GREEN, RED, Arrow, Arrows
-from btcore_robot.process.process import Executor, LogMessage, Process, ProcessContext, ProcessOptions
 from btcore_robot.robot import LaserScan, Phase, Pose2D
 from btcore_robot.transforms import FrameBroadcaster
 from tests.robot_nodes.conftest import RecordingRobot
@@ -23,14 +29,14 @@ LASER = "base_laser_link"
 
 
 class Looking:
-    """A robot whose laser is 0.2 m ahead of its middle, its transforms, and processes around it."""
+    """A robot whose laser is 0.2 m ahead of its middle, its transforms, and components around it."""
 
     def __init__(self, robot: RecordingRobot) -> None:
         self.robot = robot
         self.lines: list[LogMessage] = []
-        self.context = ProcessContext(robot.clock, robot.schedule, self.lines.append, robot=robot)
+        self.context = ComponentContext(robot.clock, robot.schedule, self.lines.append, robot=robot)
         self.executor = Executor(robot.schedule, robot.clock)
-        self.laser = Process("laser", self.context)
+        self.laser = Component("laser", self.context)
         self.scans = self.laser.create_publisher("input_scan", LaserScan)
         self.arrows: list[Arrow] = []
         self.laser.create_subscription(
@@ -43,10 +49,10 @@ class Looking:
         broadcaster.step(self.robot.clock.now())
         self.robot.schedule.add_task(50.0, Phase.TRANSFORMS, broadcaster.step)
 
-    def add(self, kind: type, **parameters) -> Process:
-        process = kind(self.context, ProcessOptions(parameters=parameters))
-        self.executor.add(process)
-        return process
+    def add(self, kind: type, **parameters) -> Component:
+        component = kind(self.context, ComponentOptions(parameters=parameters))
+        self.executor.add(component)
+        return component
 
     def see(self, *ranges: float) -> None:
         stamp = self.robot.clock.now()

@@ -1,12 +1,12 @@
-"""A process that connects the robot to topics: it publishes sensor data and subscribes to commands.
+"""A component that connects the robot to topics: it publishes sensor data and subscribes to commands.
 
 The topic names are those of the book *A Concise Introduction to Robot Programming with ROS2*.
 """
 
 from collections.abc import Callable
 
-from btcore_robot.process.messages import HeadCommand
-from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
+from btcore_robot.components.messages import HeadCommand
 from btcore_robot.robot import CameraImage, HeadPosition, LaserScan, Odometry, Twist2D
 
 SCAN_TOPIC = "/scan_raw"
@@ -31,13 +31,13 @@ PERIOD_S = 0.02
 """The period (s) of the check for new data, which is the period of the odometry."""
 
 
-class RobotBridge(Process):
+class RobotBridge(Component):
     """Publish each new scan, image, odometry and head position; pass commands to the robot.
 
     Images are requested only while their topic has subscribers.
     """
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__("robot", context, options)
         if context.robot is None:
             raise ValueError("a bridge needs a robot, but the context has none")

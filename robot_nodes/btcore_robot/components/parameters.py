@@ -1,4 +1,4 @@
-"""Parameters of a process: it declares them with a default; files or options set them at its start."""
+"""Parameters of a component: it declares them with a default; files or options set them at its start."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ DeclaredValue = TypeVar("DeclaredValue", bool, int, float, str, list[int], list[
 
 
 class Parameters:
-    """The parameters of the process named *owner*. *set_at_start* contains the values set at its start."""
+    """The parameters of the component named *owner*. *set_at_start* contains the values set at its start."""
 
     def __init__(self, owner: str, set_at_start: Mapping[str, ParameterValue]) -> None:
         self._owner = owner
@@ -69,14 +69,14 @@ class Parameters:
             )
 
 
-def load_process_parameters(path: Path, name: str) -> dict[str, ParameterValue]:
-    """Return the parameters of a process in a file.
+def load_component_parameters(path: Path, name: str) -> dict[str, ParameterValue]:
+    """Return the parameters of a component in a file.
 
-    The values under the process's name override the values for all processes (`/**`).
+    The values under the component's name override the values for all components (`/**`).
 
     Args:
         path: The parameter file.
-        name: The name of the process.
+        name: The name of the component.
 
     Raises:
         ParameterError: The file cannot be read, or contains a value that is not a parameter.

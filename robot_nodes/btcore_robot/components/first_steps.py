@@ -1,11 +1,11 @@
-"""First programs: a logger, a publisher, a subscriber, and a process with parameters.
+"""First programs: a logger, a publisher, a subscriber, and a component with parameters.
 
 They are from chapter 2 of the book *A Concise Introduction to Robot Programming with ROS2*.
 """
 
 from dataclasses import dataclass
 
-from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
+from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
 
 PERIOD_S = 0.5
 """The period (s) of the logger and the publisher."""
@@ -22,10 +22,10 @@ class Int32:
     data: int
 
 
-class Logger(Process):
+class Logger(Component):
     """Log `Hello N` twice a second, with N from 0."""
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__("logger_node", context, options)
         self.counter = 0
         self.create_timer(PERIOD_S, self.log)
@@ -36,10 +36,10 @@ class Logger(Process):
         self.counter += 1
 
 
-class NumberPublisher(Process):
+class NumberPublisher(Component):
     """Publish 1, 2, 3 … on `int_topic`, twice a second."""
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__("publisher_node", context, options)
         self.message = Int32(0)
         self.numbers = self.create_publisher("int_topic", Int32)
@@ -51,10 +51,10 @@ class NumberPublisher(Process):
         self.numbers.publish(self.message)
 
 
-class NumberSubscriber(Process):
+class NumberSubscriber(Component):
     """Log `Hello N` for each number received on `int_topic`."""
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__("subscriber_node", context, options)
         self.create_subscription("int_topic", Int32, self.on_number)
 
@@ -63,10 +63,10 @@ class NumberSubscriber(Process):
         self.info(f"Hello {message.data}")
 
 
-class Localization(Process):
+class Localization(Component):
     """Declare parameters and log them, or log an error if `topics` and `topic_types` differ in length."""
 
-    def __init__(self, context: ProcessContext, options: ProcessOptions | None = None) -> None:
+    def __init__(self, context: ComponentContext, options: ComponentOptions | None = None) -> None:
         super().__init__("localization_node", context, options)
         declare = self.parameters.declare
         self.number_particles = declare("number_particles", 200)

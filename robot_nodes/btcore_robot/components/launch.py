@@ -27,11 +27,11 @@ from msgspec import UNSET, UnsetType
 
 from btcore.suggestions import did_you_mean
 from btcore.typed_data import FieldError, Record, convert
+from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
+from btcore_robot.components.parameters import ParameterValue, load_component_parameters
+from btcore_robot.components.programs import PROGRAMS, create_components
 from btcore_robot.data_files import yaml_data
 from btcore_robot.errors import RobotError
-from btcore_robot.process.parameters import ParameterValue, load_process_parameters
-from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
-from btcore_robot.process.programs import PROGRAMS, create_processes
 
 _OTHER_FORMATS = {".py": "Python", ".xml": "XML"}  # the other formats of ROS 2's launch files, by suffix
 _MAX_DEPTH = 16  # levels of includes; a deeper level means that a file includes itself
@@ -94,11 +94,11 @@ class LaunchEntry:
     node: _Node
     file: Path
 
-    def options(self, own_name: str) -> ProcessOptions:
-        """Return the options of the program's processes.
+    def options(self, own_name: str) -> ComponentOptions:
+        """Return the options of the program's components.
 
         Args:
-            own_name: The default name of the program's process. Without a name in the launch file, it
+            own_name: The default name of the program's component. Without a name in the launch file, it
                 selects the parameters in a parameter file.
 
         Raises:
@@ -108,10 +108,10 @@ class LaunchEntry:
         for parameter in self.node.param:
             if parameter.file is not UNSET:
                 file = self.file.parent / parameter.file
-                values |= load_process_parameters(file, self.node.name or own_name)
+                values |= load_component_parameters(file, self.node.name or own_name)
             elif parameter.name is not UNSET:
                 values[parameter.name] = parameter.value
-        return ProcessOptions(self.node.name, {rule.source: rule.to for rule in self.node.remap}, values)
+        return ComponentOptions(self.node.name, {rule.source: rule.to for rule in self.node.remap}, values)
 
 
 def read_launch(path: Path, depth: int = 0) -> list[LaunchEntry]:
@@ -144,24 +144,24 @@ def _entries(path: Path, step: _Step, depth: int) -> Iterator[LaunchEntry]:
         yield LaunchEntry(step.node, path)
 
 
-def launch_processes(entries: list[LaunchEntry], context: ProcessContext) -> list[Process]:
-    """Return the processes of *entries*; add them to an executor to run them.
+def launch_components(entries: list[LaunchEntry], context: ComponentContext) -> list[Component]:
+    """Return the components of *entries*; add them to an executor to run them.
 
     Args:
         entries: The programs to start.
-        context: The resources that the processes share.
+        context: The resources that the components share.
 
     Raises:
         ParameterError: A parameter has an invalid value.
     """
-    processes: list[Process] = []
+    components: list[Component] = []
     for entry in entries:
-        # Without a name in the launch file, a parameter file addresses the process by its default name.
+        # Without a name in the launch file, a parameter file addresses the component by its default name.
         own = "" if entry.node.name or not entry.node.param else _own_name(entry.node.program, context)
-        processes += create_processes(entry.node.program, context, entry.options(own))
-    return processes
+        components += create_components(entry.node.program, context, entry.options(own))
+    return components
 
 
-def _own_name(program: str, context: ProcessContext) -> str:
-    quiet = ProcessContext(context.clock, context.schedule, lambda line: None, robot=context.robot)
-    return create_processes(program, quiet)[0].name
+def _own_name(program: str, context: ComponentContext) -> str:
+    quiet = ComponentContext(context.clock, context.schedule, lambda line: None, robot=context.robot)
+    return create_components(program, quiet)[0].name

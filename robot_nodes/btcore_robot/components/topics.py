@@ -19,7 +19,7 @@ class Subscription(Generic[Message]):
     *wake* is called when a message arrives. *lost* is the number of dropped messages.
 
     Args:
-        owner: The name of the process, for error messages.
+        owner: The name of the component, for error messages.
 
     Attributes:
         topic: The topic.
@@ -37,7 +37,7 @@ class Subscription(Generic[Message]):
     ) -> None:
         self.topic = topic
         self.owner = owner
-        """The name of the process with the callback."""
+        """The name of the component with the callback."""
         self.callback = callback
         self.lost = 0
         self._queue: deque[Message] = deque(maxlen=depth)
@@ -69,7 +69,7 @@ class Topic(Generic[Message]):
 
     Args:
         type_: The class of the messages.
-        owner: The name of the process that uses the topic first, for error messages.
+        owner: The name of the component that uses the topic first, for error messages.
 
     Attributes:
         name: The name.
@@ -81,9 +81,9 @@ class Topic(Generic[Message]):
         self.name = name
         self.type = type_
         self.owner = owner
-        """The name of the process that used the topic first."""
+        """The name of the component that used the topic first."""
         self.publishers: list[str] = []
-        """The names of the processes that publish on the topic."""
+        """The names of the components that publish on the topic."""
         self.subscriptions: list[Subscription[Message]] = []
         self.latched: Message | None = None
         """The last message of a latched publisher, for later subscriptions; None if there is none."""
@@ -145,7 +145,7 @@ class Topics:
         Args:
             name: The name, with or without a leading slash.
             type_: The class of the messages.
-            owner: The name of the process that uses the topic.
+            owner: The name of the component that uses the topic.
 
         Raises:
             TopicError: The topic exists with another type.

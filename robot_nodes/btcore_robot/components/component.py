@@ -1,13 +1,13 @@
-"""A process (like a ROS 2 node) with publishers, subscriptions, timers and parameters, and the executor."""
+"""A component (like a ROS 2 node) with publishers, subscriptions, timers and parameters, and the executor."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from btcore.clock import NS_PER_S
+from btcore_robot.components.parameters import Parameters, ParameterValue
+from btcore_robot.components.topics import Publisher, Subscription, Topics, full_name
 from btcore_robot.errors import RobotError
-from btcore_robot.process.parameters import Parameters, ParameterValue
-from btcore_robot.process.topics import Publisher, Subscription, Topics, full_name
 from btcore_robot.robot import Phase, Robot, RobotClock, Schedule
 from btcore_robot.transforms import TransformTree
 
@@ -22,7 +22,7 @@ QUEUE_DEPTH = 10
 
 @dataclass(frozen=True, slots=True)
 class LogMessage:
-    """A line of a process's log: *level* (INFO, WARN or ERROR), *stamp* (ns), process *name* and *text*."""
+    """A line of the log: *level* (INFO, WARN or ERROR), *stamp* (ns), component *name* and *text*."""
 
     level: str
     stamp: int
@@ -33,17 +33,17 @@ class LogMessage:
         return f"[{self.level}] [{self.stamp / NS_PER_S:.3f}] [{self.name}]: {self.text}"
 
 
-class ProcessContext:
-    """The resources that processes share.
+class ComponentContext:
+    """The resources that components share.
 
     Args:
-        clock: The clock of the processes.
-        schedule: The schedule that calls the timers of the processes.
+        clock: The clock of the components.
+        schedule: The schedule that calls the timers of the components.
         log_sink: A function that receives every log message.
-        robot: The robot, if the processes have one.
+        robot: The robot, if the components have one.
 
     Attributes:
-        transforms: The transform tree that the processes share.
+        transforms: The transform tree that the components share.
         topics: The topics by name.
     """
 
@@ -64,8 +64,8 @@ class ProcessContext:
 
 
 @dataclass(frozen=True, slots=True)
-class ProcessOptions:
-    """Options of a process at its start.
+class ComponentOptions:
+    """Options of a component at its start.
 
     *name* replaces its default name. *remap* maps old names of topics to new names. *parameters* maps the
     names of parameters to their values.
@@ -77,41 +77,41 @@ class ProcessOptions:
 
 
 class Timer:
-    """A timer that calls *callback* every *period* seconds while its process runs.
+    """A timer that calls *callback* every *period* seconds while its component runs.
 
     Args:
-        process: The process of the timer.
+        component: The component of the timer.
     """
 
-    def __init__(self, process: "Process", period: float, callback: Callable[[], None]) -> None:
+    def __init__(self, component: "Component", period: float, callback: Callable[[], None]) -> None:
         self.period = period
         self.callback = callback
-        self._process = process
+        self._component = component
 
     def cancel(self) -> None:
         """Stop the timer."""
-        self._process.timers.remove(self)
-        if self._process.executor is not None:
-            self._process.executor.cancel_timer(self)
+        self._component.timers.remove(self)
+        if self._component.executor is not None:
+            self._component.executor.cancel_timer(self)
 
 
-class Process:
+class Component:
     """A program of the robot, like a ROS 2 node. A subclass creates timers and subscriptions in `__init__`.
 
-    A process runs after `Executor.add` has added it to an executor. *name* is its default name, which
+    A component runs after `Executor.add` has added it to an executor. *name* is its default name, which
     *options* may override.
 
     Attributes:
         name: The name that *options* contains, or else the default name.
-        context: The resources that the process shares with other processes.
-        parameters: The parameters of the process.
+        context: The resources that the component shares with other components.
+        parameters: The parameters of the component.
         subscriptions: The subscriptions, in order of creation.
         timers: The timers, in order of creation.
         executor: The executor, once `Executor.add` was called.
     """
 
-    def __init__(self, name: str, context: ProcessContext, options: ProcessOptions | None = None) -> None:
-        options = options if options is not None else ProcessOptions()
+    def __init__(self, name: str, context: ComponentContext, options: ComponentOptions | None = None) -> None:
+        options = options if options is not None else ComponentOptions()
         self.name = options.name or name
         self.context = context
         self.parameters = Parameters(self.name, options.parameters)
@@ -167,7 +167,7 @@ class Process:
         return created
 
     def create_timer(self, period: float, callback: Callable[[], None]) -> Timer:
-        """Call a function periodically, the first time after one period, while an executor runs the process.
+        """Call a function periodically while an executor runs the component, first after one period.
 
         Args:
             period: The time (s) between two calls, greater than 0.
@@ -199,7 +199,7 @@ class Process:
         self._log("ERROR", text)
 
     def destroy(self) -> None:
-        """Remove the process from its executor and from all topics."""
+        """Remove the component from its executor and from all topics."""
         if self.executor is not None:
             self.executor.remove(self)
         for subscription in self.subscriptions:
@@ -222,42 +222,42 @@ class MessageLoopError(RobotError):
 
 
 class Executor:
-    """An executor that runs the timers of its processes when they are due, and delivers their messages.
+    """An executor that runs the timers of its components when they are due, and delivers their messages.
 
     It is single-threaded: a callback ends before the next callback begins. Messages are delivered at the time
     of their publication, in rounds. In each round every subscription receives at most one message. A round
-    visits the processes in the order in which they were added, and their subscriptions in the order of
-    creation. A process without an executor receives no messages, and its timers are inactive.
+    visits the components in the order in which they were added, and their subscriptions in the order of
+    creation. A component without an executor receives no messages, and its timers are inactive.
 
     Args:
         schedule: The schedule that calls the executor.
         clock: The clock of the timers.
 
     Attributes:
-        processes: The processes in the order in which they were added.
+        components: The components in the order in which they were added.
     """
 
     def __init__(self, schedule: Schedule, clock: RobotClock) -> None:
-        self.processes: list[Process] = []
+        self.components: list[Component] = []
         self._schedule = schedule
         self._clock = clock
         self._cancel_functions: dict[Timer, Callable[[], None]] = {}
         self._cancel_wake_up: Callable[[], None] | None = None
         self._running = False
 
-    def add(self, process: Process) -> None:
-        """Run the timers of *process* and deliver its messages from now on."""
-        process.executor = self
-        self.processes.append(process)
-        for timer in process.timers:
+    def add(self, component: Component) -> None:
+        """Run the timers of *component* and deliver its messages from now on."""
+        component.executor = self
+        self.components.append(component)
+        for timer in component.timers:
             self.start_timer(timer)
         self.wake()
 
-    def remove(self, process: Process) -> None:
-        """Stop the timers of *process* and the delivery of its messages."""
-        self.processes.remove(process)
-        process.executor = None
-        for timer in process.timers:
+    def remove(self, component: Component) -> None:
+        """Stop the timers of *component* and the delivery of its messages."""
+        self.components.remove(component)
+        component.executor = None
+        for timer in component.timers:
             self.cancel_timer(timer)
 
     def start_timer(self, timer: Timer) -> None:
@@ -270,7 +270,7 @@ class Executor:
                 timer.callback()
                 self.spin_some()
 
-        self._cancel_functions[timer] = self._schedule.add_task(1.0 / timer.period, Phase.PROCESSES, due)
+        self._cancel_functions[timer] = self._schedule.add_task(1.0 / timer.period, Phase.COMPONENTS, due)
 
     def cancel_timer(self, timer: Timer) -> None:
         """Stop calling *timer*."""
@@ -279,11 +279,11 @@ class Executor:
             end()
 
     def wake(self) -> None:
-        """Schedule the delivery of pending messages at the current time, in the phase `Phase.PROCESSES`."""
+        """Schedule the delivery of pending messages at the current time, in the phase `Phase.COMPONENTS`."""
         if self._cancel_wake_up is None and not self._running:
             # `spin_some` cancels this periodic task, so that it runs only once.
             self._cancel_wake_up = self._schedule.add_task(
-                1.0, Phase.PROCESSES, lambda now: self.spin_some(), first=self._clock.now()
+                1.0, Phase.COMPONENTS, lambda now: self.spin_some(), first=self._clock.now()
             )
 
     def spin_some(self) -> None:
@@ -302,12 +302,12 @@ class Executor:
             for _ in range(MAX_DELIVERY_ROUNDS):
                 delivered = [
                     subscription.take()
-                    for process in self.processes
-                    for subscription in process.subscriptions
+                    for component in self.components
+                    for subscription in component.subscriptions
                 ]
                 if not any(delivered):
                     return
-            names = ", ".join(process.name for process in self.processes)
+            names = ", ".join(component.name for component in self.components)
             raise MessageLoopError(f"the callbacks of {names} publish to each other without end")
         finally:
             self._running = False

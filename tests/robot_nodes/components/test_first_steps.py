@@ -4,19 +4,19 @@ from pathlib import Path
 
 import pytest
 
-from btcore_robot.process.first_steps import Int32, Localization, Logger, NumberPublisher, NumberSubscriber
-from btcore_robot.process.launch import LaunchError, launch_processes, read_launch
-from btcore_robot.process.parameters import ParameterError, load_process_parameters
-from btcore_robot.process.process import (
+from btcore_robot.components.component import (
+    Component,
+    ComponentContext,
+    ComponentOptions,
     Executor,
     LogMessage,
     MessageLoopError,
-    Process,
-    ProcessContext,
-    ProcessOptions,
 )
-from btcore_robot.process.programs import UnknownProgramError, create_processes
-from btcore_robot.process.topics import TopicError
+from btcore_robot.components.first_steps import Int32, Localization, Logger, NumberPublisher, NumberSubscriber
+from btcore_robot.components.launch import LaunchError, launch_components, read_launch
+from btcore_robot.components.parameters import ParameterError, load_component_parameters
+from btcore_robot.components.programs import UnknownProgramError, create_components
+from btcore_robot.components.topics import TopicError
 from btcore_robot.robot import Phase
 from tests.robot_nodes.conftest import RecordingRobot, SteppedClock
 
@@ -29,12 +29,12 @@ class Desk:
     def __init__(self, clock: SteppedClock) -> None:
         self.clock = clock
         self.lines: list[LogMessage] = []
-        self.context = ProcessContext(clock, clock, self.lines.append)
+        self.context = ComponentContext(clock, clock, self.lines.append)
         self.executor = Executor(clock, clock)
 
-    def add(self, *processes: Process) -> None:
-        for process in processes:
-            self.executor.add(process)
+    def add(self, *components: Component) -> None:
+        for component in components:
+            self.executor.add(component)
 
     @property
     def output(self) -> list[tuple[float, str, str]]:
@@ -59,7 +59,7 @@ def test_the_logger_counts_from_zero_twice_a_second(desk: Desk) -> None:
 
 def test_the_publisher_counts_before_it_publishes(desk: Desk) -> None:
     received: list[tuple[float, int]] = []
-    listener = Process("listener", desk.context)
+    listener = Component("listener", desk.context)
     listener.create_subscription(
         "int_topic", Int32, lambda one: received.append((desk.clock.now() / SECOND, one.data))
     )
@@ -69,7 +69,7 @@ def test_the_publisher_counts_before_it_publishes(desk: Desk) -> None:
 
 
 def test_publisher_and_subscriber_in_one_executor(desk: Desk) -> None:
-    desk.add(*create_processes("executor", desk.context))
+    desk.add(*create_components("executor", desk.context))
     desk.clock.sleep(1.6)
     assert [text for _, _, text in desk.output] == ["Hello 1", "Hello 2", "Hello 3"]
     assert {name for _, name, _ in desk.output} == {"subscriber_node"}
@@ -84,8 +84,8 @@ def test_publisher_and_subscriber_in_two_executors(desk: Desk) -> None:
 
 
 def test_localization_has_default_parameters(desk: Desk) -> None:
-    process = Localization(desk.context)
-    assert (process.number_particles, process.topics, process.topic_types) == (200, [], [])
+    component = Localization(desk.context)
+    assert (component.number_particles, component.topics, component.topic_types) == (200, [], [])
     assert desk.lines[0].level == "INFO"
 
 
@@ -100,15 +100,15 @@ localization_node:
 
 def test_a_parameter_file_sets_the_parameters(desk: Desk, tmp_path: Path) -> None:
     (tmp_path / "params.yaml").write_text(PARAMS)
-    given = load_process_parameters(tmp_path / "params.yaml", "localization_node")
-    process = Localization(desk.context, ProcessOptions(parameters=given))
-    assert process.number_particles == 300
-    assert process.topics == ["scan", "image"]
+    given = load_component_parameters(tmp_path / "params.yaml", "localization_node")
+    component = Localization(desk.context, ComponentOptions(parameters=given))
+    assert component.number_particles == 300
+    assert component.topics == ["scan", "image"]
     assert [line.level for line in desk.lines] == ["INFO"] * 3
 
 
 def test_lists_of_different_lengths_are_reported_as_an_error(desk: Desk) -> None:
-    Localization(desk.context, ProcessOptions(parameters={"topics": ["scan"]}))
+    Localization(desk.context, ComponentOptions(parameters={"topics": ["scan"]}))
     assert [(line.level, line.text) for line in desk.lines] == [
         ("ERROR", "Number of topics (1) != number of types (0)")
     ]
@@ -116,17 +116,18 @@ def test_lists_of_different_lengths_are_reported_as_an_error(desk: Desk) -> None
 
 def test_a_misnamed_parameter_is_ignored_with_a_warning(desk: Desk) -> None:
     """The first launch file of the book passes "particles"."""
-    process = Localization(desk.context, ProcessOptions(parameters={"particles": 300}))
-    assert process.number_particles == 200
-    assert list(process.unused_warnings()) == [
+    component = Localization(desk.context, ComponentOptions(parameters={"particles": 300}))
+    assert component.number_particles == 200
+    assert list(component.unused_warnings()) == [
         "localization_node has no parameter 'particles', so its value is ignored; "
         "did you mean 'number_particles'?"
     ]
 
 
-def test_every_process_accepts_use_sim_time(desk: Desk) -> None:
+def test_every_component_accepts_use_sim_time(desk: Desk) -> None:
     assert (
-        list(Logger(desk.context, ProcessOptions(parameters={"use_sim_time": True})).unused_warnings()) == []
+        list(Logger(desk.context, ComponentOptions(parameters={"use_sim_time": True})).unused_warnings())
+        == []
     )
 
 
@@ -136,18 +137,18 @@ def test_every_process_accepts_use_sim_time(desk: Desk) -> None:
 )
 def test_a_parameter_of_another_type_raises(desk: Desk, given: dict) -> None:
     with pytest.raises(ParameterError, match="localization_node: the parameter '"):
-        Localization(desk.context, ProcessOptions(parameters=given))
+        Localization(desk.context, ComponentOptions(parameters=given))
 
 
 # --- topics
 
 
 class Talk:
-    """A process that publishes numbers, and a process that subscribes to them."""
+    """A component that publishes numbers, and a component that subscribes to them."""
 
     def __init__(self, desk: Desk, *, latched: bool = False) -> None:
-        self.speaker = Process("speaker", desk.context)
-        self.listener = Process("listener", desk.context)
+        self.speaker = Component("speaker", desk.context)
+        self.listener = Component("listener", desk.context)
         self.numbers = self.speaker.create_publisher("numbers", Int32, latched=latched)
         self.received: list[int] = []
 
@@ -196,8 +197,8 @@ def test_a_message_or_a_subscription_of_another_type_raises(desk: Desk) -> None:
         talk.listener.create_subscription("/numbers", str, print)
 
 
-def test_a_process_is_remapped_at_its_start(desk: Desk) -> None:
-    listener = NumberSubscriber(desk.context, ProcessOptions("other", {"int_topic": "/numbers"}))
+def test_a_component_is_remapped_at_its_start(desk: Desk) -> None:
+    listener = NumberSubscriber(desk.context, ComponentOptions("other", {"int_topic": "/numbers"}))
     talk = Talk(desk)
     desk.add(listener)
     talk.send(7)
@@ -217,7 +218,7 @@ def test_a_message_is_received_at_the_time_of_its_publication(desk: Desk) -> Non
     assert moments == [0.25, 0.5, 0.75, 1.0]
 
 
-def test_a_destroyed_process_receives_nothing_and_its_timers_stop(desk: Desk) -> None:
+def test_a_destroyed_component_receives_nothing_and_its_timers_stop(desk: Desk) -> None:
     talk = Talk(desk)
     talk.listener.create_subscription("numbers", Int32, talk.receive)
     logger = Logger(desk.context)
@@ -230,10 +231,10 @@ def test_a_destroyed_process_receives_nothing_and_its_timers_stop(desk: Desk) ->
 
 
 def test_a_timer_can_be_cancelled_by_its_own_callback(desk: Desk) -> None:
-    process = Process("once", desk.context)
+    component = Component("once", desk.context)
     calls: list[int] = []
-    timer = process.create_timer(0.1, lambda: (calls.append(1), timer.cancel()))
-    desk.add(process)
+    timer = component.create_timer(0.1, lambda: (calls.append(1), timer.cancel()))
+    desk.add(component)
     desk.clock.sleep(1.0)
     assert calls == [1]
 
@@ -269,8 +270,8 @@ launch:
 
 def test_a_launch_file_starts_publisher_and_subscriber(desk: Desk, tmp_path: Path) -> None:
     (tmp_path / "pub_sub.launch.yaml").write_text(PUB_SUB)
-    desk.add(*launch_processes(read_launch(tmp_path / "pub_sub.launch.yaml"), desk.context))
-    assert [process.name for process in desk.executor.processes] == ["speaker", "subscriber_node"]
+    desk.add(*launch_components(read_launch(tmp_path / "pub_sub.launch.yaml"), desk.context))
+    assert [component.name for component in desk.executor.components] == ["speaker", "subscriber_node"]
     desk.clock.sleep(1.1)
     assert [text for _, _, text in desk.output] == ["Hello 1", "Hello 2"]
 
@@ -279,10 +280,10 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
     (tmp_path / "pub_sub.launch.yaml").write_text(PUB_SUB)
     (tmp_path / "params.yaml").write_text(PARAMS)
     (tmp_path / "all.launch.yaml").write_text(WITH_PARAMS)
-    processes = launch_processes(read_launch(tmp_path / "all.launch.yaml"), desk.context)
-    assert [one.name for one in processes] == ["speaker", "subscriber_node", "localization_node"]
-    assert processes[2].parameters["number_particles"] == 400
-    assert processes[2].parameters["topics"] == ["scan", "image"]
+    components = launch_components(read_launch(tmp_path / "all.launch.yaml"), desk.context)
+    assert [component.name for component in components] == ["speaker", "subscriber_node", "localization_node"]
+    assert components[2].parameters["number_particles"] == 400
+    assert components[2].parameters["topics"] == ["scan", "image"]
 
 
 @pytest.mark.parametrize(
@@ -309,9 +310,9 @@ def test_a_launch_file_includes_others_and_sets_parameters(desk: Desk, tmp_path:
 def test_error_in_launch_file_has_its_line(desk: Desk, tmp_path: Path, text: str, output: str) -> None:
     (tmp_path / "f.yaml").write_text(text)
     with pytest.raises(LaunchError, match=output):
-        launch_processes(read_launch(tmp_path / "f.yaml"), desk.context)
+        launch_components(read_launch(tmp_path / "f.yaml"), desk.context)
 
 
 def test_an_unknown_program_raises(desk: Desk) -> None:
     with pytest.raises(UnknownProgramError, match="there are logger, publisher"):
-        create_processes("xyz", desk.context)
+        create_components("xyz", desk.context)

@@ -1,4 +1,4 @@
-"""Components with ROS 2's lifecycle: their user configures, activates and deactivates them."""
+"""ROS 2's lifecycle, for servers that a user configures, activates and deactivates."""
 
 from collections.abc import Callable
 from enum import IntEnum
@@ -34,8 +34,8 @@ _TARGETS = {
 }
 
 
-class LifecycleComponent:
-    """A component with a lifecycle `state`.
+class Lifecycle:
+    """The base class of servers with a lifecycle, such as the head tracker.
 
     A subclass overrides the `on_…` callbacks. A callback that returns False refuses its transition.
     """

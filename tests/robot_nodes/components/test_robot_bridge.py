@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from btcore_robot.process.messages import HeadCommand
-from btcore_robot.process.process import Executor, Process, ProcessContext
-from btcore_robot.process.robot_bridge import (
+from btcore_robot.components.component import Component, ComponentContext, Executor
+from btcore_robot.components.messages import HeadCommand
+from btcore_robot.components.robot_bridge import (
     IMAGE_TOPIC,
     JOINT_COMMAND,
     JOINT_STATE,
@@ -18,12 +18,12 @@ from tests.robot_nodes.conftest import RecordingRobot
 
 
 class Bridged:
-    """A robot with a bridge, and a process that uses its topics."""
+    """A robot with a bridge, and a component that uses its topics."""
 
     def __init__(self, robot: RecordingRobot) -> None:
         self.robot = robot
-        self.context = ProcessContext(robot.clock, robot.schedule, lambda line: None, robot=robot)
-        self.other = Process("other", self.context)
+        self.context = ComponentContext(robot.clock, robot.schedule, lambda line: None, robot=robot)
+        self.other = Component("other", self.context)
         executor = Executor(robot.schedule, robot.clock)
         executor.add(RobotBridge(self.context))
         executor.add(self.other)
@@ -94,6 +94,6 @@ def test_a_picture_is_requested_only_while_there_is_a_subscriber(bridged: Bridge
 
 
 def test_a_bridge_without_a_robot_is_refused(robot: RecordingRobot) -> None:
-    context = ProcessContext(robot.clock, robot.schedule, lambda line: None)
+    context = ComponentContext(robot.clock, robot.schedule, lambda line: None)
     with pytest.raises(ValueError, match="a bridge needs a robot"):
         RobotBridge(context)

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from importlib import import_module
 
 from btcore.suggestions import did_you_mean
+from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
 from btcore_robot.errors import RobotError
-from btcore_robot.process.process import Process, ProcessContext, ProcessOptions
 
-_FIRST_STEPS = "btcore_robot.process.first_steps"
+_FIRST_STEPS = "btcore_robot.components.first_steps"
 _FSM = "btcore_robot.control.bumpgo_fsm"
 _VFF = "btcore_robot.control.vff"
 _DETECTOR = "btcore_robot.perception.obstacle_detector"
@@ -31,30 +31,30 @@ PROGRAMS: dict[str, tuple[tuple[str, str], ...]] = {
     "obstacle_in_frames": ((_DETECTOR, "ObstacleInFrames"),),
     "object_detector": (("btcore_robot.perception.colour", "ObjectDetector"),),
     "displacement": ((_DETECTOR, "Displacement"),),
-    "bridge": (("btcore_robot.process.robot_bridge", "RobotBridge"),),
+    "bridge": (("btcore_robot.components.robot_bridge", "RobotBridge"),),
 }
-"""The processes of every program, each as the names of its module and its class."""
+"""The components of every program, each as the names of its module and its class."""
 
-ProcessFactory = Callable[[ProcessContext, ProcessOptions], Process]
-"""A function that creates the process of a program."""
+ComponentFactory = Callable[[ComponentContext, ComponentOptions], Component]
+"""A function that creates the component of a program."""
 
 
 class UnknownProgramError(RobotError):
     """There is no program of that name. The message lists the programs or suggests a name."""
 
 
-def create_processes(
-    program: str, context: ProcessContext, options: ProcessOptions | None = None
-) -> list[Process]:
-    """Create the processes of a program. Add all of them to the same executor.
+def create_components(
+    program: str, context: ComponentContext, options: ComponentOptions | None = None
+) -> list[Component]:
+    """Create the components of a program. Add all of them to the same executor.
 
     Args:
         program: The name of the program.
-        context: The resources that the processes share.
-        options: The options of each process; the name is ignored for a program of several processes.
+        context: The resources that the components share.
+        options: The options of each component; the name is ignored for a program of several components.
 
     Returns:
-        The processes.
+        The components.
 
     Raises:
         UnknownProgramError: There is no program of that name.
@@ -62,9 +62,9 @@ def create_processes(
     if program not in PROGRAMS:
         hint = did_you_mean(program, PROGRAMS) or f": there are {', '.join(PROGRAMS)}"
         raise UnknownProgramError(f"there is no program '{program}'{hint}")
-    options = options if options is not None else ProcessOptions()
+    options = options if options is not None else ComponentOptions()
     parts = PROGRAMS[program]
     if len(parts) > 1:
-        options = ProcessOptions(None, options.remap, options.parameters)
-    factories: list[ProcessFactory] = [getattr(import_module(module), name) for module, name in parts]
+        options = ComponentOptions(None, options.remap, options.parameters)
+    factories: list[ComponentFactory] = [getattr(import_module(module), name) for module, name in parts]
     return [factory(context, options) for factory in factories]

@@ -1,4 +1,0 @@
-"""Processes on the robot's schedule: topics, timers, parameters and lifecycle.
-
-A process corresponds to a ROS 2 node in the book *A Concise Introduction to Robot Programming with ROS2*.
-"""
