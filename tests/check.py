@@ -235,7 +235,7 @@ def all_tests_of(files: list[str]) -> list[str]:
     lists = [tests_of(file) for file in files]
     longest = max(map(len, lists), default=0)
     found = dict.fromkeys(tests[rank] for rank in range(longest) for tests in lists if rank < len(tests))
-    return [test for test in found if not any(test != one and inside(test, one) for one in found)]
+    return [test for test in found if not any(test != other and inside(test, other) for other in found)]
 
 
 def inside(test: str, other: str) -> bool:

@@ -110,7 +110,7 @@ def violations(importer: str, imported: str, *, but: tuple[str, ...] = ()) -> li
     return [
         f"{module} → {name}"
         for module in SOURCES
-        if inside(module, importer) and not any(inside(module, one) for one in but)
+        if inside(module, importer) and not any(inside(module, excluded) for excluded in but)
         for name in imports(module)
         if inside(name, imported)
     ]
@@ -205,7 +205,9 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
     for module in shared | drawing:
         assert third_party_imports(module) == set()
         assert all(tier(name) == 0 for name in imports(module) if inside(name, "btcore"))
-    assert [one for dependency in ROBOT_PACKAGES for one in violations("btcore_monitor", dependency)] == []
+    assert [
+        violation for dependency in ROBOT_PACKAGES for violation in violations("btcore_monitor", dependency)
+    ] == []
 
 
 def test_log_formats_of_the_monitor_need_no_extra() -> None:

@@ -59,7 +59,7 @@ def test_engine_dependencies_exclude_the_monitor_and_the_robot() -> None:
 def test_every_data_file_is_installed_with_its_package() -> None:
     listed = PROJECT["tool"]["setuptools"]["package-data"]
     packages = [path for parent in PARENTS for name in PACKAGES if (path := ROOT / parent / name).is_dir()]
-    installed = {path for package in packages for one in listed[package.name] for path in package.glob(one)}
+    installed = {path for folder in packages for name in listed[folder.name] for path in folder.glob(name)}
     there = {
         path
         for package in packages
@@ -160,7 +160,8 @@ def test_lower_bounds_have_no_known_vulnerabilities(
     assert bounds["lxml"]
     assert list(script.vulnerable(bounds)) == []
     assert list(script.vulnerable({"lxml": "6.0.4"})) == ["lxml 6.0.4: CVE-2026-41066, fixed in 6.1.0"]
-    builds = {re.split(">=", one)[1] for one in PROJECT["build-system"]["requires"] if "setuptools>" in one}
+    requirements = PROJECT["build-system"]["requires"]
+    builds = {text.split(">=")[1] for text in requirements if "setuptools>" in text}
     assert list(script.vulnerable(dict.fromkeys(["setuptools"], *builds))) == []
 
 
@@ -171,12 +172,12 @@ def test_the_bill_of_materials_lists_every_dependency() -> None:
     bill = bill_of_materials("btcore", json.loads(done.stdout)["installed"])
     assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.6")
     assert bill["metadata"]["component"]["name"] == "btcore"
-    components = {one["name"]: one for one in bill["components"]}
+    components = {component["name"]: component for component in bill["components"]}
     assert "btcore" not in components
     assert components["lxml"]["purl"] == f"pkg:pypi/lxml@{components['lxml']['version']}"
-    required = {one["ref"]: one["dependsOn"] for one in bill["dependencies"]}
-    references = {one["bom-ref"] for one in (bill["metadata"]["component"], *bill["components"])}
+    required = {dependency["ref"]: dependency["dependsOn"] for dependency in bill["dependencies"]}
+    references = {component["bom-ref"] for component in (bill["metadata"]["component"], *bill["components"])}
     assert required.keys() == references
-    assert {one for ones in required.values() for one in ones} <= references
+    assert {reference for ones in required.values() for reference in ones} <= references
     engine = {components[name]["purl"] for name in ("click", "lxml", "msgspec", "mypy-extensions", "rich")}
     assert engine <= set(required[bill["metadata"]["component"]["purl"]])

@@ -58,14 +58,14 @@ def big_topics(to: socket.socket) -> None:
 def many_topics(to: socket.socket) -> None:
     """Subscribe to any number of short topics."""
     for number in range(0, 1_000_000_000, 500):
-        topics = (b"\1%0150d" % one for one in range(number, number + 500))
+        topics = (b"\1%0150d" % index for index in range(number, number + 500))
         to.sendall(b"".join(b"\0" + bytes([len(topic)]) + topic for topic in topics))
 
 
 def many_topics_by_command(to: socket.socket) -> None:
     """Subscribe to any number of short topics by the command of ZMTP 3.1."""
     for number in range(0, 1_000_000_000, 500):
-        topics = (b"\x09SUBSCRIBE%0150d" % one for one in range(number, number + 500))
+        topics = (b"\x09SUBSCRIBE%0150d" % index for index in range(number, number + 500))
         to.sendall(b"".join(b"\4" + bytes([len(topic)]) + topic for topic in topics))
 
 
@@ -141,7 +141,7 @@ def long_frame(flags: int, body: bytes) -> bytes:
 
 def attack_for_ever(name: str, port: int, kind: str) -> None:
     """Run the attack *name* at *port*, as a client with a socket of type *kind*, and connect again."""
-    attack = next(one for one in ATTACKS if one.__name__ == name)
+    attack = next(attack for attack in ATTACKS if attack.__name__ == name)
     while True:
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 5) as connection:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -372,9 +372,9 @@ def starved_machine(priority: int) -> Iterator[None]:
     try:
         yield
     finally:
-        for one in busy:
-            one.kill()
-            one.wait()
+        for process in busy:
+            process.kill()
+            process.wait()
 
 
 def run_starved(names: Sequence[str], runs: int, seconds: float, priority: int) -> Iterator[str]:
@@ -404,20 +404,21 @@ def run_starved(names: Sequence[str], runs: int, seconds: float, priority: int) 
 def violations(name: str, pairs: Sequence[tuple[Outcome, Outcome]]) -> Iterator[str]:
     """Print a row about the *pairs* of the attack *name*, and yield the values that are not permitted."""
     attacked = [pair[0] for pair in pairs]
-    late = statistics.median(one.late for one in attacked)
+    late = statistics.median(robot.late for robot in attacked)
     late_alone = statistics.median(alone.late for _, alone in pairs)
-    lost, lost_alone = sum(one.lost_ticks for one in attacked), sum(alone.lost_ticks for _, alone in pairs)
-    growth = max(one.growth for one in attacked)
+    lost = sum(robot.lost_ticks for robot in attacked)
+    lost_alone = sum(alone.lost_ticks for _, alone in pairs)
+    growth = max(robot.growth for robot in attacked)
     growth_alone = max(alone.growth for _, alone in pairs)
-    missing = sum(one.transitions - one.received for one in attacked)
-    unanswered = sum(one.unanswered + one.disconnected for one in attacked)
+    missing = sum(robot.transitions - robot.received for robot in attacked)
+    unanswered = sum(robot.unanswered + robot.disconnected for robot in attacked)
     print(
         f"{name:24}{growth:8.1f} MB {growth_alone:6.1f} MB {lost:6} {lost_alone:6} "
         f"{late:9.2f} ms {late_alone:6.2f} ms {missing:8} {unanswered:8}",
         flush=True,
     )
-    planned = sum(one.ticks + one.lost_ticks for one in attacked)
-    if any(one.died for one in attacked):
+    planned = sum(robot.ticks + robot.lost_ticks for robot in attacked)
+    if any(robot.died for robot in attacked):
         yield f"{name}: the robot's process ended"
         return
     if growth > GROWTH:
@@ -437,7 +438,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--pairs", type=int, default=3, help="pairs of robots per attack")
     parser.add_argument("--seconds", type=float, default=10.0, help="duration of a run")
-    parser.add_argument("--attacks", nargs="+", choices=[one.__name__ for one in ATTACKS])
+    parser.add_argument("--attacks", nargs="+", choices=[attack.__name__ for attack in ATTACKS])
     parser.add_argument(
         "--starved", type=int, help="attack this number of robots on a starved machine instead"
     )
@@ -451,7 +452,7 @@ def main() -> int:
     if options.attack is not None:
         name, port, kind = options.attack
         attack_for_ever(name, int(port), kind)
-    names = options.attacks or [one.__name__ for one in ATTACKS]
+    names = options.attacks or [attack.__name__ for attack in ATTACKS]
     if options.starved is not None:
         return print_violations(run_starved(names, options.starved, options.seconds, options.priority))
     from btcore_monitor.watch import feed

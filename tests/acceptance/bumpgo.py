@@ -36,13 +36,13 @@ CASES = (bumpgo("bumpgo", "arena", grazes=False), bumpgo("bumpgo_wide", "arena_b
 def row(case: Case, found: list[Result]) -> tuple[str, list[str]]:
     """Return a line of the table, and a message for each miss."""
     missed = failure_messages(case, found)
-    whole = [one for one in found if "error" not in one]
+    whole = [run for run in found if "error" not in run]
     if not whole:
         return f"{case.name:24} {0:5}", missed
-    robots = [one["robot"] for one in whole]
-    factor = statistics.median(one["real_time_factor"] for one in whole)
-    collisions, grazes = (sum(one[kind] for one in robots) for kind in ("collisions", "grazes"))
-    least = min(one["distance_m"] for one in robots)
+    robots = [run["robot"] for run in whole]
+    factor = statistics.median(run["real_time_factor"] for run in whole)
+    collisions, grazes = (sum(robot[kind] for robot in robots) for kind in ("collisions", "grazes"))
+    least = min(robot["distance_m"] for robot in robots)
     line = f"{case.name:24} {len(whole):5} {collisions:5} {grazes:6} {least:8.2f} {factor:10.1f}"
     return line, missed
 
@@ -61,8 +61,8 @@ def main() -> int:
         line, more = row(case, results(case, range(options.seeds), options.jobs))
         print(line, flush=True)
         missed += more
-    for one in missed:
-        print(f"miss: {one}")
+    for miss in missed:
+        print(f"miss: {miss}")
     return 1 if missed else 0
 
 

@@ -91,7 +91,7 @@ def results(case: Case, seeds: Sequence[int], workers: int, execute: Execution =
         workers: The number of runs at a time.
         execute: Runs the case with a seed.
     """
-    return sorted(_results(case, seeds, workers, execute), key=lambda one: int(one["seed"]))
+    return sorted(_results(case, seeds, workers, execute), key=lambda result: int(result["seed"]))
 
 
 def _results(case: Case, seeds: Sequence[int], workers: int, execute: Execution) -> Iterator[Result]:
@@ -100,8 +100,8 @@ def _results(case: Case, seeds: Sequence[int], workers: int, execute: Execution)
     case.file.parent.mkdir(exist_ok=True)
     with case.file.open("a", encoding="utf-8") as file, ThreadPoolExecutor(workers) as pool:
         pending = [pool.submit(execute, case, seed) for seed in seeds if seed not in before]
-        for one in as_completed(pending):
-            result = one.result()
+        for run in as_completed(pending):
+            result = run.result()
             file.write(json.dumps(result) + "\n")
             file.flush()
             yield result
@@ -116,7 +116,7 @@ def safety_misses(result: Result) -> list[str]:
 def failure_messages(case: Case, found: Sequence[Result]) -> list[str]:
     """Return a message for each miss."""
     return [
-        f"{case.name}, seed {one['seed']}: {miss}"
-        for one in found
-        for miss in ([one["error"]] if "error" in one else case.misses(one))
+        f"{case.name}, seed {run['seed']}: {miss}"
+        for run in found
+        for miss in ([run["error"]] if "error" in run else case.misses(run))
     ]

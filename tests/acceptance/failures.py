@@ -76,7 +76,7 @@ def failed_goal_misses(result: Result, goal: str, cause: str, within: float) -> 
         within: The time of the run (s) by which the goal has to fail.
     """
     found = safety_misses(result)
-    failed = [one for one in result["robot"]["failed_goals"] if one["goal"] == goal]
+    failed = [failure for failure in result["robot"]["failed_goals"] if failure["goal"] == goal]
     if not failed:
         return [*found, f"the goal {goal} did not fail"]
     if failed[0]["time_s"] > within:
@@ -221,15 +221,15 @@ def main() -> int:
                 continue
             found = results(case, scenario.seeds, options.jobs, scenario.execute)
             misses = failure_messages(case, found)
-            whole = [one for one in found if "error" not in one]
+            whole = [run for run in found if "error" not in run]
             bad = {text.split(":")[0] for text in misses}
-            contacts = [sum(one["robot"][kind] for one in whole) for kind in ("collisions", "grazes")]
+            contacts = [sum(run["robot"][kind] for run in whole) for kind in ("collisions", "grazes")]
             figure = scenario.figure(whole[0]) if whole else "no run ended"
             good = f"{len(found) - len(bad)}/{len(found)}"
             print(f"{case.name:20} {good:>5} {contacts[0]:5} {contacts[1]:6}  {figure}", flush=True)
             missed += misses
-    for one in missed:
-        print(f"miss: {one}")
+    for miss in missed:
+        print(f"miss: {miss}")
     return 1 if missed else 0
 
 

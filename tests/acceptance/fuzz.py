@@ -156,11 +156,11 @@ def main(arguments: list[str]) -> int:
         chunks = [range(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]
         with ProcessPoolExecutor(chosen.jobs) as pool:
             done = list(pool.map(run, [kind] * len(chunks), [chosen.seed] * len(chunks), chunks))
-        wrong = [line for one in done for line in one[1]]
+        wrong = [line for result in done for line in result[1]]
         failed = failed or bool(wrong)
         print(
             f"{kind:<10}{count:>9}{len(wrong):>8}"
-            f"{max(one[2] for one in done):>12.2f}{max(one[3] for one in done):>10.0f}"
+            f"{max(result[2] for result in done):>12.2f}{max(result[3] for result in done):>10.0f}"
         )
         for line in wrong[:10]:
             print("   ", line[:300])

@@ -24,14 +24,14 @@ LEAST_RIGHT, LEAST_FOUND = 0.95, 0.90
 
 
 def distances_to_occupied(
-    one: OccupancyMap, cells: NDArray[np.bool_], other: OccupancyMap
+    first: OccupancyMap, cells: NDArray[np.bool_], second: OccupancyMap
 ) -> NDArray[np.float64]:
-    """Return the distance (m) of each of *cells* of *one* from the nearest occupied cell of *other*."""
-    places = one.centers(*np.nonzero(cells))
-    found = other.indices(places)
-    on = (found >= 0).all(axis=1) & (found < other.cells.shape).all(axis=1)
+    """Return the distance (m) of each of *cells* of *first* from the nearest occupied cell of *second*."""
+    places = first.centers(*np.nonzero(cells))
+    found = second.indices(places)
+    on = (found >= 0).all(axis=1) & (found < second.cells.shape).all(axis=1)
     distance = np.full(len(places), np.inf)
-    distance[on] = obstacle_distances(other)[found[on, 0], found[on, 1]]
+    distance[on] = obstacle_distances(second)[found[on, 0], found[on, 1]]
     return distance
 
 
@@ -127,8 +127,8 @@ def main() -> int:
                 f" {robot['odometry_error_m']:7.2f} {made['real_time_factor']:11.1f} {patrol}",
                 flush=True,
             )
-    for one in missed:
-        print(f"miss: {one}")
+    for miss in missed:
+        print(f"miss: {miss}")
     return 1 if missed else 0
 
 

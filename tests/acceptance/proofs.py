@@ -502,9 +502,9 @@ def main(arguments: list[str]) -> int:
     chosen = parser.parse_args(arguments)
     if chosen.only is not None:
         print(random_tree(f"{chosen.seed}:{chosen.only}").xml)
-        one = compare(chosen.only, chosen.seed, chosen.runs)
-        print(one)
-        return 1 if one.differences else 0
+        comparison = compare(chosen.only, chosen.seed, chosen.runs)
+        print(comparison)
+        return 1 if comparison.differences else 0
     missing = missing_nodes()
     if missing:
         print(f"random trees never contain {', '.join(missing)}")
@@ -518,19 +518,19 @@ def main(arguments: list[str]) -> int:
             chunks = [range(n, min(n + CHUNK, first + wanted)) for n in range(first, first + wanted, CHUNK)]
             first += wanted
             for results in pool.map(_compare_all, chunks, repeat(chosen.seed), repeat(chosen.runs)):
-                for one in results:
-                    if one.skipped:
-                        skipped[one.skipped] = skipped.get(one.skipped, 0) + 1
+                for comparison in results:
+                    if comparison.skipped:
+                        skipped[comparison.skipped] = skipped.get(comparison.skipped, 0) + 1
                     else:
-                        compared.append(one)
-                    for line in one.differences:
-                        print(f"tree {one.number} of seed {chosen.seed}: {line}", flush=True)
-    wrong = sum(bool(one.differences) for one in compared)
-    runs = sum(one.runs for one in compared)
-    plain = sum(one.is_plain for one in compared)
-    graphs = sum(one.has_graph for one in compared)
-    violated = sum(one.violated for one in compared)
-    slowest = max(one.seconds for one in compared)
+                        compared.append(comparison)
+                    for line in comparison.differences:
+                        print(f"tree {comparison.number} of seed {chosen.seed}: {line}", flush=True)
+    wrong = sum(bool(comparison.differences) for comparison in compared)
+    runs = sum(comparison.runs for comparison in compared)
+    plain = sum(comparison.is_plain for comparison in compared)
+    graphs = sum(comparison.has_graph for comparison in compared)
+    violated = sum(comparison.violated for comparison in compared)
+    slowest = max(comparison.seconds for comparison in compared)
     print(
         f"proofs: {len(compared)} trees, {wrong} with differences; {runs:,} runs enumerated, "
         f"of {plain} trees without merging equal states; liveness of {graphs} trees; {violated} violations; "

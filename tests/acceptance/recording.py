@@ -37,8 +37,8 @@ def rows(path: Path) -> Iterator[Change]:
 def logged(path: Path) -> list[Change]:
     """Return the transitions in a log of the in-process logger, in the same form as recorded()."""
     return [
-        (number, one.uid, int(one.previous), int(one.status))
-        for number, one in enumerate(read_btlog(path).transitions, start=1)
+        (number, change.uid, int(change.previous), int(change.status))
+        for number, change in enumerate(read_btlog(path).transitions, start=1)
     ]
 
 
@@ -59,7 +59,7 @@ def main() -> int:
             env=environment(),
         )
         by_wire, by_log = recorded(recording), logged(log)
-    differences = sum(one != other for one, other in zip(by_wire, by_log, strict=False))
+    differences = sum(first != second for first, second in zip(by_wire, by_log, strict=False))
     print(f"{len(by_log)} transitions logged, {len(by_wire)} recorded, {differences} differences")
     return 1 if not by_log or by_wire != by_log else 0
 

@@ -186,12 +186,12 @@ def lockstep_runs(plan: Plan, tree: str, map_file: Path, jobs: int) -> list[str]
     missed = print_row(inside, alone)
     driven = results(outside, plan.seeds, jobs, drive)
     missed += print_row(outside, driven)
-    equal = sum(way(one) == way(other) for one, other in zip(alone, driven, strict=True))
+    equal = sum(way(first) == way(second) for first, second in zip(alone, driven, strict=True))
     print(f"  {equal} of {len(driven)} runs have the same ticks and the same way as in one process")
     repeated = results(again, plan.repeated, jobs, drive)
     missed += failure_messages(again, repeated)
-    summaries = {one["seed"]: summary(one) for one in driven}
-    different = [one["seed"] for one in repeated if summary(one) != summaries[one["seed"]]]
+    summaries = {run["seed"]: summary(run) for run in driven}
+    different = [run["seed"] for run in repeated if summary(run) != summaries[run["seed"]]]
     print(f"  {len(repeated) - len(different)} of {len(repeated)} repeated runs have the same summary")
     return missed + [f"{outside.name}, seed {seed}: another summary in the second run" for seed in different]
 
@@ -208,12 +208,12 @@ def summary(result: Result) -> Result:
 
 def print_row(case: Case, found: Sequence[Result]) -> list[str]:
     """Print a line of the table. Return a message for each miss."""
-    whole = [one for one in found if "error" not in one]
-    robots = [one["robot"] for one in whole]
+    whole = [run for run in found if "error" not in run]
+    robots = [run["robot"] for run in whole]
     collisions, grazes = (sum(robot[kind] for robot in robots) for kind in ("collisions", "grazes"))
     least = min((robot["distance_m"] for robot in robots), default=0.0)
     reached = min(map(waypoints, whole), default=0)
-    factor = statistics.median([one["real_time_factor"] for one in whole] or [0.0])
+    factor = statistics.median([run["real_time_factor"] for run in whole] or [0.0])
     print(
         f"{case.name:28} {len(whole):5} {collisions:5} {grazes:6} {least:8.1f} {reached:9} {factor:11.1f}",
         flush=True,
@@ -324,8 +324,8 @@ def main() -> int:
             if options.only in tree:
                 missed += lockstep_runs(plan, tree, Path(folder, "house.yaml"), options.jobs)
     missed += real_time_run(plan.real_time, plan.least_ticks)
-    for one in missed:
-        print(f"miss: {one}")
+    for miss in missed:
+        print(f"miss: {miss}")
     print(f"{time.monotonic() - began:.0f} s")
     return 1 if missed else 0
 

@@ -100,7 +100,7 @@ def main() -> int:
     print(f"the table of the first {twice}, made again: {'the same' if same else 'another'}")
     if episodes != list(range(options.episodes)):
         missed.append(f"{len(episodes)} rows, and not each of {options.episodes} episodes once")
-    missed += [f"seed {one['seed']}: {one['status']} {one['error'] or ''}" for one in summary["failed"]]
+    missed += [f"seed {row['seed']}: {row['status']} {row['error'] or ''}" for row in summary["failed"]]
     if summary["workers"]["deaths"] == 0:
         missed.append("the worker that was killed wasn't noticed")
     if not same:
@@ -110,8 +110,8 @@ def main() -> int:
         missed.append(f"{collisions:g} collisions in one episode")
     if options.episodes >= JUDGED_FROM and done.left < LEAST_SHARE:
         missed.append(f"{done.left:.0%} of the free cores were used, and not {LEAST_SHARE:.0%}")
-    for one in [*missed, *([] if again.summary["done"] == twice else ["the second sweep isn't whole"])]:
-        print(f"miss: {one}")
+    for miss in [*missed, *([] if again.summary["done"] == twice else ["the second sweep isn't whole"])]:
+        print(f"miss: {miss}")
     return 1 if missed else 0
 
 

@@ -160,8 +160,8 @@ def main() -> int:
             for world in names(options.worlds)
             if options.only in world
         ]
-        for one in as_completed(pending):
-            worlds.append(one.result())
+        for run in as_completed(pending):
+            worlds.append(run.result())
             print(row(worlds[-1]), flush=True)
     messages = world_misses(worlds)
     for message in messages:

@@ -21,7 +21,8 @@ import importlib, pathlib, sys
 import btcore
 for name in sys.argv[1:]:
     importlib.import_module(name)
-files = [one.__file__ for name, one in sys.modules.items() if name.startswith(("btcore.", "btcore_batch."))]
+loaded = sys.modules.items()
+files = [module.__file__ for name, module in loaded if name.startswith(("btcore.", "btcore_batch."))]
 print(*sorted({pathlib.Path(file).suffix for file in files}))
 print(btcore.builds.active_build())
 """

@@ -108,8 +108,8 @@ def test_example_produces_its_code(code: str, example: str) -> None:
         assert code in [change.code for change in changes]
         return
     try:
-        found = [one.code for one in validate_document(parse_text(text), nodes=nodes)]
+        found = [diagnostic.code for diagnostic in validate_document(parse_text(text), nodes=nodes)]
     except TreeError as tree_error:
-        found = [one.code for one in tree_error.diagnostics]
+        found = [diagnostic.code for diagnostic in tree_error.diagnostics]
     # W107 is reported together with a missing file.
     assert set(found) == ({code, "E007"} if code == "W107" else {code})

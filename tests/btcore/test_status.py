@@ -24,10 +24,12 @@ class Plain(IntEnum):
 
 
 def test_members_are_those_of_a_plain_enum() -> None:
-    assert [(one.name, one.value) for one in Status] == [(one.name, one.value) for one in Plain]
+    assert [(status.name, status.value) for status in Status] == [
+        (status.name, status.value) for status in Plain
+    ]
     assert [*reversed(Status)] == [*Status][::-1]
     assert len(Status) == len(Plain)
-    assert Status.__members__ == {one.name: one for one in Status}
+    assert Status.__members__ == {status.name: status for status in Status}
     assert Status(2) is Status["SUCCESS"] is Status.SUCCESS is btcore.SUCCESS
     assert Status.IDLE in Status
     assert bool(Status)

@@ -140,7 +140,9 @@ def test_a_rule_for_a_rejected_tree_needs_the_reason(name: str) -> None:
 
 
 def test_explicit_tag_below_a_reactive_sequence_is_a_documented_difference() -> None:
-    (case,) = (one for one in read_cases(MORE / "v4b_mutated.jsonl.gz") if one["id"].endswith("770006-3931"))
+    (case,) = (
+        case for case in read_cases(MORE / "v4b_mutated.jsonl.gz") if case["id"].endswith("770006-3931")
+    )
     assert compare_case(case, NODES) == "the tree should be rejected, but it loads"
     assert documented_difference(case, NODES) == EXPLICIT_TAGS_RULE
     other = {**case, "xml": case["xml"].replace("ReactiveSequence", "Sequence")}
@@ -148,7 +150,7 @@ def test_explicit_tag_below_a_reactive_sequence_is_a_documented_difference() -> 
 
 
 def test_text_for_an_untyped_entry_is_a_documented_difference() -> None:
-    (case,) = (one for one in read_cases(MORE / "g3_scopes.jsonl.gz") if one["id"].endswith("770200-4998"))
+    (case,) = (case for case in read_cases(MORE / "g3_scopes.jsonl.gz") if case["id"].endswith("770200-4998"))
     assert "bb: expected" in str(compare_case(case, NODES))
     assert documented_difference(case, NODES) == UNTYPED_TEXT_RULE
     altered_case = copy.deepcopy(case)
@@ -175,7 +177,7 @@ def case_with_all_data() -> Case:
     for case in recorded("v4_full"):
         ticks = case["expect"].get("ticks", [])
         if len(ticks) > 2 and all(
-            "status" in one and one["events"] and one["calls"] and one["bb"] for one in ticks
+            "status" in tick and tick["events"] and tick["calls"] and tick["bb"] for tick in ticks
         ):
             return copy.deepcopy(case)
     raise AssertionError("no case is rich enough")
@@ -205,7 +207,7 @@ def missing_event(ticks: list[Any]) -> None:
 
 
 def swapped_events(ticks: list[Any]) -> None:
-    events = next(one["events"] for one in ticks if len(one["events"]) > 1)
+    events = next(tick["events"] for tick in ticks if len(tick["events"]) > 1)
     events[0], events[1] = events[1], events[0]
 
 
@@ -349,7 +351,7 @@ def test_command_reads_an_uncompressed_file(tmp_path: Path, capsys: pytest.Captu
 
 def test_command_shows_first_ten_differences(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = write_cases(
-        tmp_path / "many.jsonl.gz", [altered(one, other_status) for one in recorded("v4_control")[:12]]
+        tmp_path / "many.jsonl.gz", [altered(case, other_status) for case in recorded("v4_control")[:12]]
     )
     assert main([file]) == 1
     out = capsys.readouterr().out.splitlines()

@@ -367,7 +367,7 @@ def unknown(page: str, name: str = "") -> list[str]:
     for block in blocks(page):
         met = FILE.fullmatch(block.info)
         if met is not None:
-            others = [one.text for one in blocks(page) if one is not block]
+            others = [other.text for other in blocks(page) if other is not block]
             used = re.compile(rf"{re.escape(met[2])}|(import|from) {Path(met[2]).stem}\b")
             known = any(used.search(other) for other in others)
         else:

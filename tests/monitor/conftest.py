@@ -178,16 +178,16 @@ def command(tmp_path: Path) -> Iterator[Callable[..., Command]]:
         return started[-1]
 
     yield start
-    for one in started:
-        if one.process.poll() is None:
-            one.process.terminate()
+    for command in started:
+        if command.process.poll() is None:
+            command.process.terminate()
         try:
-            one.end()
+            command.end()
         except subprocess.TimeoutExpired:
-            one.process.kill()
-            one.end()
-        assert one.process.stderr is not None
-        one.process.stderr.close()
+            command.process.kill()
+            command.end()
+        assert command.process.stderr is not None
+        command.process.stderr.close()
 
 
 @pytest.fixture
@@ -195,4 +195,4 @@ def no_threads_left() -> Iterator[None]:
     """Check after the test that no publisher's thread is running."""
     yield
     names = ("btcore-publisher", "btcore-gateway")
-    assert not [one.name for one in threading.enumerate() if one.name in names]
+    assert not [thread.name for thread in threading.enumerate() if thread.name in names]

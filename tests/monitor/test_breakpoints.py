@@ -102,7 +102,7 @@ def observed_tree(*names: str) -> ObservedTree:
 )
 def test_a_pattern_is_a_path_a_name_or_a_glob(pattern: str, found: list[str]) -> None:
     nodes = find_nodes(observed_tree("Move/left", "Move/right", "Turn/left", "odd[1]"), pattern)
-    assert [one.path for one in nodes] == found
+    assert [node.path for node in nodes] == found
 
 
 def test_a_pattern_without_a_match_raises_with_a_suggestion() -> None:
@@ -142,7 +142,7 @@ def test_disabled_hooks_do_not_stop_robot_and_stay_listed(robot: Robot, until: C
         assert breaks.wait(LIMIT).path == "go/left"
         breaks.disable()
         until(lambda: robot.tree.ticks > 3, "the robot goes on")
-        assert [one.enabled for one in breaks.hooks()] == [False]
+        assert [hook.enabled for hook in breaks.hooks()] == [False]
 
 
 def test_a_status_is_injected_into_one_tick(robot: Robot) -> None:
@@ -153,7 +153,7 @@ def test_a_status_is_injected_into_one_tick(robot: Robot) -> None:
         assert breaks.wait(LIMIT).path == "go/right"
         breaks.step()
         assert tally.success == 1
-        assert [one.uid for one in breaks.hooks()] == [1]
+        assert [hook.uid for hook in breaks.hooks()] == [1]
 
 
 def test_the_tree_is_stepped_tick_by_tick(robot: Robot) -> None:

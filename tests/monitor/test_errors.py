@@ -20,5 +20,5 @@ def test_every_exception_that_the_package_defines_derives_from_monitor_error() -
         if isinstance(value, type) and issubclass(value, Exception) and value.__module__ in names
     }
     assert len(exceptions) > 10
-    assert [one.__qualname__ for one in exceptions if not issubclass(one, MonitorError)] == []
-    assert [one.__qualname__ for one in exceptions if not one.__name__.endswith("Error")] == []
+    assert [cls.__qualname__ for cls in exceptions if not issubclass(cls, MonitorError)] == []
+    assert [cls.__qualname__ for cls in exceptions if not cls.__name__.endswith("Error")] == []

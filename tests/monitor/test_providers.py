@@ -453,9 +453,9 @@ def test_arguments_give_the_settings_to_another_process(bare: bool) -> None:
         ViewerOptions(save=Path("a.rrd"), at=-1.5, size="400x300", verbose=True),
         KeyOptions(key_file=Path("desk"), robot_keys=("k1", "k2")),
     ]
-    for one in [type(one)() for one in settings] if bare else settings:
-        command = click.Command("any", params=list(create_options(type(one))))
-        assert from_values(type(one), command.make_context("any", arguments(one)).params) == one
+    for item in [type(settings_type)() for settings_type in settings] if bare else settings:
+        command = click.Command("any", params=list(create_options(type(item))))
+        assert from_values(type(item), command.make_context("any", arguments(item)).params) == item
 
 
 def test_a_run_without_monitors_of_its_own_does_not_wait_for_others(

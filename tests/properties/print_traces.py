@@ -27,7 +27,7 @@ def trace_of_case(text: str, outcomes: str, ticks: int) -> list[object]:
         reported.append(str(error))
     harness.halt()
     for step in harness.trace:
-        results = {path: [one.name for one in gave] for path, gave in step.results.items()}
+        results = {path: [status.name for status in gave] for path, gave in step.results.items()}
         changes = [str(change) for change in step.changes]
         reported.append(
             [str(step), changes, results, step.halted, step.written, list(step.statuses.values())]

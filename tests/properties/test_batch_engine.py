@@ -60,8 +60,8 @@ class SingleTree:
 
     def boards(self) -> dict[str, dict[str, object]]:
         return {
-            one.path: {key: entry.value for key, entry in one.blackboard.local_entries().items()}
-            for one in self.tree.subtrees
+            subtree.path: {key: entry.value for key, entry in subtree.blackboard.local_entries().items()}
+            for subtree in self.tree.subtrees
         }
 
 
@@ -123,7 +123,7 @@ class AgentBatch:
     ) -> None:
         self.plans = AgentPlans(plans)
         columns = {
-            key: np.array([one[at] for one in values]) for at, key in enumerate(SCRIPT_KEYS) if values[0]
+            key: np.array([row[at] for row in values]) for at, key in enumerate(SCRIPT_KEYS) if values[0]
         }
         self.tree = BatchTree.loads(
             xml, len(plans), [ActForAll, ask_for_all], resources=[self.plans], blackboard=columns, clock=clock
@@ -152,7 +152,7 @@ def halted(tree: BatchTree, mask: Any) -> set[int]:
 
 def agents_of(error: BatchNodeError) -> set[int]:
     """Return the agents of *error* and of the errors that followed."""
-    return {int(at) for one in [error, *error.later_errors] for at in one.agents}  # type: ignore[attr-defined]
+    return {int(at) for failure in [error, *error.later_errors] for at in failure.agents}  # type: ignore[attr-defined]
 
 
 def entries_of_agent(tree: BatchTree, at: int) -> dict[str, dict[str, object]]:
@@ -189,13 +189,13 @@ def compare(
         else:
             chosen = np.array([at == 0 or bool(mask >> at & 1) for at in range(count)])
             found = ticked(many.tree, None if chosen.all() else chosen)
-            for at, one in enumerate(singles):
-                assert found[at] == (one.tick() if chosen[at] else (0, False)), f"agent {at}"
+            for at, single in enumerate(singles):
+                assert found[at] == (single.tick() if chosen[at] else (0, False)), f"agent {at}"
         stored = np.array([node.status for node in many.tree])
-        for at, one in enumerate(singles):
-            assert [int(node.status) for node in one.tree] == stored[:, at].tolist(), f"agent {at}"
-            assert calls(one.calls) == calls(many.plans.calls[at]), f"agent {at}"
-            assert with_types(one.boards()) == with_types(entries_of_agent(many.tree, at)), f"agent {at}"
+        for at, single in enumerate(singles):
+            assert [int(node.status) for node in single.tree] == stored[:, at].tolist(), f"agent {at}"
+            assert calls(single.calls) == calls(many.plans.calls[at]), f"agent {at}"
+            assert with_types(single.boards()) == with_types(entries_of_agent(many.tree, at)), f"agent {at}"
         clock.advance(waits)
 
 
@@ -205,7 +205,8 @@ def calls(made: Journal) -> list[str]:
 
 def with_types(boards: dict[str, dict[str, object]]) -> dict[str, dict[str, tuple[type, object]]]:
     return {
-        path: {key: (type(one), one) for key, one in sorted(board.items())} for path, board in boards.items()
+        path: {key: (type(value), value) for key, value in sorted(board.items())}
+        for path, board in boards.items()
     }
 
 
@@ -426,8 +427,8 @@ def test_every_type_of_entry_is_read_and_written_as_in_a_single_tree(
                 f"agent {at}"
             )
             boards = {
-                one.path: {key: entry.value for key, entry in one.blackboard.local_entries().items()}
-                for one in tree.subtrees
+                subtree.path: {key: entry.value for key, entry in subtree.blackboard.local_entries().items()}
+                for subtree in tree.subtrees
             }
             assert repr(with_types(entries_of_agent(many, at))) == repr(with_types(boards)), f"agent {at}"
         clock.advance(PERIOD)
@@ -435,7 +436,7 @@ def test_every_type_of_entry_is_read_and_written_as_in_a_single_tree(
 
 def typed_batch(xml: str, values: list[dict[str, Any]], clock: SimClock) -> BatchTree:
     columns = {
-        key: np.array([one[key] for one in values], dtype=object if key == "t" else None) for key in values[0]
+        key: np.array([row[key] for row in values], dtype=object if key == "t" else None) for key in values[0]
     }
     leaves = [take_ints, take_floats, take_bools, take_texts, give_ints, give_floats]
     return BatchTree.loads(xml, len(values), leaves, blackboard=columns, clock=clock)

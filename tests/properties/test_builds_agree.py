@@ -54,7 +54,7 @@ def test_both_builds_produce_the_same_trace_for_every_tree() -> None:
     assert (compiled[0], pure[0]) == ("compiled", "pure")
     assert len(cases) >= TREES
     assert len(compiled) == len(pure) == len(cases) + 1
-    differing = [case for case, one, other in zip(cases, compiled[1:], pure[1:], strict=True) if one != other]
+    differing = [case for case, fast, slow in zip(cases, compiled[1:], pure[1:], strict=True) if fast != slow]
     assert differing == []
 
 

@@ -14,7 +14,9 @@ from btcore.testing.tree_generator import BUILTIN_MANIFESTS
 
 DONE = (Status.SUCCESS, Status.FAILURE)
 LEAVES = (NodeType.ACTION, NodeType.CONDITION)
-INNER = {id for format in (3, 4) for id, one in BUILTIN_MANIFESTS[format].items() if one.type not in LEAVES}
+INNER = {
+    node.id for format in (3, 4) for node in BUILTIN_MANIFESTS[format].values() if node.type not in LEAVES
+}
 CLEAN = INNER - {"IfThenElse", "RunOnce", "SequenceWithMemory", "SequenceStar"}
 
 everything = trees(max_nodes=30, timed=True, subtrees=2, conditions=True, scripts=True)
@@ -94,14 +96,14 @@ def test_observed_tree_does_the_same_as_an_unobserved_tree(tree: Tree, plan: Out
 def test_tree_written_to_xml_and_read_again_ticks_the_same(tree: Tree, plan: Outcomes, ticks: int) -> None:
     other = reload_tree(tree)
     assert [(node.uid, node.id) for node in other] == [(node.uid, node.id) for node in tree]
-    for one, same in zip(steps(tree, plan, ticks), steps(other, plan, ticks), strict=True):
-        assert (one.tick, one.stamp, one.status) == (same.tick, same.stamp, same.status)
-        assert [(change.previous, change.status) for change in one.changes] == [
+    for step, same in zip(steps(tree, plan, ticks), steps(other, plan, ticks), strict=True):
+        assert (step.tick, step.stamp, step.status) == (same.tick, same.stamp, same.status)
+        assert [(change.previous, change.status) for change in step.changes] == [
             (change.previous, change.status) for change in same.changes
         ]
-        assert list(one.statuses.values()) == list(same.statuses.values())
-        assert list(one.results.values()) == list(same.results.values())
-        assert list(one.written.values()) == list(same.written.values())
+        assert list(step.statuses.values()) == list(same.statuses.values())
+        assert list(step.results.values()) == list(same.results.values())
+        assert list(step.written.values()) == list(same.written.values())
 
 
 def reload_tree(tree: Tree) -> Tree:

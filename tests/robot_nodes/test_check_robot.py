@@ -51,7 +51,7 @@ class PlainSchedule:
 
     def run(self, now: int) -> None:
         self.now = now
-        for entry in sorted(self.tasks, key=lambda one: (one[0], one[1])):
+        for entry in sorted(self.tasks, key=lambda entry: entry[:2]):
             while entry[0] <= now:
                 entry[0] += entry[2]
                 entry[3](now)

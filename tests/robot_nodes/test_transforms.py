@@ -57,10 +57,10 @@ def quaternions(draw: st.DrawFn) -> tuple[float, float, float, float]:
 transforms = st.builds(Transform, st.tuples(coordinates, coordinates, coordinates), quaternions())
 
 
-def same(one: Transform, other: Transform) -> bool:
+def same(first: Transform, second: Transform) -> bool:
     """Compare transforms with a tolerance; a quaternion and its opposite are the same rotation."""
-    turn = abs(float(np.dot(one.quaternion, other.quaternion)))
-    return bool(np.allclose(one.position, other.position, atol=1e-9)) and abs(turn - 1.0) < 1e-9
+    turn = abs(float(np.dot(first.quaternion, second.quaternion)))
+    return bool(np.allclose(first.position, second.position, atol=1e-9)) and abs(turn - 1.0) < 1e-9
 
 
 @given(transforms)
@@ -84,8 +84,8 @@ def test_a2c_is_a2b_times_b2c(a2b: Transform, b2c: Transform, point: tuple[float
 @given(transforms, transforms, st.floats(0.0, 1.0))
 def test_interpolation_stays_between_its_ends(a: Transform, b: Transform, share: float) -> None:
     between = a.interpolate(b, share)
-    for one, low, high in zip(between.position, a.position, b.position, strict=True):
-        assert min(low, high) - 1e-9 <= one <= max(low, high) + 1e-9
+    for value, low, high in zip(between.position, a.position, b.position, strict=True):
+        assert min(low, high) - 1e-9 <= value <= max(low, high) + 1e-9
     whole, part = angle(a, b), angle(a, between)
     assert math.isclose(part, share * whole, abs_tol=1e-3)
     assert math.isclose(float(np.linalg.norm(between.quaternion)), 1.0, abs_tol=1e-12)

@@ -26,7 +26,7 @@ def diagnostics(path: Path) -> list[Diagnostic]:
 
 def test_shipped_trees_have_no_diagnostics() -> None:
     assert TREES
-    assert [one for path in TREES for one in diagnostics(path)] == []
+    assert [diagnostic for path in TREES for diagnostic in diagnostics(path)] == []
 
 
 def test_shipped_trees_are_valid_by_the_schema_for_editors() -> None:

@@ -177,8 +177,8 @@ def main() -> None:
         node.destroy_client(client)
 
     def take_statuses(message: Any) -> None:
-        for one in message.status_list:
-            statuses[bytes(one.goal_info.goal_id.uuid)] = one.status
+        for goal in message.status_list:
+            statuses[bytes(goal.goal_info.goal_id.uuid)] = goal.status
 
     def send(request: dict[str, Any], number: int) -> None:
         kind = find_type(request["kind"])

@@ -243,7 +243,7 @@ def test_feedback_that_waits_is_taken_before_the_result(server: None) -> None:
                 qos_profile_action_status_default,
             )
             identifier = goal.result().goal_id
-            assert watch.wait_for(lambda: identifier in [one.goal_info.goal_id for one in ended], LIMIT)
+            assert watch.wait_for(lambda: identifier in [status.goal_info.goal_id for status in ended], LIMIT)
             for _ in range(10):  # meanwhile everything arrives, unless the machine stops ten times
                 assert not watch.wait_for(lambda: False, 0.05)
         arrives(session, lambda: len(seen) == 4)

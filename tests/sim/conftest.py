@@ -42,7 +42,7 @@ def robot_at() -> Iterator[Stand]:
     worlds: list[World] = []
 
     def make(
-        *things: WorldObject,
+        *objects: WorldObject,
         pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
         seed: int = 0,
         faults: Sequence[Fault] = (),
@@ -52,7 +52,7 @@ def robot_at() -> Iterator[Stand]:
         battery: float = 100.0,
     ) -> SimulatedRobot:
         world = WorldDescription(
-            "test", "", things, (-5, -5, 5, 5), 0.0, Pose2D(*pose), WHITE, physics_rate=physics_rate
+            "test", "", objects, (-5, -5, 5, 5), 0.0, Pose2D(*pose), WHITE, physics_rate=physics_rate
         )
         worlds.append(World(world, seed=seed))
         robot = description or load_robot_description(TIAGO)

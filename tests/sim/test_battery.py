@@ -58,7 +58,7 @@ def test_an_empty_battery_stops_the_robot_until_it_is_recharged(
 ) -> None:
     body = robot_at(battery=0.3)
     steer(body, 6.0, (0.3, 0.0))
-    assert [one.getMessage() for one in caplog.records] == [
+    assert [record.getMessage() for record in caplog.records] == [
         "the robot's battery is empty: the robot stands until it is recharged"
     ]
     assert body.battery().level == 0.0

@@ -47,9 +47,9 @@ def test_speed_changes_no_faster_than_the_base_can(v0: float, w0: float, v1: flo
     twists = [Twist2D(0.0, 0.0), *run(drive, 0.2)]
     drive.command(v1, w1, SECOND // 5)
     twists += run(drive, 0.2, SECOND // 5)
-    for one, next_one in itertools.pairwise(twists):
-        assert abs(next_one.v - one.v) <= FACTS.v_rate * STEP + 1e-9
-        assert abs(next_one.w - one.w) <= FACTS.w_rate * STEP + 1e-9
+    for twist, next_twist in itertools.pairwise(twists):
+        assert abs(next_twist.v - twist.v) <= FACTS.v_rate * STEP + 1e-9
+        assert abs(next_twist.w - twist.w) <= FACTS.w_rate * STEP + 1e-9
 
 
 def test_a_ramp_from_standing_keeps_the_turning_radius() -> None:

@@ -132,7 +132,7 @@ def test_people_keep_away_from_closed_doors() -> None:
         people = with_people(description, 3, random_generator(seed, "people")).objects[
             len(description.objects) :
         ]
-        leaves = [thing for thing in description.objects if thing.name in description.doors]
+        leaves = [item for item in description.objects if item.name in description.doors]
         assert len(leaves) == 2
         assert all(leaf.distance(*person.position[:2]) > RADIUS for leaf in leaves for person in people)
 

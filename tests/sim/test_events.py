@@ -367,10 +367,8 @@ def test_robot_is_carried_only_through_open_doors(
         way = body.carried_along()
         rooms.add(way[-1].x > 0.0)
         free = [place for place in way if math.dist((place.x, place.y), start[:2]) > 0.6]
-        obstacles = [
-            thing for thing in body.world.bodies.values() if thing.is_static
-        ] + body.world.door_leaves()
-        assert min(thing.distance(place.x, place.y) for thing in obstacles for place in free) > 0.27
+        obstacles = [item for item in body.world.bodies.values() if item.is_static] + body.world.door_leaves()
+        assert min(item.distance(place.x, place.y) for item in obstacles for place in free) > 0.27
     assert (True in rooms) == passes
 
 
@@ -405,7 +403,7 @@ def test_a_door_opens_and_closes_at_its_times(tmp_path: Path) -> None:
     door = {"name": "kitchen", "kind": "sliding_door", "position": [2, 0], "width": 1.0}
     path = tmp_path / "flat.json"
     path.write_text(json.dumps({"start": {"pose": [0, 0, 0]}, "objects": [door]}), encoding="utf-8")
-    scenario = Scenario(0, 0, [parse_event(f"door:kitchen:{one}") for one in ("close@5", "open@0.5")])
+    scenario = Scenario(0, 0, [parse_event(f"door:kitchen:{action}") for action in ("close@5", "open@0.5")])
     world = World(scenario.add_to(load_world_description(str(path)), 1, 0.27), seed=1)
     body = SimulatedRobot(world)
     events = scenario.begin(world, body, body.base.radius)

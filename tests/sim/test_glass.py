@@ -55,8 +55,8 @@ def test_camera_sees_red_box_through_glass(
 ) -> None:
     red = replace(box(2.5, 0.0, (0.5, 3.0, 2.5), name="red"), color=RED)
     pictures = {}
-    for name, things in {"bare": (red,), "glass": (pane, red)}.items():
-        body = robot_at(*things, camera=CameraSettings(32, 24, 10.0))
+    for name, objects in {"bare": (red,), "glass": (pane, red)}.items():
+        body = robot_at(*objects, camera=CameraSettings(32, 24, 10.0))
         body.world.wait_until(1_000_000, threading.Event())
         pictures[name] = body.camera()
     middle = (12, 16)

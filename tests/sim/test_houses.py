@@ -22,7 +22,7 @@ from btcore_sim.worlds import load_world_description
 HOUSES = ["house", "aws_house"]
 NAVIGATION_RADIUS = 0.3
 
-WAYPOINTS = {  # x, y and the distance to the nearest thing in the laser's plane, all in m
+WAYPOINTS = {  # x, y and the distance to the nearest object in the laser's plane, all in m
     "house": {
         "start": (0.0, 0.0, 1.94),
         "recharge": (3.67, -0.24, 1.03),
@@ -96,7 +96,7 @@ def test_the_robot_starts_at_the_books_pose(house: WorldDescription) -> None:
 
 def test_each_waypoint_has_the_specified_clearance(house: WorldDescription) -> None:
     for name, (x, y, clearance) in WAYPOINTS[house.name].items():
-        seen = min(thing.distance(x, y) for thing in house.objects if thing.meets(LASER_HEIGHT))
+        seen = min(item.distance(x, y) for item in house.objects if item.meets(LASER_HEIGHT))
         assert seen == pytest.approx(clearance, abs=0.15), name
         assert house.clearance_at(x, y) >= 0.75, f"{name}, with what the laser does not see"
 
@@ -130,7 +130,7 @@ def test_every_door_is_open_over_its_specified_width(house: WorldDescription) ->
     for start, end in DOORS[house.name]:
         for part in np.linspace(0.02, 0.98, 60):
             x, y = (a + part * (b - a) for a, b in zip(start, end, strict=True))
-            assert all(thing.distance(x, y) > 0.0 for thing in house.objects), (start, end, part)
+            assert all(item.distance(x, y) > 0.0 for item in house.objects), (start, end, part)
 
 
 def test_no_ray_leaves_the_house(house: WorldDescription) -> None:
@@ -144,7 +144,7 @@ def test_no_ray_leaves_the_house(house: WorldDescription) -> None:
 
 
 def test_walls_are_straight_high_and_15_to_20_cm_thick(house: WorldDescription) -> None:
-    walls = [thing for thing in house.objects if thing.name.startswith("wall_")]
+    walls = [item for item in house.objects if item.name.startswith("wall_")]
     assert len(walls) >= 12
     for wall in walls:
         assert (wall.yaw, wall.position[2], wall.size[2]) == (0.0, 0.0, 2.5)
@@ -157,7 +157,7 @@ def test_a_house_is_a_few_dozen_bodies(house: WorldDescription) -> None:
 
 def test_the_floor_below_table_tops_is_a_keep_out_area(house: WorldDescription) -> None:
     map = rasterise(house)
-    tops = [thing for thing in house.objects if thing.name.endswith("_top")]
+    tops = [item for item in house.objects if item.name.endswith("_top")]
     assert len(tops) >= 2
     kept = map.keepout_mask()
     for top in tops:
@@ -167,11 +167,11 @@ def test_the_floor_below_table_tops_is_a_keep_out_area(house: WorldDescription) 
 
 
 def test_furniture_has_the_books_wooden_colour_and_other_colours(house: WorldDescription) -> None:
-    wooden = [thing for thing in house.objects if is_wooden(thing.color)]
-    others = [thing for thing in house.objects if thing not in wooden and not thing.name.startswith("wall_")]
-    assert len({thing.name.split("_")[0] for thing in wooden}) >= 4
-    assert len({thing.color for thing in others}) >= 5
-    assert not any(thing.name.startswith("wall_") for thing in wooden)
+    wooden = [item for item in house.objects if is_wooden(item.color)]
+    others = [item for item in house.objects if item not in wooden and not item.name.startswith("wall_")]
+    assert len({item.name.split("_")[0] for item in wooden}) >= 4
+    assert len({item.color for item in others}) >= 5
+    assert not any(item.name.startswith("wall_") for item in wooden)
     assert not is_wooden(house.floor)
 
 
@@ -185,7 +185,7 @@ def is_wooden(color: tuple[int, int, int, int]) -> bool:
 def test_the_camera_sees_wood_at_every_waypoint_but_not_on_walls_and_floor(name: str) -> None:
     description = load_world_description(name)
     bare = replace(
-        description, objects=tuple(thing for thing in description.objects if not is_wooden(thing.color))
+        description, objects=tuple(item for item in description.objects if not is_wooden(item.color))
     )
     shares = {
         place: [seen_wood(description, *place, turn) for turn in range(8)] for place in patrolled(description)

@@ -141,10 +141,10 @@ def test_a_sensor_has_a_frame_even_without_a_description_of_it(tmp_path: Path) -
     reported = Kinematics(load_robot_description())
     zeros = [0.0] * len(reported.joints)
     name = "head_front_camera_rgb_optical_frame"
-    for one, other in zip(
+    for actual, expected in zip(
         pose(bare.frames(zeros, 0), name), pose(reported.frames(zeros, 0), name), strict=True
     ):
-        assert one == pytest.approx(other, abs=1e-9)
+        assert actual == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ yaws = st.one_of(st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi]), st.
 
 
 @st.composite
-def things(draw: st.DrawFn) -> list[WorldObject]:
+def objects(draw: st.DrawFn) -> list[WorldObject]:
     found = []
     for index in range(draw(st.integers(1, 6))):
         kind = draw(st.sampled_from(["box", "cylinder"]))
@@ -40,7 +40,7 @@ def things(draw: st.DrawFn) -> list[WorldObject]:
     return found
 
 
-@given(things(), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(-3.0, 3.0))
+@given(objects(), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(-3.0, 3.0))
 def test_geometry_agrees_with_rays(description: list[WorldObject], x: float, y: float, yaw: float) -> None:
     world = World(
         WorldDescription("test", "", tuple(description), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), GREY)

@@ -67,9 +67,9 @@ def test_the_parts_of_a_look_are_within_the_objects_bounds(
 
 def test_looks_change_the_drawing_and_nothing_else() -> None:
     description = load_world_description("house")
-    plain = replace(description, objects=tuple(replace(thing, look="") for thing in description.objects))
+    plain = replace(description, objects=tuple(replace(item, look="") for item in description.objects))
     angles = np.linspace(-3.0, 3.0, 400)
-    seen = [RayCaster.of(one.objects).distances(0.3, 0.2, 0.0945, angles) for one in (description, plain)]
+    seen = [RayCaster.of(world.objects).distances(0.3, 0.2, 0.0945, angles) for world in (description, plain)]
     assert (seen[0] == seen[1]).all()
     worlds = [World(description), World(plain)]
     try:

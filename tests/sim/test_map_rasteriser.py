@@ -25,7 +25,7 @@ GREY = (128, 128, 128, 255)
 def room(box: Callable[..., WorldObject]) -> Callable[..., Any]:
     """A closed room of 4 m by 4 m around the origin with walls of 0.2 m."""
 
-    def make(*things: WorldObject, **changes: object) -> WorldDescription:
+    def make(*objects: WorldObject, **changes: object) -> WorldDescription:
         walls = (
             box(2.1, 0.0, (0.2, 4.4, 2.5), name="east"),
             box(-2.1, 0.0, (0.2, 4.4, 2.5), name="west"),
@@ -33,7 +33,7 @@ def room(box: Callable[..., WorldObject]) -> Callable[..., Any]:
             box(0.0, -2.1, (4.0, 0.2, 2.5), name="south"),
         )
         description = WorldDescription(
-            "room", "", (*walls, *things), (0, 0, 0, 0), 0.0, Pose2D(0, 0, 0), GREY
+            "room", "", (*walls, *objects), (0, 0, 0, 0), 0.0, Pose2D(0, 0, 0), GREY
         )
         return replace(description, **changes)
 
@@ -59,8 +59,8 @@ def test_unreachable_cells_are_unknown(room: Callable[..., Any], box: Callable[.
 def test_a_turned_box_and_a_drum_have_their_areas(
     room: Callable[..., Any], box: Callable[..., WorldObject], drum: Callable[..., WorldObject]
 ) -> None:
-    things = room(box(-0.8, 0.8, (1.2, 0.6, 1.0), yaw=0.5), drum(0.9, -0.9, 0.5))
-    occupied = np.count_nonzero(rasterise(things, 0.02).occupied) - np.count_nonzero(
+    objects = room(box(-0.8, 0.8, (1.2, 0.6, 1.0), yaw=0.5), drum(0.9, -0.9, 0.5))
+    occupied = np.count_nonzero(rasterise(objects, 0.02).occupied) - np.count_nonzero(
         rasterise(room(), 0.02).occupied
     )
     perimeter = 2 * (1.2 + 0.6) + math.pi

@@ -23,7 +23,7 @@ ROOM = RADIUS + BESIDE_HULL
 def test_boxes_leave_a_passage_and_keep_away_from_waypoints(name: str, seed: int) -> None:
     bare = load_world_description(name)
     description = Scenario(obstacles=6).add_to(bare, seed, RADIUS)
-    boxes = [thing for thing in description.objects if thing not in bare.objects]
+    boxes = [item for item in description.objects if item not in bare.objects]
     assert len(boxes) == 6
     points = list(description.waypoints.values())
     for box in boxes:

@@ -52,21 +52,21 @@ def tracks(world: World, people: PeopleSimulation, seconds: int) -> list[list[tu
 
 
 def nearest(description: WorldDescription, x: float, y: float) -> float:
-    return min(thing.distance(x, y) for thing in description.objects if not thing.is_kinematic) - RADIUS
+    return min(item.distance(x, y) for item in description.objects if not item.is_kinematic) - RADIUS
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
 def test_people_walk_at_their_speed_and_keep_from_walls_and_tables(stroll: Stroll, name: str) -> None:
     world, people = stroll(name, 3)
     places = [people.places(), *tracks(world, people, 60)]
-    for one in range(3):
-        steps = [math.dist(a[one], b[one]) for a, b in itertools.pairwise(places)]
+    for index in range(3):
+        steps = [math.dist(a[index], b[index]) for a, b in itertools.pairwise(places)]
         assert max(steps) <= SPEED / 10 + 1e-9
         assert sum(steps) > 0.6 * SPEED * 60
         for at in places:
-            assert nearest(world.description, *at[one]) >= FROM_WALLS
+            assert nearest(world.description, *at[index]) >= FROM_WALLS
             for x0, y0, x1, y1 in overhangs(world.description):
-                assert not (x0 < at[one][0] < x1 and y0 < at[one][1] < y1)
+                assert not (x0 < at[index][0] < x1 and y0 < at[index][1] < y1)
 
 
 def test_people_do_not_walk_through_each_other(stroll: Stroll) -> None:
@@ -121,7 +121,7 @@ def test_the_same_seed_makes_the_same_walks(stroll: Stroll) -> None:
 def test_no_person_starts_near_the_robot() -> None:
     for seed in range(20):
         description = with_people(load_world_description("house"), 4, random_generator(seed, "people"))
-        people = [thing for thing in description.objects if thing.is_kinematic]
+        people = [item for item in description.objects if item.is_kinematic]
         assert len(people) == 4
         assert all(person.distance(0.0, 0.0) >= 1.0 for person in people)
 

@@ -59,7 +59,7 @@ WALL = {"name": "w", "kind": "wall", "height": 1}
 
 
 @pytest.mark.parametrize(
-    ("thing", "message"),
+    ("item", "message"),
     [
         (
             {**POLYGON, "points": [[0, 0], [2, 2], [2, 0], [0, 2]]},
@@ -88,9 +88,9 @@ WALL = {"name": "w", "kind": "wall", "height": 1}
         ({**WALL, "points": [[0, 0], [3, 0], [3, 1], [1, 1], [1, -1]]}, "meet, but an outline must not"),
     ],
 )
-def test_mistake_in_outline_is_reported_with_place(tmp_path: Path, thing: dict, message: str) -> None:
+def test_mistake_in_outline_is_reported_with_place(tmp_path: Path, item: dict, message: str) -> None:
     with pytest.raises(SimError, match=message):
-        load(tmp_path, thing)
+        load(tmp_path, item)
 
 
 @pytest.fixture
@@ -121,7 +121,7 @@ def test_laser_and_engine_see_the_same_prisms(yard: WorldDescription) -> None:
 
 
 def test_clearance_and_map_follow_a_concave_outline(yard: WorldDescription) -> None:
-    outlines = [side for thing in yard.objects for side in _sides(thing)]
+    outlines = [side for item in yard.objects for side in _sides(item)]
     map = rasterise(yard)
     random = np.random.default_rng(3)
     for x, y in random.uniform((-6, -3), (3, 3), (300, 2)):
@@ -161,12 +161,10 @@ def test_a_block_below_the_laser_is_a_keep_out_area_with_its_outline(tmp_path: P
     assert any(x0 < 1.5 < x1 and y0 < 0.25 < y1 for x0, y0, x1, y1 in covered)
 
 
-def _sides(thing: WorldObject) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-    cos, sin = math.cos(thing.yaw), math.sin(thing.yaw)
-    x0, y0, _ = thing.position
-    return [
-        tuple((x0 + cos * x - sin * y, y0 + sin * x + cos * y) for x, y in side) for side in thing.sides()
-    ]
+def _sides(item: WorldObject) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    cos, sin = math.cos(item.yaw), math.sin(item.yaw)
+    x0, y0, _ = item.position
+    return [tuple((x0 + cos * x - sin * y, y0 + sin * x + cos * y) for x, y in side) for side in item.sides()]
 
 
 def _turn(x: float, y: float, side: tuple[tuple[float, float], tuple[float, float]]) -> float:

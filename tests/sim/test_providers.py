@@ -164,7 +164,7 @@ def test_settings_reach_the_world_and_events_the_report() -> None:
             body.drive(0.1, 0.0)
             body.clock.wait_until(body.clock.now() + SECOND // 10, threading.Event())
     assert names == ["obstacle_0", "person_0", "person_1", "dropped_box_0", "dropped_box_1"]
-    assert [(one["event"], one["t"]) for one in run.report["events"]] == [("kidnap", 1.0)]
+    assert [(event["event"], event["t"]) for event in run.report["events"]] == [("kidnap", 1.0)]
 
 
 def test_map_and_places_are_those_of_the_world_without_the_obstacles_of_the_run() -> None:
@@ -196,10 +196,10 @@ def test_nothing_of_the_simulator_is_opened_for_another_robot() -> None:
         assert isinstance(run.find(Robot), Rover)
     run = Run(TreelessProgram("Look"), settings=[ARENA], providers=[rover]).want(Robot)
     with run.want(WorldPlaces, OccupancyMap, optional=True):
-        assert [one.name for one in run.choice.order] == ["rover"]
+        assert [provider.name for provider in run.choice.order] == ["rover"]
         assert run.find(WorldPlaces) is run.find(OccupancyMap) is None
     assert run.report == {}
     given = Rover()
     run = Run(TreelessProgram("Look"), settings=[ARENA], provided=[given]).want(Robot)
     with run.want(WorldPlaces, optional=True):
-        assert [one.name for one in run.choice.order] == []
+        assert [provider.name for provider in run.choice.order] == []

@@ -45,7 +45,7 @@ def test_no_ray_at_the_height_of_the_laser_or_the_camera_leaves_the_world(kind: 
     around = np.linspace(-math.pi, math.pi, 1440, endpoint=False)
     for seed, height in itertools.product(range(4), (0.0945, 1.07, 2.4)):
         description = random_world(kind, seed)
-        walls = RayCaster.of([thing for thing in description.objects if thing.name.startswith("wall_")])
+        walls = RayCaster.of([item for item in description.objects if item.name.startswith("wall_")])
         for place in description.waypoints.values():
             assert np.isfinite(walls.distances(*place, height, around)).all()
 
@@ -53,12 +53,12 @@ def test_no_ray_at_the_height_of_the_laser_or_the_camera_leaves_the_world(kind: 
 @pytest.mark.parametrize("kind", KINDS)
 def test_objects_do_not_overlap_walls_and_furniture_stands_in_most_rooms(kind: str) -> None:
     for seed in range(4):
-        things = random_world(kind, seed).objects
-        walls = [thing for thing in things if thing.name.startswith("wall_")]
-        furniture = [thing for thing in things if not thing.name.startswith("wall_")]
-        assert len({thing.name.rpartition("_")[0] for thing in furniture}) >= 6
-        for wall, thing in itertools.product(walls, furniture):
-            a, b = wall.outline(), thing.outline()
+        objects = random_world(kind, seed).objects
+        walls = [item for item in objects if item.name.startswith("wall_")]
+        furniture = [item for item in objects if not item.name.startswith("wall_")]
+        assert len({item.name.rpartition("_")[0] for item in furniture}) >= 6
+        for wall, item in itertools.product(walls, furniture):
+            a, b = wall.outline(), item.outline()
             assert min(a[2], b[2]) - max(a[0], b[0]) <= 1e-6 or min(a[3], b[3]) - max(a[1], b[1]) <= 1e-6
 
 
@@ -66,7 +66,7 @@ def test_doors_have_all_widths_between_80_and_120_cm() -> None:
     widths = set()
     for seed in range(12):
         world = random_world_json("office", seed)
-        corridor = [thing for thing in world["objects"] if thing["name"].startswith("wall_")]
+        corridor = [item for item in world["objects"] if item["name"].startswith("wall_")]
         rows: dict[float, list[tuple[float, float]]] = {}
         for wall in corridor:
             if wall["size"][0] > wall["size"][1]:

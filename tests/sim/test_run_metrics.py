@@ -150,7 +150,7 @@ def test_odometry_is_wrong_by_some_degrees_after_turning_on_the_spot(robot_at: A
         off = math.remainder(body.odometry().pose.yaw - body.true_pose().yaw, 2 * math.pi)
         wrong.append(math.degrees(off))
     # 7.5 rad with a slip of 4 %, give or take the wheels' own errors.
-    assert all(12.0 < one < 22.0 for one in wrong)
+    assert all(12.0 < distance < 22.0 for distance in wrong)
     assert len(set(wrong)) == 3
 
 
@@ -168,20 +168,20 @@ def test_the_times_to_notice_a_kidnapping_and_find_the_pose_are_reported(body: A
     steer(body, 1.0, (0.5, 0.0))
     navigator.error = Pose2D(0.1, 0.0, 0.0)
     steer(body, 1.0, (0.5, 0.0))
-    (one,) = metrics.figures()["kidnappings"]
-    assert one["t"] == pytest.approx(2.0)
-    assert one["noticed_s"] == pytest.approx(1.0, abs=0.11)
-    assert one["found_s"] == pytest.approx(4.0, abs=0.11)
-    assert one["astray_m"] == pytest.approx(0.5, abs=0.1)
+    (kidnapping,) = metrics.figures()["kidnappings"]
+    assert kidnapping["t"] == pytest.approx(2.0)
+    assert kidnapping["noticed_s"] == pytest.approx(1.0, abs=0.11)
+    assert kidnapping["found_s"] == pytest.approx(4.0, abs=0.11)
+    assert kidnapping["astray_m"] == pytest.approx(0.5, abs=0.1)
 
 
 def test_the_distance_driven_after_an_unnoticed_kidnapping_is_reported(body: Any, steer: Any) -> None:
     metrics = RunMetrics(body, [Navigator(body, Pose2D(0.0, 2.0, 0.0))])
     body.kidnap(Pose2D(3.0, 3.0, 0.0))
     steer(body, 4.0, (0.5, 0.0))
-    (one,) = metrics.figures()["kidnappings"]
-    assert one["noticed_s"] is one["found_s"] is None
-    assert one["astray_m"] == pytest.approx(2.0, abs=0.2)
+    (kidnapping,) = metrics.figures()["kidnappings"]
+    assert kidnapping["noticed_s"] is kidnapping["found_s"] is None
+    assert kidnapping["astray_m"] == pytest.approx(2.0, abs=0.2)
 
 
 def test_a_carried_robot_has_found_its_pose_only_after_it_was_put_down(body: Any, steer: Any) -> None:

@@ -21,7 +21,7 @@ def test_a_picture_is_sent_once_and_only_if_it_was_taken(robot_at: Stand, steer:
 
     picture = body.camera()
     reported = body.moving_scene().pictures
-    assert [(one.name, one.size, one.format, one.stamp) for one in reported] == [
+    assert [(picture.name, picture.size, picture.format, picture.stamp) for picture in reported] == [
         ("camera", (64, 48), "rgb8", picture.stamp)
     ]
     assert np.frombuffer(reported[0].data, np.uint8).reshape(48, 64, 3).tolist() == picture.rgb.tolist()
@@ -56,7 +56,7 @@ def test_the_scene_has_the_battery_level_while_it_drains(robot_at: Stand, steer:
 
 def test_the_scene_has_the_named_places_of_the_world() -> None:
     world = World(load_world_description("house"), seed=1)
-    places = {one.name: one.position for one in SimulatedRobot(world).static_scene().places}
+    places = {place.name: place.position for place in SimulatedRobot(world).static_scene().places}
     world.close()
     assert sorted(places) == ["recharge", "wp1", "wp2", "wp3"]
     assert places["wp1"] == (1.07, -12.38, 0.0)

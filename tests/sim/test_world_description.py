@@ -18,10 +18,10 @@ RADIUS = 0.27
 WALLS = {"wall_east", "wall_north", "wall_west", "wall_south"}
 
 
-def outline(thing: WorldObject) -> np.ndarray:
+def outline(item: WorldObject) -> np.ndarray:
     """Return the object's outline on the floor as points at most 5 mm apart, shape (n, 2)."""
-    x, y = thing.size[0] / 2, thing.size[1] / 2
-    if thing.kind == "cylinder":
+    x, y = item.size[0] / 2, item.size[1] / 2
+    if item.kind == "cylinder":
         around = np.linspace(0.0, 2 * math.pi, math.ceil(2 * math.pi * x / 0.005))
         points = np.stack((x * np.cos(around), x * np.sin(around)), axis=1)
     else:
@@ -31,13 +31,13 @@ def outline(thing: WorldObject) -> np.ndarray:
             part = np.linspace(0.0, 1.0, max(2, math.ceil(math.hypot(x1 - x0, y1 - y0) / 0.005)))[:, None]
             sides.append(np.array([[x0, y0]]) * (1 - part) + np.array([[x1, y1]]) * part)
         points = np.concatenate(sides)
-    cos, sin = math.cos(thing.yaw), math.sin(thing.yaw)
-    return points @ np.array([[cos, sin], [-sin, cos]]) + np.array(thing.position[:2])
+    cos, sin = math.cos(item.yaw), math.sin(item.yaw)
+    return points @ np.array([[cos, sin], [-sin, cos]]) + np.array(item.position[:2])
 
 
-def gap(one: WorldObject, other: WorldObject) -> float:
+def gap(first: WorldObject, second: WorldObject) -> float:
     """Return the distance (m) between two separate objects, exact to 3 mm and never too large."""
-    return min(other.distance(*point) for point in outline(one)) - 0.0025
+    return min(second.distance(*point) for point in outline(first)) - 0.0025
 
 
 def test_every_shipped_world_loads() -> None:
@@ -48,7 +48,7 @@ def test_every_shipped_world_loads() -> None:
 
 @pytest.mark.parametrize("name", ["arena", "arena_boxes"])
 def test_walls_are_higher_than_the_robots_camera(name: str) -> None:
-    walls = [thing for thing in load_world_description(name).objects if thing.name in WALLS]
+    walls = [item for item in load_world_description(name).objects if item.name in WALLS]
     assert len(walls) == 4
     assert all(wall.size[2] >= 2.2 and wall.position[2] == 0.0 for wall in walls)
 
@@ -57,7 +57,7 @@ def test_walls_are_higher_than_the_robots_camera(name: str) -> None:
 def test_the_walls_close_a_square(name: str, inside: float) -> None:
     description = load_world_description(name)
     rim = np.linspace(-inside, inside, 200)
-    walls = [thing for thing in description.objects if thing.name in WALLS]
+    walls = [item for item in description.objects if item.name in WALLS]
     for at in rim:
         for point in ((at, inside), (at, -inside), (inside, at), (-inside, at)):
             assert min(wall.distance(*point) for wall in walls) < 1e-9
@@ -67,23 +67,23 @@ def test_the_walls_close_a_square(name: str, inside: float) -> None:
 def test_every_gap_of_arena_boxes_is_wide_enough_to_back_up_blindly() -> None:
     """Laser range 1.0 + its offset 0.2 + hull 0.27 + 0.6 of backing + margin."""
     description = load_world_description("arena_boxes")
-    obstacles = [thing for thing in description.objects if thing.name not in WALLS]
+    obstacles = [item for item in description.objects if item.name not in WALLS]
     assert len(obstacles) >= 5
     gaps = {
-        (one.name, other.name): gap(one, other)
-        for one in obstacles
+        (obstacle.name, other.name): gap(obstacle, other)
+        for obstacle in obstacles
         for other in description.objects
-        if one is not other
+        if obstacle is not other
     }
     assert {pair: width for pair, width in gaps.items() if width < 2.3} == {}
 
 
 def test_obstacles_of_arena_boxes_reach_the_floor_and_are_wide_enough_to_see() -> None:
-    for thing in load_world_description("arena_boxes").objects:
-        if thing.name not in WALLS:
-            assert min(thing.size[:2]) >= 0.3
-            assert thing.position[2] == 0.0
-            assert thing.size[2] > 0.3
+    for item in load_world_description("arena_boxes").objects:
+        if item.name not in WALLS:
+            assert min(item.size[:2]) >= 0.3
+            assert item.position[2] == 0.0
+            assert item.size[2] > 0.3
 
 
 @pytest.mark.parametrize("name", ["arena", "arena_boxes"])

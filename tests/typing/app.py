@@ -29,7 +29,7 @@ def battery_ok(level: In[float], minimum: In[float] = 0.2) -> bool:
 
 @action
 def measure(robot: Robot, distance: Put[float]) -> bool:
-    """Write how far the nearest thing ahead is (m)."""
+    """Write how far the nearest obstacle ahead is (m)."""
     scan = robot.scan()
     if scan is None:
         return False

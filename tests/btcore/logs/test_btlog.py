@@ -52,9 +52,9 @@ def test_the_recorded_file_is_read(captures: Path) -> None:
 
 def test_the_recorded_tree_is_read(captures: Path, sample: Tree) -> None:
     nodes = read_btlog(captures / "v4_sample.btlog").nodes
-    found = [(one.uid, one.name, one.id, one.type, one.path) for one in nodes.values()]
+    found = [(node.uid, node.name, node.id, node.type, node.path) for node in nodes.values()]
     assert found == [(node.uid, node.name, node.id, node.type, node.path) for node in sample]
-    assert [one.children for one in nodes.values()] == [
+    assert [node.children for node in nodes.values()] == [
         tuple(child.uid for child in node.children) for node in sample
     ]
 
@@ -67,8 +67,10 @@ def test_equal_transitions_at_equal_times_are_written_as_equal_bytes(
     with BtLog(sample, tmp_path / "run.btlog") as log:
         log.write(
             [
-                Transition(number, one.stamp - recording.start, 1, one.uid, one.previous, one.status)
-                for number, one in enumerate(recording.transitions, 1)
+                Transition(
+                    number, change.stamp - recording.start, 1, change.uid, change.previous, change.status
+                )
+                for number, change in enumerate(recording.transitions, 1)
             ]
         )
     written = (tmp_path / "run.btlog").read_bytes()

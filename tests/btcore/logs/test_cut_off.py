@@ -31,7 +31,7 @@ def runs(draw: st.DrawFn) -> Written:
     for step in draw(st.lists(st.integers(1, 10**9), max_size=40)):
         since += step
         uid = draw(st.integers(1, NODES))
-        status = draw(st.sampled_from([one for one in Status if one is not last[uid]]))
+        status = draw(st.sampled_from([status for status in Status if status is not last[uid]]))
         last[uid] = status
         rows.append((since, uid, status))
     return rows

@@ -93,10 +93,10 @@ FORGOTTEN: dict[Any, tuple[str, int, str]] = {
 @pytest.mark.parametrize("function", FORGOTTEN, ids=lambda function: function.__name__)
 def test_forgotten_await_is_refused_with_the_line(function: Any) -> None:
     what, lines_below, remedy = FORGOTTEN[function]
-    thing = OwnBody if function is OwnBody.body else function
+    leaf = OwnBody if function is OwnBody.body else function
     place = helper if function is awaits_a_helper else function
     with pytest.raises(RegistrationError) as caught:
-        Registry.standard().add(thing, ID="Blink")
+        Registry.standard().add(leaf, ID="Blink")
     line = place.__code__.co_firstlineno + lines_below
     assert str(caught.value).startswith(f"<Blink>: {what} in {__file__}:{line} without await")
     assert remedy in str(caught.value)

@@ -89,13 +89,13 @@ def test_ports_of_a_single_format_are_missing_in_the_other_format() -> None:
 
 def test_new_registry_is_empty_and_registries_share_nothing() -> None:
     assert list(Registry()) == []
-    one, other = Registry.standard(), Registry.standard()
-    one.add(Wave)
-    one.add_enum({"RED": 1})
-    one.remove("Sequence")
-    assert "Wave" not in other
-    assert other.types.enums == {}
-    assert "Sequence" in other
+    first, second = Registry.standard(), Registry.standard()
+    first.add(Wave)
+    first.add_enum({"RED": 1})
+    first.remove("Sequence")
+    assert "Wave" not in second
+    assert second.types.enums == {}
+    assert "Sequence" in second
 
 
 # --- adding
@@ -141,7 +141,7 @@ def test_id_that_groot_cannot_show_is_refused(ID: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("thing", "expected_message"),
+    ("value", "expected_message"),
     [
         (7, "7 is neither a function nor a node class"),
         ("Wave", "'Wave' is neither a function nor a node class"),
@@ -149,8 +149,8 @@ def test_id_that_groot_cannot_show_is_refused(ID: str) -> None:
         ([bow, Wave], "is neither a function nor a node class: nodes.add(first, second)"),
     ],
 )
-def test_object_that_is_not_a_node_is_refused(thing: object, expected_message: str) -> None:
-    assert expected_message in refused(Registry.standard().add, thing)
+def test_object_that_is_not_a_node_is_refused(value: object, expected_message: str) -> None:
+    assert expected_message in refused(Registry.standard().add, value)
 
 
 def test_stateful_and_threaded_actions_require_their_methods() -> None:
@@ -452,8 +452,8 @@ def test_every_part_of_btcore_registers_the_same_installed_libraries(
     others = [load_libraries(()).nodes, worker.Libraries([], (), (), trusted=False).nodes]
     for other in others:
         assert other.libraries == program.libraries
-        assert {ID: one.distribution for ID, one in other.manifests.items()} == {
-            ID: one.distribution for ID, one in program.manifests.items()
+        assert {ID: manifest.distribution for ID, manifest in other.manifests.items()} == {
+            ID: manifest.distribution for ID, manifest in program.manifests.items()
         }
     assert ("polite-robot" in program.libraries) is (limit is None)
     packages = {"btcore"} if limit == "" else {"btcore", "btcore_robot"}

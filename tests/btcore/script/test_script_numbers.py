@@ -62,8 +62,8 @@ def test_quick_double_is_exact_or_nan(value: Any) -> None:
 
 
 def test_quick_double_accepts_bools_and_enums_and_gives_nan_otherwise() -> None:
-    assert [quick_double(one) for one in (True, False, Level.HIGH, Real(0.25))] == [1.0, 0.0, 3.0, 0.25]
-    assert all(math.isnan(quick_double(one)) for one in ("2", "", None, [1], Colour.RED))
+    assert [quick_double(value) for value in (True, False, Level.HIGH, Real(0.25))] == [1.0, 0.0, 3.0, 0.25]
+    assert all(math.isnan(quick_double(value)) for value in ("2", "", None, [1], Colour.RED))
 
 
 LIMITS = [(MIN_INT64, MAX_INT64), (-128, 127), (0, 255), (0, 1), (-(2**31), 2**31 - 1), (0, 2**64 - 1)]

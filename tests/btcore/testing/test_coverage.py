@@ -26,7 +26,7 @@ def test_nothing_ran_before_a_tick(tree: Tree) -> None:
     coverage = Coverage()
     coverage.watch(tree)
     assert (coverage.nodes, coverage.results) == (0, 0)
-    assert not any(one.ran for one in coverage.all_nodes)
+    assert not any(node.ran for node in coverage.all_nodes)
 
 
 def test_report_shows_every_node_with_its_results(tree: Tree) -> None:

@@ -116,7 +116,7 @@ class TestTextToValue:
     def test_a_vector_may_be_a_json_array(self, kind: VectorType, text: str, value: Any) -> None:
         found = kind.from_text(text)
         assert found == value
-        assert [type(one) for one in found] == [type(one) for one in value]
+        assert [type(item) for item in found] == [type(item) for item in value]
 
     @pytest.mark.parametrize(
         ("kind", "text"),

@@ -164,7 +164,7 @@ def test_all_ticks_of_bumpgo_are_recorded_without_a_missing_transition(tmp_path:
         # a RUNNING node that stays RUNNING, or a result repeated, is a tick without a transition
         assert ended.get((uid, 2), 0) <= counts["success"]
         assert ended.get((uid, 3), 0) <= counts["failure"]
-    condition = next(uid for uid, one in names.items() if one.startswith("IsObstacle"))
+    condition = next(uid for uid, name in names.items() if name.startswith("IsObstacle"))
     counts = report["nodes"][names[condition]]
     assert (ended[condition, 2], ended[condition, 3]) == (counts["success"], counts["failure"])
 

@@ -98,7 +98,7 @@ def test_ctrl_c_leaves_complete_files(
     )
     first, second = read_btlog(tmp_path / "run.btlog"), read_sqlite(tmp_path / "run.db3")
     assert find_divergence(steps(first), steps(second), tolerance=MS) is None
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["run.btlog", "run.db3"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.btlog", "run.db3"]
 
 
 def test_a_robot_with_only_groot_2_is_recorded_and_missing_data_is_reported(

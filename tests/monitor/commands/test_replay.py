@@ -97,7 +97,7 @@ def test_a_usage_error_is_reported_with_exit_code_2(replay: Replay, options: lis
 def test_the_error_without_a_display_lists_the_alternatives(replay: Replay) -> None:
     result = replay(LOGS[0])
     assert result.exit_code == 2
-    assert all(one in result.stderr for one in ("no display", "--serve-web", "--save", "--text"))
+    assert all(text in result.stderr for text in ("no display", "--serve-web", "--save", "--text"))
 
 
 def test_a_truncated_log_is_shown_up_to_the_truncation(replay: Replay, tmp_path: Path) -> None:
@@ -143,7 +143,7 @@ def test_a_part_of_a_log_starts_with_the_statuses_at_its_beginning() -> None:
     seen, *rest = events(recording, range(5, 8))
     assert isinstance(seen, TreeEvent)
     assert seen.statuses == recording.statuses(5)
-    assert [one.number for one in rest if isinstance(one, TransitionEvent)] == [6, 7, 8]
+    assert [event.number for event in rest if isinstance(event, TransitionEvent)] == [6, 7, 8]
     assert set(seen.source.unavailable) == {"ticks", "exceptions", "blackboard"}
 
 
@@ -152,7 +152,9 @@ def test_truncation_and_gaps_are_reported_as_missed_data(tmp_path: Path) -> None
     (tmp_path / "run.btlog.gaps").write_text("2 the transitions 3 to 9 are lost\n")
     recording = read_log(tmp_path / "run.btlog")
     reported = list(events(recording, range(56)))
-    assert [(at, one.reason) for at, one in enumerate(reported) if isinstance(one, MissingDataEvent)] == [
+    assert [
+        (index, event.reason) for index, event in enumerate(reported) if isinstance(event, MissingDataEvent)
+    ] == [
         (3, "the transitions 3 to 9 are lost"),
         (58, recording.damage),
     ]

@@ -45,15 +45,15 @@ def table() -> dict[str, DataflowRow]:
 
 def places(row: DataflowRow) -> tuple[list[str], list[str]]:
     return (
-        [f"{one.node} {one.attribute}" for one in row.writers],
-        [f"{one.node} {one.attribute}" for one in row.readers],
+        [f"{writer.node} {writer.attribute}" for writer in row.writers],
+        [f"{reader.node} {reader.attribute}" for reader in row.readers],
     )
 
 
 def test_entry_is_followed_through_remappings_to_its_scope() -> None:
     row = table()["/goal"]
     assert places(row) == (["Find place"], ["there/drive goal", "keep value"])
-    assert [one.key for one in row.readers] == ["target", "goal"]
+    assert [reader.key for reader in row.readers] == ["target", "goal"]
     assert row.type == "std::string"
 
 

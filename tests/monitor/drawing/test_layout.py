@@ -36,8 +36,8 @@ def tree_of(
         waiting.extend(reversed(children[node]))
     place = {node: at for at, node in enumerate(order)}
     return [
-        Box(widths[one], heights[one % len(heights)], tuple(place[c] for c in children[one]), one in framed)
-        for one in order
+        Box(widths[at], heights[at % len(heights)], tuple(place[c] for c in children[at]), at in framed)
+        for at in order
     ]
 
 
@@ -83,8 +83,8 @@ def pill(width: float, *children: int) -> Box:
 
 def areas(boxes: list[Box], layout: TreeLayout) -> list[tuple[float, float, float, float]]:
     return [
-        (one.x, one.y - box.height / 2, one.x + one.width, one.y + box.height / 2)
-        for box, one in zip(boxes, layout.places, strict=True)
+        (place.x, place.y - box.height / 2, place.x + place.width, place.y + box.height / 2)
+        for box, place in zip(boxes, layout.places, strict=True)
     ]
 
 
@@ -95,9 +95,9 @@ def overlap(a: tuple[float, ...], b: tuple[float, ...], slack: float = 0.01) -> 
 def below(boxes: list[Box], index: int) -> set[int]:
     found, waiting = set(), [index]
     while waiting:
-        one = waiting.pop()
-        found.add(one)
-        waiting.extend(boxes[one].children)
+        current = waiting.pop()
+        found.add(current)
+        waiting.extend(boxes[current].children)
     return found
 
 
@@ -105,8 +105,8 @@ def below(boxes: list[Box], index: int) -> set[int]:
 def test_no_two_pills_overlap(drawing: tuple[list[Box], TreeLayout]) -> None:
     boxes, layout = drawing
     drawn = areas(boxes, layout)
-    for at, one in enumerate(drawn):
-        assert not any(overlap(one, other) for other in drawn[:at])
+    for at, place in enumerate(drawn):
+        assert not any(overlap(place, other) for other in drawn[:at])
 
 
 @given(drawings())
@@ -125,9 +125,9 @@ def test_children_keep_their_order_to_the_right_or_downwards(drawing: tuple[list
     boxes, layout = drawing
     placed = areas(boxes, layout)
     for box in boxes:
-        for one, following in itertools.pairwise(box.children):
-            to_the_right = placed[following][0] >= placed[one][2]
-            under = placed[following][1] >= placed[one][3]
+        for child, following in itertools.pairwise(box.children):
+            to_the_right = placed[following][0] >= placed[child][2]
+            under = placed[following][1] >= placed[child][3]
             assert to_the_right or under
 
 
@@ -199,7 +199,7 @@ def test_a_parent_is_directly_above_a_child_that_is_nearly_in_the_middle() -> No
 def test_big_trees_are_no_larger_than_the_prototypes_layouts() -> None:
     for count, (width, height) in PROTOTYPE.items():
         layouts = [lay_out(random_tree(count, seed), width / height, COMFORT) for seed in range(5)]
-        needed = sorted(max(one.size[0] / width, one.size[1] / height) for one in layouts)
+        needed = sorted(max(layout.size[0] / width, layout.size[1] / height) for layout in layouts)
         assert needed[2] <= 1.0
 
 

@@ -37,7 +37,7 @@ def drawing() -> etree._Element:
 
 
 def words(drawing: etree._Element) -> list[str]:
-    return ["".join(str(part) for part in one.itertext()) for one in drawing.iter(f"{SVG}text")]
+    return ["".join(str(part) for part in element.itertext()) for element in drawing.iter(f"{SVG}text")]
 
 
 def test_names_ids_numbers_ports_and_scripts_are_written(drawing: etree._Element) -> None:
@@ -58,7 +58,7 @@ def test_svg_references_no_other_resource() -> None:
 
 
 def test_frame_of_a_subtree_encloses_only_its_content(drawing: etree._Element) -> None:
-    frames = [one for one in drawing.iter(f"{SVG}rect") if one.get("class") == "frame"]
+    frames = [element for element in drawing.iter(f"{SVG}rect") if element.get("class") == "frame"]
     assert len(frames) == 1
     inside = [name for name, box in cards(drawing).items() if within(box, rectangle(frames[0]))]
     assert sorted(inside) == ["AlwaysFailure", "Inverter"]
@@ -74,8 +74,8 @@ def test_long_text_is_cut_in_the_card_and_complete_in_the_tooltip() -> None:
     code = "a := " + " + ".join(["1"] * 60)
     text = f'<root BTCPP_format="4"><BehaviorTree ID="A"><Script code="{code}"/></BehaviorTree></root>'
     drawing = etree.fromstring(svg(text).encode())
-    assert not any(code in one for one in words(drawing))
-    assert any(code in str(one.text) for one in drawing.iter(f"{SVG}title"))
+    assert not any(code in word for word in words(drawing))
+    assert any(code in str(element.text) for element in drawing.iter(f"{SVG}title"))
 
 
 Rectangle = tuple[float, float, float, float]
@@ -87,13 +87,13 @@ def rectangle(element: etree._Element, x: float = 0, y: float = 0) -> Rectangle:
 
 
 def within(inner: Rectangle, outer: Rectangle) -> bool:
-    return all(one >= other for one, other in zip(inner[:2], outer[:2], strict=True)) and all(
-        one <= other for one, other in zip(inner[2:], outer[2:], strict=True)
+    return all(inside >= outside for inside, outside in zip(inner[:2], outer[:2], strict=True)) and all(
+        inside <= outside for inside, outside in zip(inner[2:], outer[2:], strict=True)
     )
 
 
-def apart(one: Rectangle, other: Rectangle) -> bool:
-    return one[2] <= other[0] or other[2] <= one[0] or one[3] <= other[1] or other[3] <= one[1]
+def apart(first: Rectangle, second: Rectangle) -> bool:
+    return first[2] <= second[0] or second[2] <= first[0] or first[3] <= second[1] or second[3] <= first[1]
 
 
 def cards(drawing: etree._Element) -> dict[str, Rectangle]:
@@ -102,7 +102,9 @@ def cards(drawing: etree._Element) -> dict[str, Rectangle]:
         group = card.getparent()
         if str(card.get("class")).startswith("card") and group is not None:
             x, y = map(float, re.findall(r"[-\d.]+", str(group.get("transform"))))
-            name = next(str(one.text) for one in group.iter(f"{SVG}text") if one.get("class") == "name")
+            name = next(
+                str(element.text) for element in group.iter(f"{SVG}text") if element.get("class") == "name"
+            )
             found[name] = rectangle(card, x, y)
     return found
 
@@ -110,4 +112,4 @@ def cards(drawing: etree._Element) -> dict[str, Rectangle]:
 def test_cards_do_not_overlap(drawing: etree._Element) -> None:
     placed = cards(drawing)
     assert len(placed) == 8
-    assert all(apart(one, other) for one, other in combinations(placed.values(), 2))
+    assert all(apart(first, second) for first, second in combinations(placed.values(), 2))

@@ -47,7 +47,7 @@ def test_transitions_match_the_recorded_session(captures: Path) -> None:
 
 def test_tree_matches_the_recorded_session(captures: Path) -> None:
     nodes = read_fbl(captures / "v3_sample.fbl").nodes
-    assert [(one.uid, one.name, one.id, list(one.children)) for one in nodes.values()] == [
+    assert [(node.uid, node.name, node.id, list(node.children)) for node in nodes.values()] == [
         (1, "root_seq", "Sequence", [2, 3, 6, 9]),
         (2, "SetBlackboard", "SetBlackboard", []),
         (3, "Fallback", "Fallback", [4, 5]),
@@ -60,7 +60,7 @@ def test_tree_matches_the_recorded_session(captures: Path) -> None:
         (10, "Sequence", "Sequence", [11]),
         (11, "Count", "Count", []),
     ]
-    assert {one.id: one.type for one in nodes.values()} == {
+    assert {node.id: node.type for node in nodes.values()} == {
         "Sequence": NodeType.CONTROL,
         "SetBlackboard": NodeType.ACTION,
         "Fallback": NodeType.CONTROL,

@@ -64,8 +64,10 @@ def test_equal_transitions_at_equal_times_are_written_as_equal_rows(
     with SqliteLog(sample, tmp_path / "run.db3") as log:
         log.write(
             [
-                Transition(number, one.stamp - recording.start, 1, one.uid, one.previous, one.status)
-                for number, one in enumerate(recording.transitions, 1)
+                Transition(
+                    number, change.stamp - recording.start, 1, change.uid, change.previous, change.status
+                )
+                for number, change in enumerate(recording.transitions, 1)
             ]
         )
     query = (
@@ -98,7 +100,7 @@ def test_appended_session_keeps_the_previous_sessions(small: Callable[..., Tree]
         tree = small(body)
         with SqliteLog(tree, path, append=True):
             tree.tick_once()
-    assert [(one.number, one.transitions) for one in sessions(path)] == [(1, 2), (2, 2)]
+    assert [(session.number, session.transitions) for session in sessions(path)] == [(1, 2), (2, 2)]
     assert read_sqlite(path).nodes[1].id == "AlwaysFailure"
     first = read_sqlite(path, session=1)
     assert first.nodes[1].id == "AlwaysSuccess"

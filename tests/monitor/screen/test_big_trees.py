@@ -61,7 +61,7 @@ def drawn(recording: Recording, origin: str, part: str, component: str, t: int) 
     """Return the values that the entities of *part* in all subtrees have at *t*."""
     entities = {entity for entity, _ in recording.rows if entity.startswith(f"/{origin}/")}
     rows = [recording.at(entity, component, t) for entity in sorted(entities) if entity.endswith(f"/{part}")]
-    return [one for row in rows for one in row]
+    return [cell for row in rows for cell in row]
 
 
 def test_folding_keeps_main_tree_and_no_more_nodes_than_are_readable(

@@ -49,8 +49,8 @@ def lab(rgb: np.ndarray) -> np.ndarray:
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-def distance(one: int, other: int, vision: str) -> float:
-    seen = [lab(np.array(VISION[vision]) @ linear(colour)) for colour in (one, other)]
+def distance(first: int, second: int, vision: str) -> float:
+    seen = [lab(np.array(VISION[vision]) @ linear(colour)) for colour in (first, second)]
     return float(np.linalg.norm(seen[0] - seen[1]))
 
 
@@ -66,7 +66,9 @@ def test_statuses_of_the_colour_blind_palette_differ_for_every_vision(vision: st
 
 
 def test_the_colour_blind_palette_separates_results_better_than_groots() -> None:
-    apart = [distance(one.fill[SUCCESS], one.fill[FAILURE], "deutan") for one in (GROOT, COLOUR_BLIND)]
+    apart = [
+        distance(palette.fill[SUCCESS], palette.fill[FAILURE], "deutan") for palette in (GROOT, COLOUR_BLIND)
+    ]
     assert apart[1] > 2 * apart[0]
 
 

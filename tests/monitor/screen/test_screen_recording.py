@@ -44,7 +44,9 @@ def test_no_numbered_transition_of_a_thousand_ticks_is_missing(thousand: tuple[l
         for name in ("number", "tick", "uid", "previous", "status")
     }
     kept = sorted(zip(*columns.values(), strict=True))
-    assert kept == [(one.number, one.tick, one.uid, one.previous, one.status) for one in sent]
+    assert kept == [
+        (change.number, change.tick, change.uid, change.previous, change.status) for change in sent
+    ]
     assert [number for number, *_ in kept] == list(range(1, len(sent) + 1))
     lines = [values[0] for _, values in recording.of("/log", "TextLog:text")]
     assert len([line for line in lines if "→" in line]) == len(sent) > 5000
@@ -68,7 +70,7 @@ def test_a_file_without_a_viewer_is_written_in_large_pieces(
 
 def test_every_tick_has_its_duration_at_its_time(thousand: tuple[list[Any], Recording]) -> None:
     events, recording = thousand
-    ticks = [(one.stamp, one.duration_ns / 1e6) for one in events if isinstance(one, TickEvent)]
+    ticks = [(event.stamp, event.duration_ns / 1e6) for event in events if isinstance(event, TickEvent)]
     assert [(t, values[0]) for t, values in recording.of("/tick/duration", "Scalars:scalars")] == ticks
     rates = [values[0] for _, values in recording.of("/rate/ticks", "Scalars:scalars")]
     assert rates == [10.0] * 999
@@ -89,7 +91,7 @@ def test_pills_have_the_colours_of_the_statuses_at_every_tick(thousand: tuple[li
             for uid, colour in zip(uids, colours, strict=True):
                 allowed = {int(GROOT.fill[status[uid]])}
                 if status[uid] == IDLE:
-                    allowed |= {int(one) for one in GROOT.fill[RESET_OFFSET + SUCCESS :]}
+                    allowed |= {int(colour) for colour in GROOT.fill[RESET_OFFSET + SUCCESS :]}
                 if status[uid] == RUNNING and uid in inner:
                     allowed = {GROOT.busy}
                 assert colour in allowed, (event.tick, uid)
@@ -206,7 +208,7 @@ def test_a_robot_that_returns_with_another_tree_gets_another_recording(
         screen.process_event(event)
     screen.close()
     assert screen.files == [path, tmp_path / "run.2.rrd"]
-    ticks = [len(read(one).of("/tick/duration", "Scalars:scalars")) for one in screen.files]
+    ticks = [len(read(file).of("/tick/duration", "Scalars:scalars")) for file in screen.files]
     assert ticks == [20, 30]
 
 

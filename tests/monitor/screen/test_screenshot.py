@@ -109,7 +109,7 @@ def rgb(colour: int) -> tuple[int, int, int]:
 
 
 def close(seen: tuple[int, int, int], wanted: int) -> bool:
-    return all(abs(one - other) <= 6 for one, other in zip(seen, rgb(wanted), strict=True))
+    return all(abs(actual - expected) <= 6 for actual, expected in zip(seen, rgb(wanted), strict=True))
 
 
 def test_pills_have_their_places_and_colours_and_equal_pictures_are_equal(

@@ -63,8 +63,8 @@ def test_an_elided_name_fits_and_keeps_both_ends(text: str, room: int) -> None:
     ],
 )
 def test_similar_kinds_have_different_symbols(pair: tuple[str, str]) -> None:
-    one, other = pair
-    assert symbol_path(one, "control") != symbol_path(other, "control")
+    first, second = pair
+    assert symbol_path(first, "control") != symbol_path(second, "control")
 
 
 def test_symbols_fit_the_badge_and_unknown_nodes_are_drawn_by_their_kind() -> None:
@@ -105,6 +105,6 @@ def test_characters_that_the_viewer_lacks_are_replaced(text: str, drawn: str) ->
 
 
 @given(st.text(), st.text())
-def test_spelled_names_can_be_drawn_and_stay_different(one: str, other: str) -> None:
-    assert legible(spell(one)) == spell(one)
-    assert one == other or spell(one) != spell(other) or "u" in one + other
+def test_spelled_names_can_be_drawn_and_stay_different(first: str, second: str) -> None:
+    assert legible(spell(first)) == spell(first)
+    assert first == second or spell(first) != spell(second) or "u" in first + second

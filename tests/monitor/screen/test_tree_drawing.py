@@ -39,9 +39,9 @@ NESTED = observed_tree(
 )
 
 
-def note_of(one: ObservedNode, whole: ObservedTree | None = None) -> str:
-    whole = whole or observed_tree(one)
-    return create_captions(whole, whole, with_notes=True)[one.uid].note
+def note_of(node: ObservedNode, whole: ObservedTree | None = None) -> str:
+    whole = whole or observed_tree(node)
+    return create_captions(whole, whole, with_notes=True)[node.uid].note
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_every_node_is_in_branch_and_number_of_branches_is_limited(
     big = big_tree(1000)
     parts = split_by_subtree(big)
     assert len(parts) == MAX_BRANCHES
-    assert sorted(at for one in parts.values() for at in one) == list(range(1000))
+    assert sorted(at for part in parts.values() for at in part) == list(range(1000))
     assert split_by_subtree(big, most=1) == {"": list(range(1000))}
 
 
@@ -134,8 +134,8 @@ def test_all_parts_of_a_subtree_are_below_its_entity(recorded: Callable[..., Any
 def test_the_entity_of_a_node_describes_it_and_has_the_place_of_its_pill(
     recorded: Callable[..., Any], tmp_path: Path
 ) -> None:
-    one = observed_tree(node(1, "nap", id="Sleep", path="nap", ports={"msec": "500"}))
-    recording = recorded([TreeEvent(one, 0, 0, {})], tmp_path / "run.rrd")
+    tree = observed_tree(node(1, "nap", id="Sleep", path="nap", ports={"msec": "500"}))
+    recording = recorded([TreeEvent(tree, 0, 0, {})], tmp_path / "run.rrd")
     assert recording.of("/tree/nap", "node")[0][1] == ['Sleep  nap  msec="500"']
     pill = recording.of("/tree/rims", "LineStrips2D:strips")[0][1]
     assert recording.of("/tree/nap", "LineStrips2D:strips")[0][1] == pill
@@ -153,7 +153,7 @@ def test_nodes_of_a_big_tree_have_entities_that_draw_nothing(
 def test_legend_is_below_tree_in_colours_of_palette(recorded: Callable[..., Any], tmp_path: Path) -> None:
     recording = recorded([TreeEvent(NESTED, 0, 0, {})], tmp_path / "run.rrd")
     colours = set(recording.of("/tree/legend", "LineStrips2D:colors")[0][1])
-    assert {int(one) for one in GROOT.fill[:5]} | {GROOT.raised} <= colours
+    assert {int(colour) for colour in GROOT.fill[:5]} | {GROOT.raised} <= colours
     assert GROOT.highlight not in colours
     points = np.concatenate(recording.of("/tree/legend", "LineStrips2D:strips")[0][1])
     pills = np.concatenate(recording.of("/tree/rims", "LineStrips2D:strips")[0][1])

@@ -108,7 +108,7 @@ def browser() -> Iterator[None]:
     places = [shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")]
     with sync_api.sync_playwright() as playwright:
         own = playwright.chromium.executable_path
-        place = next((one for one in [*places, own] if one and Path(one).exists()), None)
+        place = next((place for place in [*places, own] if place and Path(place).exists()), None)
         if place is None:
             pytest.skip("there is no Chromium")
         chromium = playwright.chromium.launch(executable_path=place, args=SOFTWARE)
@@ -138,6 +138,6 @@ def test_a_live_tree_is_drawn_in_chromium_without_an_error_on_its_console(
         painted = int((np.abs(np.asarray(picture, dtype=int) - leaf).max(axis=2) <= 2).sum())
     assert painted >= 300, f"no RUNNING leaf is seen; console: {errors}"
     assert errors == []
-    assert {one.split("/")[2].partition(":")[0] for one in asked if "://" in one} == {"127.0.0.1"}
+    assert {url.split("/")[2].partition(":")[0] for url in asked if "://" in url} == {"127.0.0.1"}
     context.close()
     assert run.end(signal.SIGINT) == 130, run.stderr_text

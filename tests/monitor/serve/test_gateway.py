@@ -68,10 +68,10 @@ TOPICS = {
     "encrypted": (CURVE + frame(b"\x07MESSAGE" + bytes(60)), ""),
     "a topic of 200 bytes": (V30 + frame(b"\1" + bytes(200)), ""),
     "many topics, one after the other": (
-        V31 + b"".join(command(b"SUBSCRIBE", one) + command(b"CANCEL", one) for one in MANY),
+        V31 + b"".join(command(b"SUBSCRIBE", topic) + command(b"CANCEL", topic) for topic in MANY),
         "",
     ),
-    "32 topics, twice": (V30 + b"".join(frame(b"\1" + one) for one in MANY[:32] * 2), ""),
+    "32 topics, twice": (V30 + b"".join(frame(b"\1" + topic) for topic in MANY[:32] * 2), ""),
     "1.0": (frame(b""), "not ZMTP 2 or 3"),
     "no signature": (b"\xff" + bytes(20), "not ZMTP 2 or 3"),
     "revision 0": (SIGNATURE + b"\0\1", "not ZMTP 2 or 3"),
@@ -79,13 +79,13 @@ TOPICS = {
     "a command with more frames": (V31 + b"\x05\1\1", "not a frame of ZMTP"),
     "a topic of 201 bytes": (V30 + frame(b"\1" + bytes(201)), "too many bytes"),
     "a topic of 201 bytes by command": (V31 + command(b"SUBSCRIBE", bytes(201)), "too many subscriptions"),
-    "33 topics": (V30 + b"".join(frame(b"\1" + one) for one in MANY), "too many subscriptions"),
+    "33 topics": (V30 + b"".join(frame(b"\1" + topic) for topic in MANY), "too many subscriptions"),
     "33 topics by command": (
-        V31 + b"".join(command(b"SUBSCRIBE", one) for one in MANY),
+        V31 + b"".join(command(b"SUBSCRIBE", topic) for topic in MANY),
         "too many subscriptions",
     ),
     "cancels of other topics": (
-        V30 + b"".join(frame(b"\1" + one) + frame(b"\0x" + one) for one in MANY),
+        V30 + b"".join(frame(b"\1" + topic) + frame(b"\0x" + topic) for topic in MANY),
         "too many subscriptions",
     ),
     "a message": (V30 + frame(b"hello"), "not a subscription"),
@@ -319,7 +319,7 @@ def test_encrypted_clients_are_forwarded_and_limited() -> None:
                 robot.send(b"topic 2")
                 client.poll(0)  # after the new connection, libzmq subscribes again in this call
                 if robot.poll(100):
-                    ends += [one for one in (robot.recv(),) if one[1:] == b"topic"]
+                    ends += [message for message in (robot.recv(),) if message[1:] == b"topic"]
                 assert time.monotonic() < deadline
         finally:
             robot.close()

@@ -93,7 +93,7 @@ class Message:
 
     @property
     def steps(self) -> list[tuple[int, int, int]]:
-        return [one[2:] for one in self.changes]
+        return [change[2:] for change in self.changes]
 
 
 @dataclass
@@ -203,16 +203,16 @@ def test_the_tree_meets_groot1s_requirements(flat: dict[str, Any]) -> None:
     assert len(nodes) == len(flat["nodes"]) > 0
     assert len(models) == len(flat["node_models"])
     # Every vector and string is there.
-    for one in [*nodes.values(), *models.values()]:
-        assert None not in one.values()
-        assert all(None not in port.values() for port in one.get("port_remaps", one.get("ports")))
+    for entry in [*nodes.values(), *models.values()]:
+        assert None not in entry.values()
+        assert all(None not in port.values() for port in entry.get("port_remaps", entry.get("ports")))
     for node in nodes.values():
         model = models[node["registration_name"]]
         assert model["type"] in (1, 2, 3, 4, 5)
         assert (model["type"] in (1, 2)) == (not node["children_uid"])
         assert model["type"] not in (4, 5) or len(node["children_uid"]) == 1
         declared = {port["port_name"] for port in model["ports"]}
-        assert {one["port_name"] for one in node["port_remaps"]} <= declared
+        assert {remap["port_name"] for remap in node["port_remaps"]} <= declared
     # The first node is the root, the order is depth-first, and every child is in the list once.
     order = []
     waiting = [flat["root_uid"]]
@@ -244,7 +244,7 @@ def test_nodes_unknown_to_groot1_have_their_ports_and_types(
         {"port_name": "answer", "remap": "{expected_message}"},
     ]
     # a port that is input and output comes twice, as in the original
-    assert [one["remap"] for one in by_name[""]["port_remaps"]] == ["{distance}", "{distance}"]
+    assert [remap["remap"] for remap in by_name[""]["port_remaps"]] == ["{distance}", "{distance}"]
     assert by_name["Sub"]["registration_name"] == "SubTree"
     assert by_name["Sub"]["port_remaps"] == []
 
@@ -258,11 +258,11 @@ def test_a_skipped_node_is_idle_and_no_status_beyond_failure_is_sent(
         message = groot.next()
         nested.halt()
         messages = [message, groot.next()]
-    codes = [status for one in messages for _, status in one.statuses]
-    codes += [status for one in messages for *_, previous, status in one.changes]
+    codes = [status for message in messages for _, status in message.statuses]
+    codes += [status for message in messages for *_, previous, status in message.changes]
     assert set(codes) <= {0, 1, 2, 3}
     skipped = next(node.uid for node in nested.nodes if node.name == "AlwaysSuccess")
-    assert not [step for one in messages for step in one.steps if step[0] == skipped]
+    assert not [step for message in messages for step in message.steps if step[0] == skipped]
 
 
 def test_every_uid_of_a_message_is_in_the_tree_and_all_nodes_have_a_status(
@@ -336,7 +336,7 @@ def test_updates_equal_the_originals_bytes(sample3: btcore.Tree) -> None:
 
     sample3.subscribe(Recorder())
     for frame in captured:
-        stamps = [(one[0] * 1_000_000 + one[1]) * 1_000 for one in Message.read(frame).changes]
+        stamps = [(change[0] * 1_000_000 + change[1]) * 1_000 for change in Message.read(frame).changes]
         while len(received) < len(stamps):
             assert sample3.ticks < 5
             sample3.tick_exactly_once()
@@ -383,7 +383,7 @@ def test_transitions_have_the_time_of_day(endless: btcore.Tree, window: Callable
         groot = window(publisher)
         before = time.time_ns() // 1000
         endless.tick_exactly_once()
-        stamps = [one[0] * 1_000_000 + one[1] for one in groot.next().changes]
+        stamps = [change[0] * 1_000_000 + change[1] for change in groot.next().changes]
     assert before <= stamps[0] <= stamps[-1] <= time.time_ns() // 1000
     assert stamps == sorted(stamps)
 
@@ -456,9 +456,9 @@ def test_a_publisher_that_lost_transitions_sends_corrections(endless: btcore.Tre
 def test_uids_start_again_at_1_when_they_would_exceed_16_bits(endless: btcore.Tree) -> None:
     count = len(endless.nodes)
     last = Groot1Server(endless, offset=0xFFFF - count)
-    assert [one["uid"] for one in tree_in(last.answer())["nodes"]][-1] == last.end == 0xFFFF
+    assert [node["uid"] for node in tree_in(last.answer())["nodes"]][-1] == last.end == 0xFFFF
     again = Groot1Server(endless, offset=last.end)
-    assert [one["uid"] for one in tree_in(again.answer())["nodes"]] == list(range(1, count + 1))
+    assert [node["uid"] for node in tree_in(again.answer())["nodes"]] == list(range(1, count + 1))
 
 
 # Ports.

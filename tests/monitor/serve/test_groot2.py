@@ -51,8 +51,8 @@ class Window:
 
     def transitions(self) -> list[tuple[int, int, int]]:
         body = self.ask("t")
-        records = [body[at : at + 9] for at in range(0, len(body), 9)]
-        return [(int.from_bytes(one[:6], "little"), *struct.unpack("<HB", one[6:])) for one in records]
+        records = struct.iter_unpack("<6sHB", body)
+        return [(int.from_bytes(offset, "little"), uid, status) for offset, uid, status in records]
 
 
 def captured(name: str) -> bytes:
@@ -119,10 +119,10 @@ def test_recorded_transitions_equal_originals_and_are_read_once(sample: btcore.T
             sample.tick_exactly_once()
         found = groot.transitions()
         assert groot.transitions() == []
-    assert [one[1:] for one in found] == [
+    assert [transition[1:] for transition in found] == [
         struct.unpack_from("<HB", original, at + 6) for at in range(0, len(original), 9)
     ]
-    offsets = [one[0] for one in found]
+    offsets = [transition[0] for transition in found]
     assert offsets == sorted(offsets)
     assert int(start) + offsets[-1] <= time.time_ns() // 1000
 
@@ -135,7 +135,8 @@ def test_stop_keeps_the_recording_and_start_clears_it(sample: btcore.Tree, windo
         assert groot.ask("r", b"stop") == b""
         sample.tick_exactly_once()
         sample.tick_exactly_once()
-        assert [one[1:] for one in groot.transitions()] == [(1, 1), (2, 2), (3, 1), (4, 3), (5, 1)]
+        changes = [change[1:] for change in groot.transitions()]
+        assert changes == [(1, 1), (2, 2), (3, 1), (4, 3), (5, 1)]
         groot.ask("r", b"start")
         sample.halt()
         groot.ask("r", b"start")

@@ -275,7 +275,7 @@ def test_a_hook_for_an_unknown_node_is_accepted_and_ignored(sample: btcore.Tree,
 def test_a_dump_lists_hooks_before_a_tick_first(sample: btcore.Tree, control: Opening) -> None:
     window = control(sample)
     window.ask("I", [BREAKPOINT | {"position": 1}, BREAKPOINT | {"uid": 7, "mode": 1}])
-    assert [(one["uid"], one["position"], one["mode"]) for one in window.dump()] == [(7, 0, 1), (4, 1, 0)]
+    assert [(hook["uid"], hook["position"], hook["mode"]) for hook in window.dump()] == [(7, 0, 1), (4, 1, 0)]
 
 
 def test_a_hook_at_the_same_place_is_replaced(sample: btcore.Tree, control: Opening) -> None:
@@ -346,10 +346,10 @@ def test_hooks_that_a_silent_client_left_stay_disabled_until_they_are_inserted_a
     tick = Ticking(sample)
     window.reached()
     assert tick.end() is btcore.Status.RUNNING
-    assert [one.enabled for one in sample.hooks.all()] == [False, False]
-    assert [one["enabled"] for one in window.dump()] == [False, False]
+    assert [hook.enabled for hook in sample.hooks.all()] == [False, False]
+    assert [hook["enabled"] for hook in window.dump()] == [False, False]
     window.ask("I", BREAKPOINT)
-    assert {one["uid"]: one["enabled"] for one in window.dump()} == {4: True, 5: False}
+    assert {hook["uid"]: hook["enabled"] for hook in window.dump()} == {4: True, 5: False}
 
 
 def test_a_client_that_only_watches_neither_enables_hooks_nor_keeps_them_enabled(
@@ -363,12 +363,12 @@ def test_a_client_that_only_watches_neither_enables_hooks_nor_keeps_them_enabled
 
         def are_disabled() -> bool:
             watching.ask("S")
-            return [one["enabled"] for one in watching.dump()] == [False]
+            return [hook["enabled"] for hook in watching.dump()] == [False]
 
         until(are_disabled, "the breakpoint of the silent client is disabled")
         for kind, body in ("S", None), ("r", b"start"), ("t", None), ("X", None), ("T", None):
             watching.ask(kind, body)
-        assert [one.enabled for one in sample.hooks.all()] == [False]
+        assert [hook.enabled for hook in sample.hooks.all()] == [False]
         while sample.tick_exactly_once() is btcore.Status.RUNNING:
             pass
     finally:
@@ -387,7 +387,7 @@ def test_a_client_that_releases_breakpoints_keeps_hooks_enabled(
         while time.monotonic() < deadline:
             time.sleep(0.1)
             releasing.ask("U", {"uid": 4, "position": 0, "desired_status": "", "remove_when_done": False})
-            assert [one["enabled"] for one in releasing.dump()] == [True]
+            assert [hook["enabled"] for hook in releasing.dump()] == [True]
         until(lambda: not sample.hooks.all()[0].enabled, "both are silent")
     finally:
         releasing.close()
@@ -397,7 +397,7 @@ def test_hooks_of_program_itself_stay_enabled_without_client(sample: btcore.Tree
     publisher = control(sample, max_heartbeat_delay=0.01).publisher
     sample.hooks.insert(Hook(5, mode=HookMode.REPLACE, desired_status=btcore.Status.FAILURE))
     assert not publisher.wait_for_clients(1, 0.1)
-    assert [one.enabled for one in sample.hooks.all()] == [True]
+    assert [hook.enabled for hook in sample.hooks.all()] == [True]
 
 
 def test_a_request_of_any_kind_counts_as_a_heartbeat(sample: btcore.Tree, control: Opening) -> None:
@@ -436,7 +436,7 @@ def test_replacing_the_tree_removes_its_hooks(
     until(lambda: window.send(b"\x02D0000")[0][6:].hex() == window.publisher.tree_id, "the new tree")
     assert window.dump() == []
     window.ask("I", BREAKPOINT | {"uid": 1})
-    assert [one.uid for one in endless.hooks.all()] == [1]
+    assert [hook.uid for hook in endless.hooks.all()] == [1]
 
 
 # --- noise
@@ -470,7 +470,7 @@ PIECES = st.builds(
     FEWER,
     CHANGES | UIDS,
 )
-BODIES = st.builds(lambda one: json.dumps(one).encode(), PIECES | HOOKS | st.lists(HOOKS, max_size=3))
+BODIES = st.builds(lambda value: json.dumps(value).encode(), PIECES | HOOKS | st.lists(HOOKS, max_size=3))
 KINDS = st.sampled_from(list(b"TSBIRNUDAXrtZ\x00IRU"))
 HEADERS = st.builds(lambda kind, rest: bytes([2, kind]) + rest, KINDS, st.binary(min_size=4, max_size=4))
 

@@ -239,8 +239,8 @@ class Relay:
 
     def close(self) -> None:
         self._is_closed = True
-        for one in self._open:
-            one.close()
+        for peer in self._open:
+            peer.close()
 
 
 def listeners_in_a_row(count: int) -> list[socket.socket]:

@@ -197,7 +197,7 @@ class Watcher:
 
     @property
     def steps(self) -> list[tuple[int, int, int]]:
-        return [(one.uid, one.previous, one.status) for one in self.of(TransitionEvent)]
+        return [(change.uid, change.previous, change.status) for change in self.of(TransitionEvent)]
 
     def ended(self) -> bool:
         return "ended" in self.links
@@ -238,7 +238,7 @@ def watch() -> Iterator[Callable[..., Watcher]]:
         return watchers[-1]
 
     yield watch
-    for one in watchers:
-        one.feed.stop()
-    for one in watchers:
-        one.stop()
+    for watcher in watchers:
+        watcher.feed.stop()
+    for watcher in watchers:
+        watcher.stop()

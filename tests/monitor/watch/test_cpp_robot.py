@@ -104,16 +104,16 @@ def test_every_recorded_transition_is_seen_with_its_time(
     expected = with_previous(*ROUND * 60)
     until(lambda: len(viewer.steps) >= len(expected), "all transitions")
     assert viewer.steps == expected
-    assert [one.number for one in viewer.of(TransitionEvent)] == list(range(1, len(expected) + 1))
+    assert [change.number for change in viewer.of(TransitionEvent)] == list(range(1, len(expected) + 1))
     assert not viewer.of(MissingDataEvent)
     assert len(viewer.of(TreeEvent)) == 1
-    walls = [one.wall for one in viewer.of(TransitionEvent)]
+    walls = [change.wall for change in viewer.of(TransitionEvent)]
     assert walls == sorted(walls)
     assert began <= walls[0]
     assert walls[-1] <= time.time_ns()
     seen = viewer.of(TreeEvent)[0]
     assert seen.stamp == 0
-    assert [one.stamp for one in viewer.of(TransitionEvent)] == [wall - seen.wall for wall in walls]
+    assert [change.stamp for change in viewer.of(TransitionEvent)] == [wall - seen.wall for wall in walls]
 
 
 def test_transitions_before_the_first_request_are_shown_as_statuses(
@@ -145,7 +145,7 @@ def test_data_that_the_protocol_lacks_is_reported_as_unavailable(
         "blackboard": "requested 2 times a second: short changes are not seen",
     }
     assert not viewer.of(TickEvent)
-    assert {one.tick for one in viewer.of(TransitionEvent)} == {0}
+    assert {change.tick for change in viewer.of(TransitionEvent)} == {0}
 
 
 def test_more_transitions_than_the_robot_keeps_are_reported_as_a_gap(
@@ -447,9 +447,9 @@ def test_a_restarted_robot_shows_its_new_tree(
     until(lambda: len(viewer.of(TreeEvent)) == 2, "the second tree")
     second.change((1, SUCCESS), (1, IDLE))
     until(lambda: len(viewer.steps) == 7, "what it does")
-    assert [one.tree.name for one in viewer.of(TreeEvent)] == ["Main", "Other"]
-    assert [one.tree.tree_id for one in viewer.of(TreeEvent)] == [first.tree_id.hex(), second.tree_id.hex()]
-    assert [one.number for one in viewer.of(TransitionEvent)][5:] == [1, 2]
+    trees = [(event.tree.name, event.tree.tree_id) for event in viewer.of(TreeEvent)]
+    assert trees == [("Main", first.tree_id.hex()), ("Other", second.tree_id.hex())]
+    assert [change.number for change in viewer.of(TransitionEvent)][5:] == [1, 2]
     assert not viewer.of(MissingDataEvent)
 
 
@@ -510,10 +510,10 @@ def test_several_robots_are_followed_at_once(
 ) -> None:
     robots = [cpp_robot() for _ in range(3)]
     viewers = [watch(robot.address) for robot in robots]
-    until(lambda: all(one.of(TreeEvent) for one in viewers), "the trees")
+    until(lambda: all(viewer.of(TreeEvent) for viewer in viewers), "the trees")
     for number, robot in enumerate(robots, start=1):
         robot.change(*ROUND * number)
-    until(lambda: [len(one.steps) for one in viewers] == [6, 12, 18], "what each does")
+    until(lambda: [len(viewer.steps) for viewer in viewers] == [6, 12, 18], "what each does")
 
 
 # --- blackboards

@@ -90,7 +90,7 @@ def test_a_picture_of_the_wrong_size_is_left_out_with_one_warning(
             sample.clock.advance(1.0)
         publisher.end_stream()
         until(watcher.ended, "the end of the stream")
-    scenes = [one.data for one in watcher.of(MovingSceneEvent)]
+    scenes = [event.data for event in watcher.of(MovingSceneEvent)]
     assert len(scenes) > 1
     assert {tuple(picture.name for picture in scene.pictures) for scene in scenes} == {("whole",)}
     assert all(scene.frames for scene in scenes)
@@ -120,7 +120,7 @@ def test_a_viewer_that_starts_before_the_robot_sees_everything(
     assert set(seen.statuses.values()) == {0}
     assert numbers(early) == list(range(1, len(numbers(early)) + 1))
     assert early.steps[:5] == [(1, 0, 1), (2, 0, 2), (3, 0, 1), (4, 0, 3), (5, 0, 1)]
-    assert [one.tick for one in early.of(TickEvent)] == [1, 2, 3]
+    assert [event.tick for event in early.of(TickEvent)] == [1, 2, 3]
     assert early.of(StaticSceneEvent)[0].data.frame == "map"
     assert early.of(MovingSceneEvent)[0].data.scan.ranges == b"\x00\x00\x80\x3f"
     assert early.of(BlackboardEvent)[-1].boards["Sub::6"]["mode"] == "fast"
@@ -206,20 +206,22 @@ def test_a_late_reply_to_a_request_for_missing_messages_is_used(
             client.read()
             while robot.poll(0):
                 topics.append(robot.recv())
-            return any(one.startswith(b"\x01" + topic) for one in topics)
+            return any(request.startswith(b"\x01" + topic) for request in topics)
 
         try:
             until(lambda: asked(b"request/tree/"), "the request for the tree")
-            (topic,) = (one[1:] for one in topics if one.startswith(b"\x01request/tree/"))
+            (topic,) = (topic[1:] for topic in topics if topic.startswith(b"\x01request/tree/"))
             robot.send_multipart([topic, wire.encode(wire.TreeMessage("a", 0, 0, b"<root/>", 1, 1, {}))])
             until(lambda: asked(b"request/1/"), "the request for the first message")
-            topic = next(one[1:] for one in topics if one.startswith(b"\x01request/1/"))
+            topic = next(topic[1:] for topic in topics if topic.startswith(b"\x01request/1/"))
             client.read()
             ticks = wire.encode(wire.TransitionsMessage("a", 1, 0, 0, 1, 0, 1, True, 1, []))
             robot.send_multipart([topic, wire.encode(wire.PieceMessage("a", 1, 1, 1, [ticks]))])
             received: list[wire.Message] = []
             until(lambda: received.extend(client.read()) or received, "the message")
-            assert [one.seq for one in received if isinstance(one, wire.TransitionsMessage)] == [1]
+            assert [message.seq for message in received if isinstance(message, wire.TransitionsMessage)] == [
+                1
+            ]
         finally:
             client.close()
     context.term()
@@ -290,10 +292,10 @@ def test_slow_viewers_of_a_fast_tree_miss_no_transition(
         endless.halt()
         total = reported.count
         assert total > 5000
-    until(lambda: all(one.ended() for one in viewers), "everybody's goodbye")
+    until(lambda: all(viewer.ended() for viewer in viewers), "everybody's goodbye")
     for viewer in viewers:
         assert numbers(viewer) == list(range(1, total + 1))
-        assert [one.tick for one in viewer.of(TickEvent)] == list(range(1, 1001))
+        assert [event.tick for event in viewer.of(TickEvent)] == list(range(1, 1001))
         assert not viewer.of(LostTransitionsEvent)
     assert publisher.dropped_transitions == 0
 
@@ -340,13 +342,13 @@ def test_a_replaced_tree_is_seen_on_the_same_connection(
     kinds = [type(event) for event in viewer.events]
     assert kinds.index(StaticSceneEvent, viewer.events.index(seen[1]))
     before = [
-        one for one in viewer.events[: viewer.events.index(seen[1])] if isinstance(one, TransitionEvent)
+        event for event in viewer.events[: viewer.events.index(seen[1])] if isinstance(event, TransitionEvent)
     ]
     after = numbers(viewer)[len(before) :]
-    assert [one.number for one in before] == list(range(1, told_before.count + 1))
+    assert [change.number for change in before] == list(range(1, told_before.count + 1))
     assert before[-1].status == 0, "the last halt of the first tree is not lost"
     assert after == list(range(1, told_after.count + 1))
-    assert [one.tick for one in viewer.of(TickEvent)] == [1, *range(1, 101)]
+    assert [event.tick for event in viewer.of(TickEvent)] == [1, *range(1, 101)]
 
 
 def test_a_groot2_client_sees_the_next_tree_at_once(sample: btcore.Tree, endless: btcore.Tree) -> None:

@@ -120,10 +120,10 @@ def test_a_robot_of_version_3_is_detected_and_every_transition_is_shown(
     assert set(seen.statuses.values()) == {0}
     assert viewer.steps == STEPS
     changes = viewer.of(TransitionEvent)
-    assert [one.number for one in changes] == list(range(1, len(STEPS) + 1))
-    assert [one.wall for one in changes[:2]] == [1795223035621691000, 1795223035621823000]
+    assert [change.number for change in changes] == list(range(1, len(STEPS) + 1))
+    assert [change.wall for change in changes[:2]] == [1795223035621691000, 1795223035621823000]
     assert changes[7].stamp - changes[4].stamp == changes[7].wall - changes[4].wall
-    assert [one.stamp for one in changes] == sorted(one.stamp for one in changes)
+    assert [change.stamp for change in changes] == sorted(change.stamp for change in changes)
     assert not viewer.of(MissingDataEvent)
 
 
@@ -162,7 +162,7 @@ def test_lost_update_is_reported_as_gap(watch: Callable[..., Watcher], until: Ca
         robot.publish(UPDATES[0], UPDATES[2])
         until(lambda: len(viewer.steps) == 13, "the updates")
     changes = viewer.of(TransitionEvent)
-    assert [one.number for one in changes] == list(range(1, 14))
+    assert [change.number for change in changes] == list(range(1, 14))
     again = viewer.of(TreeEvent)[1]
     (hole,) = viewer.of(MissingDataEvent)
     assert (hole.since, hole.stamp, hole.kind) == (changes[4].stamp, changes[5].stamp, "transitions")
@@ -300,7 +300,7 @@ def test_every_transition_of_a_btcore_robot_arrives_by_groot1(
         endless.halt()
         total = reported.count
         until(lambda: len(viewer.steps) == total, "all transitions")
-    assert [one.number for one in viewer.of(TransitionEvent)] == list(range(1, total + 1))
+    assert [change.number for change in viewer.of(TransitionEvent)] == list(range(1, total + 1))
     assert not viewer.of(MissingDataEvent)
     assert viewer.of(TreeEvent)[0].tree.nodes[3].name == "step"
     assert viewer.of(TreeEvent)[0].tree.by_uid.keys() == {node.uid for node in endless.nodes}

@@ -60,7 +60,7 @@ def tree_of(nodes: str) -> bytes:
 
 
 def transitions(*records: tuple[int, int, int]) -> bytes:
-    return b"".join(groot2.encode_transition(*one) for one in records)
+    return b"".join(groot2.encode_transition(*record) for record in records)
 
 
 REPLIES: dict[str, Replies] = {
@@ -479,7 +479,7 @@ def test_hostile_replies_are_reported_and_do_not_stop_the_client(tmp_path: Path,
             assert not outcome.error, outcome.error
             assert outcome.slowest < 100
             assert sum(map(len, outcome.lines)) < 20_000
-            assert outcome.has_tree or any("expected" in one or "rejected" in one for one in outcome.lines)
+            assert outcome.has_tree or any("expected" in line or "rejected" in line for line in outcome.lines)
             shows_tree = not {"T", "S"} & REPLIES[attack].keys() or not REPLIES[attack].get("S", b"-")
             assert outcome.has_tree == shows_tree
 
@@ -490,7 +490,7 @@ def test_hostile_messages_are_reported_and_do_not_stop_the_client(tmp_path: Path
         with subtests.test(attack):
             assert not outcome.error, outcome.error
             assert outcome.slowest < 100
-            assert outcome.has_tree or any("expected" in one or "update" in one for one in outcome.lines)
+            assert outcome.has_tree or any("expected" in line or "update" in line for line in outcome.lines)
             assert sum(map(len, outcome.lines)) < 20_000
 
 
@@ -499,7 +499,7 @@ def test_hostile_messages_are_reported_and_do_not_stop_the_client(tmp_path: Path
 
 def run(*arguments: object) -> str:
     """Run the command in this process, and return its output. Check that there is no traceback."""
-    result = CliRunner().invoke(main, [str(one) for one in arguments])
+    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
     assert result.exit_code in (0, 1, 2)
     assert len(result.output) < 20_000

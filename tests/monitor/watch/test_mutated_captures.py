@@ -87,8 +87,8 @@ def robot() -> Iterator[Callable[..., Robot]]:
         return started[-1]
 
     yield start
-    for one in started:
-        one.close()
+    for watcher in started:
+        watcher.close()
 
 
 @pytest.fixture

@@ -49,7 +49,7 @@ def watched() -> tuple[list[Any], dict[str, Any]]:
 
 def moving(events: list[Any], key: str) -> list[Any]:
     found = [getattr(event.data, key) for event in events if isinstance(event, MovingSceneEvent)]
-    return [one for one in found if one]
+    return [item for item in found if item]
 
 
 def test_a_viewer_gets_all_data_of_a_run_that_is_the_same_without_a_viewer() -> None:
@@ -66,19 +66,19 @@ def test_a_viewer_gets_all_data_of_a_run_that_is_the_same_without_a_viewer() -> 
     assert {"wp1", "wp2", "wp3"} <= {place.name for place in static.places}
     assert static.areas
 
-    named = {one.name for poses in moving(events, "poses") for one in poses}
+    named = {pose.name for poses in moving(events, "poses") for pose in poses}
     assert named == {"path", "goal", "particles", "estimate", "odometry"}
-    grids = {one.name for grids in moving(events, "grids") for one in grids}
+    grids = {grid.name for grids in moving(events, "grids") for grid in grids}
     assert grids == {"global_costmap", "local_costmap"}
     levels = moving(events, "battery")
     assert levels == sorted(levels, reverse=True)
     assert levels[0] > levels[-1] > 95.0
     assert {notes["localisation"] for notes in moving(events, "notes")} == {"sure"}
 
-    pictures = [one for several in moving(events, "pictures") for one in several]
-    stamps = [one.stamp for one in pictures]
+    pictures = [picture for several in moving(events, "pictures") for picture in several]
+    stamps = [picture.stamp for picture in pictures]
     assert 25 <= len(stamps) == len(set(stamps)) <= 31
-    assert {one.format for one in pictures} == {"jpeg"}
+    assert {picture.format for picture in pictures} == {"jpeg"}
     boxes = np.array([found[0].box for found in moving(events, "detections")])
     assert len(boxes) > 5
     assert (boxes >= 0).all()

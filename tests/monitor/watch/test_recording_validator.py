@@ -43,14 +43,14 @@ def validator_of(robot: Robot) -> RecordingValidator:
 
 @given(WALK, WALK, WALK, WALK)
 def test_a_complete_recording_passes_at_any_time_of_the_status_request(
-    one: list[tuple[int, int]],
-    two: list[tuple[int, int]],
-    three: list[tuple[int, int]],
-    four: list[tuple[int, int]],
+    first: list[tuple[int, int]],
+    second: list[tuple[int, int]],
+    third: list[tuple[int, int]],
+    fourth: list[tuple[int, int]],
 ) -> None:
     robot = Robot()
     validator = RecordingValidator(START)
-    for before, after in ((one, two), (three, four)):
+    for before, after in ((first, second), (third, fourth)):
         batch = robot.walk(before)
         look = robot.snapshot()
         batch += robot.walk(after)
@@ -68,16 +68,16 @@ def test_a_complete_recording_passes_at_any_time_of_the_status_request(
 
 @given(WALK, WALK, WALK, st.data())
 def test_after_a_loss_the_statuses_are_right_or_a_gap_is_reported(
-    one: list[tuple[int, int]], two: list[tuple[int, int]], three: list[tuple[int, int]], data: Any
+    first: list[tuple[int, int]], second: list[tuple[int, int]], third: list[tuple[int, int]], data: Any
 ) -> None:
     robot = Robot()
     validator = validator_of(robot)
-    batch = robot.walk(one)
+    batch = robot.walk(first)
     look = robot.snapshot()
-    batch += robot.walk(two)
+    batch += robot.walk(second)
     kept = batch[data.draw(st.integers(0, len(batch))) :]
     reported = False
-    for found in (kept, robot.walk(three), []):
+    for found in (kept, robot.walk(third), []):
         reported = reported or not validator.apply(look, found).is_complete
         look = robot.snapshot()
     now = {uid: record.status for uid, record in validator.statuses.items()}
@@ -86,21 +86,21 @@ def test_after_a_loss_the_statuses_are_right_or_a_gap_is_reported(
 
 @given(WALK, WALK, WALK, WALK, st.data())
 def test_after_a_gap_a_complete_batch_makes_the_statuses_right(
-    one: list[tuple[int, int]],
-    two: list[tuple[int, int]],
-    three: list[tuple[int, int]],
-    four: list[tuple[int, int]],
+    first: list[tuple[int, int]],
+    second: list[tuple[int, int]],
+    third: list[tuple[int, int]],
+    fourth: list[tuple[int, int]],
     data: Any,
 ) -> None:
     robot = Robot()
     validator = validator_of(robot)
-    batch = robot.walk(one)
+    batch = robot.walk(first)
     look = robot.snapshot()
-    batch += robot.walk(two)
+    batch += robot.walk(second)
     validator.apply(look, batch[data.draw(st.integers(0, len(batch))) :])
-    batch = robot.walk(three)
+    batch = robot.walk(third)
     look = robot.snapshot()
-    batch += robot.walk(four)
+    batch += robot.walk(fourth)
     validator.apply(look, batch)
     validator.apply(robot.snapshot(), [])
     assert validator.statuses == robot.statuses

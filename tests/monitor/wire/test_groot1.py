@@ -55,7 +55,7 @@ def test_the_captured_models_equal_the_listing() -> None:
         found = models[id]
         assert found.type == int(kind)
         # the captures' texts of built-in ports are blanked
-        assert [one[:3] for one in found.ports] == [one[:3] for one in literal_eval(ports)]
+        assert [port[:3] for port in found.ports] == [port[:3] for port in literal_eval(ports)]
     assert models["Count"].ports[1] == WirePort("ticks", 0, "int", "how many")
 
 
@@ -65,7 +65,7 @@ def test_the_captured_updates_equal_the_listing() -> None:
     for frame, line in zip(UPDATES, states, strict=True):
         update = decode_update(frame)
         assert list(update.statuses.items()) == [
-            literal_eval(one) for one in re.findall(r"\(\d+, \d\)", line)
+            literal_eval(text) for text in re.findall(r"\(\d+, \d\)", line)
         ]
         for change in update.transitions:
             seconds, micros, *rest = literal_eval(changes.pop(0))
@@ -98,7 +98,7 @@ def test_the_status_of_each_node_can_be_changed_in_place() -> None:
     data = bytearray(encode_tree(decode_tree(TREE)))
     for number, place in enumerate(status_places(bytes(data))):
         data[place] = number % 4
-    assert [node.status for node in decode_tree(bytes(data)).nodes] == [one % 4 for one in range(11)]
+    assert [node.status for node in decode_tree(bytes(data)).nodes] == [number % 4 for number in range(11)]
 
 
 def test_the_captured_tree_gets_paths_by_the_rule_of_version_4() -> None:

@@ -18,7 +18,7 @@ from btcore_monitor.wire.msgpack_values import decode_boards, encode_boards, to_
 
 CAPTURES = Path(__file__).parents[1] / "captures"
 UUID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
-REPLIES = sorted(one.name.removesuffix(".rep.bin") for one in CAPTURES.glob("*.rep.bin"))
+REPLIES = sorted(path.name.removesuffix(".rep.bin") for path in CAPTURES.glob("*.rep.bin"))
 REFUSED = {
     "v4_error_bad_header": "wrong request header",
     "v4_error_missing_part2": "must be 2 parts message",
@@ -93,7 +93,7 @@ def test_recorded_transitions_decode_and_encode_to_the_captured_bytes() -> None:
     assert transitions[0] == (509, 1, 1)
     assert transitions[6] == (2154, 4, 0)
     assert transitions[-1] == (2257, 9, 1)
-    assert b"".join(groot2.encode_transition(*one) for one in transitions) == body
+    assert b"".join(groot2.encode_transition(*transition) for transition in transitions) == body
 
 
 def test_a_transition_keeps_48_bits_of_microseconds() -> None:
@@ -215,7 +215,7 @@ BOMB = b'<!DOCTYPE r [<!ENTITY a "aaaa">]>' + tree_of(b'<X _uid="1" name="&a;"/>
         (tree_of(b'<SubTree _fullpath="%s" _uid="1"/>' % (b"n" * 4001)), "paths of at most 4000 characters"),
         (tree_of(b'<S _uid="1">%s</S>' % MANY), "a full tree of at most 65535 nodes, and got more"),
     ],
-    ids=lambda one: one if isinstance(one, str) else "",
+    ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_an_invalid_full_tree_is_refused_with_its_reason(xml: bytes, expected_message: str) -> None:
     with pytest.raises(ProtocolError, match=expected_message):
@@ -252,7 +252,7 @@ def test_a_tree_of_a_thousand_levels_is_read() -> None:
         (decode_boards, b"\x81\xa1M\x81\xa1x" + b"\x91" * 1000 + b"\xc0", "at most 64 levels"),
         (decode_boards, b"\x81\xa1M\xdd\x00\x98\x96\x80" + b"\x90" * 10_000_000, "at most 8388608 bytes"),
     ],
-    ids=lambda one: one if isinstance(one, str) else "",
+    ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_invalid_bytes_are_reported(decode: Callable[..., Any], data: bytes, expected_message: str) -> None:
     with pytest.raises(ProtocolError, match=expected_message):

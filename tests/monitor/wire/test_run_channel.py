@@ -55,7 +55,7 @@ MESSAGES = [
 NESTED: list[object] = functools.reduce(lambda inner, _: [inner], range(900), [])
 
 
-@pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda message: message.kind)
 def test_a_message_is_unchanged_after_encoding_and_decoding(message: Any) -> None:
     assert decode(encode(message)) == message
 
@@ -78,7 +78,7 @@ def test_unknown_fields_and_kinds_of_messages_are_ignored() -> None:
     assert decode(msgpack.packb({"v": 1, "kind": "smell", "tree_id": ID, "seq": 8})) == UnknownMessage(ID, 8)
 
 
-@pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda message: message.kind)
 def test_a_missing_or_invalid_field_is_reported(message: Any) -> None:
     whole = msgpack.unpackb(encode(message), strict_map_key=False)
     for field in fields(message):
@@ -131,7 +131,7 @@ VALUES = st.recursive(
 )
 
 
-@pytest.mark.parametrize("message", MESSAGES, ids=lambda one: one.kind)
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda message: message.kind)
 @given(data=st.data())
 def test_any_value_in_any_field_raises_nothing_but_a_protocol_error(message: Any, data: Any) -> None:
     whole = msgpack.unpackb(encode(message), strict_map_key=False)

@@ -147,7 +147,7 @@ def test_cpp_1031_two_asynchronous_children_of_a_reactive_node_are_reported() ->
         "</ReactiveFallback></BehaviorTree></root>"
     )
     found = validate_document(parse_text(text, "t.xml"), nodes=Registry.standard())
-    assert [(one.code, one.line) for one in found] == [("W106", 3)]
+    assert [(diagnostic.code, diagnostic.line) for diagnostic in found] == [("W106", 3)]
 
 
 # --- ports and blackboards
@@ -193,7 +193,8 @@ EMPTY_OUTPUTS = '<Sequence>\n<Measure length=""/>\n<Say answer=""/></Sequence>'
 def test_cpp_716_empty_output_ports_are_refused_at_load_with_name_and_place(make_tree: TreeFactory) -> None:
     with pytest.raises(PortError) as refused:
         make_tree(EMPTY_OUTPUTS, Measure, Say)
-    assert [(one.line, one.column) for one in refused.value.diagnostics] == [(2, 17), (3, 13)]
+    places = [(diagnostic.line, diagnostic.column) for diagnostic in refused.value.diagnostics]
+    assert places == [(2, 17), (3, 13)]
     assert "the port 'length' of <Measure>" in str(refused.value)
     assert "the port 'answer' of <Say>" in str(refused.value)
 

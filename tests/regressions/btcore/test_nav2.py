@@ -49,7 +49,7 @@ def test_nav2_3413_all_unknown_ports_are_reported_at_load_with_their_places(form
     with pytest.raises(PortError) as refused:
         btcore.loads(TREE.format(format=format), nodes=nodes)
     found = refused.value.diagnostics
-    assert [(one.line, one.column, one.message) for one in found] == UNKNOWN
+    assert [(diagnostic.line, diagnostic.column, diagnostic.message) for diagnostic in found] == UNKNOWN
     assert found[2].hint == "did you mean 'server'?"
 
 
@@ -59,8 +59,8 @@ def test_nav2_3413_validation_with_a_palette_reports_unknown_ports(tmp_path: Pat
     nodes = Registry.standard()
     add_models(nodes, tmp_path / "palette.xml")
     found = validate_document(parse_file(tmp_path / "tree.xml"), nodes=nodes)
-    errors = [one for one in found if one.is_error]
-    assert [(one.line, one.column, one.message) for one in errors] == UNKNOWN
+    errors = [diagnostic for diagnostic in found if diagnostic.is_error]
+    assert [(diagnostic.line, diagnostic.column, diagnostic.message) for diagnostic in errors] == UNKNOWN
 
 
 def test_nav2_3413_the_tree_without_unknown_ports_loads(tmp_path: Path) -> None:

@@ -183,7 +183,7 @@ def test_groot2_64_dots_in_port_names_are_refused_as_in_4_10(tmp_path: Path) -> 
     assert list(nodes.manifests_of(4)["LoadController"].ports) == []
     assert list(nodes.manifests_of(3)["LoadController"].ports) == ["request.name", "response.ok"]
     found = validate_document(parse_file(tmp_path / "palette.xml"), nodes=nodes)
-    assert [(one.code, one.line, one.message) for one in found] == [
+    assert [(diagnostic.code, diagnostic.line, diagnostic.message) for diagnostic in found] == [
         (
             "W212",
             3,

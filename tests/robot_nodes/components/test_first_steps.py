@@ -61,7 +61,7 @@ def test_the_publisher_counts_before_it_publishes(desk: Desk) -> None:
     received: list[tuple[float, int]] = []
     listener = Component("listener", desk.context)
     listener.create_subscription(
-        "int_topic", Int32, lambda one: received.append((desk.clock.now() / SECOND, one.data))
+        "int_topic", Int32, lambda message: received.append((desk.clock.now() / SECOND, message.data))
     )
     desk.add(NumberPublisher(desk.context), listener)
     desk.clock.sleep(1.6)

@@ -98,7 +98,7 @@ def test_without_a_pixel_of_the_colour_nothing_is_found() -> None:
 
 def test_exercise_a_box_for_each_separate_object_the_largest_first() -> None:
     found = detect_each(picture((100, 50, 40, 20), (300, 200, 40, 60), (10, 10, 2, 2)), WOOD)
-    assert [(one.left, one.top, one.width, one.height) for one in found] == [
+    assert [(area.left, area.top, area.width, area.height) for area in found] == [
         (300, 200, 40, 60),
         (100, 50, 40, 20),
     ]
@@ -138,7 +138,7 @@ def test_the_detector_publishes_its_detections_to_subscribers(robot: RecordingRo
     images.publish(picture())
     images.publish(picture((100, 50, 40, 20), (300, 200, 40, 60)))
     robot.clock.sleep(0.0)
-    assert [len(one.objects) for one in received] == [1]
+    assert [len(message.objects) for message in received] == [1]
 
 
 def test_the_detector_requires_six_numbers_in_hsv_ranges(robot: RecordingRobot) -> None:

@@ -37,7 +37,7 @@ def drive(monkeypatch: pytest.MonkeyPatch) -> Run:
 def test_a_script_presses_its_keys_in_turn() -> None:
     keys = parse_key_script("w:5, a:2,space,q:0.5")
     moments = (0.0, 4.9, 5.0, 6.9, 7.0, 8.0, 8.4, 8.5)
-    assert [keys.pressed(round(one * SECOND)) for one in moments] == ["w", "w", "a", "a", " ", "q", "q", "x"]
+    assert [keys.pressed(round(moment * SECOND)) for moment in moments] == list("wwaa qqx")
 
 
 @pytest.mark.parametrize("text", ["", "f:2", "w:", "w:fast", "w:-1", "w:0", "w:nan", "5:w"])

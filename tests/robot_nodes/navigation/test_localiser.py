@@ -194,12 +194,12 @@ def test_the_pose_is_accurate_to_centimetres_while_odometry_drifts() -> None:
 
 
 def test_the_same_seed_gives_the_same_particles() -> None:
-    one, other, different = (Walk(seed=seed) for seed in (4, 4, 5))
-    for walk in (one, other, different):
+    first, second, different = (Walk(seed=seed) for seed in (4, 4, 5))
+    for walk in (first, second, different):
         walk.go(0.2, 0.3, 5.0)
-    assert np.array_equal(one.localiser.particles, other.localiser.particles)
-    assert one.localiser.pose() == other.localiser.pose()
-    assert not np.array_equal(one.localiser.particles[:400], different.localiser.particles[:400])
+    assert np.array_equal(first.localiser.particles, second.localiser.particles)
+    assert first.localiser.pose() == second.localiser.pose()
+    assert not np.array_equal(first.localiser.particles[:400], different.localiser.particles[:400])
 
 
 def test_the_number_of_particles_is_limited_and_only_motion_updates_them() -> None:

@@ -195,9 +195,9 @@ def test_resampling_is_proportional_to_weight() -> None:
 def test_the_pose_is_the_mean_of_the_heaviest_cluster_also_across_half_a_turn() -> None:
     random = np.random.default_rng(2)
     spread = np.diag([0.1, 0.2, 0.1]) ** 2
-    one = sample_particles(Pose2D(2.0, 3.0, math.pi), spread, 600, random)
-    other = sample_particles(Pose2D(7.0, 3.0, 0.0), spread, 400, random)
-    best = best_cluster(np.concatenate((one, other)), np.full(1000, 0.001))
+    heavy = sample_particles(Pose2D(2.0, 3.0, math.pi), spread, 600, random)
+    light = sample_particles(Pose2D(7.0, 3.0, 0.0), spread, 400, random)
+    best = best_cluster(np.concatenate((heavy, light)), np.full(1000, 0.001))
     assert (best.pose.x, best.pose.y) == pytest.approx((2.0, 3.0), abs=0.03)
     assert abs(math.remainder(best.pose.yaw - math.pi, 2 * math.pi)) < 0.02
     assert best.weight == pytest.approx(0.6, abs=0.01)

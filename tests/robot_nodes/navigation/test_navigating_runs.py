@@ -41,10 +41,10 @@ def started(*arguments: str) -> subprocess.Popen[str]:
 
 def test_the_same_seed_gives_the_same_bytes_in_two_processes() -> None:
     arguments = ("patrolling", "--world", "aws_house", "--duration", "8", "--seed", "3")
-    message = [one.communicate()[0] for one in [started(*arguments), started(*arguments)]]
-    one, other = ({**json.loads(text), "real_time_factor": 0.0} for text in message)
-    assert one["robot"]["distance_m"] > 1.0
-    assert json.dumps(one) == json.dumps(other)
+    outputs = [process.communicate()[0] for process in [started(*arguments), started(*arguments)]]
+    first, second = ({**json.loads(text), "real_time_factor": 0.0} for text in outputs)
+    assert first["robot"]["distance_m"] > 1.0
+    assert json.dumps(first) == json.dumps(second)
 
 
 def test_goal_or_home_goes_home_and_logs_the_reason() -> None:

@@ -61,7 +61,7 @@ WEST, NORTH, EAST, CLOSED = (
 def drawn(text: str, scale: int = 4) -> OccupancyMap:
     """Return a map in which each character stands for 4 by 4 cells of 0.05 m."""
     marks = {"#": 100, " ": 0, "?": -1}
-    rows = [[marks[one] for one in line] for line in text.strip("\n").splitlines()[::-1]]
+    rows = [[marks[mark] for mark in line] for line in text.strip("\n").splitlines()[::-1]]
     cells = np.array(rows, dtype=np.int8).repeat(scale, axis=0).repeat(scale, axis=1)
     return OccupancyMap(cells, 0.05, (0.0, 0.0))
 
@@ -270,7 +270,7 @@ def test_replanning_from_a_later_pose_keeps_the_path(rooms: GlobalCostmap) -> No
 def test_the_same_request_gives_the_same_path(rooms: GlobalCostmap) -> None:
     planner = Planner(rooms)
     answers = [planner.plan(WEST, EAST, 0) for _ in range(3)]
-    assert all(answers[0].has_same_poses(one) for one in answers[1:])
+    assert all(answers[0].has_same_poses(answer) for answer in answers[1:])
     assert answers[0].has_same_poses(Planner(rooms).plan(WEST, EAST, 9))
 
 

@@ -29,7 +29,7 @@ HOUSE = SimulatorSettings(world="house", camera="off")
 
 
 def used(wanted: list[Any], *settings: Settings) -> set[str]:
-    return {one.name for one in choose(wanted, AvailableProviders(), GivenSettings(settings)).order}
+    return {provider.name for provider in choose(wanted, AvailableProviders(), GivenSettings(settings)).order}
 
 
 def test_the_simulated_robot_navigates_on_the_map_of_its_world() -> None:

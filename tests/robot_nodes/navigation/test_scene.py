@@ -51,7 +51,7 @@ def house() -> Iterator[House]:
 
 
 def of(scenes: list[MovingScene], key: str, name: str) -> list:
-    return [one for scene in scenes for one in getattr(scene, key) if one.name == name]
+    return [item for scene in scenes for item in getattr(scene, key) if item.name == name]
 
 
 def poses(entry: Poses) -> np.ndarray:
@@ -71,13 +71,13 @@ def test_the_static_scene_has_the_map_and_the_keep_out_areas(house: House) -> No
 
 def test_path_and_goal_are_sent_once_and_removed_when_the_goal_has_ended(house: House) -> None:
     house.navigation.static_scene()
-    assert [len(poses(one)) for one in of(house.run(0.2), "poses", "path")] == [0]
+    assert [len(poses(path)) for path in of(house.run(0.2), "poses", "path")] == [0]
     handle = house.navigation.go_to(Pose2D(1.07, -12.38, 0.5))
     scenes = house.run(2.0)
     path = poses(of(scenes, "poses", "path")[-1])
     assert math.hypot(*path[0, :2]) < 0.6
     assert path[-1] == pytest.approx([1.07, -12.38, 0.5], abs=1e-3)
-    assert [poses(one).tolist() for one in of(scenes, "poses", "goal")] == [
+    assert [poses(goal).tolist() for goal in of(scenes, "poses", "goal")] == [
         [pytest.approx([1.07, -12.38, 0.5])]
     ]
     assert scenes[-1].notes["localisation"] == "sure"
@@ -129,7 +129,7 @@ def test_costmaps_are_sent_when_they_changed_at_limited_rates_and_poses_and_part
     assert odom[:2] == ("odom", "map")
     clouds = of(scenes, "poses", "particles")
     assert 3 < len(clouds) < len(scenes)
-    assert all(10 < len(poses(one)) <= MAX_PARTICLES for one in clouds)
+    assert all(10 < len(poses(cloud)) <= MAX_PARTICLES for cloud in clouds)
     middle = np.median(poses(clouds[-1])[:, :2], axis=0)
     assert math.hypot(middle[0] - true.x, middle[1] - true.y) < 1.0
 
@@ -141,8 +141,8 @@ def test_a_new_viewer_gets_all_data_again(house: House) -> None:
     assert not house.navigation.moving_scene().grids
     house.navigation.static_scene()
     again = house.navigation.moving_scene()
-    assert {one.name for one in again.grids} == {"global_costmap", "local_costmap"}
-    assert {one.name for one in again.poses} == {"path", "goal", "particles", "estimate", "odometry"}
+    assert {grid.name for grid in again.grids} == {"global_costmap", "local_costmap"}
+    assert {pose.name for pose in again.poses} == {"path", "goal", "particles", "estimate", "odometry"}
 
 
 def test_a_kidnapped_robot_is_shown_as_lost_and_turns_to_find_its_pose(house: House) -> None:

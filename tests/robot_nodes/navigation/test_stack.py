@@ -67,10 +67,10 @@ class Flat:
         parameters: NavigationParameters | None = None,
         map: OccupancyMap | None = None,
     ) -> None:
-        things = tuple(box(name, *sides) for name, sides in WALLS.items())
+        objects = tuple(box(name, *sides) for name, sides in WALLS.items())
         at = start or Pose2D(0.0, 0.0, 0.0)
         description = WorldDescription(
-            "flat", "", things, (-3, -2.5, 5, 2.5), 0.0, at, GREY, physics_rate=120
+            "flat", "", objects, (-3, -2.5, 5, 2.5), 0.0, at, GREY, physics_rate=120
         )
         self.world = World(description, seed=seed)
         self.body = SimulatedRobot(self.world, faults=faults)
@@ -103,9 +103,9 @@ def flat() -> Iterator[Callable[..., Any]]:
         return made[-1]
 
     yield make
-    for one in made:
-        assert one.body.contacts.collisions == one.body.contacts.grazes == 0
-        one.world.close()
+    for home in made:
+        assert home.body.contacts.collisions == home.body.contacts.grazes == 0
+        home.world.close()
 
 
 def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(flat: Callable[..., Any]) -> None:
@@ -121,7 +121,7 @@ def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(flat: Call
     assert handle.status is GoalStatus.SUCCEEDED
     assert home.distance_to(3.0, -1.0) < 0.35
     assert home.body.true_pose().yaw == pytest.approx(1.0, abs=0.35)
-    assert [one.status for one in home.navigation.outcomes()] == ["SUCCEEDED"]
+    assert [outcome.status for outcome in home.navigation.outcomes()] == ["SUCCEEDED"]
     assert home.navigation.outcomes()[0].goal == Pose2D(3.0, -1.0, 1.0)
 
 
@@ -137,7 +137,7 @@ def test_a_new_goal_replaces_the_current_goal_without_a_stop(flat: Callable[...,
     home.run(40.0, lambda: second.done)
     assert second.status is GoalStatus.SUCCEEDED
     assert home.distance_to(4.0, -0.7) < 0.35
-    assert [one.status for one in home.navigation.outcomes()] == ["CANCELED", "SUCCEEDED"]
+    assert [outcome.status for outcome in home.navigation.outcomes()] == ["CANCELED", "SUCCEEDED"]
 
 
 def test_goal_that_is_sent_just_before_arrival_at_another_goal_is_reached(
@@ -165,7 +165,7 @@ def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat: Callable[...,
     driven = home.body.distance
     home.run(2.0)
     assert home.body.distance == pytest.approx(driven, abs=0.01)
-    assert [one.status for one in home.navigation.outcomes()] == ["CANCELED"]
+    assert [outcome.status for outcome in home.navigation.outcomes()] == ["CANCELED"]
 
 
 def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(flat: Callable[..., Any]) -> None:
@@ -222,7 +222,7 @@ def test_goal_that_cannot_be_reached_ends_with_planners_reason(
     assert handle.status is GoalStatus.ABORTED
     assert handle.result.code == code
     assert handle.result.message.startswith(f"{code.name}: ")
-    assert [one.status for one in home.navigation.outcomes()] == ["ABORTED"]
+    assert [outcome.status for outcome in home.navigation.outcomes()] == ["ABORTED"]
 
 
 def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(flat: Callable[..., Any]) -> None:
@@ -268,8 +268,8 @@ def test_several_goals_are_passed_in_their_order(flat: Callable[..., Any]) -> No
     assert order == [0, 1, 2]
     assert home.distance_to(2.5, 0.0) < 0.35
     board = home.navigation.navigate_through_poses.tree.blackboard
-    assert [one.state.name for one in board["waypoint_statuses"]][:2] == ["COMPLETED", "COMPLETED"]
-    assert [one.state.name for one in handle.result.value] == ["COMPLETED"] * 3
+    assert [waypoint.state.name for waypoint in board["waypoint_statuses"]][:2] == ["COMPLETED", "COMPLETED"]
+    assert [waypoint.state.name for waypoint in handle.result.value] == ["COMPLETED"] * 3
 
 
 def test_the_waypoint_follower_lists_missed_waypoints_or_stops(flat: Callable[..., Any]) -> None:
@@ -284,8 +284,8 @@ def test_the_waypoint_follower_lists_missed_waypoints_or_stops(flat: Callable[..
         handle = follower.send_goal(FollowWaypointsGoal(goals, loops=1))
         home.run(60.0, partial(getattr, handle, "done"))
         missed = handle.result.value
-        assert all(one.code == Nav2ErrorCode.GOAL_OUTSIDE_MAP for one in missed)
-        results.append((handle.status.name, handle.result.code, [one.index for one in missed]))
+        assert all(waypoint.code == Nav2ErrorCode.GOAL_OUTSIDE_MAP for waypoint in missed)
+        results.append((handle.status.name, handle.result.code, [waypoint.index for waypoint in missed]))
     assert results == [("SUCCEEDED", 0, [1, 1]), ("ABORTED", Nav2ErrorCode.STOP_ON_MISSED_WAYPOINT, [1])]
     handle = follower.send_goal(FollowWaypointsGoal(goals, first=3))
     home.run(0.2)

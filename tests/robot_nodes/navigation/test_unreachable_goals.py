@@ -49,18 +49,18 @@ class TwoRooms:
     """A simulated robot that drives to the charger; the map does not have the crates."""
 
     def __init__(self, *crates: Crate, tree: str = "") -> None:
-        things = []
+        objects = []
         for number, (x0, y0, x1, y1) in enumerate(WALLS):
             size, place = (x1 - x0, y1 - y0, 1.5), ((x0 + x1) / 2, (y0 + y1) / 2, 0.0)
-            things.append(WorldObject(f"wall_{number}", "box", size, place, 0.0, 0.0, GREY))
+            objects.append(WorldObject(f"wall_{number}", "box", size, place, 0.0, 0.0, GREY))
         for number, (x, y, side) in enumerate(crates):
             size, place = (side, side, 0.8), (x, y, 0.0)
-            things.append(
+            objects.append(
                 WorldObject(f"crate_{number}", "box", size, place, 0.0, 0.0, GREY, is_kinematic=True)
             )
         start = Pose2D(0.0, 0.0, 0.0)
         description = WorldDescription(
-            "two_rooms", "", tuple(things), (-1, -2.5, 6, 2.5), 0.0, start, GREY, physics_rate=120
+            "two_rooms", "", tuple(objects), (-1, -2.5, 6, 2.5), 0.0, start, GREY, physics_rate=120
         )
         self.world = World(description, seed=1)
         self.body = SimulatedRobot(self.world)

@@ -152,8 +152,8 @@ def test_boxes_are_detected_only_by_an_active_locator(body: SimulatedRobot, loca
     wait(body, 0.6)
     assert locator.boxes
     reported = locator.moving_scene().boxes
-    assert [(one.position, one.size) for one in reported] == [(box.centre, box.size) for box in locator.boxes]
-    assert {one.frame for one in reported} == {"odom"}
+    assert [(box.position, box.size) for box in reported] == [(box.centre, box.size) for box in locator.boxes]
+    assert {box.frame for box in reported} == {"odom"}
     locator.deactivate()
     wait(body, 0.6)
     assert locator.boxes == ()
@@ -176,12 +176,12 @@ def test_with_the_navigation_boxes_are_in_the_map_frame(body: SimulatedRobot) ->
 def extents(description: WorldDescription) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return the bounds (m) of each piece of furniture; a table includes its top and its legs."""
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    for thing in description.objects:
-        name = re.sub(r"_(top|leg_\d+|back)$", "", thing.name)
-        x0, y0, x1, y1 = thing.outline()
+    for item in description.objects:
+        name = re.sub(r"_(top|leg_\d+|back)$", "", item.name)
+        x0, y0, x1, y1 = item.outline()
         low, high = (
-            np.array((x0, y0, thing.position[2])),
-            np.array((x1, y1, thing.position[2] + thing.size[2])),
+            np.array((x0, y0, item.position[2])),
+            np.array((x1, y1, item.position[2] + item.size[2])),
         )
         if name in found:
             low, high = np.minimum(low, found[name][0]), np.maximum(high, found[name][1])

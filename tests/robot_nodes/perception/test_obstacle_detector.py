@@ -40,7 +40,7 @@ class Looking:
         self.scans = self.laser.create_publisher("input_scan", LaserScan)
         self.arrows: list[Arrow] = []
         self.laser.create_subscription(
-            "obstacle_marker", Arrows, lambda one: self.arrows.extend(one.arrows), depth=1
+            "obstacle_marker", Arrows, lambda message: self.arrows.extend(message.arrows), depth=1
         )
         self.executor.add(self.laser)
 

@@ -215,9 +215,9 @@ def test_two_leaves_on_one_server(server: ServerProcess, session: RosSession) ->
         "</ParallelAll>",
     )
     assert tree.tick_while_running(period=0.01) is S
-    one, two = (node for node in tree if isinstance(node, Planned))
-    assert (one.errors, two.errors) == ([], [ActionErrorCode.ACTION_ABORTED])
-    assert list(one.last_result.sequence) == [first.tag]
+    first_leaf, second_leaf = (node for node in tree if isinstance(node, Planned))
+    assert (first_leaf.errors, second_leaf.errors) == ([], [ActionErrorCode.ACTION_ABORTED])
+    assert list(first_leaf.last_result.sequence) == [first.tag]
 
 
 # --- names

@@ -27,7 +27,7 @@ def write(folder: Path, files: Mapping[str, str]) -> str:
 
 
 def names(packages: object) -> dict[str, list[str]]:
-    return {package.name: [one.name for one in package.interfaces] for package in packages}  # type: ignore[attr-defined]
+    return {package.name: [interface.name for interface in package.interfaces] for package in packages}  # type: ignore[attr-defined]
 
 
 def test_bundled_definitions_need_only_messages_of_the_extra_ros2() -> None:

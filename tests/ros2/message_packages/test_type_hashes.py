@@ -27,8 +27,8 @@ def test_type_hashes_are_those_of_the_original_packages(tmp_path: Path) -> None:
     for package in complete:
         build = Build(package, tmp_path, lambda: None)
         build.describe()
-        for one in package.interfaces:
-            file = build.share / one.kind / f"{one.name}.json"
+        for interface in package.interfaces:
+            file = build.share / interface.kind / f"{interface.name}.json"
             first = json.loads(file.read_text(encoding="utf-8"))["type_hashes"][0]
             computed[first["type_name"]] = first["hash_string"]
     assert computed == expected

@@ -115,7 +115,7 @@ class ClientRig:
 def _handles(tree: Tree) -> list[dict[str, object]]:
     """Return the attributes of the handles of goals and requests in *tree*, and of their goals."""
     handles = [handle for node in tree.nodes if (handle := getattr(node, "handle", None)) is not None]
-    return [vars(thing) for handle in handles for thing in (handle, getattr(handle, "_sent", None)) if thing]
+    return [vars(part) for handle in handles for part in (handle, getattr(handle, "_sent", None)) if part]
 
 
 @pytest.fixture(scope="module")

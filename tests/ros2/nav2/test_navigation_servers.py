@@ -343,7 +343,7 @@ def test_navigate_through_poses(navigation: NavigationProcess) -> None:
     )
     status, result = navigation.client.result(number)
     assert status == SUCCEEDED
-    assert [one["waypoint_status"] for one in result["waypoint_statuses"]] == [1, 1]
+    assert [waypoint["waypoint_status"] for waypoint in result["waypoint_statuses"]] == [1, 1]
     assert len(navigation.client.feedback(number)[0]["waypoint_statuses"]) == 2
     x, y, _ = navigation.pose()
     assert math.hypot(x - 0.6, y + 0.3) < 0.4

@@ -204,7 +204,7 @@ def test_second_publisher_of_the_clock_is_named_with_a_remedy(
         publisher = other.node.create_publisher(Clock, "/clock", 10)
 
         def publishers() -> list[str]:  # DDS announces a publisher before the name of its ROS node
-            return [one.node_name for one in session.node.get_publishers_info_by_topic("/clock")]
+            return [publisher.node_name for publisher in session.node.get_publishers_info_by_topic("/clock")]
 
         assert session.wait_for(lambda: "other" in publishers() and len(publishers()) == 2, LIMIT)
 

@@ -50,7 +50,7 @@ def test_transitions_to_idle_can_be_ignored(captures: Path) -> None:
     recording = read_btlog(captures / "v4_sample.btlog")
     kept = steps(recording, idle=False)
     assert 0 < len(kept) < len(recording.transitions)
-    assert all(one.status is not IDLE for one in kept)
+    assert all(change.status is not IDLE for change in kept)
 
 
 @given(st.lists(step), st.lists(step), st.lists(step))
@@ -58,7 +58,7 @@ def test_common_part_is_longest_beginning(common: list[Step], first: list[Step],
     found = find_divergence(common + first, common + second)
     back = find_divergence(common + second, common + first)
     if found is None:
-        assert [one[1:] for one in first] == [one[1:] for one in second]
+        assert [change[1:] for change in first] == [change[1:] for change in second]
         assert back is None
     else:
         assert back == Divergence(found.common, found.second, found.first)

@@ -21,8 +21,8 @@ def test_results_are_counted_by_node(sample: Tree) -> None:
         for _ in range(3):
             sample.tick_while_running()
     counted = {
-        path: (one.transitions_count, one.success_count, one.failure_count, one.last_result)
-        for path, one in observer.statistics().items()
+        path: (node.transitions_count, node.success_count, node.failure_count, node.last_result)
+        for path, node in observer.statistics().items()
     }
     assert counted == {
         "root_seq": (6, 2, 1, FAILURE),

@@ -128,8 +128,8 @@ def test_schema_documents_nodes_and_ports() -> None:
     nodes = Registry.standard()
     nodes.add(drive)
     schema = etree.fromstring(write_schema(nodes).encode())
-    kind = next(one for one in schema.iter(f"{XS}complexType") if one.get("name") == "DriveType")
-    shown = [str(one.text) for one in kind.iter(f"{XS}documentation")]
+    kind = next(element for element in schema.iter(f"{XS}complexType") if element.get("name") == "DriveType")
+    shown = [str(element.text) for element in kind.iter(f"{XS}documentation")]
     assert shown[0] == "Drive, *speed* in m/s."
     assert "input, double, default '0.500000'" in shown
 

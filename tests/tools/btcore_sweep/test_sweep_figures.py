@@ -64,7 +64,7 @@ def test_rows_without_a_run_contain_the_reason() -> None:
         SWEEP.episode(0), {"episode": 0, "code": 70, "report": None, "fault": "KeyError: 1"}, None
     )
     killed = table.make_row(SWEEP.episode(0), {"episode": 0, "code": None, "report": None, "killed": 3}, None)
-    assert [(one["status"], one["error"]) for one in (refused, broken, killed)] == [
+    assert [(row["status"], row["error"]) for row in (refused, broken, killed)] == [
         ("REFUSED", "no room"),
         ("BROKEN", "KeyError: 1"),
         ("KILLED", "its worker died 3 times"),
@@ -88,11 +88,11 @@ def test_csv_and_parquet_are_read_back_as_written(tmp_path: Path) -> None:
     for suffix in ("csv", "parquet"):
         table.write_table(tmp_path / f"results.{suffix}", rows(), names)
     read = parquet.read_table(tmp_path / "results.parquet").to_pylist()
-    assert read == [{name: one[name] for name in names} for one in rows()]
+    assert read == [{name: row[name] for name in names} for row in rows()]
     lines = list(csv.DictReader(io.StringIO((tmp_path / "results.csv").read_text(encoding="utf-8"))))
-    assert [int(one["episode"]) for one in lines] == list(range(8))
-    assert [one["success"] for one in lines] == ["true", "true", "true", "false"] * 2
-    assert [float(one["time_s"]) for one in lines] == [one["time_s"] for one in rows()]
+    assert [int(row["episode"]) for row in lines] == list(range(8))
+    assert [row["success"] for row in lines] == ["true", "true", "true", "false"] * 2
+    assert [float(row["time_s"]) for row in lines] == [row["time_s"] for row in rows()]
     assert lines[3]["failures"] == '{"a": 3}'
 
 
@@ -121,15 +121,16 @@ def test_rate_of_no_episodes_is_unknown() -> None:
 def test_statistics_contain_rates_by_parameter_and_failing_nodes() -> None:
     found = compute_statistics(rows(), SWEEP)
     assert (found.rate.good, found.rate.count) == (6, 8)
-    assert {value: (one.good, one.count) for value, one in found.by["bb.x"].items()} == {
+    assert {value: (share.good, share.count) for value, share in found.by["bb.x"].items()} == {
         "1": (4, 4),
         "2.5": (2, 4),
     }
     assert found.statuses == {"SUCCESS": 6, "FAILURE": 2}
     (node,) = found.failing
     assert (node.node, node.ended, node.failed, node.times) == ("a", 2, 7, 28)
-    assert [one["episode"] for one in found.failed] == [3, 7]
-    assert {one.name for one in found.spreads} == {"time_s", "ticks", "robot.distance_m", "robot.pose.x"}
+    assert [episode["episode"] for episode in found.failed] == [3, 7]
+    names = {spread.name for spread in found.spreads}
+    assert names == {"time_s", "ticks", "robot.distance_m", "robot.pose.x"}
 
 
 def test_success_may_be_a_script_over_the_columns() -> None:

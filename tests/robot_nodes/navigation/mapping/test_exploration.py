@@ -65,14 +65,14 @@ def explore(folder: Path, name: str, *more: str, tree: str = "mapping") -> Resul
     )
 
 
-def within(one: OccupancyMap, other: OccupancyMap, cells: int) -> float:
-    """Return the share of occupied cells of *one* within *cells* cells of an occupied cell of *other*."""
-    places = one.centers(*np.nonzero(one.occupied))
-    found = other.indices(places)
-    on = (found >= 0).all(axis=1) & (found < other.cells.shape).all(axis=1)
+def within(first: OccupancyMap, second: OccupancyMap, cells: int) -> float:
+    """Return the share of occupied cells of *first* within *cells* cells of an occupied cell of *second*."""
+    places = first.centers(*np.nonzero(first.occupied))
+    found = second.indices(places)
+    on = (found >= 0).all(axis=1) & (found < second.cells.shape).all(axis=1)
     away = np.full(len(places), np.inf)
-    away[on] = obstacle_distances(other)[found[on, 0], found[on, 1]]
-    return float(np.mean(away <= cells * other.resolution + 1e-3))
+    away[on] = obstacle_distances(second)[found[on, 0], found[on, 1]]
+    return float(np.mean(away <= cells * second.resolution + 1e-3))
 
 
 def covered(made: OccupancyMap, true: OccupancyMap) -> float:

@@ -71,7 +71,7 @@ def test_frontiers_behind_unknown_cells_are_unreachable() -> None:
     map.cells[10:70, 150:158] = -1
     found = find_frontiers(map, GlobalCostmap(map), HERE)
     assert found
-    assert all(one.position[0] < 4.5 for one in found)
+    assert all(frontier.position[0] < 4.5 for frontier in found)
 
 
 def test_the_inside_of_a_wall_is_not_a_frontier() -> None:

@@ -104,12 +104,12 @@ def test_key_scans_are_half_a_metre_or_a_quarter_of_a_radian_apart(survey: Mappi
 
 
 def test_the_same_drive_gives_the_same_map(survey: MappingRig, room: Boxes) -> None:
-    one, other = (
+    first, second = (
         survey(room, Pose2D(-2.5, -0.5, 0.0), slip=1.03, seed=4).along((-2.0, 0.0), (1.0, 0.5))
         for _ in range(2)
     )
-    assert np.array_equal(one.mapper.poses, other.mapper.poses)
-    assert np.array_equal(one.mapper.map().cells, other.mapper.map().cells)
+    assert np.array_equal(first.mapper.poses, second.mapper.poses)
+    assert np.array_equal(first.mapper.map().cells, second.mapper.map().cells)
 
 
 def test_before_the_first_scan_the_map_is_unknown(survey: MappingRig, room: Boxes) -> None:

@@ -79,7 +79,7 @@ def test_server_failure_is_logged_once_per_reason(rig: NodeRig, caplog: pytest.L
     for goal in (outside, outside, other):
         tree.blackboard["goal"] = goal
         assert rig.run(tree, 1.0) is Status.FAILURE
-    assert [one.getMessage() for one in caplog.records] == [
+    assert [record.getMessage() for record in caplog.records] == [
         "ComputePathToPose::1: the goal (99.00, 0.00) is outside the map",
         "ComputePathToPose::1: the goal (98.00, 0.00) is outside the map",
     ]

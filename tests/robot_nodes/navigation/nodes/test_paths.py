@@ -148,13 +148,13 @@ def test_validate_path_uses_the_obstacles_of_the_global_costmap(
 
 def test_validate_path_reports_first_collision_or_all(boxed: NodeRig) -> None:
     text = '<ValidatePath path="{path}" collision_poses="{bad}" stop_at_first_collision="%s"/>'
-    one = boxed.tree(text % "true", path=path_through((0, 0), (4, 0)))
-    every = boxed.tree(text % "false", path=path_through((0, 0), (4, 0)))
-    boxed.letters(one, 1)
-    boxed.letters(every, 1)
-    assert one.blackboard["bad"] == every.blackboard["bad"][:1]
-    assert one.blackboard["bad"][0].x == pytest.approx(1.5, abs=0.15)
-    assert len(every.blackboard["bad"]) > 5
+    first_only = boxed.tree(text % "true", path=path_through((0, 0), (4, 0)))
+    all_poses = boxed.tree(text % "false", path=path_through((0, 0), (4, 0)))
+    boxed.letters(first_only, 1)
+    boxed.letters(all_poses, 1)
+    assert first_only.blackboard["bad"] == all_poses.blackboard["bad"][:1]
+    assert first_only.blackboard["bad"][0].x == pytest.approx(1.5, abs=0.15)
+    assert len(all_poses.blackboard["bad"]) > 5
 
 
 def test_validate_path_checks_only_ahead_of_the_robot(boxed: NodeRig) -> None:
@@ -267,7 +267,7 @@ def test_remove_passed_goals_marks_them_completed(rig: NodeRig) -> None:
         how=[WaypointStatus(goal, index) for index, goal in enumerate(GOALS)],
     )
     rig.letters(tree, 1)
-    states = [one.state for one in tree.blackboard["how"]]
+    states = [waypoint.state for waypoint in tree.blackboard["how"]]
     assert states == [WaypointState.COMPLETED, WaypointState.PENDING, WaypointState.PENDING]
 
 
@@ -280,7 +280,7 @@ def test_remove_in_collision_goals_marks_them_skipped(boxed: NodeRig) -> None:
     )
     assert boxed.letters(tree, 1) == "S"
     assert tree.blackboard["left"] == [goals[1], goals[3]]
-    assert [one.state.name for one in tree.blackboard["how"]] == ["SKIPPED", "PENDING", "SKIPPED", "PENDING"]
+    assert [waypoint.state.name for waypoint in tree.blackboard["how"]] == ["SKIPPED", "PENDING"] * 2
 
 
 @pytest.mark.parametrize(

@@ -24,9 +24,9 @@ NODES = conformance_registry()
 THREE = "<AlwaysSuccess/>" * 3
 
 
-def changes_meaning(one: Diagnostic) -> bool:
+def changes_meaning(diagnostic: Diagnostic) -> bool:
     """Return whether format 4 behaves differently, or requires a manual step."""
-    return one.code.startswith(("C2", "C3"))
+    return diagnostic.code.startswith(("C2", "C3"))
 
 
 def convert_body(body: str, *, others: str = "", nodes: Registry = NODES) -> Conversion:
@@ -41,7 +41,7 @@ def body_of(result: Conversion) -> str:
 
 
 def codes(result: Conversion) -> list[str]:
-    return [one.code for one in result.changes]
+    return [change.code for change in result.changes]
 
 
 def recorded_cases() -> list[dict[str, Any]]:
@@ -136,7 +136,7 @@ def test_comparison_that_no_script_can_express_is_kept_and_reported(key: str) ->
     result = convert_body(body)
     assert body_of(result) == body
     assert "C301" in codes(result)
-    assert [one.code for one in result.remaining] == ["E101"]
+    assert [diagnostic.code for diagnostic in result.remaining] == ["E101"]
 
 
 # --- reported changes
@@ -153,10 +153,11 @@ def test_comparison_that_no_script_can_express_is_kept_and_reported(key: str) ->
 )
 def test_new_meaning_is_reported_with_its_position(body: str, code: str) -> None:
     result = convert_body(body, others='<BehaviorTree ID="Main2"><AlwaysSuccess/></BehaviorTree>')
-    reported_values = [one for one in result.changes if one.code == code]
+    reported_values = [change for change in result.changes if change.code == code]
     assert len(reported_values) >= 1
     assert all(
-        changes_meaning(one) and one.line == 1 and one.column > 1 and one.source for one in reported_values
+        changes_meaning(change) and change.line == 1 and change.column > 1 and change.source
+        for change in reported_values
     )
 
 
@@ -172,7 +173,7 @@ def test_new_meaning_is_reported_with_its_position(body: str, code: str) -> None
 )
 def test_same_meaning_is_not_reported_as_a_change_of_meaning(body: str) -> None:
     result = convert_body(body, others='<BehaviorTree ID="Main2"><AlwaysSuccess/></BehaviorTree>')
-    assert [one for one in result.changes if changes_meaning(one)] == []
+    assert [change for change in result.changes if changes_meaning(change)] == []
 
 
 def test_second_of_two_calls_with_the_same_name_loses_its_name() -> None:
@@ -190,13 +191,13 @@ def test_use_of_the_later_tree_with_the_same_id_is_reported() -> None:
 
 def test_constructs_refused_by_format_4_are_reported_as_errors() -> None:
     result = convert_body("<ReactiveSequence/>")
-    assert [one.code for one in result.remaining] == ["E104"]
+    assert [diagnostic.code for diagnostic in result.remaining] == ["E104"]
 
 
 def test_unknown_node_is_converted_as_far_as_possible() -> None:
     result = convert_body('<Sequence><Action ID="Move" goal="${g}" speed=""/></Sequence>')
     assert body_of(result) == '<Sequence><Action ID="Move" goal="{g}" speed=""/></Sequence>'
-    assert [one.code for one in result.remaining] == ["E101"]
+    assert [diagnostic.code for diagnostic in result.remaining] == ["E101"]
 
 
 def test_user_node_named_like_a_format_4_node_is_reported() -> None:
@@ -238,7 +239,7 @@ def test_model_of_a_subtree_plus_becomes_a_model_of_a_subtree() -> None:
     )
     found = convert(parse_text(text), NODES)
     assert found.text == text.replace("<root>", '<root BTCPP_format="4">').replace("SubTreePlus", "SubTree")
-    assert [(one.code, one.message) for one in found.changes[2:]] == [
+    assert [(change.code, change.message) for change in found.changes[2:]] == [
         ("C102", "the model of a <SubTreePlus> becomes one of a <SubTree>")
     ]
 
@@ -247,7 +248,7 @@ def test_format_4_is_returned_unchanged() -> None:
     text = '<root BTCPP_format="4"><BehaviorTree ID="A"><SequenceStar/></BehaviorTree></root>'
     result = convert(parse_text(text), NODES)
     assert result[:3] == (text, (), [])
-    assert [one.code for one in result.remaining] == ["E101"]
+    assert [diagnostic.code for diagnostic in result.remaining] == ["E101"]
 
 
 GAPS = st.sampled_from([" ", "  ", "\n    ", "\t", "\r\n"])
@@ -264,7 +265,7 @@ def test_only_tags_are_changed_and_only_once(case: dict[str, Any], data: st.Data
     text = START_TAG.sub(spread, case["xml"])
     result = convert(parse_text(text), NODES)
     assert re.split(r"<[^<>!?]*>", result.text) == re.split(r"<[^<>!?]*>", text)
-    reported_values = {(one.line, one.source) for one in result.changes}
+    reported_values = {(change.line, change.source) for change in result.changes}
     for before, after in zip(scan(text).elements, scan(result.text).elements, strict=True):
         old = text[before.start : before.start_tag_end]
         if old != result.text[after.start : after.start_tag_end]:
@@ -286,7 +287,7 @@ def test_recorded_trees_tick_the_same_in_format_4_unless_a_change_is_reported() 
         assert result.remaining == []
         found = run_case({**old, "xml": result.text, "format": 4}, NODES)
         assert "load_error" not in found, case["id"]
-        if not any(changes_meaning(one) for one in result.changes):
+        if not any(changes_meaning(change) for change in result.changes):
             alike += 1
             assert found == run_case(old, NODES), case["id"]
     assert alike >= 300

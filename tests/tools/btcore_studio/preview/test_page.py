@@ -25,7 +25,7 @@ def browser() -> Iterator[Any]:
     sync_api = pytest.importorskip("playwright.sync_api")
     with sync_api.sync_playwright() as playwright:
         places = [*map(shutil.which, ("chromium", "google-chrome")), playwright.chromium.executable_path]
-        place = next((one for one in places if one and Path(one).exists()), None)
+        place = next((place for place in places if place and Path(place).exists()), None)
         if place is None:
             pytest.skip("there is no Chromium")
         chromium = playwright.chromium.launch(executable_path=place, args=["--no-sandbox"])
