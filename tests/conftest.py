@@ -109,9 +109,9 @@ def pytest_runtest_teardown() -> Generator[None, object, object]:
 
 @pytest.fixture
 def recorded_tree() -> Callable[[str], str]:
-    """Return a function that writes the document of that tree, with *inside* as its subtree's sequence."""
+    """Return a function that returns the tree of the recordings; *content* is its subtree's sequence."""
 
-    def write(inside: str) -> str:
+    def write(content: str) -> str:
         return f"""
             <root BTCPP_format="4" main_tree_to_execute="Main">
               <BehaviorTree ID="Main">
@@ -126,7 +126,7 @@ def recorded_tree() -> Callable[[str], str]:
                 </Sequence>
               </BehaviorTree>
               <BehaviorTree ID="Sub">
-                <Sequence>{inside}</Sequence>
+                <Sequence>{content}</Sequence>
               </BehaviorTree>
             </root>
         """

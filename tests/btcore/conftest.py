@@ -59,7 +59,7 @@ def make_tree(clock: SimClock, journal: Journal) -> TreeFactory:
 
 @pytest.fixture
 def document() -> Callable[..., str]:
-    """Return a function that writes a document; *root* holds the attributes of its root element."""
+    """Return a function that returns a document; *root* contains the attributes of its root element."""
 
     def write(
         body: str,
@@ -67,7 +67,9 @@ def document() -> Callable[..., str]:
         root: str = 'BTCPP_format="4" main_tree_to_execute="Main"',
     ) -> str:
         if not isinstance(others, str):
-            lines = [f'  <BehaviorTree ID="{ID}">{inside}</BehaviorTree>\n' for ID, inside in others.items()]
+            lines = [
+                f'  <BehaviorTree ID="{ID}">{content}</BehaviorTree>\n' for ID, content in others.items()
+            ]
             others = "".join(lines)
         return f'<root {root}>\n  <BehaviorTree ID="Main">\n    {body}\n  </BehaviorTree>\n{others}</root>\n'
 

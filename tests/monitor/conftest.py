@@ -19,7 +19,7 @@ from btcore.engine.observers import Transitions
 ROOT = Path(__file__).parents[2]
 
 LIMIT = 60.0
-"""The longest wait (s) for anything, on a slow machine."""
+"""The longest wait (s) for a condition, on a slow machine."""
 
 ENDLESS = """
 <root BTCPP_format="4">
@@ -74,7 +74,7 @@ class Count(StatefulAction):
 
 @pytest.fixture
 def sample(recorded_tree: Callable[[str], str]) -> btcore.Tree:
-    """The captures' tree, on simulated time."""
+    """The tree of the captures, on simulated time."""
     nodes = Registry.standard()
     nodes.add(Count)
     source = recorded_tree('<Script code="loc:=target"/><Count ticks="2" out="{o2}"/>')
@@ -91,12 +91,12 @@ def sample3() -> btcore.Tree:
 
 @pytest.fixture
 def endless() -> btcore.Tree:
-    """A tree that is always RUNNING, with ten transitions or so a tick."""
+    """A tree that is always RUNNING, with about ten transitions per tick."""
     return btcore.loads(ENDLESS, resources=[SimClock()])
 
 
 class Changes(Observer):
-    """The *count* of a tree's transitions from now on."""
+    """The number *count* of a tree's transitions since the object was created."""
 
     def __init__(self, tree: btcore.Tree) -> None:
         self.count = 0
@@ -116,9 +116,9 @@ def changes() -> type[Changes]:
 def until() -> Callable[..., None]:
     """Return a function that calls a function until the result is true, for at most a minute."""
 
-    def until(true: Callable[[], object], what: str = "") -> None:
+    def until(condition: Callable[[], object], what: str = "") -> None:
         deadline = time.monotonic() + LIMIT
-        while not true():
+        while not condition():
             assert time.monotonic() < deadline, f"not within {LIMIT:g} s: {what}"
             time.sleep(0.002)
 
@@ -152,14 +152,14 @@ class Command:
     def wait_for(self, pattern: str) -> re.Match[str]:
         """Wait for text on stderr that matches *pattern*, and return the match."""
         deadline = time.monotonic() + 200
-        while not (found := re.search(pattern, self.stderr_text)):
+        while not (match := re.search(pattern, self.stderr_text)):
             assert self.process.poll() is None, self.stderr_text
             assert time.monotonic() < deadline, self.stderr_text
             time.sleep(0.02)
-        return found
+        return match
 
     def end(self, number: signal.Signals | None = None) -> int:
-        """Send signal *number*, if given, wait for the end, and return the exit code."""
+        """Send the signal *number* unless it is None, wait for the end, and return the exit code."""
         if number is not None:
             self.process.send_signal(number)
         code = self.process.wait(200)

@@ -39,8 +39,8 @@ class SteppedClock(SimulatedSchedule):
         return self.now()
 
     @time.setter
-    def time(self, moment: int) -> None:
-        self.wait_until(moment, threading.Event())
+    def time(self, stamp: int) -> None:
+        self.wait_until(stamp, threading.Event())
 
     def sleep(self, seconds: float) -> None:
         self.time = self.now() + round(seconds * 1e9)
@@ -105,10 +105,12 @@ class RecordingRobot(Robot):
         return self.head_limits
 
     def frames(self) -> list[TransformStamped]:
-        still = (0.0, 0.0, 0.0, 1.0)
+        unrotated = (0.0, 0.0, 0.0, 1.0)
         return [
-            TransformStamped(self.laser.frame, "base_footprint", (0.2, 0.0, 0.1), still, self._clock.time),
-            TransformStamped("head_2_link", "base_footprint", (0.125, 0.0, 1.0), still, self._clock.time),
+            TransformStamped(
+                self.laser.frame, "base_footprint", (0.2, 0.0, 0.1), unrotated, self._clock.time
+            ),
+            TransformStamped("head_2_link", "base_footprint", (0.125, 0.0, 1.0), unrotated, self._clock.time),
         ]
 
     def drive(self, v: float, w: float, *, priority: int = CMD_VEL) -> None:

@@ -1,3 +1,5 @@
+"""Map files: cells, the modes of map_server, keepouts and errors in files."""
+
 import os
 import struct
 import zlib

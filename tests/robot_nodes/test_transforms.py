@@ -1,3 +1,5 @@
+"""Transforms, the transform tree over time, and readings that wait for their transforms."""
+
 import math
 from dataclasses import dataclass
 

@@ -1,3 +1,5 @@
+"""Files of waypoints, and which waypoints a run uses."""
+
 import re
 from pathlib import Path
 

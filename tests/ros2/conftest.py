@@ -23,9 +23,8 @@ if HAS_ROS:
 LONG_WAIT_S = 50.0
 """The duration (s) of a failed test after which its process runs no further tests.
 
-Fast DDS 3.2 may deadlock when a ROS node ends (its issue 6502). No ROS node of the process then finds
-another.
-`make test-ros2` runs what failed again, in new processes.
+Fast DDS 3.2 may deadlock when a ROS node ends (its issue 6502). Afterwards, no ROS node of the process
+finds another. `make test-ros2` runs failed tests again, in new processes.
 """
 _failed_late: list[str] = []
 
@@ -42,7 +41,7 @@ def pytest_runtest_makereport(
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if _failed_late:
-        pytest.fail(f"not run: {_failed_late[0]} waited in vain in this process", pytrace=False)
+        pytest.fail(f"not run: {_failed_late[0]} timed out in this process", pytrace=False)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -55,8 +54,8 @@ def session() -> "Iterator[RosSession]":
     """A ROS node in the domain of this worker."""
     from btcore_ros2.session import RosSession
 
-    with RosSession("test") as made:
-        yield made
+    with RosSession("test") as session:
+        yield session
 
 
 @contextmanager

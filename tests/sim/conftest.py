@@ -1,3 +1,5 @@
+"""Fixtures: objects of a world, and robots among them."""
+
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -12,8 +14,8 @@ from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription, WorldObject
 
-Stand = Callable[..., SimulatedRobot]
-Pass = Callable[..., None]
+PlaceRobot = Callable[..., SimulatedRobot]
+Steer = Callable[..., None]
 
 WHITE = (255, 255, 255, 255)
 
@@ -37,7 +39,7 @@ def drum() -> Callable[..., WorldObject]:
 
 
 @pytest.fixture
-def robot_at() -> Iterator[Stand]:
+def robot_at() -> Iterator[PlaceRobot]:
     """Return a function that places a robot among objects; the worlds are closed when the test ends."""
     worlds: list[World] = []
 
@@ -72,8 +74,8 @@ def noiseless_tiago() -> RobotDescription:
 
 
 @pytest.fixture
-def steer() -> Pass:
-    """Send a velocity at 10 Hz for some seconds, or no command for None."""
+def steer() -> Steer:
+    """Return a function that sends a velocity at 10 Hz for some seconds, or only waits if it is None."""
 
     def drive(body: SimulatedRobot, seconds: float, command: tuple[float, float] | None) -> None:
         for _ in range(round(seconds * 10)):

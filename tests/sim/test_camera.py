@@ -15,7 +15,7 @@ from btcore_sim.renderer import SKY, Renderer
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.visible_faces import box_faces, shape_faces
 from btcore_sim.world_description import WorldObject
-from tests.sim.conftest import Pass, Stand
+from tests.sim.conftest import PlaceRobot, Steer
 
 SIZE = CameraSettings(160, 120, 10.0)
 RED = (230, 20, 20, 255)
@@ -45,8 +45,8 @@ def engines(body: SimulatedRobot) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("look", [(0.0, 0.0), (0.4, -0.5), (-0.9, 0.2), (0.0, -1.0)])
 def test_depth_agrees_with_the_engines_renderer(
-    robot_at: Stand,
-    steer: Pass,
+    robot_at: PlaceRobot,
+    steer: Steer,
     box: Callable[..., WorldObject],
     drum: Callable[..., WorldObject],
     look: tuple[float, float],
@@ -72,7 +72,7 @@ def test_depth_agrees_with_the_engines_renderer(
     assert np.median(off) < 0.01
 
 
-def test_the_depth_of_the_floor_follows_from_the_geometry(robot_at: Stand, steer: Pass) -> None:
+def test_the_depth_of_the_floor_follows_from_the_geometry(robot_at: PlaceRobot, steer: Steer) -> None:
     body = robot_at(camera=SIZE)
     body.move_head(0.3, -0.6)
     steer(body, 1.5, None)
@@ -84,7 +84,7 @@ def test_the_depth_of_the_floor_follows_from_the_geometry(robot_at: Stand, steer
         assert depth[row, column] == pytest.approx(-eye[2] / ray[2], rel=1e-4)
 
 
-def test_the_lens_is_a_pinhole_of_63_degrees(robot_at: Stand) -> None:
+def test_the_lens_is_a_pinhole_of_63_degrees(robot_at: PlaceRobot) -> None:
     lens = robot_at(camera=CameraSettings(640, 480, 10.0)).camera_info
     assert (lens.width, lens.height, lens.rate) == (640, 480, 10.0)
     assert lens.fx == lens.fy == pytest.approx(522.19, abs=0.01)
@@ -92,11 +92,11 @@ def test_the_lens_is_a_pinhole_of_63_degrees(robot_at: Stand) -> None:
     assert lens.frame == "head_front_camera_rgb_optical_frame"
 
 
-def test_without_a_camera_there_is_no_camera_info(robot_at: Stand) -> None:
+def test_without_a_camera_there_is_no_camera_info(robot_at: PlaceRobot) -> None:
     assert robot_at().camera_info is None
 
 
-def test_picture_has_depth_along_z_or_infinity(robot_at: Stand, box: Callable[..., WorldObject]) -> None:
+def test_picture_has_depth_along_z_or_infinity(robot_at: PlaceRobot, box: Callable[..., WorldObject]) -> None:
     body = robot_at(box(3.1, 0.0, (0.2, 1.0, 2.0)), camera=SIZE)
     picture: CameraImage = body.camera()
     assert picture.depth.dtype == np.float32
@@ -108,7 +108,9 @@ def test_picture_has_depth_along_z_or_infinity(robot_at: Stand, box: Callable[..
     assert tuple(picture.rgb[0, 0]) == SKY
 
 
-def test_object_is_drawn_at_place_by_pinhole_model(robot_at: Stand, box: Callable[..., WorldObject]) -> None:
+def test_object_is_drawn_at_place_by_pinhole_model(
+    robot_at: PlaceRobot, box: Callable[..., WorldObject]
+) -> None:
     far = replace(box(3.0, 0.6, (0.1, 0.1, 0.1)), position=(3.0, 0.6, 1.0165), color=RED)
     body = robot_at(far, camera=CameraSettings(320, 240, 10.0))
     picture, lens = body.camera(), body.camera_info
@@ -119,7 +121,7 @@ def test_object_is_drawn_at_place_by_pinhole_model(robot_at: Stand, box: Callabl
     assert rows.mean() == pytest.approx(lens.cy - lens.fy * z / x, abs=0.6)
 
 
-def test_a_picture_is_read_only(robot_at: Stand) -> None:
+def test_a_picture_is_read_only(robot_at: PlaceRobot) -> None:
     picture = robot_at(camera=SIZE).camera()
     for pixels in (picture.rgb, picture.depth):
         with pytest.raises(ValueError, match="read-only"):
@@ -127,7 +129,7 @@ def test_a_picture_is_read_only(robot_at: Stand) -> None:
 
 
 def test_a_movable_object_is_seen_at_its_current_place(
-    robot_at: Stand, steer: Pass, box: Callable[..., WorldObject]
+    robot_at: PlaceRobot, steer: Steer, box: Callable[..., WorldObject]
 ) -> None:
     crate = replace(box(2.0, 0.0, (0.4, 0.4, 1.6), mass=5.0), color=RED)
     body = robot_at(crate, camera=SIZE)
@@ -139,7 +141,7 @@ def test_a_movable_object_is_seen_at_its_current_place(
     assert body.camera().depth[60, 80] == pytest.approx(2.8 - 0.2158, abs=0.03)
 
 
-def test_the_camera_sees_the_robot_when_it_looks_down(robot_at: Stand, steer: Pass) -> None:
+def test_the_camera_sees_the_robot_when_it_looks_down(robot_at: PlaceRobot, steer: Steer) -> None:
     body = robot_at(camera=SIZE)
     floor = body.camera().depth[119, 80]
     body.move_head(0.0, -1.0)

@@ -14,7 +14,7 @@ from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.robot_description import RobotDescription
 from btcore_sim.world_description import WorldDescription, WorldObject
-from tests.sim.conftest import Pass, Stand
+from tests.sim.conftest import PlaceRobot, Steer
 
 RED, CLEAR = (220, 30, 30, 255), (160, 208, 224, 96)
 
@@ -26,7 +26,10 @@ def pane(box: Callable[..., WorldObject]) -> WorldObject:
 
 
 def test_the_laser_passes_and_sonars_do_not(
-    robot_at: Stand, box: Callable[..., WorldObject], pane: WorldObject, noiseless_tiago: RobotDescription
+    robot_at: PlaceRobot,
+    box: Callable[..., WorldObject],
+    pane: WorldObject,
+    noiseless_tiago: RobotDescription,
 ) -> None:
     wall = box(3.0, 0.0, (0.2, 4.0, 2.0), name="wall")
     ranges = {}
@@ -42,7 +45,7 @@ def test_the_laser_passes_and_sonars_do_not(
     assert ranges[True][1] == ranges[False][1] < 0.6
 
 
-def test_the_robot_collides_with_glass(robot_at: Stand, pane: WorldObject, steer: Pass) -> None:
+def test_the_robot_collides_with_glass(robot_at: PlaceRobot, pane: WorldObject, steer: Steer) -> None:
     body = robot_at(pane)
     steer(body, 5.0, (0.4, 0.0))
     assert body.contacts.collisions == 1
@@ -51,7 +54,7 @@ def test_the_robot_collides_with_glass(robot_at: Stand, pane: WorldObject, steer
 
 
 def test_camera_sees_red_box_through_glass(
-    robot_at: Stand, box: Callable[..., WorldObject], pane: WorldObject
+    robot_at: PlaceRobot, box: Callable[..., WorldObject], pane: WorldObject
 ) -> None:
     red = replace(box(2.5, 0.0, (0.5, 3.0, 2.5), name="red"), color=RED)
     pictures = {}

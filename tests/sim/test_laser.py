@@ -16,7 +16,7 @@ from btcore_sim.robot_description import LaserErrors, RobotDescription
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription, WorldObject
-from tests.sim.conftest import Pass, Stand
+from tests.sim.conftest import PlaceRobot, Steer
 
 FACTS = LaserInfo(180, -math.pi, 2 * math.pi / 180, 0.05, 25.0, 10.0, 0.06, "laser")
 HEIGHT = 0.1
@@ -140,7 +140,7 @@ def test_only_rays_beside_an_edge_return_ranges_between_both_objects(box: Callab
 
 
 def test_a_movable_box_is_seen_at_its_current_place(
-    robot_at: Stand, steer: Pass, box: Callable[..., WorldObject], noiseless_tiago: RobotDescription
+    robot_at: PlaceRobot, steer: Steer, box: Callable[..., WorldObject], noiseless_tiago: RobotDescription
 ) -> None:
     body = robot_at(
         box(2.0, 0.0, (0.5, 0.5, 0.5), mass=5.0),
@@ -164,7 +164,7 @@ def test_a_movable_box_is_seen_at_its_current_place(
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.9), (0.6, 0.0, 0.3), (0.0, math.pi / 2, 0.0)])
 def test_a_movable_object_in_any_orientation_agrees_with_the_engine(
-    robot_at: Stand,
+    robot_at: PlaceRobot,
     box: Callable[..., WorldObject],
     drum: Callable[..., WorldObject],
     noiseless_tiago: RobotDescription,
@@ -190,12 +190,12 @@ def test_a_movable_object_in_any_orientation_agrees_with_the_engine(
     assert (~np.isclose(ours, theirs, atol=5e-3)).sum() <= 4
 
 
-def test_the_robot_does_not_see_itself(robot_at: Stand) -> None:
+def test_the_robot_does_not_see_itself(robot_at: PlaceRobot) -> None:
     body: SimulatedRobot = robot_at()
     assert (body.scan().ranges == np.inf).all()
 
 
-def test_the_middle_of_666_rays_points_a_little_to_the_left(robot_at: Stand) -> None:
+def test_the_middle_of_666_rays_points_a_little_to_the_left(robot_at: PlaceRobot) -> None:
     scan = robot_at().scan()
     assert len(scan.ranges) == 666
     assert math.degrees(scan.angles()[666 // 2]) == pytest.approx(0.165, abs=0.001)

@@ -18,7 +18,7 @@ from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldObject
 from btcore_sim.worlds import load_world_description
-from tests.sim.conftest import Pass, Stand
+from tests.sim.conftest import PlaceRobot, Steer
 
 SECOND = 1_000_000_000
 
@@ -31,17 +31,17 @@ def test_the_simulated_robot_fulfils_the_contract_of_every_robot(camera: CameraS
     )
 
 
-def test_the_simulated_robot_is_a_robot(robot_at: Stand) -> None:
+def test_the_simulated_robot_is_a_robot(robot_at: PlaceRobot) -> None:
     assert isinstance(robot_at(), Robot)
 
 
-def test_a_world_has_at_most_one_robot(robot_at: Stand) -> None:
+def test_a_world_has_at_most_one_robot(robot_at: PlaceRobot) -> None:
     body = robot_at()
     with pytest.raises(SimError, match="'test' has a robot already"):
         SimulatedRobot(body.world)
 
 
-def test_commands_that_are_not_numbers_are_refused(robot_at: Stand) -> None:
+def test_commands_that_are_not_numbers_are_refused(robot_at: PlaceRobot) -> None:
     with pytest.raises(ValueError, match="v=nan m/s"):
         robot_at().drive(math.nan, 0.0)
 
@@ -49,7 +49,7 @@ def test_commands_that_are_not_numbers_are_refused(robot_at: Stand) -> None:
 @pytest.mark.parametrize("rate", [120, 240])
 @pytest.mark.parametrize(("v", "w"), [(0.3, 0.0), (-0.2, 0.0), (0.0, 0.5), (0.3, 0.5), (1.0, 1.0)])
 def test_the_robot_drives_as_commanded_and_odometry_without_errors_agrees_with_the_true_pose(
-    robot_at: Stand, steer: Pass, noiseless_tiago: RobotDescription, v: float, w: float, rate: int
+    robot_at: PlaceRobot, steer: Steer, noiseless_tiago: RobotDescription, v: float, w: float, rate: int
 ) -> None:
     body = robot_at(description=noiseless_tiago, physics_rate=rate)
     steer(body, 10.0, (v, w))
@@ -66,7 +66,7 @@ def test_the_robot_drives_as_commanded_and_odometry_without_errors_agrees_with_t
 
 
 @pytest.mark.parametrize("rate", [120, 240])
-def test_the_velocity_follows_the_ramp(robot_at: Stand, rate: int) -> None:
+def test_the_velocity_follows_the_ramp(robot_at: PlaceRobot, rate: int) -> None:
     body = robot_at(physics_rate=rate)
     for tick in range(1, 11):
         body.drive(1.0, 0.0)
@@ -75,7 +75,7 @@ def test_the_velocity_follows_the_ramp(robot_at: Stand, rate: int) -> None:
         assert speed == pytest.approx(tick / 10, abs=0.05)
 
 
-def test_without_a_command_the_robot_stops_by_itself(robot_at: Stand, steer: Pass) -> None:
+def test_without_a_command_the_robot_stops_by_itself(robot_at: PlaceRobot, steer: Steer) -> None:
     body = robot_at()
     steer(body, 1.0, (0.3, 0.0))
     steer(body, 0.1, None)
@@ -85,7 +85,7 @@ def test_without_a_command_the_robot_stops_by_itself(robot_at: Stand, steer: Pas
     assert body.true_pose().x == pytest.approx(0.3 - 0.045 + 0.05 + 0.045, abs=0.03)
 
 
-def test_the_robot_has_the_mass_of_the_data_sheet(robot_at: Stand) -> None:
+def test_the_robot_has_the_mass_of_the_data_sheet(robot_at: PlaceRobot) -> None:
     number, client = robot_at().physics_body.body_id, robot_at().world.client
     masses = [
         pybullet.getDynamicsInfo(number, link, physicsClientId=client)[0]
@@ -94,7 +94,7 @@ def test_the_robot_has_the_mass_of_the_data_sheet(robot_at: Stand) -> None:
     assert sum(masses) == pytest.approx(75.2, abs=0.3)
 
 
-def test_casters_slide_and_wheels_grip(robot_at: Stand) -> None:
+def test_casters_slide_and_wheels_grip(robot_at: PlaceRobot) -> None:
     body = robot_at()
     friction = {
         name: pybullet.getDynamicsInfo(body.physics_body.body_id, link, physicsClientId=body.world.client)[1]
@@ -104,14 +104,14 @@ def test_casters_slide_and_wheels_grip(robot_at: Stand) -> None:
     assert {friction[name] for name in friction if name.startswith("wheel")} == {1.0}
 
 
-def test_the_robot_stands_upright_on_its_wheels(robot_at: Stand) -> None:
+def test_the_robot_stands_upright_on_its_wheels(robot_at: PlaceRobot) -> None:
     place, turned = robot_at().physics_body.pose()
     roll, pitch, _ = pybullet.getEulerFromQuaternion(turned)
     assert place[2] == pytest.approx(0.0985, abs=0.001)
     assert (roll, pitch) == pytest.approx((0.0, 0.0), abs=math.radians(0.4))
 
 
-def test_the_head_turns_at_its_speed(robot_at: Stand, steer: Pass) -> None:
+def test_the_head_turns_at_its_speed(robot_at: PlaceRobot, steer: Steer) -> None:
     body = robot_at()
     body.move_head(1.2, 0.0)
     steer(body, 0.2, None)
@@ -120,7 +120,7 @@ def test_the_head_turns_at_its_speed(robot_at: Stand, steer: Pass) -> None:
     assert body.head().pan == pytest.approx(1.2, abs=0.02)
 
 
-def test_the_torso_lifts_at_its_speed_and_stays_within_its_limits(robot_at: Stand, steer: Pass) -> None:
+def test_the_torso_lifts_at_its_speed_and_stays_within_its_limits(robot_at: PlaceRobot, steer: Steer) -> None:
     body = robot_at()
     assert body.torso_height() == pytest.approx(0.0, abs=0.001)
     body.lift(0.15)
@@ -134,7 +134,7 @@ def test_the_torso_lifts_at_its_speed_and_stays_within_its_limits(robot_at: Stan
     assert body.torso.lift_max == 0.35
 
 
-def test_the_camera_has_the_place_of_the_data_sheet(robot_at: Stand, steer: Pass) -> None:
+def test_the_camera_has_the_place_of_the_data_sheet(robot_at: PlaceRobot, steer: Steer) -> None:
     body = robot_at(camera=CameraSettings(32, 24, 10.0))
     eye, _ = body._camera.pose(body.physics_body, body._camera_link)
     assert eye == pytest.approx((0.2158, 0.022, 1.0665), abs=0.006)
@@ -158,7 +158,7 @@ def test_the_camera_sees_an_object_ahead(box: Callable[..., WorldObject]) -> Non
     world.close()
 
 
-def test_a_picture_is_drawn_once_for_its_period(robot_at: Stand) -> None:
+def test_a_picture_is_drawn_once_for_its_period(robot_at: PlaceRobot) -> None:
     world = World(robot_at().world.description)
     body = SimulatedRobot(world, camera=CameraSettings(32, 24, 10.0))
     first = body.camera()
@@ -180,13 +180,13 @@ def test_camera_options_are_parsed() -> None:
             parse_camera(text)
 
 
-def test_a_scan_is_read_only(robot_at: Stand) -> None:
+def test_a_scan_is_read_only(robot_at: PlaceRobot) -> None:
     with pytest.raises(ValueError, match="read-only"):
         robot_at().scan().ranges[0] = 0.0
 
 
 def test_the_static_scene_has_shapes_and_the_moving_scene_has_poses(
-    robot_at: Stand, steer: Pass, box: Callable[..., WorldObject], noiseless_tiago: RobotDescription
+    robot_at: PlaceRobot, steer: Steer, box: Callable[..., WorldObject], noiseless_tiago: RobotDescription
 ) -> None:
     body = robot_at(
         box(1.0, 2.0, (0.5, 0.4, 0.3), yaw=0.5),

@@ -39,13 +39,13 @@ class Drive(SyncAction):
 
 @pytest.fixture
 def patrol() -> Callable[..., Harness]:
-    """Return a function that builds the tree in a harness; its leaves follow the given outcomes."""
+    """Return a function that builds the tree in a harness; its leaves return *outcomes*."""
 
     def make(outcomes: str = "S") -> Harness:
         nodes = Registry.standard()
         nodes.add(battery_ok, Drive)
-        made = Harness.loads(PATROL, nodes=with_mock_leaves(nodes))
-        Outcomes(outcomes).attach(made.tree)
-        return made
+        harness = Harness.loads(PATROL, nodes=with_mock_leaves(nodes))
+        Outcomes(outcomes).attach(harness.tree)
+        return harness
 
     return make

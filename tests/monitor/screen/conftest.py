@@ -32,8 +32,8 @@ from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_scene import Box, Cylinder, Frame, Laser, MovingScene, Scan, Sphere, StaticScene
 
 IDLE, RUNNING, SUCCESS, FAILURE = range(4)
-PERIOD = 100_000_000
-WALL = 1_700_000_000 * 10**9
+PERIOD = 100_000_000  # ns
+WALL = 1_700_000_000 * 10**9  # ns since 1970, the start of the run
 ROOT, AVOID, CLEAR, OBSTACLE, ESCAPE, BACK, TURN, FORWARD = range(1, 9)
 
 
@@ -54,15 +54,15 @@ def bumpgo(tree_id: str = "a" * 32) -> ObservedTree:
 
 
 def _changes(tick: int) -> list[tuple[int, int]]:
-    """(uid, status) in the order of one tick: 40 ticks forward, 10 back, 10 turning, and again."""
+    """Return (uid, status) of the changes in a tick: 40 ticks forward, 10 back, 10 turning, and again."""
     phase = (tick - 1) % 60
-    looked = [(AVOID, RUNNING), (CLEAR, RUNNING)]
+    started = [(AVOID, RUNNING), (CLEAR, RUNNING)]
     if phase < 40:
-        seen = [(OBSTACLE, FAILURE), (OBSTACLE, IDLE), (CLEAR, SUCCESS), (CLEAR, IDLE)]
-        return [(ROOT, RUNNING), *looked, *seen, (AVOID, SUCCESS), (AVOID, IDLE), (FORWARD, RUNNING)]
+        checked = [(OBSTACLE, FAILURE), (OBSTACLE, IDLE), (CLEAR, SUCCESS), (CLEAR, IDLE)]
+        return [(ROOT, RUNNING), *started, *checked, (AVOID, SUCCESS), (AVOID, IDLE), (FORWARD, RUNNING)]
     if phase == 40:
-        seen = [(OBSTACLE, SUCCESS), (OBSTACLE, IDLE), (CLEAR, FAILURE)]
-        return [(ROOT, RUNNING), *looked, *seen, (ESCAPE, RUNNING), (BACK, RUNNING), (FORWARD, IDLE)]
+        checked = [(OBSTACLE, SUCCESS), (OBSTACLE, IDLE), (CLEAR, FAILURE)]
+        return [(ROOT, RUNNING), *started, *checked, (ESCAPE, RUNNING), (BACK, RUNNING), (FORWARD, IDLE)]
     if phase == 50:
         return [(BACK, SUCCESS), (TURN, RUNNING)]
     if phase == 59:
@@ -143,7 +143,7 @@ def run() -> Callable[..., Any]:
 
 
 class Recording:
-    """Rows of an .rrd by entity and component: [(t in ns, None if static, values)] in order of t."""
+    """Rows of an .rrd by entity and component: (time in ns or None if static, values), in order of time."""
 
     def __init__(self, path: Path) -> None:
         self.rows = defaultdict(list)
@@ -216,8 +216,7 @@ def _big_tree(count: int) -> ObservedTree:
         steps = add("Steps", "control", task, path) if len(nodes) < count else 0
         for _ in range(min(8, count - len(nodes))):
             add(f"Leaf{len(nodes)}", "action", steps, path)
-    made = tuple(ObservedNode(**node) for node in nodes)
-    return ObservedTree("e" * 32, "Day", made, {"": "Day"})
+    return ObservedTree("e" * 32, "Day", tuple(ObservedNode(**node) for node in nodes), {"": "Day"})
 
 
 @pytest.fixture
@@ -247,10 +246,10 @@ def vulkan(tmp_path_factory: pytest.TempPathFactory) -> None:
     screen.close()
     try:
         write_screenshot(path, folder / "probe.png", size=(640, 480))
-    except ScreenError as fault:
-        if os.environ.get("CI") == "true" or "Vulkan driver" not in str(fault):
+    except ScreenError as error:
+        if os.environ.get("CI") == "true" or "Vulkan driver" not in str(error):
             raise
-        pytest.skip(str(fault))
+        pytest.skip(str(error))
 
 
 def _one_node() -> TreeEvent:
@@ -262,7 +261,7 @@ def _blueprints(path: Path) -> list[dict[str, list[Any]]]:
     reader = RrdReader(path)
     sent = []
     for store in reader.blueprints():
-        found: dict[str, list[Any]] = defaultdict(list)
+        values: dict[str, list[Any]] = defaultdict(list)
         logged = 0
         for chunk in reader.stream(store=store):
             batch = chunk.to_record_batch()
@@ -270,12 +269,12 @@ def _blueprints(path: Path) -> list[dict[str, list[Any]]]:
                 logged = max(logged, *batch.column("log_time").cast("int64").to_pylist())
             for name in batch.schema.names:
                 if ":" in name:
-                    found[name] += [row for row in batch.column(name).to_pylist() if row]
-        sent.append((logged, found))
-    return [found for _, found in sorted(sent, key=lambda each: each[0])]
+                    values[name] += [row for row in batch.column(name).to_pylist() if row]
+        sent.append((logged, values))
+    return [values for _, values in sorted(sent, key=lambda entry: entry[0])]
 
 
 @pytest.fixture
 def blueprints() -> Callable[..., Any]:
-    """``blueprints(path)``: component → its values, of each blueprint in the order of sending."""
+    """``blueprints(path)``: component → values, of each blueprint in the order of sending."""
     return _blueprints

@@ -23,14 +23,14 @@ REPLY_HEADER = struct.Struct("<BBI16s")
 
 
 def frames(name: str) -> list[bytes]:
-    """The frames of a capture: each a length (u32) and as many bytes."""
+    """Return the frames of a capture, each of which follows its length (u32) in the file."""
     data = (CAPTURES / f"v4_{name}.bin").read_bytes()
-    found = []
+    parts = []
     while data:
         (size,) = struct.unpack_from("<I", data)
-        found.append(data[4 : 4 + size])
+        parts.append(data[4 : 4 + size])
         data = data[4 + size :]
-    return found
+    return parts
 
 
 class RefusalError(Exception):
@@ -41,9 +41,9 @@ class CppRobot:
     """A robot with the captures' tree of ten nodes, until :meth:`close`; port 0 chooses a free port.
 
     *statuses* is the STATUS buffer (uid → code); a node's status signal calls *changed*. *asked*
-    counts requests by their letter. *hooks* is the reply to HOOKS_DUMP. *refused* maps a letter to the error
-    in the reply, *delay* (s) is the duration of a reply, and at a request *stall_at* the robot does not
-    respond until :meth:`resume`.
+    counts requests by their letter. *hooks* is the reply to HOOKS_DUMP. *refused* maps the letter of a
+    request to the error in the reply. A reply takes *delay* (s). The robot does not respond to the requests
+    with the letter *stall_at* until :meth:`resume`, and loses one reply to those with *drop_reply_to*.
     """
 
     def __init__(self, port: int = 0, xml: bytes | None = None, tree_id: bytes | None = None) -> None:

@@ -1,3 +1,5 @@
+"""Goals of a server: order, cancellation, pre-emption and rejection."""
+
 import pytest
 
 from btcore_navigation.action import ActionServer, GoalHandle, GoalStatus

@@ -1,3 +1,5 @@
+"""Costmaps: costs, readings that mark and clear, keepouts, and clearing on request."""
+
 import math
 from dataclasses import replace
 

@@ -1,3 +1,5 @@
+"""Parameter files of Nav2: which keys are read, and what is reported of the others."""
+
 import json
 import threading
 from collections.abc import Callable

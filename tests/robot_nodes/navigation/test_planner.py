@@ -1,3 +1,5 @@
+"""The planner: cheapest paths, smoothing, tolerances and errors."""
+
 import math
 from itertools import pairwise
 from typing import Any

@@ -1,4 +1,4 @@
-"""The server of these tests is also that of the acceptance script."""
+"""The server of these tests, which an acceptance script also uses."""
 
 import sys
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="module")
 def server() -> "Iterator[ServerProcess]":
-    """The server whose behavior is part of each goal, in another process."""
+    """A server in another process; each goal determines what the server does."""
     from planned_server import planned_server
 
     with planned_server() as process:

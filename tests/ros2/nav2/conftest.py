@@ -17,8 +17,7 @@ from btcore.clock import NS_PER_S
 from btcore_navigation import nodes as nav2_nodes
 from btcore_navigation.nodes import action_node
 
-LIMIT = 120.0  # s: for a machine that is much slower
-
+LIMIT = 120.0  # s, the longest wait on a slow machine
 
 LONG_TIMEOUTS = """
 from btcore_navigation.nodes import action_node
@@ -85,14 +84,14 @@ class ClientRig:
         """Return the names of the servers that have received something, in order."""
         return [name for name, _ in self.received]
 
-    def tree(self, inside: str, **board: object) -> Tree:
-        """Return a tree with the content *inside*, on a blackboard with the entries *board*."""
+    def tree(self, content: str, **entries: object) -> Tree:
+        """Return a tree with the XML *content*, on a blackboard with *entries*."""
         nodes = Registry.standard()
         nav2_nodes.register(nodes)
         nodes.add_plugin("btcore_ros2.nav2.nodes")
-        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{inside}</BehaviorTree></root>'
+        text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{content}</BehaviorTree></root>'
         tree = btcore.loads(text, nodes=nodes, resources=[self.client], clock=self.session.clock)
-        for key, value in board.items():
+        for key, value in entries.items():
             tree.blackboard[key] = value
         return tree
 
@@ -120,10 +119,10 @@ def _handles(tree: Tree) -> list[dict[str, object]]:
 
 @pytest.fixture(scope="module")
 def shared_rig(plain_nav2: subprocess.Popen[str]) -> Iterator[ClientRig]:
-    """A rig that has found the other process."""
+    """A rig that is connected with the other process."""
     rig = ClientRig()
     rig.client.odometry()
-    found = rig.session.wait_for(
+    is_connected = rig.session.wait_for(
         lambda: (
             rig.client.pose()
             and rig.client.odometry()
@@ -132,7 +131,7 @@ def shared_rig(plain_nav2: subprocess.Popen[str]) -> Iterator[ClientRig]:
         ),
         LIMIT,
     )
-    assert found
+    assert is_connected
     yield rig
     rig.session.close()
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent
 
 LIMIT = 60.0
-"""The longest wait (s) for anything, on a slow machine."""
+"""The longest wait (s), on a slow machine."""
 
 # The limits of the topics are long, because a busy machine may stop the process of the robot for a while.
 DESCRIPTION = """\

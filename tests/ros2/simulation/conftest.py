@@ -1,4 +1,4 @@
-"""Fixtures: the simulated robot in a process of its own, and a ROS node that talks to it."""
+"""Fixtures: the simulated robot in a process of its own, and a ROS node that is connected with it."""
 
 from collections.abc import Callable, Iterator
 

@@ -14,11 +14,10 @@ from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import LaserInfo, LaserScan, Odometry, Pose2D, TransformStamped, Twist2D
 from btcore_robot.transforms import TransformTree
 from tests.robot_nodes.conftest import RecordingRobot
-from tests.robot_nodes.navigation.conftest import box_distances
+from tests.robot_nodes.navigation.conftest import LASER_X, box_distances
 
 Box = tuple[float, float, float, float]
 RAYS = 666
-AHEAD = 0.202  # m from the robot's middle to its laser
 NS_PER_S = 1_000_000_000
 
 ROOM: tuple[Box, ...] = (
@@ -39,13 +38,13 @@ RING: tuple[Box, ...] = (
 )
 
 
-def look(
+def scan_at(
     boxes: Sequence[Box], pose: Pose2D, random: np.random.Generator, sigma: float = 0.06, stamp: int = 0
 ) -> LaserScan:
     """Return a scan with noise, of a robot at *pose*."""
     half = math.radians(110.0)
     angles = np.linspace(-half, half, RAYS) + pose.yaw
-    x, y = pose.x + AHEAD * math.cos(pose.yaw), pose.y + AHEAD * math.sin(pose.yaw)
+    x, y = pose.x + LASER_X * math.cos(pose.yaw), pose.y + LASER_X * math.sin(pose.yaw)
     ranges = box_distances(boxes, x, y, angles)
     ranges = ranges + sigma * random.standard_normal(RAYS)
     ranges = np.where(ranges < 0.05, -np.inf, ranges)
@@ -54,8 +53,8 @@ def look(
     )
 
 
-class LedRobot(RecordingRobot):
-    """A robot that the test moves along a path; the test also sets its odometry."""
+class MovedRobot(RecordingRobot):
+    """A robot that the rig moves, and whose odometry the rig sets."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -76,7 +75,7 @@ class LedRobot(RecordingRobot):
 class MappingRig:
     """A robot that is moved through *boxes*, and its mapper.
 
-    The wheels report *stretch* metres for every metre, and *slip* radians for every radian.
+    Odometry reports *stretch* metres for every metre, and *slip* radians for every radian.
     """
 
     def __init__(
@@ -93,11 +92,11 @@ class MappingRig:
         self.true = start
         self.stretch, self.slip = stretch, slip
         self.random = np.random.default_rng([seed, 7])
-        self.robot = LedRobot()
+        self.robot = MovedRobot()
         self.tree = TransformTree()
-        still = (0.0, 0.0, 0.0, 1.0)
+        unrotated = (0.0, 0.0, 0.0, 1.0)
         self.tree.set_static(
-            TransformStamped("base_laser_link", "base_footprint", (AHEAD, 0.0, 0.0945), still, 0)
+            TransformStamped("base_laser_link", "base_footprint", (LASER_X, 0.0, 0.0945), unrotated, 0)
         )
         self.time = 0
         self.mapper = Mapper(self.robot, self.tree, start=start, loops=loops)
@@ -121,9 +120,9 @@ class MappingRig:
             self._move(0.0, angle / count)
 
     def interrupt(self, restarted: Pose2D | None) -> None:
-        """Stop the odometry for a second; then it starts at *restarted*, or goes on."""
+        """Stop the odometry for a second. Then it starts at *restarted*, or continues if that is None."""
         self.time += NS_PER_S
-        self.robot.newest_scan = look(self.boxes, self.true, self.random, stamp=self.time)
+        self.robot.newest_scan = scan_at(self.boxes, self.true, self.random, stamp=self.time)
         self.mapper.step(self.time)
         if restarted is not None:
             self.robot.reported = Odometry(restarted, Twist2D(0.0, 0.0), self.time)
@@ -147,28 +146,28 @@ class MappingRig:
         x, y, _ = (start * reported).position
         return math.hypot(x - self.true.x, y - self.true.y)
 
-    def _move(self, way: float, angle: float) -> None:
+    def _move(self, distance: float, angle: float) -> None:
         self.time += NS_PER_S // 10
-        self.true = _onward(self.true, way, angle)
-        pose = _onward(self.robot.reported.pose, way * self.stretch, angle * self.slip)
-        self.robot.reported = Odometry(pose, Twist2D(10 * way, 10 * angle), self.time)
-        self._see()
+        self.true = _moved(self.true, distance, angle)
+        pose = _moved(self.robot.reported.pose, distance * self.stretch, angle * self.slip)
+        self.robot.reported = Odometry(pose, Twist2D(10 * distance, 10 * angle), self.time)
+        self._update_scan()
 
-    def _see(self) -> None:
+    def _update_scan(self) -> None:
         pose = self.robot.reported.pose
-        turned = (0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2))
-        self.tree.set(TransformStamped("base_footprint", "odom", (pose.x, pose.y, 0.0), turned, self.time))
-        self.robot.newest_scan = look(self.boxes, self.true, self.random, stamp=self.time)
+        rotation = (0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2))
+        self.tree.set(TransformStamped("base_footprint", "odom", (pose.x, pose.y, 0.0), rotation, self.time))
+        self.robot.newest_scan = scan_at(self.boxes, self.true, self.random, stamp=self.time)
         before = len(self.mapper.scans)
         self.mapper.step(self.time)
         if len(self.mapper.scans) > before:
             self.key_poses.append(self.true)
 
 
-def _onward(pose: Pose2D, way: float, angle: float) -> Pose2D:
+def _moved(pose: Pose2D, distance: float, angle: float) -> Pose2D:
     return Pose2D(
-        pose.x + way * math.cos(pose.yaw),
-        pose.y + way * math.sin(pose.yaw),
+        pose.x + distance * math.cos(pose.yaw),
+        pose.y + distance * math.sin(pose.yaw),
         math.remainder(pose.yaw + angle, math.tau),
     )
 
@@ -184,8 +183,8 @@ def seen() -> Callable[..., KeyScan]:
     """Return the function `seen(boxes, pose, seed)`, which returns the key scan at a pose."""
 
     def make(boxes: Sequence[Box], pose: Pose2D, seed: int = 0) -> KeyScan:
-        scan = look(boxes, pose, np.random.default_rng([seed, 3]))
-        sweep = LocalisedScan(scan, Transform((AHEAD, 0.0, 0.0945)), Pose2D(0.0, 0.0, 0.0))
+        scan = scan_at(boxes, pose, np.random.default_rng([seed, 3]))
+        sweep = LocalisedScan(scan, Transform((LASER_X, 0.0, 0.0945)), Pose2D(0.0, 0.0, 0.0))
         return key_scan([sweep], 0.0)
 
     return make

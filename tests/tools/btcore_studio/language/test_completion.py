@@ -1,3 +1,5 @@
+"""Completion: tags, ports, values, keys, calls of trees, and paths."""
+
 import re
 from collections.abc import Callable
 from functools import partial

@@ -1,4 +1,6 @@
 # ruff: noqa: E501 - the layout is the result
+"""Formatting changes white space alone, and code lenses are above each tree."""
+
 import random
 import re
 from collections.abc import Iterator

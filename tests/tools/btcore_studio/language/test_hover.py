@@ -1,3 +1,5 @@
+"""The descriptions of nodes, attributes, keys and trees."""
+
 from collections.abc import Callable
 from pathlib import Path
 

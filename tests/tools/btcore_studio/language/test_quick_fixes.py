@@ -1,4 +1,6 @@
 # ruff: noqa: E501 - each case is a line
+"""Quick fixes of diagnostics, and the conversion to format 4."""
+
 from pathlib import Path
 
 import pytest

@@ -1,3 +1,5 @@
+"""Positions of editors, in UTF-16 code units, and offsets in the text."""
+
 from hypothesis import given
 from hypothesis import strategies as st
 from lsprotocol.types import Position
