@@ -18,7 +18,7 @@ from tests.ros2.action_client import LIMIT_S, ClientProcess
 FIBONACCI = "test_msgs/action/Fibonacci"
 
 
-class Setting:
+class ServerRig:
     """A session with an action server, and the client."""
 
     def __init__(self, session: RosSession) -> None:
@@ -53,95 +53,95 @@ class Setting:
 
 
 @pytest.fixture(scope="module")
-def setting() -> Iterator[Setting]:
+def rig() -> Iterator[ServerRig]:
     with RosSession("test") as session:
-        made = Setting(session)
+        made = ServerRig(session)
         yield made
         made.server.close()
         made.client.close()
 
 
-def test_goal_waits_until_taken(setting: Setting) -> None:
-    number = setting.send(3)
-    (waiting,) = setting.server.waiting
+def test_goal_waits_until_taken(rig: ServerRig) -> None:
+    number = rig.send(3)
+    (waiting,) = rig.server.waiting
     assert waiting._handle.status == GoalStatus.STATUS_ACCEPTED
-    goal = setting.server.take()
+    goal = rig.server.take()
     assert goal is waiting
     assert goal.request.order == 3
     assert goal._handle.status == GoalStatus.STATUS_EXECUTING
-    assert setting.server.take() is None
+    assert rig.server.take() is None
     goal.publish_feedback(Fibonacci.Feedback(sequence=[0]))
-    setting.wait_for(lambda: setting.client.feedback(number) == [{"sequence": [0]}])
+    rig.wait_for(lambda: rig.client.feedback(number) == [{"sequence": [0]}])
     goal.succeed(Fibonacci.Result(sequence=[0, 1, 1]))
     assert not goal.is_active
-    setting.expect_result(number, GoalStatus.STATUS_SUCCEEDED, [0, 1, 1])
+    rig.expect_result(number, GoalStatus.STATUS_SUCCEEDED, [0, 1, 1])
 
 
-def test_result_that_is_requested_before_the_end(setting: Setting) -> None:
-    number = setting.send(1)
-    goal = setting.server.take()
-    setting.wait_for_result_requests()
+def test_result_that_is_requested_before_the_end(rig: ServerRig) -> None:
+    number = rig.send(1)
+    goal = rig.server.take()
+    rig.wait_for_result_requests()
     goal.abort(Fibonacci.Result(sequence=[7]))
-    setting.expect_result(number, GoalStatus.STATUS_ABORTED, [7])
+    rig.expect_result(number, GoalStatus.STATUS_ABORTED, [7])
 
 
-def test_goal_that_has_ended_keeps_its_status(setting: Setting) -> None:
-    number = setting.send(1)
-    goal = setting.server.take()
+def test_goal_that_has_ended_keeps_its_status(rig: ServerRig) -> None:
+    number = rig.send(1)
+    goal = rig.server.take()
     goal.succeed(Fibonacci.Result(sequence=[1]))
     goal.abort(Fibonacci.Result(sequence=[2]))
     goal.publish_feedback(Fibonacci.Feedback(sequence=[3]))
-    setting.expect_result(number, GoalStatus.STATUS_SUCCEEDED, [1])
+    rig.expect_result(number, GoalStatus.STATUS_SUCCEEDED, [1])
 
 
-def test_rejected_goal(setting: Setting) -> None:
-    setting.client.send("count", FIBONACCI, {"order": -1}, accepted=False)
-    assert not setting.server.waiting
+def test_rejected_goal(rig: ServerRig) -> None:
+    rig.client.send("count", FIBONACCI, {"order": -1}, accepted=False)
+    assert not rig.server.waiting
 
 
-def test_cancelled_goal(setting: Setting) -> None:
-    number = setting.send(1)
-    goal = setting.server.take()
+def test_cancelled_goal(rig: ServerRig) -> None:
+    number = rig.send(1)
+    goal = rig.server.take()
     assert not goal.cancel_requested
-    setting.cancel(number, lambda: goal.cancel_requested)
+    rig.cancel(number, lambda: goal.cancel_requested)
     assert goal.is_active
     goal.canceled(Fibonacci.Result(sequence=[4]))
-    setting.expect_result(number, GoalStatus.STATUS_CANCELED, [4])
+    rig.expect_result(number, GoalStatus.STATUS_CANCELED, [4])
 
 
-def test_cancelled_goal_may_still_succeed(setting: Setting) -> None:
-    number = setting.send(1)
-    goal = setting.server.take()
-    setting.cancel(number, lambda: goal.cancel_requested)
+def test_cancelled_goal_may_still_succeed(rig: ServerRig) -> None:
+    number = rig.send(1)
+    goal = rig.server.take()
+    rig.cancel(number, lambda: goal.cancel_requested)
     goal.succeed()
-    setting.expect_result(number, GoalStatus.STATUS_SUCCEEDED)
+    rig.expect_result(number, GoalStatus.STATUS_SUCCEEDED)
 
 
-def test_waiting_goal_that_is_cancelled_is_not_taken(setting: Setting) -> None:
-    first, second = setting.send(1), setting.send(2)
-    goal = setting.server.take()
-    setting.cancel(second, lambda: not setting.server.waiting)
-    setting.expect_result(second, GoalStatus.STATUS_CANCELED)
+def test_waiting_goal_that_is_cancelled_is_not_taken(rig: ServerRig) -> None:
+    first, second = rig.send(1), rig.send(2)
+    goal = rig.server.take()
+    rig.cancel(second, lambda: not rig.server.waiting)
+    rig.expect_result(second, GoalStatus.STATUS_CANCELED)
     goal.succeed()
-    setting.expect_result(first, GoalStatus.STATUS_SUCCEEDED)
-    assert setting.server.take() is None
+    rig.expect_result(first, GoalStatus.STATUS_SUCCEEDED)
+    assert rig.server.take() is None
 
 
-def test_take_newest_aborts_older_goals(setting: Setting) -> None:
-    numbers = [setting.send(order) for order in (1, 2, 3)]
-    goal = setting.server.take_newest()
+def test_take_newest_aborts_older_goals(rig: ServerRig) -> None:
+    numbers = [rig.send(order) for order in (1, 2, 3)]
+    goal = rig.server.take_newest()
     assert goal.request.order == 3
     for number in numbers[:2]:
-        setting.expect_result(number, GoalStatus.STATUS_ABORTED)
+        rig.expect_result(number, GoalStatus.STATUS_ABORTED)
     goal.canceled()  # replaced, not cancelled by the client
-    setting.expect_result(numbers[2], GoalStatus.STATUS_ABORTED)
+    rig.expect_result(numbers[2], GoalStatus.STATUS_ABORTED)
 
 
-def test_close_ends_goals(setting: Setting) -> None:
+def test_close_ends_goals(rig: ServerRig) -> None:
     """The last test: afterwards there is no server."""
-    numbers = [setting.send(1), setting.send(2)]
-    setting.server.take()
-    setting.wait_for_result_requests()
-    setting.server.close()
+    numbers = [rig.send(1), rig.send(2)]
+    rig.server.take()
+    rig.wait_for_result_requests()
+    rig.server.close()
     for number in numbers:
-        setting.expect_result(number, GoalStatus.STATUS_ABORTED)
+        rig.expect_result(number, GoalStatus.STATUS_ABORTED)

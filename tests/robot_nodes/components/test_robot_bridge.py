@@ -17,7 +17,7 @@ from btcore_robot.robot import CameraImage, HeadPosition, LaserScan, Odometry, P
 from tests.robot_nodes.conftest import RecordingRobot
 
 
-class Bridged:
+class BridgeRig:
     """A robot with a bridge, and a component that uses its topics."""
 
     def __init__(self, robot: RecordingRobot) -> None:
@@ -37,60 +37,60 @@ class Bridged:
 
 
 @pytest.fixture
-def bridged(robot: RecordingRobot) -> Bridged:
-    return Bridged(robot)
+def rig(robot: RecordingRobot) -> BridgeRig:
+    return BridgeRig(robot)
 
 
-def test_each_scan_is_published_once(bridged: Bridged) -> None:
-    bridged.listen("/scan_raw", LaserScan)
-    bridged.robot.see(1.0)
-    bridged.sleep(0.1)
-    first = bridged.robot.newest_scan
-    bridged.robot.see(2.0)
-    bridged.sleep(0.1)
-    assert bridged.received == [first, bridged.robot.newest_scan]
+def test_each_scan_is_published_once(rig: BridgeRig) -> None:
+    rig.listen("/scan_raw", LaserScan)
+    rig.robot.see(1.0)
+    rig.sleep(0.1)
+    first = rig.robot.newest_scan
+    rig.robot.see(2.0)
+    rig.sleep(0.1)
+    assert rig.received == [first, rig.robot.newest_scan]
     assert SCAN_TOPIC == "/scan_raw"
 
 
-def test_odometry_is_published_fifty_times_a_second(bridged: Bridged) -> None:
-    bridged.listen(ODOMETRY_TOPIC, Odometry)
-    bridged.robot.pose = Pose2D(1.0, 2.0, 0.5)
-    bridged.sleep(1.0)
-    assert len(bridged.received) == 50
-    assert bridged.received[-1].pose == Pose2D(1.0, 2.0, 0.5)
+def test_odometry_is_published_fifty_times_a_second(rig: BridgeRig) -> None:
+    rig.listen(ODOMETRY_TOPIC, Odometry)
+    rig.robot.pose = Pose2D(1.0, 2.0, 0.5)
+    rig.sleep(1.0)
+    assert len(rig.received) == 50
+    assert rig.received[-1].pose == Pose2D(1.0, 2.0, 0.5)
 
 
-def test_the_head_is_published_and_commanded(bridged: Bridged) -> None:
-    bridged.listen(JOINT_STATE, HeadPosition)
-    bridged.robot.head_position = HeadPosition(0.1, 0.2, 7)
-    bridged.other.create_publisher(JOINT_COMMAND, HeadCommand).publish(HeadCommand(0.3, -0.1))
-    bridged.sleep(0.1)
-    assert bridged.received == [HeadPosition(0.1, 0.2, 7)]
-    assert bridged.robot.head_commands == [(0.3, -0.1)]
+def test_the_head_is_published_and_commanded(rig: BridgeRig) -> None:
+    rig.listen(JOINT_STATE, HeadPosition)
+    rig.robot.head_position = HeadPosition(0.1, 0.2, 7)
+    rig.other.create_publisher(JOINT_COMMAND, HeadCommand).publish(HeadCommand(0.3, -0.1))
+    rig.sleep(0.1)
+    assert rig.received == [HeadPosition(0.1, 0.2, 7)]
+    assert rig.robot.head_commands == [(0.3, -0.1)]
 
 
 @pytest.mark.parametrize(
     ("topic", "priority"), [("/cmd_vel", 10), ("/nav_vel", 10), ("/key_vel", 90), ("/joy_vel", 100)]
 )
-def test_velocities_are_passed_on_with_their_priority(bridged: Bridged, topic: str, priority: int) -> None:
+def test_velocities_are_passed_on_with_their_priority(rig: BridgeRig, topic: str, priority: int) -> None:
     reported: list[int] = []
-    drive = bridged.robot.drive
-    bridged.robot.drive = lambda v, w, *, priority: (reported.append(priority), drive(v, w))
-    bridged.other.create_publisher(topic, Twist2D).publish(Twist2D(0.2, 0.1))
-    bridged.sleep(0.0)
-    assert bridged.robot.commands == [(0.2, 0.1)]
+    drive = rig.robot.drive
+    rig.robot.drive = lambda v, w, *, priority: (reported.append(priority), drive(v, w))
+    rig.other.create_publisher(topic, Twist2D).publish(Twist2D(0.2, 0.1))
+    rig.sleep(0.0)
+    assert rig.robot.commands == [(0.2, 0.1)]
     assert reported == [priority]
 
 
-def test_a_picture_is_requested_only_while_there_is_a_subscriber(bridged: Bridged) -> None:
+def test_a_picture_is_requested_only_while_there_is_a_subscriber(rig: BridgeRig) -> None:
     asked: list[int] = []
     picture = CameraImage(np.zeros((2, 2, 3), dtype=np.uint8), 5, "camera")
-    bridged.robot.camera = lambda: (asked.append(1), picture)[1]
-    bridged.sleep(0.5)
+    rig.robot.camera = lambda: (asked.append(1), picture)[1]
+    rig.sleep(0.5)
     assert asked == []
-    bridged.listen(IMAGE_TOPIC, CameraImage)
-    bridged.sleep(0.5)
-    assert bridged.received == [picture]
+    rig.listen(IMAGE_TOPIC, CameraImage)
+    rig.sleep(0.5)
+    assert rig.received == [picture]
 
 
 def test_a_bridge_without_a_robot_is_refused(robot: RecordingRobot) -> None:

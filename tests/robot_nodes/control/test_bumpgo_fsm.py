@@ -30,7 +30,7 @@ SECOND = 10**9
 AHEAD, BACK, LEFT, STAND = Twist2D(0.3, 0.0), Twist2D(-0.3, 0.0), Twist2D(0.0, 0.3), Twist2D(0.0, 0.0)
 
 
-class Bumping:
+class BumpGoRig:
     """The component, a laser whose ranges the test sets, and the component's messages with the time (s)."""
 
     def __init__(self, robot: RecordingRobot, kind: type[BumpGo] = BumpGo) -> None:
@@ -66,41 +66,41 @@ class Bumping:
 
 
 def test_before_the_first_scan_no_command_is_sent(robot: RecordingRobot) -> None:
-    bumping = Bumping(robot)
-    bumping.alive = False
-    bumping.run(3.0)
-    assert bumping.commands == []
+    rig = BumpGoRig(robot)
+    rig.alive = False
+    rig.run(3.0)
+    assert rig.commands == []
 
 
 def test_a_command_is_sent_twenty_times_a_second(robot: RecordingRobot) -> None:
-    bumping = Bumping(robot)
-    bumping.run(2.0)
-    assert [twist for _, twist in bumping.commands] == [AHEAD] * 40
+    rig = BumpGoRig(robot)
+    rig.run(2.0)
+    assert [twist for _, twist in rig.commands] == [AHEAD] * 40
 
 
 @pytest.mark.parametrize(("distance", "state"), [(1.01, BumpGoState.FORWARD), (0.99, BumpGoState.BACK)])
 def test_reading_below_1_m_is_an_obstacle(robot: RecordingRobot, distance: float, state: BumpGoState) -> None:
-    bumping = Bumping(robot)
-    bumping.ahead(distance)
-    bumping.run(0.2)
-    assert bumping.component.state is state
+    rig = BumpGoRig(robot)
+    rig.ahead(distance)
+    rig.run(0.2)
+    assert rig.component.state is state
 
 
 def test_only_the_middle_reading_is_used(robot: RecordingRobot) -> None:
-    bumping = Bumping(robot)
-    bumping.ranges = [0.2] * 9
-    bumping.ahead(5.0)
-    bumping.run(1.0)
-    assert bumping.component.state is BumpGoState.FORWARD
+    rig = BumpGoRig(robot)
+    rig.ranges = [0.2] * 9
+    rig.ahead(5.0)
+    rig.run(1.0)
+    assert rig.component.state is BumpGoState.FORWARD
 
 
 def test_the_robot_drives_back_for_2_s_turns_left_for_2_s_and_goes_on(robot: RecordingRobot) -> None:
-    bumping = Bumping(robot)
-    bumping.ahead(0.5)
-    bumping.run(0.1)
-    bumping.ahead(5.0)
-    bumping.run(6.0)
-    commands = [twist for _, twist in bumping.commands]
+    rig = BumpGoRig(robot)
+    rig.ahead(0.5)
+    rig.run(0.1)
+    rig.ahead(5.0)
+    rig.run(6.0)
+    commands = [twist for _, twist in rig.commands]
     backs, turns = commands.count(BACK), commands.count(LEFT)
     # "after more than 2 s", and in the cycle of the change the velocity is still the old state's
     assert (backs, turns) == (41, 41)
@@ -111,35 +111,35 @@ def test_the_robot_drives_back_for_2_s_turns_left_for_2_s_and_goes_on(robot: Rec
 
 
 def test_the_cycle_of_a_state_change_still_sends_the_old_velocity(robot: RecordingRobot) -> None:
-    bumping = Bumping(robot)
-    bumping.ahead(0.5)
-    bumping.run(0.1)
-    assert bumping.commands[0] == (0.05, AHEAD)
-    assert bumping.commands[1] == (0.1, BACK)
+    rig = BumpGoRig(robot)
+    rig.ahead(0.5)
+    rig.run(0.1)
+    assert rig.commands[0] == (0.05, AHEAD)
+    assert rig.commands[1] == (0.1, BACK)
 
 
 def test_the_robot_stops_while_the_scan_is_older_than_a_second(robot: RecordingRobot) -> None:
-    bumping = Bumping(robot)
-    bumping.run(1.0)
-    bumping.alive = False
-    bumping.run(2.0)
-    assert bumping.component.state is BumpGoState.STOP
+    rig = BumpGoRig(robot)
+    rig.run(1.0)
+    rig.alive = False
+    rig.run(2.0)
+    assert rig.component.state is BumpGoState.STOP
     # the last scan is of 0.9 s; at 1.95 s it is too old; that cycle still sends the old state's command
-    assert next(time for time, twist in bumping.commands if twist == STAND) == pytest.approx(2.0)
-    bumping.alive = True
-    bumping.run(0.3)
-    assert bumping.component.state is BumpGoState.FORWARD
-    assert bumping.commands[-1][1] == AHEAD
+    assert next(time for time, twist in rig.commands if twist == STAND) == pytest.approx(2.0)
+    rig.alive = True
+    rig.run(0.3)
+    assert rig.component.state is BumpGoState.FORWARD
+    assert rig.commands[-1][1] == AHEAD
 
 
 def test_back_has_priority_over_stop(robot: RecordingRobot) -> None:
-    bumping = Bumping(robot)
-    bumping.ahead(0.5)
-    bumping.scans.publish(bumping.scan())
+    rig = BumpGoRig(robot)
+    rig.ahead(0.5)
+    rig.scans.publish(rig.scan())
     late = LaserScan(np.array([0.5], dtype=np.float32), -2 * SECOND, 0.0, 0.1, 0.05, 25.0, "laser")
-    bumping.scans.publish(late)
-    bumping.clock.sleep(0.05)
-    assert bumping.component.state is BumpGoState.BACK
+    rig.scans.publish(late)
+    rig.clock.sleep(0.05)
+    assert rig.component.state is BumpGoState.BACK
 
 
 # --- exercises
@@ -147,11 +147,11 @@ def test_back_has_priority_over_stop(robot: RecordingRobot) -> None:
 
 @pytest.mark.parametrize(("index", "side"), [(6, -1.0), (2, 1.0)])
 def test_exercise_robot_turns_to_freer_diagonal(robot: RecordingRobot, index: int, side: float) -> None:
-    bumping = Bumping(robot, Diagonals)
-    bumping.ranges[index] = 0.4
-    bumping.run(3.0)
-    assert bumping.component.state is BumpGoState.TURN
-    assert bumping.commands[-1][1] == Twist2D(0.0, side * 0.3)
+    rig = BumpGoRig(robot, Diagonals)
+    rig.ranges[index] = 0.4
+    rig.run(3.0)
+    assert rig.component.state is BumpGoState.TURN
+    assert rig.commands[-1][1] == Twist2D(0.0, side * 0.3)
 
 
 def test_exercise_the_freest_direction_has_room_to_both_sides(robot: RecordingRobot) -> None:
@@ -216,23 +216,23 @@ def test_exercise_closed_loop_the_robot_does_not_run_into_corners_beside_the_mid
 
 
 def test_exercise_open_loop_the_turning_time_is_angle_over_speed(robot: RecordingRobot) -> None:
-    bumping = Bumping(robot, OpenLoop)
-    bumping.ranges = [0.5] * 9
-    bumping.ranges[6:] = [8.0, 8.0, 8.0]
-    bumping.run(2.3)
-    bumping.ranges = [8.0] * 9
-    bumping.run(6.0)
-    turns = [time for time, twist in bumping.commands if twist == LEFT]
-    assert bumping.component.angle > 0.5
-    assert turns[-1] - turns[0] == pytest.approx(bumping.component.angle / 0.3, abs=0.15)
+    rig = BumpGoRig(robot, OpenLoop)
+    rig.ranges = [0.5] * 9
+    rig.ranges[6:] = [8.0, 8.0, 8.0]
+    rig.run(2.3)
+    rig.ranges = [8.0] * 9
+    rig.run(6.0)
+    turns = [time for time, twist in rig.commands if twist == LEFT]
+    assert rig.component.angle > 0.5
+    assert turns[-1] - turns[0] == pytest.approx(rig.component.angle / 0.3, abs=0.15)
 
 
 def test_exercise_closed_loop_the_robot_turns_until_the_way_is_clear(robot: RecordingRobot) -> None:
-    bumping = Bumping(robot, ClosedLoop)
-    bumping.ranges = [0.5] * 9
-    bumping.ranges[8] = 8.0
-    bumping.run(8.0)
-    assert bumping.component.state is BumpGoState.TURN
-    bumping.ranges = [8.0] * 9
-    bumping.run(0.2)
-    assert bumping.component.state is BumpGoState.FORWARD
+    rig = BumpGoRig(robot, ClosedLoop)
+    rig.ranges = [0.5] * 9
+    rig.ranges[8] = 8.0
+    rig.run(8.0)
+    assert rig.component.state is BumpGoState.TURN
+    rig.ranges = [8.0] * 9
+    rig.run(0.2)
+    assert rig.component.state is BumpGoState.FORWARD

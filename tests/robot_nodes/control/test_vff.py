@@ -101,7 +101,7 @@ VELOCITIES = {
 }
 
 
-class Avoiding:
+class AvoidanceRig:
     """The avoidance component with a scan at 30 Hz, and its messages."""
 
     def __init__(self, robot: RecordingRobot, kind: type[Avoidance] = Avoidance) -> None:
@@ -129,36 +129,36 @@ class Avoiding:
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_velocity_after_a_second_of_scans_at_30_hz(robot: RecordingRobot, case: str) -> None:
-    avoiding = Avoiding(robot)
-    avoiding.run(CASES[case], 1.0)
-    last = avoiding.commands[-1]
-    assert len(avoiding.commands) == pytest.approx(20, abs=1)
+    rig = AvoidanceRig(robot)
+    rig.run(CASES[case], 1.0)
+    last = rig.commands[-1]
+    assert len(rig.commands) == pytest.approx(20, abs=1)
     assert VELOCITIES[case](last.v, last.w), last
 
 
 def test_no_command_is_sent_for_a_scan_older_than_a_second(robot: RecordingRobot) -> None:
-    avoiding = Avoiding(robot)
-    avoiding.scans.publish(scan_of())
+    rig = AvoidanceRig(robot)
+    rig.scans.publish(scan_of())
     robot.clock.sleep(1.0)
-    assert len(avoiding.commands) == 20
-    avoiding.commands.clear()
+    assert len(rig.commands) == 20
+    rig.commands.clear()
     robot.clock.sleep(2.0)
-    assert avoiding.commands == []
+    assert rig.commands == []
 
 
 def test_no_command_is_sent_without_a_scan(robot: RecordingRobot) -> None:
-    avoiding = Avoiding(robot)
+    rig = AvoidanceRig(robot)
     robot.clock.sleep(1.0)
-    assert avoiding.commands == []
+    assert rig.commands == []
 
 
 def test_the_arrows_are_published_for_subscribers_only(robot: RecordingRobot) -> None:
-    avoiding = Avoiding(robot)
-    avoiding.run(CASES["4 ahead to the right"], 0.5)
+    rig = AvoidanceRig(robot)
+    rig.run(CASES["4 ahead to the right"], 0.5)
     received: list[Arrows] = []
-    assert not avoiding.component.arrows.has_subscribers
-    avoiding.laser.create_subscription("vff_debug", Arrows, received.append)
-    avoiding.run(CASES["4 ahead to the right"], 0.5)
+    assert not rig.component.arrows.has_subscribers
+    rig.laser.create_subscription("vff_debug", Arrows, received.append)
+    rig.run(CASES["4 ahead to the right"], 0.5)
     arrows = {arrow.number: arrow for arrow in received[-1].arrows}
     assert {number: arrow.colour for number, arrow in arrows.items()} == {2: BLUE, 0: RED, 1: GREEN}
     assert {arrow.frame for arrow in arrows.values()} == {"base_footprint"}
@@ -202,9 +202,9 @@ def test_exercise_a_single_obstacle_gives_the_books_result() -> None:
 
 
 def test_exercise_the_robot_does_not_drive_forward_if_the_sum_points_back(robot: RecordingRobot) -> None:
-    avoiding = Avoiding(robot, AvoidanceFromAll)
-    avoiding.run(scan_of(k6=0.2, k7=0.2, k8=0.2, k9=0.25), 0.5)
-    assert avoiding.component.forces is not None
-    assert avoiding.component.forces.result[0] < 0.0
-    assert avoiding.commands[-1].v == 0.0
-    assert abs(avoiding.commands[-1].w) == 0.5
+    rig = AvoidanceRig(robot, AvoidanceFromAll)
+    rig.run(scan_of(k6=0.2, k7=0.2, k8=0.2, k9=0.25), 0.5)
+    assert rig.component.forces is not None
+    assert rig.component.forces.result[0] < 0.0
+    assert rig.commands[-1].v == 0.0
+    assert abs(rig.commands[-1].w) == 0.5

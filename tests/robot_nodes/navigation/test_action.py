@@ -5,7 +5,7 @@ import pytest
 from btcore_navigation.action import ActionServer, GoalHandle, GoalStatus
 
 
-class Counting(ActionServer[int, int, int]):
+class CountingServer(ActionServer[int, int, int]):
     """A server that counts up to its goal, by 1 in each step."""
 
     def __init__(self) -> None:
@@ -34,11 +34,11 @@ class Counting(ActionServer[int, int, int]):
 
 
 @pytest.fixture
-def server() -> Counting:
-    return Counting()
+def server() -> CountingServer:
+    return CountingServer()
 
 
-def test_a_goal_waits_for_the_next_step(server: Counting) -> None:
+def test_a_goal_waits_for_the_next_step(server: CountingServer) -> None:
     handle = server.send_goal(2)
     assert (handle.status, server.busy) == (GoalStatus.UNKNOWN, True)
     server.step(0)
@@ -47,13 +47,13 @@ def test_a_goal_waits_for_the_next_step(server: Counting) -> None:
     assert (handle.status, handle.result.value, server.busy) == (GoalStatus.SUCCEEDED, 2, False)
 
 
-def test_a_goal_can_end_as_it_starts(server: Counting) -> None:
+def test_a_goal_can_end_as_it_starts(server: CountingServer) -> None:
     handle = server.send_goal(-1)
     server.step(0)
     assert (handle.status, handle.result.code, handle.feedback) == (GoalStatus.ABORTED, 7, None)
 
 
-def test_a_newer_goal_pre_empts_without_a_stop(server: Counting) -> None:
+def test_a_newer_goal_pre_empts_without_a_stop(server: CountingServer) -> None:
     first = server.send_goal(5)
     server.step(0)
     second = server.send_goal(1)
@@ -62,7 +62,7 @@ def test_a_newer_goal_pre_empts_without_a_stop(server: Counting) -> None:
     assert (server.preempted, server.stopped) == ([5], [])
 
 
-def test_a_cancelled_goal_is_stopped_once(server: Counting) -> None:
+def test_a_cancelled_goal_is_stopped_once(server: CountingServer) -> None:
     handle = server.send_goal(5)
     server.step(0)
     handle.cancel()
@@ -72,7 +72,9 @@ def test_a_cancelled_goal_is_stopped_once(server: Counting) -> None:
     assert (handle.status, server.stopped) == (GoalStatus.CANCELED, [5])
 
 
-def test_a_server_that_is_not_active_rejects_goals_and_aborts_the_goal_in_progress(server: Counting) -> None:
+def test_a_server_that_is_not_active_rejects_goals_and_aborts_the_goal_in_progress(
+    server: CountingServer,
+) -> None:
     running = server.send_goal(5)
     server.step(0)
     server.is_active = False
@@ -89,20 +91,20 @@ def test_a_server_that_is_not_active_rejects_goals_and_aborts_the_goal_in_progre
     assert accepted.status == GoalStatus.SUCCEEDED
 
 
-def test_a_goal_cancelled_before_its_turn_never_starts(server: Counting) -> None:
+def test_a_goal_cancelled_before_its_turn_never_starts(server: CountingServer) -> None:
     handle = server.send_goal(5)
     handle.cancel()
     server.step(0)
     assert (handle.status, handle.feedback, server.busy) == (GoalStatus.CANCELED, None, False)
 
 
-def test_the_newer_of_two_goals_between_steps_is_executed(server: Counting) -> None:
+def test_the_newer_of_two_goals_between_steps_is_executed(server: CountingServer) -> None:
     first, second = server.send_goal(5), server.send_goal(6)
     server.step(0)
     assert (first.status, second.status) == (GoalStatus.CANCELED, GoalStatus.EXECUTING)
 
 
-def test_a_goal_that_has_ended_does_not_change(server: Counting) -> None:
+def test_a_goal_that_has_ended_does_not_change(server: CountingServer) -> None:
     handle = server.send_goal(1)
     server.step(0)
     handle.cancel()

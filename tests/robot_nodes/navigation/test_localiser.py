@@ -28,7 +28,7 @@ HALL = (  # a hall of 34 m with thin walls, at the edge of its map
 START = Pose2D(3.0, 4.0, 0.0)
 
 
-class Wanderer:
+class NoisyRobot:
     """A robot among *walls* whose odometry has errors (left wheel 2 %, turns 5 %) and a laser with noise."""
 
     def __init__(
@@ -103,13 +103,13 @@ FLAT = drawn(WALLS, 12.0, 8.0)
 AT_START = AmclParameters(initial_pose_x=START.x, initial_pose_y=START.y)
 
 
-class Walk:
+class LocaliserRig:
     """A driving robot and its localiser, stepped at 10 Hz."""
 
     def __init__(
         self, parameters: AmclParameters = AT_START, seed: int = 0, field_map: OccupancyMap = FLAT, **robot
     ) -> None:
-        self.robot = Wanderer(seed, **robot)
+        self.robot = NoisyRobot(seed, **robot)
         self.tree = TransformTree()
         self.frames = FrameBroadcaster(self.robot, self.tree)
         self.localiser = Localiser(
@@ -163,155 +163,155 @@ def test_a_robot_in_a_large_hall_knows_its_pose_although_noise_grows_with_the_ra
     start = Pose2D(17.0, 17.0, 0.0)
     parameters = AmclParameters(initial_pose_x=start.x, initial_pose_y=start.y)
     hall = drawn(HALL, 34.0, 34.0)
-    walk = Walk(parameters, field_map=hall, walls=HALL, start=start, range_noise=0.01)
+    rig = LocaliserRig(parameters, field_map=hall, walls=HALL, start=start, range_noise=0.01)
     errors, confident, fits = [], [], []
     for v, w, seconds in ((0.3, 0.0, 5.0), (0.0, 0.5, 3.0), (0.3, 0.0, 3.0)):
         for _ in range(round(seconds * 10)):
-            walk.step(v, w)
-            errors.append(walk.error()[0])
-            confident.append(walk.localiser.confident)
-            fits.append(walk.localiser._validator.fit)
+            rig.step(v, w)
+            errors.append(rig.error()[0])
+            confident.append(rig.localiser.confident)
+            fits.append(rig.localiser._validator.fit)
     assert all(confident)
     assert min(fits) > 0.97
     assert np.mean(errors) < 0.08
     assert max(errors) < 0.15
-    walk.robot.true[:2] = 24.0, 20.0  # carried to another place
+    rig.robot.true[:2] = 24.0, 20.0  # carried to another place
     for _ in range(20):
-        walk.step(0.0, 0.0)
-    assert not walk.localiser.confident
+        rig.step(0.0, 0.0)
+    assert not rig.localiser.confident
 
 
 def test_the_pose_is_accurate_to_centimetres_while_odometry_drifts() -> None:
-    walk = Walk()
-    errors = walk.round()
-    drift = Pose2D(*walk.robot.reported)
-    true_x, true_y, _ = walk.robot.true
+    rig = LocaliserRig()
+    errors = rig.round()
+    drift = Pose2D(*rig.robot.reported)
+    true_x, true_y, _ = rig.robot.true
     assert math.hypot(START.x + drift.x - true_x, START.y + drift.y - true_y) > 1.0
     assert np.median(errors[:, 0]) < 0.05
     assert errors.max(axis=0)[0] < 0.15
     assert errors.max(axis=0)[1] < 0.08
-    assert walk.localiser.confident
+    assert rig.localiser.confident
 
 
 def test_the_same_seed_gives_the_same_particles() -> None:
-    first, second, different = (Walk(seed=seed) for seed in (4, 4, 5))
-    for walk in (first, second, different):
-        walk.go(0.2, 0.3, 5.0)
+    first, second, different = (LocaliserRig(seed=seed) for seed in (4, 4, 5))
+    for rig in (first, second, different):
+        rig.go(0.2, 0.3, 5.0)
     assert np.array_equal(first.localiser.particles, second.localiser.particles)
     assert first.localiser.pose() == second.localiser.pose()
     assert not np.array_equal(first.localiser.particles[:400], different.localiser.particles[:400])
 
 
 def test_the_number_of_particles_is_limited_and_only_motion_updates_them() -> None:
-    walk = Walk()
-    walk.go(0.0, 0.0, 1.0)
-    before = walk.localiser.particles
+    rig = LocaliserRig()
+    rig.go(0.0, 0.0, 1.0)
+    before = rig.localiser.particles
     assert 500 <= len(before) <= 2000
-    walk.go(0.0, 0.0, 5.0)
-    assert walk.localiser.particles is before
-    walk.go(0.3, 0.0, 1.0)
-    assert walk.localiser.particles is not before
-    assert walk.localiser.weights.sum() == pytest.approx(1.0)
+    rig.go(0.0, 0.0, 5.0)
+    assert rig.localiser.particles is before
+    rig.go(0.3, 0.0, 1.0)
+    assert rig.localiser.particles is not before
+    assert rig.localiser.weights.sum() == pytest.approx(1.0)
 
 
 def test_a_rough_initial_pose_is_refined() -> None:
-    walk = Walk(
+    rig = LocaliserRig(
         replace(AT_START, initial_pose_x=START.x + 0.3, initial_pose_y=START.y - 0.2, initial_pose_yaw=0.15)
     )
-    walk.go(0.0, 0.0, 2.0)
-    walk.go(0.0, 0.5, 6.0)
-    assert walk.error()[0] < 0.1
-    assert walk.error()[1] < 0.05
+    rig.go(0.0, 0.0, 2.0)
+    rig.go(0.0, 0.5, 6.0)
+    assert rig.error()[0] < 0.1
+    assert rig.error()[1] < 0.05
 
 
 def test_map_to_odom_has_the_scans_time_and_is_valid_for_the_tolerance() -> None:
-    walk = Walk()
-    walk.go(0.3, 0.0, 2.0)
-    stamp = walk.robot.newest.stamp
-    reported = walk.tree.lookup("map", "base_footprint", stamp).to_pose()
-    assert (reported.x, reported.y) == pytest.approx((walk.localiser.pose().x, walk.localiser.pose().y))
-    assert walk.tree.lookup("map", "odom", stamp + SECOND) == walk.localiser.map_to_odom
-    assert not walk.tree.can_transform("map", "odom", stamp + SECOND + 1)
+    rig = LocaliserRig()
+    rig.go(0.3, 0.0, 2.0)
+    stamp = rig.robot.newest.stamp
+    reported = rig.tree.lookup("map", "base_footprint", stamp).to_pose()
+    assert (reported.x, reported.y) == pytest.approx((rig.localiser.pose().x, rig.localiser.pose().y))
+    assert rig.tree.lookup("map", "odom", stamp + SECOND) == rig.localiser.map_to_odom
+    assert not rig.tree.can_transform("map", "odom", stamp + SECOND + 1)
 
 
 def test_between_two_scans_the_pose_follows_odometry() -> None:
-    walk = Walk()
-    walk.go(0.3, 0.0, 2.0)
-    before = walk.localiser.pose()
-    walk.robot.drive(0.3, 0.0, 0.1)
-    assert walk.localiser.pose().x - before.x == pytest.approx(0.03, abs=0.005)
+    rig = LocaliserRig()
+    rig.go(0.3, 0.0, 2.0)
+    before = rig.localiser.pose()
+    rig.robot.drive(0.3, 0.0, 0.1)
+    assert rig.localiser.pose().x - before.x == pytest.approx(0.03, abs=0.005)
 
 
 def test_scans_without_echoes_do_not_change_the_particles() -> None:
-    walk = Walk()
-    walk.go(0.3, 0.0, 1.0)
-    walk.robot.sweep = lambda: None
-    blind = replace(walk.robot.newest, ranges=np.full(666, np.inf, dtype=np.float32))
-    particles = walk.localiser.particles
+    rig = LocaliserRig()
+    rig.go(0.3, 0.0, 1.0)
+    rig.robot.sweep = lambda: None
+    blind = replace(rig.robot.newest, ranges=np.full(666, np.inf, dtype=np.float32))
+    particles = rig.localiser.particles
     for _ in range(30):
-        walk.robot.newest = replace(blind, stamp=walk.robot.time + SECOND // 10)
-        walk.step(0.3, 0.0)
-    assert walk.localiser.particles is particles
-    assert walk.localiser.confident
-    assert walk.error()[0] < 0.1
+        rig.robot.newest = replace(blind, stamp=rig.robot.time + SECOND // 10)
+        rig.step(0.3, 0.0)
+    assert rig.localiser.particles is particles
+    assert rig.localiser.confident
+    assert rig.error()[0] < 0.1
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_kidnapping_is_noticed_at_once_and_the_pose_is_found_again(seed: int) -> None:
-    walk = Walk(seed=seed)
-    walk.go(0.3, 0.0, 4.0)
+    rig = LocaliserRig(seed=seed)
+    rig.go(0.3, 0.0, 4.0)
     random = np.random.default_rng(seed)
     places = [(2.5, 6.5), (6.5, 3.5), (10.0, 6.5), (9.5, 1.2)]
-    walk.robot.true = [*places[seed], random.uniform(-math.pi, math.pi)]
+    rig.robot.true = [*places[seed], random.uniform(-math.pi, math.pi)]
     steps = 0
-    while walk.localiser.confident:
-        walk.step(0.3, 0.0)
+    while rig.localiser.confident:
+        rig.step(0.3, 0.0)
         steps += 1
         assert steps <= 5
-    assert walk.until_found() < 60.0
-    assert not walk.localiser.lost
-    assert walk.error()[0] < 0.1
-    assert walk.go(0.0, 0.5, 5.0).max() < 0.1
+    assert rig.until_found() < 60.0
+    assert not rig.localiser.lost
+    assert rig.error()[0] < 0.1
+    assert rig.go(0.0, 0.5, 5.0).max() < 0.1
 
 
 def test_without_an_initial_pose_the_whole_free_space_is_searched() -> None:
-    walk = Walk(replace(AT_START, set_initial_pose=False))
-    assert walk.localiser.searching
-    assert not walk.localiser.confident
-    assert walk.localiser.covariance.tolist() == np.zeros((3, 3)).tolist()
-    spread = walk.localiser.particles
+    rig = LocaliserRig(replace(AT_START, set_initial_pose=False))
+    assert rig.localiser.searching
+    assert not rig.localiser.confident
+    assert rig.localiser.covariance.tolist() == np.zeros((3, 3)).tolist()
+    spread = rig.localiser.particles
     rows, columns = FLAT.indices(spread[:, :2]).T
     assert FLAT.free[rows, columns].all()
     assert np.std(spread[:, 0]) > 2.0
-    assert walk.until_found() < 60.0
-    assert walk.error()[0] < 0.1
+    assert rig.until_found() < 60.0
+    assert rig.error()[0] < 0.1
 
 
 def test_a_given_pose_is_used_until_the_laser_contradicts_it() -> None:
-    walk = Walk()
-    walk.go(0.0, 0.0, 1.0)
-    walk.localiser.set_pose(Pose2D(10.0, 6.5, 1.0))
-    assert walk.localiser.confident
-    assert walk.error()[0] > 5.0
-    walk.go(0.0, 0.0, 0.5)
-    assert not walk.localiser.confident
-    assert walk.until_found() < 60.0
-    assert walk.error()[0] < 0.1
+    rig = LocaliserRig()
+    rig.go(0.0, 0.0, 1.0)
+    rig.localiser.set_pose(Pose2D(10.0, 6.5, 1.0))
+    assert rig.localiser.confident
+    assert rig.error()[0] > 5.0
+    rig.go(0.0, 0.0, 0.5)
+    assert not rig.localiser.confident
+    assert rig.until_found() < 60.0
+    assert rig.error()[0] < 0.1
 
 
 def test_people_and_a_new_box_do_not_end_the_confidence() -> None:
-    walk = Walk()
+    rig = LocaliserRig()
     errors = []
     for step in range(300):
-        x, y, yaw = walk.robot.true
+        x, y, yaw = rig.robot.true
         gap = max(0.75, 2.5 - step * 0.05)
-        walk.robot.people = [
+        rig.robot.people = [
             (x + gap * math.cos(yaw + 0.5), y + gap * math.sin(yaw + 0.5)),
             (x + gap * math.cos(yaw - 0.9), y + gap * math.sin(yaw - 0.9)),
         ]
         if step > 100:
-            walk.robot.people.append((4.5, 4.0))
-        walk.step(0.0, 0.4)
-        errors.append(walk.error())
-        assert walk.localiser.confident
+            rig.robot.people.append((4.5, 4.0))
+        rig.step(0.0, 0.4)
+        errors.append(rig.error())
+        assert rig.localiser.confident
     assert np.max(errors) < 0.15

@@ -20,7 +20,7 @@ from btcore_sim.worlds import load_world_description
 STEP = 100_000_000
 
 
-class House:
+class HouseRig:
     """A localiser on the schedule of a simulated robot in the house."""
 
     def __init__(self, world: World) -> None:
@@ -48,30 +48,30 @@ class House:
 
 
 @pytest.fixture
-def house() -> Iterator[House]:
+def rig() -> Iterator[HouseRig]:
     world = World(load_world_description("house"), seed=3)
-    yield House(world)
+    yield HouseRig(world)
     world.close()
 
 
-def test_the_pose_is_accurate_to_centimetres(house: House) -> None:
+def test_the_pose_is_accurate_to_centimetres(rig: HouseRig) -> None:
     errors = np.concatenate(
-        [house.drive(*leg) for leg in ((0.0, 0.5, 13.0), (0.3, 0.0, 3.0), (0.2, 0.5, 13.0), (0.0, -0.5, 6.0))]
+        [rig.drive(*leg) for leg in ((0.0, 0.5, 13.0), (0.3, 0.0, 3.0), (0.2, 0.5, 13.0), (0.0, -0.5, 6.0))]
     )
-    assert house.localiser.confident
+    assert rig.localiser.confident
     assert np.median(errors[:, 0]) < 0.05
     assert errors[:, 0].max() < 0.15
     assert errors[:, 1].max() < 0.08
 
 
-def test_kidnapping_is_noticed_and_the_pose_is_found_again(house: House) -> None:
-    house.drive(0.3, 0.0, 3.0)
-    house.body.kidnap(Pose2D(-5.3, -8.85, 2.0))
-    house.drive(0.0, 0.0, 0.5)
-    assert not house.localiser.confident
+def test_kidnapping_is_noticed_and_the_pose_is_found_again(rig: HouseRig) -> None:
+    rig.drive(0.3, 0.0, 3.0)
+    rig.body.kidnap(Pose2D(-5.3, -8.85, 2.0))
+    rig.drive(0.0, 0.0, 0.5)
+    assert not rig.localiser.confident
     for _ in range(60):
-        house.drive(0.0, 0.5 if house.localiser.searching else 0.0, 0.5)
-        if house.localiser.confident:
+        rig.drive(0.0, 0.5 if rig.localiser.searching else 0.0, 0.5)
+        if rig.localiser.confident:
             break
-    assert house.localiser.confident
-    assert house.error()[0] < 0.1
+    assert rig.localiser.confident
+    assert rig.error()[0] < 0.1

@@ -56,7 +56,7 @@ def box(name: str, x0: float, y0: float, x1: float, y1: float) -> WorldObject:
     return WorldObject(name, "box", size, middle, 0.0, 0.0, GREY)
 
 
-class Flat:
+class FlatRig:
     """A simulated robot that navigates in the flat; *faults* have the format of the command line."""
 
     def __init__(
@@ -95,114 +95,114 @@ class Flat:
 
 
 @pytest.fixture
-def flat() -> Iterator[Callable[..., Any]]:
+def create_rig() -> Iterator[Callable[..., Any]]:
     made = []
 
-    def make(*faults: Fault, **options) -> Flat:
-        made.append(Flat(*faults, **options))
+    def make(*faults: Fault, **options) -> FlatRig:
+        made.append(FlatRig(*faults, **options))
         return made[-1]
 
     yield make
-    for home in made:
-        assert home.body.contacts.collisions == home.body.contacts.grazes == 0
-        home.world.close()
+    for rig in made:
+        assert rig.body.contacts.collisions == rig.body.contacts.grazes == 0
+        rig.world.close()
 
 
-def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(flat: Callable[..., Any]) -> None:
-    home = flat()
-    handle = home.navigation.go_to(Pose2D(3.0, -1.0, 1.0))
-    home.run(5.0)
+def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
+    handle = rig.navigation.go_to(Pose2D(3.0, -1.0, 1.0))
+    rig.run(5.0)
     feedback = handle.feedback
     assert feedback.navigation_time == pytest.approx(5.0, abs=0.1)
-    assert feedback.distance_remaining == pytest.approx(3.2 - home.body.distance, abs=0.3)
+    assert feedback.distance_remaining == pytest.approx(3.2 - rig.body.distance, abs=0.3)
     assert feedback.number_of_recoveries == 0
-    assert feedback.current_pose.x == pytest.approx(home.body.true_pose().x, abs=0.1)
-    home.run(40.0, lambda: handle.done)
+    assert feedback.current_pose.x == pytest.approx(rig.body.true_pose().x, abs=0.1)
+    rig.run(40.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert home.distance_to(3.0, -1.0) < 0.35
-    assert home.body.true_pose().yaw == pytest.approx(1.0, abs=0.35)
-    assert [outcome.status for outcome in home.navigation.outcomes()] == ["SUCCEEDED"]
-    assert home.navigation.outcomes()[0].goal == Pose2D(3.0, -1.0, 1.0)
+    assert rig.distance_to(3.0, -1.0) < 0.35
+    assert rig.body.true_pose().yaw == pytest.approx(1.0, abs=0.35)
+    assert [outcome.status for outcome in rig.navigation.outcomes()] == ["SUCCEEDED"]
+    assert rig.navigation.outcomes()[0].goal == Pose2D(3.0, -1.0, 1.0)
 
 
-def test_a_new_goal_replaces_the_current_goal_without_a_stop(flat: Callable[..., Any]) -> None:
-    home = flat()
-    first = home.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
-    home.run(6.0)
-    assert home.body.ramped_twist()[0] > 0.25
-    second = home.navigation.go_to(Pose2D(4.0, -0.7, 0.0))
-    home.run(3.0)
+def test_a_new_goal_replaces_the_current_goal_without_a_stop(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
+    first = rig.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
+    rig.run(6.0)
+    assert rig.body.ramped_twist()[0] > 0.25
+    second = rig.navigation.go_to(Pose2D(4.0, -0.7, 0.0))
+    rig.run(3.0)
     assert first.status is GoalStatus.CANCELED
-    assert min(home.speeds) > 0.2
-    home.run(40.0, lambda: second.done)
+    assert min(rig.speeds) > 0.2
+    rig.run(40.0, lambda: second.done)
     assert second.status is GoalStatus.SUCCEEDED
-    assert home.distance_to(4.0, -0.7) < 0.35
-    assert [outcome.status for outcome in home.navigation.outcomes()] == ["CANCELED", "SUCCEEDED"]
+    assert rig.distance_to(4.0, -0.7) < 0.35
+    assert [outcome.status for outcome in rig.navigation.outcomes()] == ["CANCELED", "SUCCEEDED"]
 
 
 def test_goal_that_is_sent_just_before_arrival_at_another_goal_is_reached(
-    flat: Callable[..., Any],
+    create_rig: Callable[..., Any],
 ) -> None:
-    home = flat()
-    first = home.navigation.go_to(Pose2D(1.5, 0.0, 0.0))
-    home.run(20.0, lambda: home.distance_to(1.5, 0.0) < 0.26 or first.done)
-    second = home.navigation.go_to(Pose2D(0.0, 1.2, 0.0))
-    home.run(40.0, lambda: second.done)
+    rig = create_rig()
+    first = rig.navigation.go_to(Pose2D(1.5, 0.0, 0.0))
+    rig.run(20.0, lambda: rig.distance_to(1.5, 0.0) < 0.26 or first.done)
+    second = rig.navigation.go_to(Pose2D(0.0, 1.2, 0.0))
+    rig.run(40.0, lambda: second.done)
     assert second.status is GoalStatus.SUCCEEDED
-    assert home.distance_to(0.0, 1.2) < 0.35
+    assert rig.distance_to(0.0, 1.2) < 0.35
 
 
-def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(flat: Callable[..., Any]) -> None:
-    home = flat()
-    handle = home.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
-    home.run(5.0)
+def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
+    handle = rig.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
+    rig.run(5.0)
     handle.cancel()
-    home.run(1.0)
+    rig.run(1.0)
     assert handle.status is GoalStatus.CANCELED
-    assert home.body.ramped_twist() == pytest.approx((0.0, 0.0), abs=0.02)
-    assert not home.navigation.servers.follow_path.busy
-    assert {node.status.name for node in home.navigation.navigate_to_pose.tree.nodes} == {"IDLE"}
-    driven = home.body.distance
-    home.run(2.0)
-    assert home.body.distance == pytest.approx(driven, abs=0.01)
-    assert [outcome.status for outcome in home.navigation.outcomes()] == ["CANCELED"]
+    assert rig.body.ramped_twist() == pytest.approx((0.0, 0.0), abs=0.02)
+    assert not rig.navigation.servers.follow_path.busy
+    assert {node.status.name for node in rig.navigation.navigate_to_pose.tree.nodes} == {"IDLE"}
+    driven = rig.body.distance
+    rig.run(2.0)
+    assert rig.body.distance == pytest.approx(driven, abs=0.01)
+    assert [outcome.status for outcome in rig.navigation.outcomes()] == ["CANCELED"]
 
 
-def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(flat: Callable[..., Any]) -> None:
-    home = flat()
-    home.run(0.5)
-    seen = home.body.scan()
+def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
+    rig.run(0.5)
+    seen = rig.body.scan()
     ranges = np.where(np.abs(seen.angles()) < 0.2, 1.0, np.nan).astype(np.float32)
-    costs = home.navigation.global_costmap
+    costs = rig.navigation.global_costmap
     costs.observe(replace(seen, ranges=ranges), Pose2D(2.0, -1.0, 0.0))
-    costs.update(home.world.now(), Pose2D(0.0, 0.0, 0.0))
+    costs.update(rig.world.now(), Pose2D(0.0, 0.0, 0.0))
     assert costs.cost(3.0, -1.0) >= INSCRIBED
-    handle = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
-    home.run(40.0, lambda: handle.done)
+    handle = rig.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
+    rig.run(40.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert home.distance_to(3.0, -1.0) < 0.35
+    assert rig.distance_to(3.0, -1.0) < 0.35
 
 
 def test_search_on_wrong_map_ends_and_new_goal_searches_again(
-    flat: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    create_rig: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The laser's outage of 20 s is not part of the search: without scans nothing is known about the pose."""
     monkeypatch.setattr(stack, "SEARCH_LIMIT_S", 30.0)
     cells = np.zeros((80, 80), dtype=np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
-    home = flat(Fault("laser", 8 * NS_PER_S, 28 * NS_PER_S), map=OccupancyMap(cells, 0.05, (-2.0, -2.0)))
-    handle = home.navigation.go_to(Pose2D(1.0, 1.0, 0.0))
-    assert home.run(180.0, lambda: handle.done) == pytest.approx(50.0, abs=3.0)
+    rig = create_rig(Fault("laser", 8 * NS_PER_S, 28 * NS_PER_S), map=OccupancyMap(cells, 0.05, (-2.0, -2.0)))
+    handle = rig.navigation.go_to(Pose2D(1.0, 1.0, 0.0))
+    assert rig.run(180.0, lambda: handle.done) == pytest.approx(50.0, abs=3.0)
     assert handle.status is GoalStatus.ABORTED
     assert handle.result.code == Nav2ErrorCode.NAVIGATE_TF_ERROR
     assert "the robot's pose is unknown" in handle.result.message
-    home.run(2.0)
-    assert home.body.ramped_twist() == pytest.approx((0.0, 0.0))
-    again = home.navigation.go_to(Pose2D(1.0, 1.0, 0.0))
-    home.run(2.0)
+    rig.run(2.0)
+    assert rig.body.ramped_twist() == pytest.approx((0.0, 0.0))
+    again = rig.navigation.go_to(Pose2D(1.0, 1.0, 0.0))
+    rig.run(2.0)
     assert not again.done
-    assert home.body.ramped_twist()[1] == pytest.approx(SEARCH_TURN, abs=0.02)
-    assert home.body.distance < 0.05
+    assert rig.body.ramped_twist()[1] == pytest.approx(SEARCH_TURN, abs=0.02)
+    assert rig.body.distance < 0.05
 
 
 @pytest.mark.parametrize(
@@ -214,34 +214,34 @@ def test_search_on_wrong_map_ends_and_new_goal_searches_again(
     ],
 )
 def test_goal_that_cannot_be_reached_ends_with_planners_reason(
-    flat: Callable[..., Any], goal: Pose2D, code: Nav2ErrorCode, seconds: float
+    create_rig: Callable[..., Any], goal: Pose2D, code: Nav2ErrorCode, seconds: float
 ) -> None:
-    home = flat()
-    handle = home.navigation.go_to(goal)
-    home.run(seconds, lambda: handle.done)
+    rig = create_rig()
+    handle = rig.navigation.go_to(goal)
+    rig.run(seconds, lambda: handle.done)
     assert handle.status is GoalStatus.ABORTED
     assert handle.result.code == code
     assert handle.result.message.startswith(f"{code.name}: ")
-    assert [outcome.status for outcome in home.navigation.outcomes()] == ["ABORTED"]
+    assert [outcome.status for outcome in rig.navigation.outcomes()] == ["ABORTED"]
 
 
-def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(flat: Callable[..., Any]) -> None:
-    home = flat()
-    handle = home.navigation.go_to(Pose2D(1.05, 1.5, 0.0))
-    home.run(2.0, lambda: handle.done)
+def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
+    handle = rig.navigation.go_to(Pose2D(1.05, 1.5, 0.0))
+    rig.run(2.0, lambda: handle.done)
     bad = NavigateGoal((Pose2D(1.0, 0.0, 0.0),), str(Path(__file__).parent / "no_such.xml"))
-    again = home.navigation.navigate_to_pose.send_goal(bad)
-    home.run(1.0, lambda: again.done)
+    again = rig.navigation.navigate_to_pose.send_goal(bad)
+    rig.run(1.0, lambda: again.done)
     assert again.result.code == Nav2ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE
 
 
-def test_a_failure_names_the_server_that_is_not_active(flat: Callable[..., Any]) -> None:
-    home = flat()
-    home.navigation.servers.compute_path.is_active = False
+def test_a_failure_names_the_server_that_is_not_active(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
+    rig.navigation.servers.compute_path.is_active = False
     tree = "navigation/navigate_w_replanning_time.xml"
     goal = NavigateGoal((Pose2D(0.8, 0.0, 0.0),), str(TREES / tree))
-    handle = home.navigation.navigate_to_pose.send_goal(goal)
-    home.run(10.0, lambda: handle.done)
+    handle = rig.navigation.navigate_to_pose.send_goal(goal)
+    rig.run(10.0, lambda: handle.done)
     result = handle.result
     assert (result.code, result.message) == (
         Nav2ErrorCode.GOAL_REJECTED,
@@ -249,102 +249,100 @@ def test_a_failure_names_the_server_that_is_not_active(flat: Callable[..., Any])
     )
 
 
-def test_several_goals_are_passed_in_their_order(flat: Callable[..., Any]) -> None:
-    home = flat()
+def test_several_goals_are_passed_in_their_order(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
     goals = [Pose2D(0.0, 1.5, 0.0), Pose2D(0.3, -1.2, 0.0), Pose2D(2.5, 0.0, 0.0)]
-    handle = home.navigation.go_through(goals)
+    handle = rig.navigation.go_through(goals)
     nearest = [9.0] * 3
     order = []
 
     def passing():
         for index, goal in enumerate(goals):
-            nearest[index] = min(nearest[index], home.distance_to(goal.x, goal.y))
+            nearest[index] = min(nearest[index], rig.distance_to(goal.x, goal.y))
             if nearest[index] < 0.75 and index not in order:
                 order.append(index)
         return handle.done
 
-    home.run(80.0, passing)
+    rig.run(80.0, passing)
     assert handle.status is GoalStatus.SUCCEEDED
     assert order == [0, 1, 2]
-    assert home.distance_to(2.5, 0.0) < 0.35
-    board = home.navigation.navigate_through_poses.tree.blackboard
+    assert rig.distance_to(2.5, 0.0) < 0.35
+    board = rig.navigation.navigate_through_poses.tree.blackboard
     assert [waypoint.state.name for waypoint in board["waypoint_statuses"]][:2] == ["COMPLETED", "COMPLETED"]
     assert [waypoint.state.name for waypoint in handle.result.value] == ["COMPLETED"] * 3
 
 
-def test_the_waypoint_follower_lists_missed_waypoints_or_stops(flat: Callable[..., Any]) -> None:
-    home = flat()
+def test_the_waypoint_follower_lists_missed_waypoints_or_stops(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
     goals = (Pose2D(0.5, 0.0, 0.0), Pose2D(50.0, 0.0, 0.0), Pose2D(0.0, 0.3, 0.0))
     results = []
     for stops in (False, True):
-        follower = WaypointFollower(
-            home.navigation.servers, WaypointFollowerParameters(stop_on_failure=stops)
-        )
-        home.body.schedule.add_task(follower.RATE, Phase.CONTROLLER, follower.step)
+        follower = WaypointFollower(rig.navigation.servers, WaypointFollowerParameters(stop_on_failure=stops))
+        rig.body.schedule.add_task(follower.RATE, Phase.CONTROLLER, follower.step)
         handle = follower.send_goal(FollowWaypointsGoal(goals, loops=1))
-        home.run(60.0, partial(getattr, handle, "done"))
+        rig.run(60.0, partial(getattr, handle, "done"))
         missed = handle.result.value
         assert all(waypoint.code == Nav2ErrorCode.GOAL_OUTSIDE_MAP for waypoint in missed)
         results.append((handle.status.name, handle.result.code, [waypoint.index for waypoint in missed]))
     assert results == [("SUCCEEDED", 0, [1, 1]), ("ABORTED", Nav2ErrorCode.STOP_ON_MISSED_WAYPOINT, [1])]
     handle = follower.send_goal(FollowWaypointsGoal(goals, first=3))
-    home.run(0.2)
+    rig.run(0.2)
     assert handle.result.code == Nav2ErrorCode.NO_VALID_WAYPOINTS
 
 
-def test_a_new_map_of_another_size_is_used_for_the_pose_and_for_paths(flat: Callable[..., Any]) -> None:
-    home = flat()
-    home.run(2.0)
-    x0, y0 = home.navigation.map.origin
-    finer = home.navigation.map.cells.repeat(2, axis=0).repeat(2, axis=1)
+def test_a_new_map_of_another_size_is_used_for_the_pose_and_for_paths(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
+    rig.run(2.0)
+    x0, y0 = rig.navigation.map.origin
+    finer = rig.navigation.map.cells.repeat(2, axis=0).repeat(2, axis=1)
     wide = np.full((len(finer) + 40, len(finer[0]) + 20), -1, dtype=np.int8)
     wide[40:, 20:] = finer
-    side = home.navigation.map.resolution / 2
+    side = rig.navigation.map.resolution / 2
     changed = OccupancyMap(wide, side, (x0 - 20 * side, y0 - 40 * side))
     row, col = changed.cell(1.0, 0.4)
     changed.cells[row - 5 : row + 5, col - 5 : col + 5] = 100
-    handle = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
-    home.run(1.0)
-    home.navigation.change_map(changed)
-    compute_path = home.navigation.servers.compute_path
+    handle = rig.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
+    rig.run(1.0)
+    rig.navigation.change_map(changed)
+    compute_path = rig.navigation.servers.compute_path
     blocked, free = (compute_path.send_goal(ComputePathGoal((Pose2D(x, 0.4, 0.0),))) for x in (1.0, 2.0))
-    home.run(0.2)
+    rig.run(0.2)
     assert free.status is GoalStatus.SUCCEEDED
     assert blocked.result.code == Nav2ErrorCode.GOAL_OCCUPIED
-    home.run(60.0, lambda: handle.done)
+    rig.run(60.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert home.distance_to(3.0, -1.0) < 0.35
-    assert home.navigation.global_costmap.costs.shape == wide.shape
+    assert rig.distance_to(3.0, -1.0) < 0.35
+    assert rig.navigation.global_costmap.costs.shape == wide.shape
 
 
-def test_without_localisation_the_robot_stands_and_goals_fail(flat: Callable[..., Any]) -> None:
-    home = flat()
-    handle = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
-    home.run(3.0)
-    home.navigation.localises = False
-    home.run(1.0, lambda: handle.done)
+def test_without_localisation_the_robot_stands_and_goals_fail(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
+    handle = rig.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
+    rig.run(3.0)
+    rig.navigation.localises = False
+    rig.run(1.0, lambda: handle.done)
     assert handle.result.code == Nav2ErrorCode.NAVIGATE_TF_ERROR
-    home.run(1.0)
-    assert home.body.ramped_twist() == pytest.approx((0.0, 0.0), abs=0.01)
-    assert home.navigation.estimate() is None
-    home.navigation.localises = True
-    home.run(1.0)
-    assert home.navigation.estimate() is not None
+    rig.run(1.0)
+    assert rig.body.ramped_twist() == pytest.approx((0.0, 0.0), abs=0.01)
+    assert rig.navigation.estimate() is None
+    rig.navigation.localises = True
+    rig.run(1.0)
+    assert rig.navigation.estimate() is not None
 
 
 def test_a_goal_can_have_its_own_tree_and_a_path_of_nav2_selects_our_tree_of_that_name(
-    flat: Callable[..., Any],
+    create_rig: Callable[..., Any],
 ) -> None:
-    home = flat()
+    rig = create_rig()
     named = "/opt/ros/humble/share/nav2_bt_navigator/behavior_trees/navigate_w_replanning_time.xml"
-    handle = home.navigation.navigate_to_pose.send_goal(NavigateGoal((Pose2D(0.8, 0.0, 0.0),), named))
-    home.run(20.0, lambda: handle.done)
+    handle = rig.navigation.navigate_to_pose.send_goal(NavigateGoal((Pose2D(0.8, 0.0, 0.0),), named))
+    rig.run(20.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert "RecoveryNode" not in {node.id for node in home.navigation.navigate_to_pose.tree.nodes}
+    assert "RecoveryNode" not in {node.id for node in rig.navigation.navigate_to_pose.tree.nodes}
 
 
-def test_an_invalid_tree_fails_only_its_own_goal(flat: Callable[..., Any], tmp_path: Path) -> None:
-    home = flat()
+def test_an_invalid_tree_fails_only_its_own_goal(create_rig: Callable[..., Any], tmp_path: Path) -> None:
+    rig = create_rig()
     file = tmp_path / "tree.xml"
     for text in (
         "<root",
@@ -353,18 +351,18 @@ def test_an_invalid_tree_fails_only_its_own_goal(flat: Callable[..., Any], tmp_p
     ):
         file.write_text(text)
         goal = NavigateGoal((Pose2D(0.8, 0.0, 0.0),), str(file))
-        handle = home.navigation.navigate_to_pose.send_goal(goal)
-        home.run(1.0, lambda handle=handle: handle.done)
+        handle = rig.navigation.navigate_to_pose.send_goal(goal)
+        rig.run(1.0, lambda handle=handle: handle.done)
         assert handle.status is GoalStatus.ABORTED
         assert handle.result.code == Nav2ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE
         assert "tree.xml" in handle.result.message
-    after = home.navigation.go_to(Pose2D(0.8, 0.0, 0.0))
-    home.run(20.0, lambda: after.done)
+    after = rig.navigation.go_to(Pose2D(0.8, 0.0, 0.0))
+    rig.run(20.0, lambda: after.done)
     assert after.status is GoalStatus.SUCCEEDED
 
 
-def test_leaf_that_raises_fails_goal_and_stops_robot(flat: Callable[..., Any], tmp_path: Path) -> None:
-    home = flat()
+def test_leaf_that_raises_fails_goal_and_stops_robot(create_rig: Callable[..., Any], tmp_path: Path) -> None:
+    rig = create_rig()
     file = tmp_path / "tree.xml"
     file.write_text(
         '<root BTCPP_format="4"><BehaviorTree ID="T"><Parallel>'
@@ -372,60 +370,62 @@ def test_leaf_that_raises_fails_goal_and_stops_robot(flat: Callable[..., Any], t
         '<Sequence><ComputePathToPose goal="{goal}" path="{path}"/><FollowPath path="{path}"/></Sequence>'
         "</Parallel></BehaviorTree></root>"
     )
-    handle = home.navigation.navigate_to_pose.send_goal(NavigateGoal((Pose2D(4.0, 0.0, 0.0),), str(file)))
-    home.run(10.0, lambda: handle.done)
-    home.run(1.0)
+    handle = rig.navigation.navigate_to_pose.send_goal(NavigateGoal((Pose2D(4.0, 0.0, 0.0),), str(file)))
+    rig.run(10.0, lambda: handle.done)
+    rig.run(1.0)
     assert handle.status is GoalStatus.ABORTED
     assert "TransformAvailable" in handle.result.message
-    assert home.body.ramped_twist()[0] == pytest.approx(0.0, abs=0.02)
+    assert rig.body.ramped_twist()[0] == pytest.approx(0.0, abs=0.02)
 
 
-def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(flat: Callable[..., Any]) -> None:
-    home = flat(Fault("laser", 6 * NS_PER_S, 11 * NS_PER_S))
-    handle = home.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
-    home.run(6.0)
-    assert home.speeds[-1] > 0.25
-    home.run(1.0)
-    assert home.speeds[-1] == pytest.approx(0.0, abs=0.02)
-    home.run(4.0)
-    assert max(home.speeds) < 0.02
-    home.run(60.0, lambda: handle.done)
+def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(
+    create_rig: Callable[..., Any],
+) -> None:
+    rig = create_rig(Fault("laser", 6 * NS_PER_S, 11 * NS_PER_S))
+    handle = rig.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
+    rig.run(6.0)
+    assert rig.speeds[-1] > 0.25
+    rig.run(1.0)
+    assert rig.speeds[-1] == pytest.approx(0.0, abs=0.02)
+    rig.run(4.0)
+    assert max(rig.speeds) < 0.02
+    rig.run(60.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert home.distance_to(4.3, 0.0) < 0.35
+    assert rig.distance_to(4.3, 0.0) < 0.35
 
 
 @pytest.mark.parametrize("during", ["carried to another room", "restarted at zero"])
 def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(
-    flat: Callable[..., Any], caplog: pytest.LogCaptureFixture, during: str
+    create_rig: Callable[..., Any], caplog: pytest.LogCaptureFixture, during: str
 ) -> None:
-    home = flat(Fault("odometry", 6 * NS_PER_S, 11 * NS_PER_S))
-    handle = home.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
-    home.run(6.0)
-    assert home.speeds[-1] > 0.25
-    driven = home.body.distance
-    home.run(0.3)
-    assert home.body.commanded_velocity().v < 0.3
-    home.run(0.3)
-    assert home.speeds[-1] == pytest.approx(0.0, abs=0.01)
-    home.run(2.0)
+    rig = create_rig(Fault("odometry", 6 * NS_PER_S, 11 * NS_PER_S))
+    handle = rig.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
+    rig.run(6.0)
+    assert rig.speeds[-1] > 0.25
+    driven = rig.body.distance
+    rig.run(0.3)
+    assert rig.body.commanded_velocity().v < 0.3
+    rig.run(0.3)
+    assert rig.speeds[-1] == pytest.approx(0.0, abs=0.01)
+    rig.run(2.0)
     # 0.2 s until the odometry is stale, a period of the controller, and the way to brake from 0.3 m/s.
-    assert home.body.distance - driven < 0.3 * 0.25 + 0.3**2 / 2 + 0.02
-    assert home.navigation.estimate() is None
+    assert rig.body.distance - driven < 0.3 * 0.25 + 0.3**2 / 2 + 0.02
+    assert rig.navigation.estimate() is None
     if during == "carried to another room":
-        home.body.kidnap(Pose2D(-2.2, -0.5, 2.5))
+        rig.body.kidnap(Pose2D(-2.2, -0.5, 2.5))
     else:
-        home.body._wheel_odometry.x = home.body._wheel_odometry.y = home.body._wheel_odometry.yaw = 0.0
-    home.run(2.35)
+        rig.body._wheel_odometry.x = rig.body._wheel_odometry.y = rig.body._wheel_odometry.yaw = 0.0
+    rig.run(2.35)
     assert not handle.done
-    driven = home.body.distance
-    found = home.run(30.0, lambda: home.navigation.estimate() is not None)
+    driven = rig.body.distance
+    found = rig.run(30.0, lambda: rig.navigation.estimate() is not None)
     assert found < (30.0 if during == "carried to another room" else 2.0)
-    assert home.body.distance - driven < 0.1
-    estimate, true = home.navigation.estimate(), home.body.true_pose()
+    assert rig.body.distance - driven < 0.1
+    estimate, true = rig.navigation.estimate(), rig.body.true_pose()
     assert math.hypot(estimate.x - true.x, estimate.y - true.y) < 0.2
-    home.run(60.0, lambda: handle.done)
+    rig.run(60.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert home.distance_to(4.3, 0.0) < 0.35
+    assert rig.distance_to(4.3, 0.0) < 0.35
     warnings = [record.message for record in caplog.records if "odometry" in record.message]
     assert len(warnings) == 2
     assert warnings[0] == "no odometry for 0.2 s: the robot stands until it arrives again"
@@ -441,13 +441,18 @@ def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(
     ],
 )
 def test_a_goal_fails_after_a_long_outage_with_its_cause(
-    flat: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, sensor: str, code: str, reading: str, tree: str
+    create_rig: Callable[..., Any],
+    monkeypatch: pytest.MonkeyPatch,
+    sensor: str,
+    code: str,
+    reading: str,
+    tree: str,
 ) -> None:
     monkeypatch.setattr(sensor_watch, "MAX_OUTAGE_S", 2.0)
-    home = flat(Fault(sensor, 3 * NS_PER_S, 99 * NS_PER_S))
+    rig = create_rig(Fault(sensor, 3 * NS_PER_S, 99 * NS_PER_S))
     goal = NavigateGoal((Pose2D(4.3, 0.0, 0.0),), tree)
-    handle = home.navigation.navigate_to_pose.send_goal(goal)
-    assert home.run(8.0, lambda: handle.done) == pytest.approx(5.0, abs=0.2)
+    handle = rig.navigation.navigate_to_pose.send_goal(goal)
+    assert rig.run(8.0, lambda: handle.done) == pytest.approx(5.0, abs=0.2)
     assert handle.status is GoalStatus.ABORTED
     sentence = rf"{code}: no {reading} for 2.\d s: the robot stands until it arrives again"
     assert re.fullmatch(sentence, handle.result.message)
@@ -455,76 +460,76 @@ def test_a_goal_fails_after_a_long_outage_with_its_cause(
 
 
 def test_a_goal_fails_with_an_empty_battery_and_another_is_reached_after_recharging(
-    flat: Callable[..., Any],
+    create_rig: Callable[..., Any],
 ) -> None:
-    home = flat()
-    home.body.battery_model.level = 0.6
-    handle = home.navigation.go_to(Pose2D(2.5, 0.0, 0.0))
-    home.run(20.0, lambda: handle.done)
+    rig = create_rig()
+    rig.body.battery_model.level = 0.6
+    handle = rig.navigation.go_to(Pose2D(2.5, 0.0, 0.0))
+    rig.run(20.0, lambda: handle.done)
     assert handle.status is GoalStatus.ABORTED
     assert handle.result.message == "FAILED_TO_MAKE_PROGRESS: the battery is empty"
-    assert home.body.battery().level == 0.0
-    assert home.distance_to(0.0, 0.0) > 0.2
-    home.body.recharge()
-    again = home.navigation.go_to(Pose2D(2.5, 0.0, 0.0))
-    home.run(30.0, lambda: again.done)
+    assert rig.body.battery().level == 0.0
+    assert rig.distance_to(0.0, 0.0) > 0.2
+    rig.body.recharge()
+    again = rig.navigation.go_to(Pose2D(2.5, 0.0, 0.0))
+    rig.run(30.0, lambda: again.done)
     assert again.status is GoalStatus.SUCCEEDED
 
 
-def test_a_goal_waits_for_a_laser_that_fails_at_the_start(flat: Callable[..., Any]) -> None:
-    home = flat(Fault("laser", 0, 4 * NS_PER_S))
-    handle = home.navigation.go_to(Pose2D(1.5, 1.0, 0.0))
-    home.run(3.9)
+def test_a_goal_waits_for_a_laser_that_fails_at_the_start(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig(Fault("laser", 0, 4 * NS_PER_S))
+    handle = rig.navigation.go_to(Pose2D(1.5, 1.0, 0.0))
+    rig.run(3.9)
     assert not handle.done
-    assert home.body.distance < 0.01
-    home.run(40.0, until=lambda: handle.done)
+    assert rig.body.distance < 0.01
+    rig.run(40.0, until=lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
 
 
-def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(flat: Callable[..., Any]) -> None:
-    home = flat()
-    handle = home.navigation.go_to(Pose2D(2.5, -1.2, 0.0))
-    home.run(5.0)
-    planned = home.navigation.servers.compute_path.latest_path
-    home.body.kidnap(Pose2D(-2.2, -0.5, 2.5))
-    noticed = home.run(5.0, lambda: home.navigation.estimate() is None)
+def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
+    handle = rig.navigation.go_to(Pose2D(2.5, -1.2, 0.0))
+    rig.run(5.0)
+    planned = rig.navigation.servers.compute_path.latest_path
+    rig.body.kidnap(Pose2D(-2.2, -0.5, 2.5))
+    noticed = rig.run(5.0, lambda: rig.navigation.estimate() is None)
     assert noticed < 2.0
-    home.run(1.0)
-    assert max(home.speeds[-5:]) == pytest.approx(0.0, abs=0.02)
-    found = home.run(60.0, lambda: home.navigation.estimate() is not None)
+    rig.run(1.0)
+    assert max(rig.speeds[-5:]) == pytest.approx(0.0, abs=0.02)
+    found = rig.run(60.0, lambda: rig.navigation.estimate() is not None)
     assert found < 60.0
-    estimate, true = home.navigation.estimate(), home.body.true_pose()
+    estimate, true = rig.navigation.estimate(), rig.body.true_pose()
     assert math.hypot(estimate.x - true.x, estimate.y - true.y) < 0.3
-    home.run(60.0, lambda: handle.done)
+    rig.run(60.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert home.navigation.servers.compute_path.latest_path is not planned
-    assert home.distance_to(2.5, -1.2) < 0.35
+    assert rig.navigation.servers.compute_path.latest_path is not planned
+    assert rig.distance_to(2.5, -1.2) < 0.35
 
 
-def test_a_new_goal_ends_the_recovery_of_the_previous_goal(flat: Callable[..., Any]) -> None:
-    home = flat()
-    first = home.navigation.go_to(Pose2D(4.3, 1.9, 0.0))
-    home.run(60.0, lambda: home.navigation.servers.wait.busy)
-    assert home.navigation.servers.wait.busy
-    second = home.navigation.go_to(Pose2D(0.8, 0.0, 0.0))
-    home.run(1.0)
+def test_a_new_goal_ends_the_recovery_of_the_previous_goal(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
+    first = rig.navigation.go_to(Pose2D(4.3, 1.9, 0.0))
+    rig.run(60.0, lambda: rig.navigation.servers.wait.busy)
+    assert rig.navigation.servers.wait.busy
+    second = rig.navigation.go_to(Pose2D(0.8, 0.0, 0.0))
+    rig.run(1.0)
     assert first.status is GoalStatus.CANCELED
-    assert not home.navigation.servers.wait.busy
-    home.run(20.0, lambda: second.done)
+    assert not rig.navigation.servers.wait.busy
+    rig.run(20.0, lambda: second.done)
     assert second.status is GoalStatus.SUCCEEDED
 
 
-def test_the_same_goal_again_gets_a_new_path(flat: Callable[..., Any]) -> None:
-    home = flat()
-    first = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
-    home.run(4.0)
+def test_the_same_goal_again_gets_a_new_path(create_rig: Callable[..., Any]) -> None:
+    rig = create_rig()
+    first = rig.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
+    rig.run(4.0)
     first.cancel()
-    home.run(1.0)
-    planned = home.navigation.servers.compute_path.latest_path
-    again = home.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
-    home.run(1.0)
+    rig.run(1.0)
+    planned = rig.navigation.servers.compute_path.latest_path
+    again = rig.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
+    rig.run(1.0)
     assert not again.done
-    assert home.navigation.servers.compute_path.latest_path is not planned
+    assert rig.navigation.servers.compute_path.latest_path is not planned
 
 
 @pytest.mark.parametrize(
@@ -537,21 +542,23 @@ def test_the_same_goal_again_gets_a_new_path(flat: Callable[..., Any]) -> None:
     ],
 )
 def test_a_tree_in_the_parameters_selects_our_tree_or_the_default_tree(
-    flat: Callable[..., Any], named: str, meant: str
+    create_rig: Callable[..., Any], named: str, meant: str
 ) -> None:
     usual = NavigationParameters()
     navigator = replace(usual.navigator, default_nav_to_pose_bt_xml=named)
-    home = flat(parameters=replace(usual, navigator=navigator))
-    assert home.navigation.navigate_to_pose.default_tree == TREES / "navigation" / meant
+    rig = create_rig(parameters=replace(usual, navigator=navigator))
+    assert rig.navigation.navigate_to_pose.default_tree == TREES / "navigation" / meant
 
 
-def test_goal_waits_until_pose_is_known(flat: Callable[..., Any], caplog: pytest.LogCaptureFixture) -> None:
-    home = flat(start=Pose2D(3.0, -1.2, 2.0))
-    handle = home.navigation.go_to(Pose2D(0.0, 0.0, 0.0))
-    home.run(1.0)
-    assert home.navigation.estimate() is None
+def test_goal_waits_until_pose_is_known(
+    create_rig: Callable[..., Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    rig = create_rig(start=Pose2D(3.0, -1.2, 2.0))
+    handle = rig.navigation.go_to(Pose2D(0.0, 0.0, 0.0))
+    rig.run(1.0)
+    assert rig.navigation.estimate() is None
     assert "the robot's pose is unknown" in caplog.text
     assert handle.feedback.navigation_time == pytest.approx(1.0, abs=0.1)
-    home.run(90.0, lambda: handle.done)
+    rig.run(90.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert home.distance_to(0.0, 0.0) < 0.35
+    assert rig.distance_to(0.0, 0.0) < 0.35

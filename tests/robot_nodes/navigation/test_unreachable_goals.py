@@ -45,7 +45,7 @@ Crate = tuple[float, float, float]
 """The position x, y and the side length (m)."""
 
 
-class TwoRooms:
+class TwoRoomsRig:
     """A simulated robot that drives to the charger; the map does not have the crates."""
 
     def __init__(self, *crates: Crate, tree: str = "") -> None:
@@ -81,22 +81,22 @@ class TwoRooms:
         return self.world.now() / NS_PER_S
 
     def remove(self, crate: int) -> None:
-        """Move a crate out of the rooms."""
+        """Move a crate out of the rig."""
         self.world.move_kinematic_body(self.world.kinematic_bodies("crate_")[crate], 30.0, 30.0, 0.0)
 
 
 @pytest.fixture
-def two_rooms() -> Iterator[Callable[..., Any]]:
+def create_rig() -> Iterator[Callable[..., Any]]:
     made = []
 
-    def make(*crates: Crate, tree: str = "") -> TwoRooms:
-        made.append(TwoRooms(*crates, tree=tree))
+    def make(*crates: Crate, tree: str = "") -> TwoRoomsRig:
+        made.append(TwoRoomsRig(*crates, tree=tree))
         return made[-1]
 
     yield make
-    for rooms in made:
-        assert rooms.body.contacts.collisions == rooms.body.contacts.grazes == 0
-        rooms.world.close()
+    for rig in made:
+        assert rig.body.contacts.collisions == rig.body.contacts.grazes == 0
+        rig.world.close()
 
 
 @pytest.mark.parametrize(
@@ -118,41 +118,41 @@ def two_rooms() -> Iterator[Callable[..., Any]]:
     ids=["recharge_under_a_crate", "two_closed_doors"],
 )
 def test_blocked_goal_ends_with_place_of_obstacle(
-    two_rooms: Callable[..., Any],
+    create_rig: Callable[..., Any],
     tree: str,
     crates: tuple[tuple[float, float, float], tuple[float, float, float]] | tuple[tuple[float, float, float]],
     code: Nav2ErrorCode,
     cause: str,
 ) -> None:
-    rooms = two_rooms(*crates, tree=tree)
-    assert rooms.run(150.0) < 90.0
-    assert rooms.handle.status is GoalStatus.ABORTED
-    assert rooms.handle.result.code == code
-    (outcome,) = rooms.navigation.outcomes()
-    assert outcome.cause == rooms.handle.result.message
+    rig = create_rig(*crates, tree=tree)
+    assert rig.run(150.0) < 90.0
+    assert rig.handle.status is GoalStatus.ABORTED
+    assert rig.handle.result.code == code
+    (outcome,) = rig.navigation.outcomes()
+    assert outcome.cause == rig.handle.result.message
     assert outcome.cause.startswith(f"{code.name}: ")
     assert re.search(cause, outcome.cause)
-    assert rooms.body.distance < 8.0
-    assert rooms.navigation.moving_scene().notes["failed goals"].endswith(outcome.cause)
+    assert rig.body.distance < 8.0
+    assert rig.navigation.moving_scene().notes["failed goals"].endswith(outcome.cause)
 
 
 @pytest.mark.parametrize(
     ("crates", "tree"), [((ON_RECHARGE,), ""), ((SOUTH_DOOR, NORTH_DOOR), NAV2)], ids=["default", "nav2"]
 )
 def test_a_goal_is_reached_when_the_obstacle_goes_away(
-    two_rooms: Callable[..., Any],
+    create_rig: Callable[..., Any],
     crates: tuple[tuple[float, float, float], tuple[float, float, float]] | tuple[tuple[float, float, float]],
     tree: str,
 ) -> None:
-    rooms = two_rooms(*crates, tree=tree)
-    rooms.run(25.0)
-    assert not rooms.handle.done
-    rooms.remove(0)
-    rooms.run(90.0)
-    assert rooms.handle.status is GoalStatus.SUCCEEDED
+    rig = create_rig(*crates, tree=tree)
+    rig.run(25.0)
+    assert not rig.handle.done
+    rig.remove(0)
+    rig.run(90.0)
+    assert rig.handle.status is GoalStatus.SUCCEEDED
 
 
-def test_navigator_ends_goal_of_tree_that_never_ends(two_rooms: Callable[..., Any], tmp_path: Path) -> None:
+def test_navigator_ends_goal_of_tree_that_never_ends(create_rig: Callable[..., Any], tmp_path: Path) -> None:
     file = tmp_path / "tree.xml"
     file.write_text(
         '<root BTCPP_format="4"><BehaviorTree ID="T"><RetryUntilSuccessful num_attempts="-1">'
@@ -161,12 +161,10 @@ def test_navigator_ends_goal_of_tree_that_never_ends(two_rooms: Callable[..., An
         "</RetryUntilSuccessful></BehaviorTree></root>",
         encoding="utf-8",
     )
-    rooms = two_rooms(ON_RECHARGE, tree=str(file))
-    assert rooms.run(150.0) < 120.0
-    assert rooms.handle.result.code == Nav2ErrorCode.GOAL_OCCUPIED
-    assert re.search(
-        r"not on the map; the robot has come no closer than .* m for", rooms.handle.result.message
-    )
+    rig = create_rig(ON_RECHARGE, tree=str(file))
+    assert rig.run(150.0) < 120.0
+    assert rig.handle.result.code == Nav2ErrorCode.GOAL_OCCUPIED
+    assert re.search(r"not on the map; the robot has come no closer than .* m for", rig.handle.result.message)
 
 
 # -- progress

@@ -28,7 +28,7 @@ from tests.robot_nodes.conftest import RecordingRobot
 LASER = "base_laser_link"
 
 
-class Looking:
+class DetectorRig:
     """A robot whose laser is 0.2 m ahead of its middle, its transforms, and components around it."""
 
     def __init__(self, robot: RecordingRobot) -> None:
@@ -64,105 +64,105 @@ class Looking:
 
 
 @pytest.fixture
-def looking(robot: RecordingRobot) -> Looking:
-    return Looking(robot)
+def rig(robot: RecordingRobot) -> DetectorRig:
+    return DetectorRig(robot)
 
 
-def test_the_detector_publishes_the_hit_of_the_middle_ray_in_the_lasers_frame(looking: Looking) -> None:
-    looking.add(ObstacleDetector)
-    looking.see(0.3, 1.5, 0.4)
-    found = looking.context.transforms.lookup(LASER, "detected_obstacle")
+def test_the_detector_publishes_the_hit_of_the_middle_ray_in_the_lasers_frame(rig: DetectorRig) -> None:
+    rig.add(ObstacleDetector)
+    rig.see(0.3, 1.5, 0.4)
+    found = rig.context.transforms.lookup(LASER, "detected_obstacle")
     assert found.position == pytest.approx((1.5, 0.0, 0.0))
     assert found.quaternion == (0.0, 0.0, 0.0, 1.0)
-    assert looking.context.transforms.parent("detected_obstacle") == LASER
+    assert rig.context.transforms.parent("detected_obstacle") == LASER
 
 
 @pytest.mark.parametrize("reading", [math.inf, -math.inf, math.nan])
-def test_without_an_echo_the_detector_publishes_nothing(looking: Looking, reading: float) -> None:
-    looking.add(ObstacleDetector)
-    looking.see(1.0, reading, 1.0)
-    assert "detected_obstacle" not in looking.context.transforms.frames()
+def test_without_an_echo_the_detector_publishes_nothing(rig: DetectorRig, reading: float) -> None:
+    rig.add(ObstacleDetector)
+    rig.see(1.0, reading, 1.0)
+    assert "detected_obstacle" not in rig.context.transforms.frames()
 
 
-def test_the_obstacles_transform_is_static_and_does_not_expire(looking: Looking) -> None:
-    looking.add(ObstacleDetector)
-    looking.see(1.0, 1.5, 1.0)
-    looking.robot.clock.sleep(60.0)
-    assert looking.where(LASER)[0] == pytest.approx(1.5)
+def test_the_obstacles_transform_is_static_and_does_not_expire(rig: DetectorRig) -> None:
+    rig.add(ObstacleDetector)
+    rig.see(1.0, 1.5, 1.0)
+    rig.robot.clock.sleep(60.0)
+    assert rig.where(LASER)[0] == pytest.approx(1.5)
 
 
 def test_only_the_improved_detectors_obstacle_stays_when_the_robot_moves(robot: RecordingRobot) -> None:
     places = {}
     for kind in (ObstacleDetector, ObstacleDetectorImproved):
-        looking = Looking(type(robot)())
-        looking.know_frames()
-        looking.add(kind)
-        looking.see(1.0, 1.5, 1.0)
-        looking.robot.pose = Pose2D(1.0, 0.0, math.pi / 2)
-        looking.robot.clock.sleep(1.0)
-        looking.see(1.0, math.inf, 1.0)
+        rig = DetectorRig(type(robot)())
+        rig.know_frames()
+        rig.add(kind)
+        rig.see(1.0, 1.5, 1.0)
+        rig.robot.pose = Pose2D(1.0, 0.0, math.pi / 2)
+        rig.robot.clock.sleep(1.0)
+        rig.see(1.0, math.inf, 1.0)
         try:
-            places[kind] = looking.where("odom")
+            places[kind] = rig.where("odom")
         finally:
-            looking.executor.remove(looking.laser)
+            rig.executor.remove(rig.laser)
     assert places[ObstacleDetector] == pytest.approx((1.0, 1.7, 0.1), abs=1e-6)
     assert places[ObstacleDetectorImproved] == pytest.approx((1.7, 0.0, 0.1), abs=1e-6)
 
 
-def test_the_improved_detector_uses_the_lasers_pose_at_the_scans_time(looking: Looking) -> None:
-    looking.know_frames()
-    looking.add(ObstacleDetectorImproved)
-    looking.robot.clock.sleep(0.5)
-    stamp = looking.robot.clock.now()
+def test_the_improved_detector_uses_the_lasers_pose_at_the_scans_time(rig: DetectorRig) -> None:
+    rig.know_frames()
+    rig.add(ObstacleDetectorImproved)
+    rig.robot.clock.sleep(0.5)
+    stamp = rig.robot.clock.now()
     scan = LaserScan(np.array([1.5], dtype=np.float32), stamp, 0.0, 0.1, 0.05, 25.0, LASER)
-    looking.robot.pose = Pose2D(5.0, 0.0, 0.0)
-    looking.robot.clock.sleep(0.1)
-    looking.scans.publish(scan)
-    looking.robot.clock.sleep(0.0)
-    assert looking.where("odom") == pytest.approx((1.7, 0.0, 0.1), abs=1e-6)
+    rig.robot.pose = Pose2D(5.0, 0.0, 0.0)
+    rig.robot.clock.sleep(0.1)
+    rig.scans.publish(scan)
+    rig.robot.clock.sleep(0.0)
+    assert rig.where("odom") == pytest.approx((1.7, 0.0, 0.1), abs=1e-6)
 
 
-def test_without_the_robots_frames_the_improved_detector_warns(looking: Looking) -> None:
-    looking.add(ObstacleDetectorImproved)
-    looking.see(1.0, 1.5, 1.0)
-    assert [line.level for line in looking.lines] == ["WARN"]
-    assert "detected_obstacle" not in looking.context.transforms.frames()
+def test_without_the_robots_frames_the_improved_detector_warns(rig: DetectorRig) -> None:
+    rig.add(ObstacleDetectorImproved)
+    rig.see(1.0, 1.5, 1.0)
+    assert [line.level for line in rig.lines] == ["WARN"]
+    assert "detected_obstacle" not in rig.context.transforms.frames()
 
 
-def test_the_monitor_logs_the_obstacle_twice_a_second_and_draws_an_arrow(looking: Looking) -> None:
-    looking.know_frames()
-    looking.add(ObstacleDetector)
-    looking.add(ObstacleMonitor)
-    looking.see(1.0, 1.5, 1.0)
-    looking.robot.clock.sleep(1.0)
-    assert [line.stamp for line in looking.lines] == [500_000_000, 1_000_000_000]
-    assert looking.lines[0].text == "Obstacle detected at (1.700 m, 0.000 m, 0.100 m) = 0.000 rad"
-    arrow = looking.arrows[0]
+def test_the_monitor_logs_the_obstacle_twice_a_second_and_draws_an_arrow(rig: DetectorRig) -> None:
+    rig.know_frames()
+    rig.add(ObstacleDetector)
+    rig.add(ObstacleMonitor)
+    rig.see(1.0, 1.5, 1.0)
+    rig.robot.clock.sleep(1.0)
+    assert [line.stamp for line in rig.lines] == [500_000_000, 1_000_000_000]
+    assert rig.lines[0].text == "Obstacle detected at (1.700 m, 0.000 m, 0.100 m) = 0.000 rad"
+    arrow = rig.arrows[0]
     assert (arrow.frame, arrow.colour, arrow.lifetime) == ("base_footprint", RED, 1.0)
     assert (arrow.shaft, arrow.head) == (0.02, 0.1)
     assert (arrow.start, arrow.end) == ((0.0, 0.0, 0.0), pytest.approx((1.7, 0.0, 0.1)))
 
 
-def test_the_monitor_warns_while_there_is_no_obstacle(looking: Looking) -> None:
-    looking.know_frames()
-    looking.add(ObstacleMonitor)
-    looking.robot.clock.sleep(1.0)
-    assert [line.level for line in looking.lines] == ["WARN", "WARN"]
-    assert looking.arrows == []
+def test_the_monitor_warns_while_there_is_no_obstacle(rig: DetectorRig) -> None:
+    rig.know_frames()
+    rig.add(ObstacleMonitor)
+    rig.robot.clock.sleep(1.0)
+    assert [line.level for line in rig.lines] == ["WARN", "WARN"]
+    assert rig.arrows == []
 
 
 # --- exercises
 
 
-def test_exercise_the_displacement_of_each_second(looking: Looking) -> None:
-    looking.know_frames()
-    looking.add(Displacement)
-    looking.robot.clock.sleep(1.0)
-    looking.robot.pose = Pose2D(0.3, 0.4, math.pi / 2)
-    looking.robot.clock.sleep(1.0)
-    looking.robot.pose = Pose2D(0.3, 0.6, math.pi / 2)
-    looking.robot.clock.sleep(1.0)
-    assert [line.text for line in looking.lines] == [
+def test_exercise_the_displacement_of_each_second(rig: DetectorRig) -> None:
+    rig.know_frames()
+    rig.add(Displacement)
+    rig.robot.clock.sleep(1.0)
+    rig.robot.pose = Pose2D(0.3, 0.4, math.pi / 2)
+    rig.robot.clock.sleep(1.0)
+    rig.robot.pose = Pose2D(0.3, 0.6, math.pi / 2)
+    rig.robot.clock.sleep(1.0)
+    assert [line.text for line in rig.lines] == [
         "moved 0.500 m (x 0.300, y 0.400), turned 1.571 rad",
         "moved 0.200 m (x 0.200, y 0.000), turned 0.000 rad",
     ]
@@ -173,25 +173,25 @@ def test_exercise_arrow_is_green_far_away_and_red_near(distance: float, colour: 
     assert distance_colour(distance) == colour
 
 
-def test_exercise_the_arrows_colour_changes_gradually_with_the_distance(looking: Looking) -> None:
+def test_exercise_the_arrows_colour_changes_gradually_with_the_distance(rig: DetectorRig) -> None:
     shares = [distance_colour(distance)[0] for distance in (0.6, 1.0, 2.0, 2.9)]
     assert shares == sorted(shares, reverse=True)
-    looking.know_frames()
-    looking.add(ObstacleDetector)
-    looking.add(ObstacleMonitor, colour_by_distance=True)
-    looking.see(1.0, 9.0, 1.0)
-    looking.robot.clock.sleep(0.5)
-    assert looking.arrows[0].colour == GREEN
+    rig.know_frames()
+    rig.add(ObstacleDetector)
+    rig.add(ObstacleMonitor, colour_by_distance=True)
+    rig.see(1.0, 9.0, 1.0)
+    rig.robot.clock.sleep(0.5)
+    assert rig.arrows[0].colour == GREEN
 
 
-def test_exercise_the_obstacle_in_three_frames(looking: Looking) -> None:
-    looking.robot.pose = Pose2D(1.0, 2.0, math.pi / 2)
-    looking.know_frames()
-    looking.add(ObstacleDetectorImproved)
-    looking.add(ObstacleInFrames)
-    looking.see(1.0, 1.5, 1.0)
-    looking.robot.clock.sleep(0.5)
-    assert [line.text for line in looking.lines] == [
+def test_exercise_the_obstacle_in_three_frames(rig: DetectorRig) -> None:
+    rig.robot.pose = Pose2D(1.0, 2.0, math.pi / 2)
+    rig.know_frames()
+    rig.add(ObstacleDetectorImproved)
+    rig.add(ObstacleInFrames)
+    rig.see(1.0, 1.5, 1.0)
+    rig.robot.clock.sleep(0.5)
+    assert [line.text for line in rig.lines] == [
         "Obstacle in odom: (1.000 m, 3.700 m, 0.100 m)",
         "Obstacle in base_footprint: (1.700 m, 0.000 m, 0.100 m)",
         "Obstacle in head_2_link: (1.575 m, 0.000 m, -0.900 m)",

@@ -2,7 +2,7 @@
 
 import pytest
 
-from btcore import NodeExecutionError
+from btcore import NodeExecutionError, Tree
 from btcore_navigation.controller import FollowPathFeedback
 from btcore_robot.robot import BatteryState, Odometry, Pose2D, Twist2D
 from tests.robot_nodes.navigation.conftest import path_through
@@ -49,33 +49,22 @@ def test_global_updated_goal_succeeds_at_first_and_remembers_across_halts(rig: N
     assert rig.letters(tree, 2) == "SF"
 
 
-class Bumped:
-    """The odometry of a robot that bumps into something."""
-
-    def __init__(self, rig: NodeRig) -> None:
-        self.rig = rig
-
-    def at(self, v: float) -> None:
-        self.rig.wait(0.02)
-        self.rig.robot._odometry = Odometry(Pose2D(0, 0, 0), Twist2D(v, 0.0), self.rig.robot.clock.now())
+def letters_at_speeds(rig: NodeRig, tree: Tree, *speeds: float) -> str:
+    """Tick every 20 ms with another speed (m/s) in the odometry; return the letters of the results."""
+    letters = ""
+    for speed in speeds:
+        rig.wait(0.02)
+        rig.robot._odometry = Odometry(Pose2D(0, 0, 0), Twist2D(speed, 0.0), rig.robot.clock.now())
+        letters += rig.letters(tree, 1)
+    return letters
 
 
 def test_is_stuck_succeeds_when_the_robot_slows_down_as_in_a_collision(rig: NodeRig) -> None:
-    tree, odometry = rig.tree("<IsStuck/>"), Bumped(rig)
-    found = ""
-    for speed in (0.3, 0.3, 0.3, 0.05, 0.05):
-        odometry.at(speed)
-        found += rig.letters(tree, 1)
-    assert found == "FFFSF"
+    assert letters_at_speeds(rig, rig.tree("<IsStuck/>"), 0.3, 0.3, 0.3, 0.05, 0.05) == "FFFSF"
 
 
 def test_is_stuck_fails_when_the_robot_brakes(rig: NodeRig) -> None:
-    tree, odometry = rig.tree("<IsStuck/>"), Bumped(rig)
-    found = ""
-    for speed in (0.3, 0.3, 0.3, 0.15, 0.0, 0.0):
-        odometry.at(speed)
-        found += rig.letters(tree, 1)
-    assert found == "FFFFFF"
+    assert letters_at_speeds(rig, rig.tree("<IsStuck/>"), 0.3, 0.3, 0.3, 0.15, 0.0, 0.0) == "FFFFFF"
 
 
 @pytest.mark.parametrize(("level", "letter"), [(100.0, "F"), (20.1, "F"), (20.0, "S"), (3.0, "S")])

@@ -22,7 +22,7 @@ from btcore_studio.language.worker import Libraries
 MAIN = '<root BTCPP_format="4"><!-- 🤖 Grüße --><BehaviorTree ID="Main">{}</BehaviorTree></root>'
 
 
-class Edited:
+class EditedDocument:
     """A document in *path* whose text is checked and fixed."""
 
     def __init__(self, path: Path, text: str) -> None:
@@ -52,7 +52,7 @@ class Edited:
 
 def test_declaring_a_node_makes_the_file_valid(tmp_path: Path) -> None:
     path = tmp_path / "tree.xml"
-    edited = Edited(
+    edited = EditedDocument(
         path, MAIN.format('<Sequence><Script code="g := 1"/><Greet who="{g}" times="2"/></Sequence>')
     )
     text = edited.fixes("E101")["Declare <Greet> in the <TreeNodesModel>"]
@@ -68,7 +68,7 @@ def test_declaring_a_node_makes_the_file_valid(tmp_path: Path) -> None:
 
 def test_the_conversion_to_format_4(tmp_path: Path) -> None:
     old = '<root main_tree_to_execute="A"><BehaviorTree ID="A"><SequenceStar><AlwaysSuccess/></SequenceStar></BehaviorTree></root>'
-    edited = Edited(tmp_path / "tree.xml", old)
+    edited = EditedDocument(tmp_path / "tree.xml", old)
     fix = convert_to_4(edited.project, edited.document)
     assert fix is not None
     (edit,) = fix.edits
@@ -81,7 +81,7 @@ def test_the_conversion_to_format_4(tmp_path: Path) -> None:
 
 
 def test_code_actions_are_those_of_the_range(tmp_path: Path) -> None:
-    edited = Edited(tmp_path / "tree.xml", MAIN.format("<Sequense><Slep/></Sequense>"))
+    edited = EditedDocument(tmp_path / "tree.xml", MAIN.format("<Sequense><Slep/></Sequense>"))
     document = edited.document
     whole = document.positions.range(0, len(document.text))
     at = document.positions.position(document.text.index("Slep"))

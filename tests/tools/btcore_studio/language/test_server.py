@@ -134,7 +134,7 @@ async def formatting(client: Any, uri: str) -> Any:
     return await client.text_document_formatting_async(params)
 
 
-class Checked:
+class CheckedProject:
     """A project with a background check, without a client."""
 
     def __init__(self, folder: Path, settings: Settings) -> None:
@@ -165,7 +165,7 @@ def test_python_leaves_are_imported_only_if_the_user_trusts_them(tmp_path: Path)
     imported = tmp_path / "imported"
 
     async def use() -> None:
-        checked = Checked(tmp_path, Settings(plugins=("leaves.py",)))
+        checked = CheckedProject(tmp_path, Settings(plugins=("leaves.py",)))
         await checked.until(tree, ["E101"])
         assert not imported.exists()
         [hint] = checked.shown
@@ -195,7 +195,7 @@ def test_nodes_of_the_last_import_are_kept_while_a_library_has_a_mistake(tmp_pat
     leaves.write_text(LEAVES, encoding="utf-8")
 
     async def use() -> None:
-        checked = Checked(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
+        checked = CheckedProject(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
         await checked.until(tree, ["W201"])
         for number in (1, 2):
             leaves.write_text(LEAVES + "\nGRÜSSE = 'Hallo 🤖' + 1\n", encoding="utf-8")
@@ -227,7 +227,7 @@ def test_a_mistake_in_a_helper_of_a_library_is_reported_there_until_it_is_repair
     helper.write_text("WORDS = (\n", encoding="utf-8")
 
     async def use() -> None:
-        checked = Checked(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
+        checked = CheckedProject(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
         await checked.until(helper, [""])
         (problem,) = checked.found[helper]
         assert problem.line == 0
@@ -256,7 +256,7 @@ def test_nodes_of_the_last_import_are_kept_if_an_import_never_ends(
         return await ask(self, message, 0.2 if message.get("trusted") else limit)
 
     async def use() -> None:
-        checked = Checked(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
+        checked = CheckedProject(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
         await checked.until(tree, ["W201"])
         monkeypatch.setattr(checker.WorkerProcess, "ask", limited)
         leaves.write_text(LEAVES + "\nwhile True: pass\n", encoding="utf-8")
@@ -286,7 +286,7 @@ def test_a_project_of_groot(tmp_path: Path) -> None:
     )
 
     async def use() -> None:
-        checked = Checked(tmp_path, Settings())
+        checked = CheckedProject(tmp_path, Settings())
         # The project declares <Greet>, and its trees call each other without includes.
         await checked.until(project, [])
         await checked.until(first, ["E201"])
@@ -308,7 +308,7 @@ def test_a_file_is_checked_alone_or_with_the_project_that_includes_it(tmp_path: 
     file.write_text(empty, encoding="utf-8")
 
     async def use() -> None:
-        checked = Checked(tmp_path, Settings())
+        checked = CheckedProject(tmp_path, Settings())
         project = checked.project
 
         def write(path: Path, text: str, version: int) -> None:
@@ -346,7 +346,7 @@ def test_keys_of_an_included_file_may_be_written_by_its_callers(tmp_path: Path) 
     main.write_text(tree.format('<include path="küche.xml"/>', "Haus", call), encoding="utf-8")
 
     async def use() -> None:
-        checked = Checked(tmp_path, Settings())
+        checked = CheckedProject(tmp_path, Settings())
         await checked.until(part, ["W212"])
         text = tree.format('<include path="küche.xml"/>', "Haus", call.replace("zahl", "anzahl"))
         checked.checker.changed(checked.project.open(main.as_uri(), text, 1))
@@ -375,7 +375,7 @@ def test_settings_that_change_during_an_import(tmp_path: Path) -> None:
     leaves.write_text(LEAVES + "\nwhile True: pass\n", encoding="utf-8")
 
     async def use() -> None:
-        checked = Checked(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
+        checked = CheckedProject(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
         while not (tmp_path / "imported").exists():
             await asyncio.sleep(0.05)
         checked.project.configure([tmp_path], Settings())
