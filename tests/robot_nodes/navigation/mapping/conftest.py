@@ -1,11 +1,10 @@
 """A flat of boxes, the scans of a laser like Tiago's, and a robot that is moved through the flat."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from btcore_navigation.mapping.key_scan import KeyScan, LocalisedScan, key_scan
@@ -14,9 +13,8 @@ from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import LaserInfo, LaserScan, Odometry, Pose2D, TransformStamped, Twist2D
 from btcore_robot.transforms import TransformTree
 from tests.robot_nodes.conftest import RecordingRobot
-from tests.robot_nodes.navigation.conftest import LASER_X, box_distances
+from tests.robot_nodes.navigation.conftest import LASER_X, Box, box_distances
 
-Box = tuple[float, float, float, float]
 RAYS = 666
 NS_PER_S = 1_000_000_000
 
@@ -28,6 +26,8 @@ ROOM: tuple[Box, ...] = (
     (1.2, 0.8, 1.8, 1.2),
     (-1.6, -1.5, -1.1, -1.2),
 )
+"""A room of 6 m by 4 m around (0, 0) with two boxes."""
+
 RING: tuple[Box, ...] = (
     (-15.2, -10.2, 15.2, -10.0),
     (-15.2, 10.0, 15.2, 10.2),
@@ -36,6 +36,7 @@ RING: tuple[Box, ...] = (
     (-13.5, -8.5, 13.5, 8.5),
     (-1.0, -10.0, -0.5, -9.8),
 )
+"""An empty corridor of 1.5 m around a block of 27 m by 17 m, with a single edge."""
 
 
 def scan_at(
@@ -172,31 +173,8 @@ def _moved(pose: Pose2D, distance: float, angle: float) -> Pose2D:
     )
 
 
-@pytest.fixture(scope="session")
-def survey() -> type[MappingRig]:
-    """`survey(boxes, start, stretch=…, slip=…, loops=…).along((x, y), …)`."""
-    return MappingRig
-
-
-@pytest.fixture(scope="session")
-def seen() -> Callable[..., KeyScan]:
-    """Return the function `seen(boxes, pose, seed)`, which returns the key scan at a pose."""
-
-    def make(boxes: Sequence[Box], pose: Pose2D, seed: int = 0) -> KeyScan:
-        scan = scan_at(boxes, pose, np.random.default_rng([seed, 3]))
-        sweep = LocalisedScan(scan, Transform((LASER_X, 0.0, 0.0945)), Pose2D(0.0, 0.0, 0.0))
-        return key_scan([sweep], 0.0)
-
-    return make
-
-
-@pytest.fixture(scope="session")
-def room() -> tuple[Box, ...]:
-    """Return a room of 6 m by 4 m around (0, 0) with two boxes."""
-    return ROOM
-
-
-@pytest.fixture(scope="session")
-def ring() -> tuple[Box, ...]:
-    """Return an empty corridor of 1.5 m around a block of 27 m by 17 m, with a single edge."""
-    return RING
+def key_scan_at(boxes: Sequence[Box], pose: Pose2D, seed: int = 0) -> KeyScan:
+    """Return the key scan of a robot at *pose*."""
+    scan = scan_at(boxes, pose, np.random.default_rng([seed, 3]))
+    localised = LocalisedScan(scan, Transform((LASER_X, 0.0, 0.0945)), Pose2D(0.0, 0.0, 0.0))
+    return key_scan([localised], 0.0)

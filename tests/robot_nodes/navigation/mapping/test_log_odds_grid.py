@@ -1,25 +1,21 @@
 """The map that is drawn from scans."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from btcore_navigation.mapping.key_scan import KeyScan
 from btcore_navigation.mapping.log_odds_grid import LogOddsGrid, trim_map
 from btcore_navigation.mapping.pose_arrays import pose_to_row
 from btcore_robot.occupancy_map import OccupancyMap, load_map, save_map
 from btcore_robot.robot import Pose2D
-
-Seen = Callable[..., KeyScan]
-Boxes = tuple[tuple[float, float, float, float], ...]
+from tests.robot_nodes.navigation.mapping.conftest import ROOM, Box, key_scan_at
 
 
-def charted(seen: Seen, room: Boxes, *poses: Pose2D, keepout: Boxes = ()) -> LogOddsGrid:
-    chart = LogOddsGrid(keepout=keepout)
+def grid_of(*poses: Pose2D, keepout: tuple[Box, ...] = ()) -> LogOddsGrid:
+    grid = LogOddsGrid(keepout=keepout)
     for seed, pose in enumerate(poses):
-        chart.add(seen(room, pose, seed), pose_to_row(pose))
-    return chart
+        grid.add(key_scan_at(ROOM, pose, seed), pose_to_row(pose))
+    return grid
 
 
 ABOUT = [Pose2D(0.1 * turn, 0.0, turn * 0.8) for turn in range(9)]
@@ -29,8 +25,8 @@ def at(map: OccupancyMap, x: float, y: float) -> int:
     return int(map.cells[map.cell(x, y)])
 
 
-def test_walls_are_occupied_floor_is_free_and_the_rest_unknown(seen: Seen, room: Boxes) -> None:
-    map = charted(seen, room, *ABOUT).map()
+def test_walls_are_occupied_floor_is_free_and_the_rest_unknown() -> None:
+    map = grid_of(*ABOUT).map()
     assert at(map, 0.0, 0.0) == at(map, -2.0, 1.0) == at(map, 2.5, -1.0) == 0
     assert at(map, 1.5, 1.0) == -1  # inside of a box
     assert at(map, 0.0, 2.4) == at(map, 3.5, 0.0) == -1
@@ -39,46 +35,46 @@ def test_walls_are_occupied_floor_is_free_and_the_rest_unknown(seen: Seen, room:
         assert (map.cells[row - 1 : row + 2, col - 1 : col + 2] == 100).any(), (x, y)
 
 
-def test_nearly_all_occupied_cells_are_walls(seen: Seen, room: Boxes) -> None:
-    map = charted(seen, room, *ABOUT).map()
+def test_nearly_all_occupied_cells_are_walls() -> None:
+    map = grid_of(*ABOUT).map()
     places = map.centers(*np.nonzero(map.occupied))
     off = [
-        min(np.hypot(max(x0 - x, 0, x - x1), max(y0 - y, 0, y - y1)) for x0, y0, x1, y1 in room)
+        min(np.hypot(max(x0 - x, 0, x - x1), max(y0 - y, 0, y - y1)) for x0, y0, x1, y1 in ROOM)
         for x, y in places
     ]
     assert np.mean(np.array(off) <= 0.1) >= 0.99
 
 
-def test_a_cell_hit_by_a_single_scan_is_not_yet_occupied(seen: Seen, room: Boxes) -> None:
-    assert not charted(seen, room, ABOUT[0]).map().occupied.any()
-    assert charted(seen, room, ABOUT[0], ABOUT[0]).map().occupied.any()
+def test_a_cell_hit_by_a_single_scan_is_not_yet_occupied() -> None:
+    assert not grid_of(ABOUT[0]).map().occupied.any()
+    assert grid_of(ABOUT[0], ABOUT[0]).map().occupied.any()
 
 
-def test_a_removed_obstacle_is_cleared_by_scans_through_it(seen: Seen, room: Boxes) -> None:
-    chart, here = LogOddsGrid(), Pose2D(0.0, 0.0, 0.0)
+def test_a_removed_obstacle_is_cleared_by_scans_through_it() -> None:
+    grid, here = LogOddsGrid(), Pose2D(0.0, 0.0, 0.0)
     box = (1.0, -0.6, 1.4, -0.2)
     for seed in range(3):
-        chart.add(seen((*room, box), here, seed), pose_to_row(here))
+        grid.add(key_scan_at((*ROOM, box), here, seed), pose_to_row(here))
     face = [(0.95, -0.4), (1.02, -0.4), (1.07, -0.4)]
-    assert any(at(chart.map(), *place) == 100 for place in face)
+    assert any(at(grid.map(), *place) == 100 for place in face)
     for seed in range(10):
-        chart.add(seen(room, here, seed), pose_to_row(here))
-    assert all(at(chart.map(), *place) == 0 for place in face)
+        grid.add(key_scan_at(ROOM, here, seed), pose_to_row(here))
+    assert all(at(grid.map(), *place) == 0 for place in face)
 
 
-def test_the_grid_grows_to_every_side_and_keeps_its_cells(seen: Seen, room: Boxes) -> None:
-    chart = charted(seen, room, *ABOUT)
-    before = chart.map()
+def test_the_grid_grows_to_every_side_and_keeps_its_cells() -> None:
+    grid = grid_of(*ABOUT)
+    before = grid.map()
     for x, y in ((40.0, 0.0), (-40.0, 3.0), (0.0, 40.0), (7.0, -40.0)):
-        chart.add(seen(room, Pose2D(0.0, 0.0, 0.0)), np.array((x, y, 0.3)))
-    after = chart.map()
+        grid.add(key_scan_at(ROOM, Pose2D(0.0, 0.0, 0.0)), np.array((x, y, 0.3)))
+    after = grid.map()
     places = before.centers(*np.nonzero(before.occupied))
     cells = after.indices(places)
     assert (after.cells[cells[:, 0], cells[:, 1]] == 100).all()
 
 
-def test_trimming_moves_nothing(seen: Seen, room: Boxes) -> None:
-    whole = charted(seen, room, *ABOUT, keepout=((0.4, 0.2, 0.8, 0.6),)).map()
+def test_trimming_moves_nothing() -> None:
+    whole = grid_of(*ABOUT, keepout=((0.4, 0.2, 0.8, 0.6),)).map()
     small = trim_map(whole)
     assert small.cells.size < whole.cells.size
     assert small.keepout == whole.keepout
@@ -87,8 +83,8 @@ def test_trimming_moves_nothing(seen: Seen, room: Boxes) -> None:
     assert (small.cells[cells[:, 0], cells[:, 1]] == 100).all()
 
 
-def test_a_saved_map_is_loaded_unchanged(seen: Seen, room: Boxes, tmp_path: Path) -> None:
-    map = trim_map(charted(seen, room, *ABOUT, keepout=((0.4, 0.2, 0.8, 0.6),)).map())
+def test_a_saved_map_is_loaded_unchanged(tmp_path: Path) -> None:
+    map = trim_map(grid_of(*ABOUT, keepout=((0.4, 0.2, 0.8, 0.6),)).map())
     save_map(map, tmp_path / "room.yaml")
     back = load_map(tmp_path / "room.yaml")
     assert np.array_equal(back.cells, map.cells)

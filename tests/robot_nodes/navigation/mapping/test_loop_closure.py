@@ -1,25 +1,21 @@
 """The detector of loop closures: how far from the estimate it searches for the true pose."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from btcore_navigation.mapping.key_scan import KeyScan
 from btcore_navigation.mapping.loop_closure import MIN_CHAIN, LoopClosureDetector
 from btcore_navigation.mapping.pose_arrays import pose_to_row
 from btcore_navigation.mapping.pose_graph import PoseGraph
 from btcore_robot.robot import Pose2D
-
-Seen = Callable[..., KeyScan]
-Boxes = tuple[tuple[float, float, float, float], ...]
+from tests.robot_nodes.navigation.mapping.conftest import ROOM, key_scan_at
 
 
-def test_the_search_is_narrow_soon_after_a_loop_was_closed(seen: Seen, room: Boxes) -> None:
+def test_the_search_is_narrow_soon_after_a_loop_was_closed() -> None:
     old = [Pose2D(0.1 * index, 0.0, 0.7 * index) for index in range(MIN_CHAIN)]
-    scans = [seen(room, pose, seed) for seed, pose in enumerate(old)]
-    scans.append(replace(seen(room, Pose2D(0.2, 0.1, 0.3), 20), travelled=30.0))
+    scans = [key_scan_at(ROOM, pose, seed) for seed, pose in enumerate(old)]
+    scans.append(replace(key_scan_at(ROOM, Pose2D(0.2, 0.1, 0.3), 20), travelled=30.0))
     graph = PoseGraph(pose_to_row(old[0]))
 
     def estimate(error: float) -> None:

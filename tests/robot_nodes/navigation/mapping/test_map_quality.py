@@ -1,7 +1,5 @@
 """The quality that a mapper knows of its map: good where its scans agree with it, poor where they do not."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -17,10 +15,9 @@ from btcore_navigation.mapping.map_quality import (
 from btcore_navigation.mapping.mapper import Mapper
 from btcore_navigation.mapping.pose_graph import PoseGraph
 from btcore_robot.robot import Pose2D
+from tests.robot_nodes.navigation.mapping.conftest import Box, MappingRig
 
-Boxes = tuple[tuple[float, float, float, float], ...]
-
-MAZE: Boxes = (
+MAZE: tuple[Box, ...] = (
     (-0.6, -0.6, 3.0, -0.54), (-0.6, 2.94, 3.0, 3.0), (-0.6, -0.6, -0.54, 3.0), (2.94, -0.6, 3.0, 3.0),
     (0.6, -0.6, 0.66, 1.8), (1.8, 0.6, 1.86, 3.0),
 )  # fmt: skip
@@ -29,9 +26,9 @@ WAY = ((0.0, 2.4), (1.2, 2.4), (1.2, 0.0), (2.4, 0.0), (2.4, 2.4))
 
 
 @pytest.fixture(scope="module")
-def maze(survey: Any) -> Mapper:
+def maze() -> Mapper:
     """Return the mapper of a robot that has driven through the maze and back."""
-    mapper: Mapper = survey(MAZE, Pose2D(0.0, 0.0, 0.0)).along(*WAY, *WAY[-2::-1], step=0.3).mapper
+    mapper: Mapper = MappingRig(MAZE, Pose2D(0.0, 0.0, 0.0)).along(*WAY, *WAY[-2::-1], step=0.3).mapper
     return mapper
 
 

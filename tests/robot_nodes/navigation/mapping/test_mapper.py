@@ -1,65 +1,61 @@
 """The mapper on robots that are moved along a path, with errors of odometry."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from btcore_robot.robot import Pose2D
-
-Boxes = tuple[tuple[float, float, float, float], ...]
-MappingRig = Any
+from tests.robot_nodes.navigation.mapping.conftest import RING, ROOM, MappingRig
 
 ROUND = ((14.25, -9.25), (14.25, 9.25), (-14.25, 9.25), (-14.25, -9.25), (14.25, -9.25), (14.25, -6.0))
 START = Pose2D(11.0, -9.25, 0.0)
 
 
-def test_the_pose_in_a_room_is_right_in_spite_of_odometry_errors(survey: MappingRig, room: Boxes) -> None:
-    led = survey(room, Pose2D(-2.0, 0.0, 0.0), stretch=1.03, slip=1.05)
+def test_the_pose_in_a_room_is_right_despite_odometry_errors() -> None:
+    rig = MappingRig(ROOM, Pose2D(-2.0, 0.0, 0.0), stretch=1.03, slip=1.05)
     for _ in range(2):
-        led.along((2.0, -0.8), (2.4, 0.3), (0.0, 1.2), (-2.2, 0.0))
-    assert led.odometry_error() > 0.5
-    assert led.error() < 0.08
-    assert led.key_errors().max() < 0.1
+        rig.along((2.0, -0.8), (2.4, 0.3), (0.0, 1.2), (-2.2, 0.0))
+    assert rig.odometry_error() > 0.5
+    assert rig.error() < 0.08
+    assert rig.key_errors().max() < 0.1
 
 
 @pytest.mark.parametrize("odometry", ["goes on", "starts anew"])
-def test_pose_is_right_after_outage_of_odometry(survey: MappingRig, room: Boxes, odometry: str) -> None:
-    led = survey(room, Pose2D(-2.0, 0.0, 0.0), slip=1.05).along((2.0, -0.8), (2.4, 0.3))
-    led.interrupt(Pose2D(0.0, 0.0, 0.0) if odometry == "starts anew" else None)
-    assert not led.mapper.confident
+def test_pose_is_right_after_outage_of_odometry(odometry: str) -> None:
+    rig = MappingRig(ROOM, Pose2D(-2.0, 0.0, 0.0), slip=1.05).along((2.0, -0.8), (2.4, 0.3))
+    rig.interrupt(Pose2D(0.0, 0.0, 0.0) if odometry == "starts anew" else None)
+    assert not rig.mapper.confident
     for _ in range(5):
-        led.turn(0.0)
-    assert led.mapper.confident
-    assert led.error() < 0.08
-    led.along((0.0, 1.2), (-2.2, 0.0))
-    assert led.error() < 0.1
+        rig.turn(0.0)
+    assert rig.mapper.confident
+    assert rig.error() < 0.08
+    rig.along((0.0, 1.2), (-2.2, 0.0))
+    assert rig.error() < 0.1
 
 
-def test_mapper_searches_after_robot_was_carried_without_odometry(survey: MappingRig, room: Boxes) -> None:
-    led = survey(room, Pose2D(-2.0, 0.0, 0.0)).along((2.0, -0.8))
-    led.interrupt(None)
-    led.true, back = Pose2D(-1.8, 1.4, 2.2), led.true
+def test_mapper_searches_after_robot_was_carried_without_odometry() -> None:
+    rig = MappingRig(ROOM, Pose2D(-2.0, 0.0, 0.0)).along((2.0, -0.8))
+    rig.interrupt(None)
+    rig.true, back = Pose2D(-1.8, 1.4, 2.2), rig.true
     for _ in range(5):
-        led.turn(0.0)
-    assert led.mapper.searching
-    assert not led.mapper.confident
-    led.true = back
+        rig.turn(0.0)
+    assert rig.mapper.searching
+    assert not rig.mapper.confident
+    rig.true = back
     for _ in range(5):
-        led.turn(0.0)
-    assert not led.mapper.searching
-    assert led.error() < 0.08
+        rig.turn(0.0)
+    assert not rig.mapper.searching
+    assert rig.error() < 0.08
 
 
-def around(survey: MappingRig, ring: Boxes, *, loops: bool) -> MappingRig:
+def around(*, loops: bool) -> MappingRig:
     """Drive around a corridor longer than the laser's range, with odometry that stretches its first half."""
-    led = survey(ring, START, stretch=1.04, slip=1.02, loops=loops).along(*ROUND[:2], step=0.3)
-    led.stretch = 0.96
-    return led.along(*ROUND[2:], step=0.3)
+    rig = MappingRig(RING, START, stretch=1.04, slip=1.02, loops=loops).along(*ROUND[:2], step=0.3)
+    rig.stretch = 0.96
+    return rig.along(*ROUND[2:], step=0.3)
 
 
-def test_closing_a_loop_improves_the_map(survey: MappingRig, ring: Boxes) -> None:
-    closed, left_open = (around(survey, ring, loops=loops) for loops in (True, False))
+def test_closing_a_loop_improves_the_map() -> None:
+    closed, left_open = (around(loops=loops) for loops in (True, False))
     assert closed.mapper.loops_closed >= 1
     assert left_open.mapper.loops_closed == 0
     assert left_open.error() > 0.4
@@ -67,62 +63,62 @@ def test_closing_a_loop_improves_the_map(survey: MappingRig, ring: Boxes) -> Non
     assert closed.key_errors().mean() < 0.7 * left_open.key_errors().mean()
 
 
-def test_a_uniform_corridor_closes_no_loop(survey: MappingRig) -> None:
+def test_a_uniform_corridor_closes_no_loop() -> None:
     corridor = ((-40.0, 0.8, 40.0, 1.0), (-40.0, -1.0, 40.0, -0.8))
-    led = survey(corridor, Pose2D(0.0, 0.0, 0.0)).along((6.0, 0.0), (0.0, 0.0), step=0.3)
-    assert led.mapper.loops_closed == 0
-    assert led.error() < 0.1
+    rig = MappingRig(corridor, Pose2D(0.0, 0.0, 0.0)).along((6.0, 0.0), (0.0, 0.0), step=0.3)
+    assert rig.mapper.loops_closed == 0
+    assert rig.error() < 0.1
 
 
-def test_nearly_all_occupied_cells_are_walls_of_the_room(survey: MappingRig, room: Boxes) -> None:
-    led = survey(room, Pose2D(-2.0, 0.0, 0.0), stretch=1.02, slip=1.03)
-    map = led.along((2.0, -0.8), (2.4, 0.3), (0.0, 1.2), (-2.2, 0.0)).mapper.map()
+def test_nearly_all_occupied_cells_are_walls_of_the_room() -> None:
+    rig = MappingRig(ROOM, Pose2D(-2.0, 0.0, 0.0), stretch=1.02, slip=1.03)
+    map = rig.along((2.0, -0.8), (2.4, 0.3), (0.0, 1.2), (-2.2, 0.0)).mapper.map()
     places = map.centers(*np.nonzero(map.occupied))
     off = [
-        min(np.hypot(max(x0 - x, 0, x - x1), max(y0 - y, 0, y - y1)) for x0, y0, x1, y1 in room)
+        min(np.hypot(max(x0 - x, 0, x - x1), max(y0 - y, 0, y - y1)) for x0, y0, x1, y1 in ROOM)
         for x, y in places
     ]
     assert len(places) > 300
     assert np.mean(np.array(off) <= 0.1) >= 0.97
 
 
-def test_the_mapper_publishes_the_transform_from_map_to_odom(survey: MappingRig, room: Boxes) -> None:
-    led = survey(room, Pose2D(-2.0, 0.5, 0.3), slip=1.05).along((1.0, -0.5))
-    mapper = led.mapper
-    assert led.tree.lookup("map", "odom", mapper.stamp) == mapper.map_to_odom
-    reported = led.tree.lookup("map", "base_footprint", mapper.stamp).to_pose()
+def test_the_mapper_publishes_the_transform_from_map_to_odom() -> None:
+    rig = MappingRig(ROOM, Pose2D(-2.0, 0.5, 0.3), slip=1.05).along((1.0, -0.5))
+    mapper = rig.mapper
+    assert rig.tree.lookup("map", "odom", mapper.stamp) == mapper.map_to_odom
+    reported = rig.tree.lookup("map", "base_footprint", mapper.stamp).to_pose()
     assert (reported.x, reported.y) == pytest.approx((mapper.pose().x, mapper.pose().y))
 
 
-def test_key_scans_are_half_a_metre_or_a_quarter_of_a_radian_apart(survey: MappingRig, room: Boxes) -> None:
-    led = survey(room, Pose2D(-2.0, 0.0, 0.0))
-    assert len(led.mapper.scans) == 1
-    led.along((0.05, 0.0))
-    assert len(led.mapper.scans) == 5
-    led.turn(1.0)
-    assert len(led.mapper.scans) in (8, 9)
+def test_key_scans_are_half_a_metre_or_a_quarter_of_a_radian_apart() -> None:
+    rig = MappingRig(ROOM, Pose2D(-2.0, 0.0, 0.0))
+    assert len(rig.mapper.scans) == 1
+    rig.along((0.05, 0.0))
+    assert len(rig.mapper.scans) == 5
+    rig.turn(1.0)
+    assert len(rig.mapper.scans) in (8, 9)
 
 
-def test_the_same_drive_gives_the_same_map(survey: MappingRig, room: Boxes) -> None:
+def test_the_same_drive_gives_the_same_map() -> None:
     first, second = (
-        survey(room, Pose2D(-2.5, -0.5, 0.0), slip=1.03, seed=4).along((-2.0, 0.0), (1.0, 0.5))
+        MappingRig(ROOM, Pose2D(-2.5, -0.5, 0.0), slip=1.03, seed=4).along((-2.0, 0.0), (1.0, 0.5))
         for _ in range(2)
     )
     assert np.array_equal(first.mapper.poses, second.mapper.poses)
     assert np.array_equal(first.mapper.map().cells, second.mapper.map().cells)
 
 
-def test_before_the_first_scan_the_map_is_unknown(survey: MappingRig, room: Boxes) -> None:
+def test_before_the_first_scan_the_map_is_unknown() -> None:
     from btcore_navigation.mapping.mapper import Mapper
 
-    led = survey(room, Pose2D(0.0, 0.0, 0.0))
-    fresh = Mapper(led.robot, led.tree)
+    rig = MappingRig(ROOM, Pose2D(0.0, 0.0, 0.0))
+    fresh = Mapper(rig.robot, rig.tree)
     assert not fresh.confident
     assert fresh.map().unknown.all()
-    assert led.mapper.confident
+    assert rig.mapper.confident
 
 
-def test_without_echoes_the_pose_follows_odometry(survey: MappingRig) -> None:
-    led = survey((), Pose2D(1.0, 2.0, 0.0)).along((3.0, 2.0))
-    assert led.mapper.pose().x == pytest.approx(3.0, abs=1e-6)
-    assert led.mapper.loops_closed == 0
+def test_without_echoes_the_pose_follows_odometry() -> None:
+    rig = MappingRig((), Pose2D(1.0, 2.0, 0.0)).along((3.0, 2.0))
+    assert rig.mapper.pose().x == pytest.approx(3.0, abs=1e-6)
+    assert rig.mapper.loops_closed == 0
