@@ -107,11 +107,11 @@ def blocks(page: str) -> list[Block]:
     found: list[Block] = []
     fence, indent = "", ""
     for number, line in enumerate(page.splitlines(), 1):
-        met = FENCE.match(line)
-        if not fence and met is not None:
-            indent, fence = met[1], met[2]
-            found.append(Block(met[3], number + 1, []))
-        elif fence and met is not None and met[2].startswith(fence) and not met[3]:
+        match = FENCE.match(line)
+        if not fence and match is not None:
+            indent, fence = match[1], match[2]
+            found.append(Block(match[3], number + 1, []))
+        elif fence and match is not None and match[2].startswith(fence) and not match[3]:
             fence = ""
         elif fence:
             found[-1].lines.append(line.removeprefix(indent))
@@ -131,8 +131,8 @@ def files(page: str, before: int = sys.maxsize) -> dict[str, list[str]]:
     """The files that *page* shows, by name: their contents above line *before*, in order."""
     found: dict[str, list[str]] = {}
     for block in blocks(page):
-        if (met := FILE.fullmatch(block.info)) and block.line < before:
-            found.setdefault(met[2], []).append(block.text)
+        if (match := FILE.fullmatch(block.info)) and block.line < before:
+            found.setdefault(match[2], []).append(block.text)
     return found
 
 
@@ -365,10 +365,10 @@ def unknown(page: str, name: str = "") -> list[str]:
     """Return line and fence of each block of *page* that is of an unknown kind or is an unused file."""
     found = []
     for block in blocks(page):
-        met = FILE.fullmatch(block.info)
-        if met is not None:
+        match = FILE.fullmatch(block.info)
+        if match is not None:
             others = [other.text for other in blocks(page) if other is not block]
-            used = re.compile(rf"{re.escape(met[2])}|(import|from) {Path(met[2]).stem}\b")
+            used = re.compile(rf"{re.escape(match[2])}|(import|from) {Path(match[2]).stem}\b")
             known = any(used.search(other) for other in others)
         else:
             known = KINDS.fullmatch(block.info) is not None
@@ -396,7 +396,7 @@ def test_blocks_of_other_kinds_do_not_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "fence", ["", "pycon", "py", "bash", "xml", "xml E101", "xml lonely.xml", "python unrun:", "console no"]
+    "fence", ["", "pycon", "py", "bash", "xml", "xml E101", "xml unused.xml", "python unrun:", "console no"]
 )
 def test_a_block_that_would_silently_not_run_is_reported(fence: str) -> None:
     assert unknown(f"One\n```{fence}\n1\n```\n") == [f"line 2: {fence}"]

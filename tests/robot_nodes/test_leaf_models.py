@@ -237,7 +237,7 @@ class RandomGoal(GoalHandle[Any, Any, Any]):
 
     @property
     def done(self) -> bool:
-        """Whether the goal has ended; it may end when it is asked."""
+        """Whether the goal has ended; it may end when this property is read."""
         if not super().done and self._fate != "silent":
             self.status = type(self.status).EXECUTING
             self.feedback = FollowPathFeedback()

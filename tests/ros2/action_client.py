@@ -154,7 +154,7 @@ def main() -> None:
             requests.put(json.loads(line))
         requests.put(None)
 
-    def tell(event: str, goal: int, value: Any, **more: Any) -> None:
+    def report(event: str, goal: int, value: Any, **more: Any) -> None:
         print(json.dumps({"event": event, "goal": goal, "value": value, **more}), flush=True)
 
     def answer_of(client: Any, message: Any) -> Any:
@@ -196,14 +196,14 @@ def main() -> None:
             handle = handles[number] = future.result()
             if handle.accepted:
                 handle.get_result_async().add_done_callback(ended)
-            tell("accepted", number, handle.accepted)
+            report("accepted", number, handle.accepted)
 
         def ended(future: Any) -> None:
             answer = future.result()
-            tell("result", number, as_dict(answer.result), status=answer.status)
+            report("result", number, as_dict(answer.result), status=answer.status)
 
         def progressed(message: Any) -> None:
-            tell("feedback", number, as_dict(message.feedback))
+            report("feedback", number, as_dict(message.feedback))
 
         client.send_goal_async(goal, progressed).add_done_callback(answered)
 
@@ -217,7 +217,7 @@ def main() -> None:
         set_fields(message, request["fields"])
         future = answer_of(client, message)
         assert future is not None, request["service"]
-        tell("response", request["goal"], as_dict(future.result()))
+        report("response", request["goal"], as_dict(future.result()))
 
     threading.Thread(target=read, daemon=True).start()
     count = 0
@@ -235,7 +235,7 @@ def main() -> None:
             else:
                 number = request["goal"]
                 handles[number].cancel_goal_async().add_done_callback(
-                    lambda future, number=number: tell(
+                    lambda future, number=number: report(
                         "canceling", number, len(future.result().goals_canceling)
                     )
                 )
@@ -244,7 +244,7 @@ def main() -> None:
             status = statuses.get(bytes(handle.goal_id.uuid))
             if status == GoalStatus.STATUS_EXECUTING and number not in executing:
                 executing.add(number)
-                tell("executing", number, True)
+                report("executing", number, True)
 
 
 if __name__ == "__main__":

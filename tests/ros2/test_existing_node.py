@@ -74,9 +74,9 @@ class Program(Node):  # type: ignore[misc]
     def __init__(self, context: Context, executor: Executor) -> None:
         super().__init__("program", context=context)
         self.turns = 0
-        self.heard: list[str] = []
+        self.received: list[str] = []
         self.words = self.create_publisher(String, "words", 10)
-        self.create_subscription(String, "echo", lambda message: self.heard.append(message.data), 10)
+        self.create_subscription(String, "echo", lambda message: self.received.append(message.data), 10)
         self.create_service(SetBool, "program_set", self.answer)
         self.create_timer(0.01, self.work)
         executor.add_node(self)
@@ -149,14 +149,14 @@ def test_tree_is_ticked_by_a_timer_of_the_same_node(program: Program, use_execut
     sequence: Any = tree.blackboard["sequence"]
     assert list(sequence) == [0, 1, 1, 2, 3]
     assert (tree.blackboard["answer"], tree.blackboard["heard"]) == ("set", "word")
-    assert "word" in program.heard, "the program receives, too"
+    assert "word" in program.received, "the program receives, too"
     assert program.turns > 1
     program.destroy_timer(timer)
     session.close()
     assert program.executor is program.spinning
     assert program.entities() == before
-    turns, heard = program.turns, len(program.heard)
-    assert program.spin_until(lambda: program.turns > turns and len(program.heard) > heard)
+    turns, received = program.turns, len(program.received)
+    assert program.spin_until(lambda: program.turns > turns and len(program.received) > received)
 
 
 @pytest.mark.usefixtures("server")

@@ -82,11 +82,11 @@ def test_robots_in_two_namespaces_share_nothing(session: RosSession, tmp_path: P
     assert all(name.startswith("/robot1/") for name in first.names())
     assert all(name.startswith("/robot2/") for name in second.names())
 
-    heard: list[tuple[str, str]] = []
+    received: list[tuple[str, str]] = []
 
     def listen(topic: str) -> None:
         create = session.node.create_subscription
-        create(String, topic, lambda message: heard.append((topic, message.data)), 10)
+        create(String, topic, lambda message: received.append((topic, message.data)), 10)
 
     listen("/robot1/said")
     listen("/robot2/said")
@@ -106,8 +106,8 @@ def test_robots_in_two_namespaces_share_nothing(session: RosSession, tmp_path: P
             return first.listener.pose() is not None
 
         assert session.wait_for(moved, LIMIT_S)
-        assert session.wait_for(lambda: heard, LIMIT_S)
-    assert heard == [("/robot1/said", "hello")]
+        assert session.wait_for(lambda: received, LIMIT_S)
+    assert received == [("/robot1/said", "hello")]
     assert first.server.blackboard["runs"] == 1
     assert "runs" not in second.server.blackboard
     assert second.listener.pose() is None

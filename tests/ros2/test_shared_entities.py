@@ -20,7 +20,7 @@ PUBLISH = """<RosTopicPublish topic_name="{}" type="std_msgs/msg/{}" message='js
 
 @pytest.fixture
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let entities that nobody uses end after some milliseconds."""
+    """Let unused entities end after some milliseconds."""
     monkeypatch.setattr(shared_entities, "CHECK_NS", 10_000_000)
 
 

@@ -433,9 +433,9 @@ def test_converter_may_be_added_after_the_type_was_requested() -> None:
             self.x = x
 
     types = TypeRegistry()
-    asked = types.of(Pose)
+    pose_type = types.of(Pose)
     types.add(Pose, lambda text: Pose(float(text)))
-    made = asked.from_text("1.5")
+    made = pose_type.from_text("1.5")
     assert isinstance(made, Pose)
     assert made.x == 1.5
     with pytest.raises(RegistrationError, match="Pose has a text form already"):

@@ -228,9 +228,9 @@ def test_the_time_of_a_layout_grows_about_linearly_with_the_nodes() -> None:
 def test_an_only_child_is_below_its_parent_in_a_big_tree() -> None:
     boxes = random_tree(300)
     places = lay_out(boxes, 1.6, COMFORT).places
-    lonely = [(at, box.children[0]) for at, box in enumerate(boxes) if len(box.children) == 1]
-    assert len(lonely) > 10
-    for parent, child in lonely:
+    single_children = [(at, box.children[0]) for at, box in enumerate(boxes) if len(box.children) == 1]
+    assert len(single_children) > 10
+    for parent, child in single_children:
         assert places[child].y > places[parent].y
         assert places[child].x < places[parent].x + places[parent].width
         assert places[parent].x < places[child].x + places[child].width

@@ -239,8 +239,8 @@ def test_the_last_exception_stays_in_the_running_panel(
     message = "/a/t.xml:7: node 'avoid' <Avoid> raised while ticking: Fault: no laser\n  bumpgo\n    avoid"
     events.append(ExceptionEvent(6 * SECOND, 0, "avoid|x", message))
     recording = recorded(events, tmp_path / "run.rrd")
-    said = recording.of("/now", "TextDocument:text")[-1][1][0]
-    assert said.startswith("**avoid¦x** raised at 6.00 s: Fault: no laser\n\n| runs |")
+    text = recording.of("/now", "TextDocument:text")[-1][1][0]
+    assert text.startswith("**avoid¦x** raised at 6.00 s: Fault: no laser\n\n| runs |")
 
 
 def test_an_exception_inside_a_folded_subtree_marks_the_subtree(

@@ -93,5 +93,5 @@ def test_the_tree_and_the_log_use_the_palette(
     pills = recording.at("/tree/pills", "LineStrips2D:colors", 4_500_000_000)
     assert pills[5] == COLOUR_BLIND.fill[RUNNING]
     colours = {values[0] for _, values in recording.of("/log", "TextLog:color")}
-    said = {event.status for event in events if isinstance(event, TransitionEvent)}
-    assert {int(COLOUR_BLIND.ink[status]) for status in said} <= colours
+    statuses = {event.status for event in events if isinstance(event, TransitionEvent)}
+    assert {int(COLOUR_BLIND.ink[status]) for status in statuses} <= colours

@@ -127,10 +127,10 @@ def test_places_and_keep_outs_are_drawn_once(show: Callable[..., Any]) -> None:
 def test_a_path_is_a_line_until_an_empty_path_arrives(show: Callable[..., Any]) -> None:
     path = rows("path", "path", (0, 0, 0), (1, 0, 0), (1, 1, 1.5))
     recording = show({1.0: {"poses": [path]}, 2.0: {}, 3.0: {"poses": [rows("path", "path")]}})
-    told = recording.of("/scene/poses/path", "LineStrips3D:strips")
-    assert [t for t, _ in told] == [SECOND, 3 * SECOND]
-    assert [point[:2] for point in told[0][1][0]] == [[0, 0], [1, 0], [1, 1]]
-    assert told[1][1] == []
+    paths = recording.of("/scene/poses/path", "LineStrips3D:strips")
+    assert [t for t, _ in paths] == [SECOND, 3 * SECOND]
+    assert [point[:2] for point in paths[0][1][0]] == [[0, 0], [1, 0], [1, 1]]
+    assert paths[1][1] == []
     assert recording.of("/scene/poses/path", "LineStrips3D:colors") == [(None, [POSE_STYLES["path"].colour])]
 
 

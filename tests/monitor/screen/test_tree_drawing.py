@@ -181,7 +181,7 @@ def test_lanes_of_nodes_with_the_same_name_differ_by_their_ports() -> None:
     assert distinct_names(drives) == ["Move {home}", "Move {shop}", "Move", "Turn"]
 
 
-def test_nodes_of_one_name_are_told_apart_by_their_subtrees_or_their_uids() -> None:
+def test_nodes_of_one_name_are_distinguished_by_their_subtrees_or_their_uids() -> None:
     places = ("Zone A/Order 1/Drive", "Zone A/Order 2/Drive", "Zone B/Order 2/Drive")
     nodes = [
         ObservedNode(uid, "Go", "Go", "action", f"{place}/Go", 1, (), {"t": "7"}, place)
@@ -194,12 +194,12 @@ def test_nodes_of_one_name_are_told_apart_by_their_subtrees_or_their_uids() -> N
 
 
 @pytest.mark.parametrize(
-    ("message", "said"),
+    ("message", "shortened"),
     [
         ("/a/b.xml:3: node 'A' <B> raised while ticking: ValueError: no\n  x", "ValueError: no"),
         ("tree.xml:3: something else", "something else"),
         ("division by zero", "division by zero"),
     ],
 )
-def test_an_error_is_shortened_to_its_message(message: str, said: str) -> None:
-    assert shorten_message(message) == said
+def test_an_error_is_shortened_to_its_message(message: str, shortened: str) -> None:
+    assert shorten_message(message) == shortened

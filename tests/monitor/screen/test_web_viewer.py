@@ -124,10 +124,10 @@ def test_a_live_tree_is_drawn_in_chromium_without_an_error_on_its_console(
     context = browser.new_context(viewport={"width": 900, "height": 600}, color_scheme="dark")
     page = context.new_page()
     errors: list[str] = []
-    asked: list[str] = []
-    page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+    urls: list[str] = []
+    page.on("console", lambda entry: errors.append(entry.text) if entry.type == "error" else None)
     page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("request", lambda request: asked.append(request.url))
+    page.on("request", lambda request: urls.append(request.url))
     page.goto(f"{url}&renderer=webgl")
     leaf = np.array([GROOT.fill[RUNNING] >> shift & 0xFF for shift in (24, 16, 8)])
     deadline = time.monotonic() + WITHIN
@@ -138,6 +138,6 @@ def test_a_live_tree_is_drawn_in_chromium_without_an_error_on_its_console(
         painted = int((np.abs(np.asarray(picture, dtype=int) - leaf).max(axis=2) <= 2).sum())
     assert painted >= 300, f"no RUNNING leaf is seen; console: {errors}"
     assert errors == []
-    assert {url.split("/")[2].partition(":")[0] for url in asked if "://" in url} == {"127.0.0.1"}
+    assert {url.split("/")[2].partition(":")[0] for url in urls if "://" in url} == {"127.0.0.1"}
     context.close()
     assert run.end(signal.SIGINT) == 130, run.stderr_text

@@ -139,6 +139,6 @@ def test_times_count_from_the_first_data_of_a_robot_whose_clock_began_earlier(
     events.insert(-1, ExceptionEvent(later + 7 * SECOND + SECOND // 2, 0, "Forward", "no laser"))
     recording = recorded(events, tmp_path / "run.rrd")
     assert recording.of("/log", "TextLog:text")[0][0] == SECOND // 10
-    said = [values[0] for _, values in recording.of("/now", "TextDocument:text")]
-    assert any(text.startswith("**Forward** raised at 7.50 s") for text in said)
+    texts = [values[0] for _, values in recording.of("/now", "TextDocument:text")]
+    assert any(text.startswith("**Forward** raised at 7.50 s") for text in texts)
     assert "| **bumps** | `1` | **6.0 s** |" in recording.of("/blackboard", "TextDocument:text")[-1][1][0]

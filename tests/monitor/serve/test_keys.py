@@ -126,7 +126,9 @@ def test_wrong_key_is_reported_to_client(
         assert publisher.client_count == 0
 
 
-def test_a_client_with_keys_is_told_that_a_robot_has_none(endless: btcore.Tree, desk: ClientKeys) -> None:
+def test_a_client_with_keys_gets_an_error_from_a_robot_without_keys(
+    endless: btcore.Tree, desk: ClientKeys
+) -> None:
     with (
         serve(endless, groot2_port=0, allow_control=True) as publisher,
         pytest.raises(

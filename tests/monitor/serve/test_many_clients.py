@@ -91,7 +91,7 @@ def test_clients_that_leave_before_the_reply_do_no_harm(dealer: Callable[..., An
 
 
 def test_waiting_replies_to_a_client_that_does_not_read_are_limited() -> None:
-    big, asked = b"x" * 1_000_000, 4 * MAX_WAITING_FRAMES
+    big, requests = b"x" * 1_000_000, 4 * MAX_WAITING_FRAMES
     with zmq.Context() as context, context.socket(zmq.DEALER) as deaf:
         questions = RequestSocket(context, 1000)
         with questions.socket:
@@ -99,7 +99,7 @@ def test_waiting_replies_to_a_client_that_does_not_read_are_limited() -> None:
             deaf.linger = 0
             deaf.rcvhwm = 1
             deaf.connect(f"tcp://127.0.0.1:{port}")
-            for _ in range(asked):
+            for _ in range(requests):
                 deaf.send_multipart([b"", b"any"])
                 assert questions.socket.poll(60_000)
                 assert questions.receive() == [b"any"]

@@ -40,7 +40,7 @@ class RefusalError(Exception):
 class CppRobot:
     """A robot with the captures' tree of ten nodes, until :meth:`close`; port 0 chooses a free port.
 
-    *statuses* is the STATUS buffer (uid → code); a node's status signal calls *changed*. *asked*
+    *statuses* is the STATUS buffer (uid → code); a node's status signal calls *changed*. *requests*
     counts requests by their letter. *hooks* is the reply to HOOKS_DUMP. *refused* maps the letter of a
     request to the error in the reply. A reply takes *delay* (s). The robot does not respond to the requests
     with the letter *stall_at* until :meth:`resume`, and loses one reply to those with *drop_reply_to*.
@@ -56,7 +56,7 @@ class CppRobot:
         self._now = dict.fromkeys(self.statuses, 0)
         self.boards = b"\xc0"
         self.hooks = b"[]"
-        self.asked: Counter[str] = Counter()
+        self.requests: Counter[str] = Counter()
         self.refused: dict[str, str] = {}
         self.names: list[bytes] = []
         self.delay = 0.0
@@ -124,7 +124,7 @@ class CppRobot:
         if len(request[0]) != 6:
             return [b"error", b"wrong request header"]
         letter = chr(request[0][1])
-        self.asked[letter] += 1
+        self.requests[letter] += 1
         header = bytes([2]) + request[0][1:] + self.tree_id
         try:
             if letter in self.refused:

@@ -186,8 +186,8 @@ def test_statuses_that_changed_within_a_gap_are_corrected_without_another_gap(
     assert robot.stalled.wait(60)
     robot.change((7, RUNNING), (8, RUNNING), *ROUND * 200, (8, SUCCESS))
     robot.resume()
-    requests = robot.asked["t"]
-    until(lambda: robot.asked["t"] > requests + 3, "a batch after the gap")
+    requests = robot.requests["t"]
+    until(lambda: robot.requests["t"] > requests + 3, "a batch after the gap")
     robot.change((7, SUCCESS), (8, IDLE))
     until(lambda: (8, SUCCESS, IDLE) in viewer.steps, "what comes after the gap")
     assert viewer.steps[-2:] == [(7, RUNNING, SUCCESS), (8, SUCCESS, IDLE)]
@@ -227,8 +227,8 @@ def test_a_big_tree_that_changes_in_bursts_is_requested_more_often_and_received_
     # Requests stay frequent for a while: by the default, sixty would take an hour now.
     monkeypatch.setattr(groot2_feed, "_SLOWER_AFTER_S", 1000.0)
     monkeypatch.setattr(groot2_feed, "STATUS_INTERVAL_S", 60.0)
-    requests = robot.asked["t"]
-    until(lambda: robot.asked["t"] >= requests + 60, "further requests")
+    requests = robot.requests["t"]
+    until(lambda: robot.requests["t"] >= requests + 60, "further requests")
 
 
 @contextlib.contextmanager
@@ -260,7 +260,7 @@ def test_a_recording_that_another_client_reads_is_left_to_that_client(
     viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     with another_reader(robot):
-        until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
+        until(lambda: "transitions" in source(viewer).unavailable, "the end of the recording")
     assert viewer.of(MissingDataEvent)[-1].reason == (
         "another client reads this robot's recording too: statuses are sampled for 10 s"
     )
@@ -269,10 +269,10 @@ def test_a_recording_that_another_client_reads_is_left_to_that_client(
         in source(viewer).unavailable["transitions"]
     )
     assert source(viewer).name == "Groot 2, sampled"
-    drained = robot.asked["t"]
+    drained = robot.requests["t"]
     robot.change((7, RUNNING))
     until(lambda: viewer.steps and viewer.steps[-1] == (7, IDLE, RUNNING), "a sampled change")
-    assert robot.asked["t"] == drained
+    assert robot.requests["t"] == drained
 
 
 def test_a_recording_is_read_again_after_another_client_has_left(
@@ -286,7 +286,7 @@ def test_a_recording_is_read_again_after_another_client_has_left(
     viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     with another_reader(robot):
-        until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
+        until(lambda: "transitions" in source(viewer).unavailable, "the end of the recording")
     until(lambda: source(viewer).name == "Groot 2, recorded", "another attempt that succeeds")
     assert (
         viewer.of(MissingDataEvent)[-1].reason
@@ -325,13 +325,13 @@ def test_a_recording_that_another_client_restarts_is_left_to_that_client(
     viewer = watch(robot.address)
     until(lambda: viewer.of(TreeEvent), "the tree")
     began = time.monotonic()
-    until(lambda: time.monotonic() - began > 1.5, "a time that tells the two recordings apart")
+    until(lambda: time.monotonic() - began > 1.5, "a time between the two recordings")
     with Groot2Client(parse_address(robot.address), timeout=60) as other:
         other.request(Request.TOGGLE_RECORDING, b"start")
     robot.change((4, RUNNING))
-    until(lambda: viewer.of(MissingDataEvent), "the hole")
+    until(lambda: viewer.of(MissingDataEvent), "the gap")
     assert "another client began a recording" in viewer.of(MissingDataEvent)[0].reason
-    until(lambda: "transitions" in source(viewer).unavailable, "that the recording is left")
+    until(lambda: "transitions" in source(viewer).unavailable, "the end of the recording")
     # The change comes with the tree that is seen again, or with a sample after it.
     until(
         lambda: viewer.of(TreeEvent)[-1].statuses[4] == RUNNING or (4, IDLE, RUNNING) in viewer.steps,
@@ -387,7 +387,7 @@ def test_no_record_leaves_the_robots_buffer_to_other_clients(
     until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*TICK_1)
     until(lambda: len(viewer.steps) == 5, "the tick")
-    assert (robot.asked["r"], robot.asked["t"]) == (0, 0)
+    assert (robot.requests["r"], robot.requests["t"]) == (0, 0)
     assert source(viewer).unavailable["transitions"] == (
         "statuses are requested 20 times a second (--no-record): short changes are not seen"
     )
@@ -402,7 +402,7 @@ def test_a_robot_that_cannot_record_is_sampled(
     until(lambda: viewer.of(TreeEvent), "the tree")
     assert "refuses TOGGLE_RECORDING: Request not recognized" in source(viewer).unavailable["transitions"]
     robot.change((4, RUNNING), (4, SUCCESS), (4, IDLE))
-    until(lambda: len(viewer.steps) == 2, "what an idle node says that it was")
+    until(lambda: len(viewer.steps) == 2, "the status before IDLE")
     assert viewer.steps == [(4, IDLE, SUCCESS), (4, SUCCESS, IDLE)]
 
 
@@ -426,7 +426,7 @@ def test_a_feed_waits_for_a_robot_that_starts_later(
     gone = cpp_robot()
     gone.close()
     viewer = watch(gone.address, reply_within=30.0)
-    until(lambda: viewer.of(ConnectionEvent), "a word")
+    until(lambda: viewer.of(ConnectionEvent), "a message")
     assert viewer.of(ConnectionEvent)[0].state == "waiting"
     cpp_robot(port=gone.port)
     until(lambda: viewer.of(TreeEvent), "the tree")
@@ -446,7 +446,7 @@ def test_a_restarted_robot_shows_its_new_tree(
     second = cpp_robot(port=first.port, xml=OTHER_TREE)
     until(lambda: len(viewer.of(TreeEvent)) == 2, "the second tree")
     second.change((1, SUCCESS), (1, IDLE))
-    until(lambda: len(viewer.steps) == 7, "what it does")
+    until(lambda: len(viewer.steps) == 7, "all transitions")
     trees = [(event.tree.name, event.tree.tree_id) for event in viewer.of(TreeEvent)]
     assert trees == [("Main", first.tree_id.hex()), ("Other", second.tree_id.hex())]
     assert [change.number for change in viewer.of(TransitionEvent)][5:] == [1, 2]
@@ -466,7 +466,7 @@ def test_a_tree_with_a_new_id_is_noticed_without_a_lost_connection(
         robot.recording = False
     until(lambda: len(viewer.of(TreeEvent)) == 2, "the second tree")
     assert viewer.of(TreeEvent)[1].statuses == {1: RUNNING}
-    until(lambda: robot.recording, "a recording of it")
+    until(lambda: robot.recording, "its recording")
     assert viewer.links == ["waiting", "connected"]
 
 
@@ -479,7 +479,7 @@ def test_transitions_recorded_during_a_short_silence_are_not_lost(
     robot.change(*TICK_1)
     until(lambda: len(viewer.steps) == 5, "a tick")
     robot.stall_at = "S"
-    until(lambda: viewer.of(ConnectionEvent)[-1].state == "lost", "the silence")
+    until(lambda: viewer.of(ConnectionEvent)[-1].state == "lost", "the loss")
     robot.change((5, SUCCESS), (5, IDLE), (4, IDLE), *ROUND * 20)
     robot.resume()
     until(lambda: len(viewer.steps) == 8 + len(ROUND) * 20, "what happened meanwhile")
@@ -495,7 +495,7 @@ def test_a_reply_may_take_longer_than_the_first_timeout(
     robot = cpp_robot()
     robot.delay = 1.2
     viewer = watch(robot.address)
-    until(lambda: robot.asked["S"], "that the tree was taken in, and the next question")
+    until(lambda: robot.requests["S"], "the first request after the tree")
     robot.delay = 0.1
     until(lambda: viewer.of(TreeEvent), "the tree")
     robot.change(*TICK_1)
@@ -513,7 +513,7 @@ def test_several_robots_are_followed_at_once(
     until(lambda: all(viewer.of(TreeEvent) for viewer in viewers), "the trees")
     for number, robot in enumerate(robots, start=1):
         robot.change(*ROUND * number)
-    until(lambda: [len(viewer.steps) for viewer in viewers] == [6, 12, 18], "what each does")
+    until(lambda: [len(viewer.steps) for viewer in viewers] == [6, 12, 18], "all transitions")
 
 
 # --- blackboards
@@ -534,11 +534,11 @@ def test_blackboards_are_requested_at_the_given_rate(
     robot = cpp_robot()
     robot.boards = capture("blackboard_after.rep")[1]
     viewer = watch(robot.address, blackboard_rate=rate)
-    until(lambda: robot.asked["S"] > 20, "a second of looks")
+    until(lambda: robot.requests["S"] > 20, "requests for a second")
     assert source(viewer).unavailable["blackboard"] == message
-    assert robot.asked["B"] <= rate * 2
+    assert robot.requests["B"] <= rate * 2
     if rate:
-        until(lambda: robot.asked["B"] > 5, "questions")
+        until(lambda: robot.requests["B"] > 5, "requests")
         assert set(robot.names) == {b"Main;Sub::6"}
         assert len(viewer.of(BlackboardEvent)) == 1
         assert viewer.of(BlackboardEvent)[0].boards["Sub::6"] == {
@@ -555,16 +555,16 @@ def test_blackboards_that_are_refused_together_are_requested_one_by_one(
     robot = cpp_robot()
     robot.refused["B"] = "two different root blackboards"
     viewer = watch(robot.address, reply_within=30.0, blackboard_rate=50)
-    until(lambda: len(viewer.of(MissingDataEvent)) == 2, "a word on each")
+    until(lambda: len(viewer.of(MissingDataEvent)) == 2, "a message about each")
     assert robot.names == []
     for hole, name in zip(viewer.of(MissingDataEvent), ("Main", "Sub::6"), strict=True):
         assert hole.kind == "blackboard"
         assert f"{name} isn't shown" in hole.reason
         assert "two different root blackboards" in hole.reason
-    asked = robot.asked["B"]
+    requests = robot.requests["B"]
     robot.change((4, RUNNING))
-    until(lambda: viewer.steps, "that the rest goes on")
-    assert robot.asked["B"] == asked == 3
+    until(lambda: viewer.steps, "further requests")
+    assert robot.requests["B"] == requests == 3
     assert viewer.links == ["waiting", "connected"]
 
 
@@ -578,7 +578,7 @@ def test_a_slow_network_leaves_time_for_blackboards(
     robot.boards = capture("blackboard_after.rep")[1]
     robot.delay = 0.1
     viewer = watch(robot.address)
-    until(lambda: viewer.of(BlackboardEvent), "a blackboard, though looks are always overdue")
+    until(lambda: viewer.of(BlackboardEvent), "a blackboard, although requests are always late")
 
 
 # --- a btcore robot without its run channel

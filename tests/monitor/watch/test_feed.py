@@ -106,13 +106,13 @@ def test_a_viewer_that_starts_before_the_robot_sees_everything(
     with serve(sample, groot2_port=0) as publisher:
         port = publisher.port
     early = watch(f":{port}")
-    until(lambda: early.of(ConnectionEvent), "a word about the robot that isn't there")
+    until(lambda: early.of(ConnectionEvent), "the message that no robot answers")
     assert early.events[0] == ConnectionEvent("waiting", f"waiting for the robot at tcp://127.0.0.1:{port}")
     with serve(sample, groot2_port=port, resources=[Scene()]) as publisher:
         assert publisher.wait_for_clients(1, 60)
         for _ in range(3):
             sample.tick_exactly_once()
-    until(early.ended, "the goodbye")
+    until(early.ended, "the end of the stream")
 
     seen = early.of(TreeEvent)[0]
     assert seen.tree.tree_id == publisher.tree_id
@@ -202,17 +202,17 @@ def test_a_late_reply_to_a_request_for_missing_messages_is_used(
         client = RunChannelClient(address)
         topics: list[bytes] = []
 
-        def asked(topic: bytes) -> bool:
+        def is_requested(topic: bytes) -> bool:
             client.read()
             while robot.poll(0):
                 topics.append(robot.recv())
             return any(request.startswith(b"\x01" + topic) for request in topics)
 
         try:
-            until(lambda: asked(b"request/tree/"), "the request for the tree")
+            until(lambda: is_requested(b"request/tree/"), "the request for the tree")
             (topic,) = (topic[1:] for topic in topics if topic.startswith(b"\x01request/tree/"))
             robot.send_multipart([topic, wire.encode(wire.TreeMessage("a", 0, 0, b"<root/>", 1, 1, {}))])
-            until(lambda: asked(b"request/1/"), "the request for the first message")
+            until(lambda: is_requested(b"request/1/"), "the request for the first message")
             topic = next(topic[1:] for topic in topics if topic.startswith(b"\x01request/1/"))
             client.read()
             ticks = wire.encode(wire.TransitionsMessage("a", 1, 0, 0, 1, 0, 1, True, 1, []))
@@ -257,10 +257,10 @@ def test_a_viewer_that_connects_during_a_run_gets_the_earlier_events(
         for _ in range(50):
             endless.tick_exactly_once()
         late = watch(publisher.address)
-        until(lambda: len(late.of(TickEvent)) == 50, "the past")
+        until(lambda: len(late.of(TickEvent)) == 50, "the transitions before")
         for _ in range(50):
             endless.tick_exactly_once()
-        until(lambda: len(late.of(TickEvent)) == 100, "the present")
+        until(lambda: len(late.of(TickEvent)) == 100, "the next transitions")
         assert numbers(late) == list(range(1, len(numbers(late)) + 1))
 
 
@@ -273,7 +273,7 @@ def test_a_viewer_that_connects_after_the_last_tick_gets_the_run(
         sample.halt()
         publisher.end_stream()
         late = watch(publisher.address)
-        until(late.ended, "the goodbye")
+        until(late.ended, "the end of the stream")
         assert len(late.of(TickEvent)) == 3
         assert late.of(TransitionEvent)[-1].status == 0
 
@@ -292,7 +292,7 @@ def test_slow_viewers_of_a_fast_tree_miss_no_transition(
         endless.halt()
         total = reported.count
         assert total > 5000
-    until(lambda: all(viewer.ended() for viewer in viewers), "everybody's goodbye")
+    until(lambda: all(viewer.ended() for viewer in viewers), "the end of all streams")
     for viewer in viewers:
         assert numbers(viewer) == list(range(1, total + 1))
         assert [event.tick for event in viewer.of(TickEvent)] == list(range(1, 1001))
@@ -323,7 +323,7 @@ def test_a_replaced_tree_is_seen_on_the_same_connection(
     until: Callable[..., None],
     changes: type[Changes],
 ) -> None:
-    told_before, told_after = changes(sample), changes(endless)
+    changes_before, changes_after = changes(sample), changes(endless)
     with serve(sample, groot2_port=0, resources=[Scene()]) as publisher:
         viewer = watch(publisher.address)
         assert publisher.wait_for_clients(1, 60)
@@ -334,7 +334,7 @@ def test_a_replaced_tree_is_seen_on_the_same_connection(
             endless.tick_exactly_once()
         assert publisher.client_count == 1
         second = publisher.tree_id
-    until(viewer.ended, "the goodbye")
+    until(viewer.ended, "the end of the stream")
     seen = viewer.of(TreeEvent)
     assert [event.tree.name for event in seen] == ["Main", "Endless"]
     assert seen[1].tree.tree_id == second
@@ -345,9 +345,9 @@ def test_a_replaced_tree_is_seen_on_the_same_connection(
         event for event in viewer.events[: viewer.events.index(seen[1])] if isinstance(event, TransitionEvent)
     ]
     after = numbers(viewer)[len(before) :]
-    assert [change.number for change in before] == list(range(1, told_before.count + 1))
+    assert [change.number for change in before] == list(range(1, changes_before.count + 1))
     assert before[-1].status == 0, "the last halt of the first tree is not lost"
-    assert after == list(range(1, told_after.count + 1))
+    assert after == list(range(1, changes_after.count + 1))
     assert [event.tick for event in viewer.of(TickEvent)] == [1, *range(1, 101)]
 
 
@@ -375,7 +375,7 @@ def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until:
         def question() -> bytes:
             received_messages = [b""]
 
-            def asked() -> bool:
+            def is_requested() -> bool:
                 # The client repeats its request after some time only, because a reply may be on its way.
                 robot.send_multipart([wire.HEARTBEAT_TOPIC, wire.encode(wire.HeartbeatMessage("second", 0))])
                 client.read()
@@ -383,7 +383,7 @@ def test_a_heartbeat_of_an_unknown_tree_makes_the_client_request_the_tree(until:
                     received_messages.append(robot.recv())
                 return received_messages[-1].startswith(b"\x01request/tree/")
 
-            until(asked, "a question")
+            until(is_requested, "a request")
             return received_messages[-1][1:]
 
         try:

@@ -55,7 +55,7 @@ class Robot:
                 continue
             self.port = number
             break
-        self.asked = 0
+        self.requests = 0
         self.hurt = False
         self.listeners = 0
         self.answers = True
@@ -80,7 +80,7 @@ class Robot:
                     if self.replies.getsockopt(zmq.RCVMORE):
                         self.hurt = True
                         return
-                    self.asked += 1
+                    self.requests += 1
                     self.replies.send(self.tree)
 
     def publish(self, *frames: bytes) -> None:
@@ -189,7 +189,7 @@ def test_a_robot_may_start_later_and_restart_with_another_tree(
     with Robot(TREE) as robot:
         port = robot.port
     viewer = watch(f":{port}")
-    until(lambda: viewer.links == ["waiting"], "a word about the robot that isn't there")
+    until(lambda: viewer.links == ["waiting"], "the message that no robot answers")
     with Robot(TREE, port) as robot:
         until(lambda: viewer.of(TreeEvent), "the first tree")
         robot.publish(UPDATES[0])
@@ -243,8 +243,8 @@ def test_an_idle_robot_stays_connected_and_a_silent_robot_is_lost(
     with Robot(encode_tree(SMALL)) as robot:
         viewer = watch(f":{robot.port}")
         until(lambda: viewer.of(TreeEvent), "the tree")
-        asked = robot.asked
-        until(lambda: robot.asked > asked, "a look whether it is there")
+        requests = robot.requests
+        until(lambda: robot.requests > requests, "another request")
         assert viewer.links[:2] == ["waiting", "connected"]
         until(lambda: viewer.links[-1] == "connected", "the reply, which is late if the machine stops")
         robot.answers = False
@@ -352,7 +352,7 @@ def test_a_groot2_client_detects_a_robot_of_version_3_without_harm(until: Callab
         with pytest.raises(Groot1DetectedError):
             client.request(Request.STATUS)
         assert not robot.hurt
-        assert robot.asked == 2
+        assert robot.requests == 2
 
 
 def test_watching_requests_tree_only_twice(watch: Callable[..., Watcher], until: Callable[..., None]) -> None:
@@ -367,7 +367,7 @@ def test_watching_requests_tree_only_twice(watch: Callable[..., Watcher], until:
             statuses[1] = 2 - statuses[1]
             seen = len(viewer.steps)
             until(lambda seen=seen: len(viewer.steps) > seen, "an update")
-        assert robot.asked == 2
+        assert robot.requests == 2
 
 
 @pytest.mark.parametrize(

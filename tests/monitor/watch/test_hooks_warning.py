@@ -34,9 +34,9 @@ def test_left_over_hooks_are_reported_once_with_the_command_that_removes_them(
     (found,) = viewer.of(HooksEvent)
     assert f"breakpoint before {tree.tree.by_uid[4].path}. A breakpoint stops the tree" in found.warning
     assert found.warning.endswith(f"btcore hook {robot.address} clear")
-    requests = robot.asked["S"]
-    until(lambda: robot.asked["S"] > requests + 5, "more requests")
-    assert robot.asked["D"] == len(viewer.of(HooksEvent)) == 1
+    requests = robot.requests["S"]
+    until(lambda: robot.requests["S"] > requests + 5, "more requests")
+    assert robot.requests["D"] == len(viewer.of(HooksEvent)) == 1
 
 
 def test_disabled_hooks_are_reported_because_the_next_request_after_a_silence_enables_them(
@@ -64,7 +64,7 @@ def test_a_robot_without_hooks_or_without_control_gets_no_warning(
     if refusal:
         robot.refused["D"] = refusal
     viewer = watch(robot.address)
-    until(lambda: robot.asked["D"], "the request for hooks")
+    until(lambda: robot.requests["D"], "the request for hooks")
     robot.change((4, RUNNING))
     until(lambda: viewer.of(TransitionEvent), "the next transition")
     assert not viewer.of(HooksEvent)
@@ -97,8 +97,8 @@ def test_record_and_monitor_print_one_warning_about_left_over_hooks(
     }
     for name, watching in started.items():
         watching.wait_for(f"{name}: warning: other clients left hooks in the robot: breakpoint before ")
-    requests = robot.asked["S"]
-    until(lambda: robot.asked["S"] > requests + 10, "more requests")
+    requests = robot.requests["S"]
+    until(lambda: robot.requests["S"] > requests + 10, "more requests")
     for watching in started.values():
         assert watching.end(signal.SIGINT) == 0, watching.stderr_text
         assert watching.stderr_text.count("warning:") == 1

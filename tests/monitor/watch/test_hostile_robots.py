@@ -335,7 +335,7 @@ class Robot(threading.Thread):
         self._attacks = dict(replies)
         self.replies = {**FRIENDLY, "r": str(time.time_ns() // 1000).encode(), **replies}
         self.messages, self.notices = messages, notices
-        self.asked: list[str] = []
+        self.requests: list[str] = []
         self.sent = 0
         self.stopped = threading.Event()
         self._context = zmq.Context()
@@ -384,14 +384,16 @@ class Robot(threading.Thread):
         except ProtocolError as error:
             self._requests.send(str(error).encode())
             return
-        self.asked.append(chr(header.kind))
+        self.requests.append(chr(header.kind))
         reply = groot2.encode_reply(header, TREE_ID, self.replies[chr(header.kind)])
         self._requests.send_multipart(reply)
 
     @property
     def has_attacked(self) -> bool:
         """Whether the robot has sent each of its hostile replies and messages."""
-        return all(letter in self.asked for letter in self._attacks) and (not self.messages or self.sent > 1)
+        return all(letter in self.requests for letter in self._attacks) and (
+            not self.messages or self.sent > 1
+        )
 
     def close(self) -> None:
         self.stopped.set()

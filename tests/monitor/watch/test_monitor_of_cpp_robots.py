@@ -144,10 +144,10 @@ def test_several_robots_are_watched_in_one_window_and_in_one_recording(
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     try:
-        until(lambda: all(robot.recording for robot in robots), "that both are watched")
+        until(lambda: all(robot.recording for robot in robots), "both robots")
         for robot in robots:
             robot.change((4, RUNNING), (4, SUCCESS), (4, IDLE))
-        until(lambda: all(not robot._recorded for robot in robots), "that the monitor took it in")
+        until(lambda: all(not robot._recorded for robot in robots), "the tree in the monitor")
         process.send_signal(signal.SIGINT)
         _, message = process.communicate(timeout=100)
     finally:
@@ -155,7 +155,7 @@ def test_several_robots_are_watched_in_one_window_and_in_one_recording(
     assert process.returncode == 0
     for robot in robots:
         assert f"{robot.address}, by Groot 2's protocol" in message.decode()
-        assert robot.asked["B"] == 0
+        assert robot.requests["B"] == 0
         assert not robot.recording, "the monitor stopped what it began"
     assert [file.name for file in tmp_path.iterdir()] == ["two.rrd"]
     for robot in robots:
@@ -183,6 +183,6 @@ def test_no_record_leaves_the_robots_buffer_alone(cpp_robot: Callable[..., CppRo
         timeout=60,
     )
     assert done.returncode == 0
-    assert robot.asked["S"] > 0
-    assert (robot.asked["r"], robot.asked["t"]) == (0, 0)
+    assert robot.requests["S"] > 0
+    assert (robot.requests["r"], robot.requests["t"]) == (0, 0)
     assert any("(--no-record)" in line for line in documents(tmp_path / "x.rrd", "/log"))

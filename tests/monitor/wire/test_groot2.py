@@ -44,14 +44,14 @@ def body_of(name: str) -> bytes:
 
 @pytest.mark.parametrize("name", [name for name in REPLIES if name not in REFUSED])
 def test_every_captured_reply_echoes_its_request_and_encodes_to_the_same_bytes(name: str) -> None:
-    asked = frames_of(f"{name}.req")
-    header = RequestHeader.decode(asked[0])
+    request = frames_of(f"{name}.req")
+    header = RequestHeader.decode(request[0])
     reply = groot2.decode_reply(frames_of(f"{name}.rep"))
 
     assert (reply.kind, reply.unique_id, reply.tree_id) == (header.kind, header.unique_id, UUID)
     body = reply.body if len(frames_of(f"{name}.rep")) == 2 else None
     assert groot2.encode_reply(header, bytes.fromhex(UUID), body) == frames_of(f"{name}.rep")
-    assert groot2.encode_request(Request(header.kind), header.unique_id, *asked[1:]) == asked
+    assert groot2.encode_request(Request(header.kind), header.unique_id, *request[1:]) == request
 
 
 @pytest.mark.parametrize(("name", "sentence"), REFUSED.items())

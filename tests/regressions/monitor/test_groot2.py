@@ -152,8 +152,8 @@ def test_groot2_64_dots_in_port_names_of_an_older_robot_are_shown(connect: Conne
         port = robot.bind_to_random_port("tcp://127.0.0.1")
 
         def answer() -> None:
-            asked = RequestHeader.decode(robot.recv_multipart()[0])
-            robot.send_multipart(groot2.encode_reply(asked, bytes(16), DOTTED.encode()))
+            header = RequestHeader.decode(robot.recv_multipart()[0])
+            robot.send_multipart(groot2.encode_reply(header, bytes(16), DOTTED.encode()))
 
         answering = threading.Thread(target=answer)
         answering.start()

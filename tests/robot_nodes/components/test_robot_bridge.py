@@ -83,11 +83,11 @@ def test_velocities_are_passed_on_with_their_priority(rig: BridgeRig, topic: str
 
 
 def test_a_picture_is_requested_only_while_there_is_a_subscriber(rig: BridgeRig) -> None:
-    asked: list[int] = []
+    requests: list[int] = []
     picture = CameraImage(np.zeros((2, 2, 3), dtype=np.uint8), 5, "camera")
-    rig.robot.camera = lambda: (asked.append(1), picture)[1]
+    rig.robot.camera = lambda: (requests.append(1), picture)[1]
     rig.sleep(0.5)
-    assert asked == []
+    assert requests == []
     rig.listen(IMAGE_TOPIC, CameraImage)
     rig.sleep(0.5)
     assert rig.received == [picture]

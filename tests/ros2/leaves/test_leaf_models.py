@@ -1,8 +1,9 @@
 """The models of the leaves that need a ROS session, which proofs assume, hold for the code of these leaves.
 
 Each leaf runs in a schedule in which it completes, waits, fails and is halted in every way. The servers and
-topics of the other side are in a second session of the same thread, so that they answer when a schedule says.
-The time of the tree is simulated. What a model excludes is defined in tests/robot_nodes/test_leaf_models.py.
+topics of the other side are in a second session of the same thread, so that a schedule determines when they
+answer. The time of the tree is simulated. What a model excludes is defined in
+tests/robot_nodes/test_leaf_models.py.
 """
 
 import random
@@ -239,8 +240,8 @@ def service_schedule(rig: LeafRig) -> None:
 def publish_schedule(rig: LeafRig) -> None:
     """Run RosTopicPublish: without a subscriber, and with subscribers of another type and of its type."""
     attributes = """type="std_msgs/String" message='json:{"data": "{word}"}'"""
-    node, heard = rig.other.node, []
-    node.create_subscription(Bool, "other_type", heard.append, 1)
+    node, received = rig.other.node, []
+    node.create_subscription(Bool, "other_type", received.append, 1)
     rig.load(f'name="other_type" {attributes}', word="one")
     rig.wait_for(lambda: rig.session.node.count_subscribers("other_type"))
     rig.pass_time(DISCOVERY_MS + 1)
@@ -259,10 +260,10 @@ def publish_schedule(rig: LeafRig) -> None:
     rig.load(f'name="words" wait_for_subscriber_timeout="60000" {attributes}', word="two")
     rig.pass_time(59_999)
     assert rig.tick() is RUNNING
-    node.create_subscription(String, "words", lambda message: heard.append(message.data), 1)
+    node.create_subscription(String, "words", lambda message: received.append(message.data), 1)
     rig.tick_until(SUCCESS)
-    rig.wait_for(lambda: heard)
-    assert (heard, rig.error) == (["two"], "")
+    rig.wait_for(lambda: received)
+    assert (received, rig.error) == (["two"], "")
 
 
 def read_schedule(rig: LeafRig) -> None:
@@ -357,10 +358,10 @@ def transform_pose_schedule(rig: LeafRig) -> None:
 
 def publish_transform_schedule(rig: LeafRig) -> None:
     """Run RosTransformPublish: with a pose, and with numbers that are no pose."""
-    heard: list[Any] = []
-    rig.other.node.create_subscription(TFMessage, "/tf", heard.append, 10)
+    received: list[Any] = []
+    rig.other.node.create_subscription(TFMessage, "/tf", received.append, 10)
     rig.load('child="box" pose="{pose}"', pose={"header": {"frame_id": "base"}})
-    rig.wait_for(lambda: rig.tick() is SUCCESS and heard)
+    rig.wait_for(lambda: rig.tick() is SUCCESS and received)
     rig.tree.blackboard["pose"] = {"pose": {"position": {"x": "nan"}}}
     assert rig.tick() is FAILURE
     assert "not finite" in rig.error

@@ -175,16 +175,16 @@ def other() -> Iterator[Any]:
 
 
 def test_message_is_published(session: RosSession, other: RosSession) -> None:
-    heard: list[str] = []
+    received: list[str] = []
     subscription = other.node.create_subscription(
-        String, "speech", lambda message: heard.append(message.data), 10
+        String, "speech", lambda message: received.append(message.data), 10
     )
     tree = load(session, '<Say text="hello"/>')
     publisher = next(node for node in tree if isinstance(node, Say))._endpoint.get()
     assert session.wait_for(publisher.get_subscription_count, LIMIT_S)
     assert tree.tick_once() is S
-    assert other.wait_for(lambda: heard, LIMIT_S)
-    assert heard == ["hello"]
+    assert other.wait_for(lambda: received, LIMIT_S)
+    assert received == ["hello"]
     assert load(session, '<Say text=""/>').tick_once() is F
     other.node.destroy_subscription(subscription)
 

@@ -588,7 +588,7 @@ def test_displays_of_rviz(navigation: NavigationProcess) -> None:
 
 
 def test_goal_pose_and_interrupt(navigation: NavigationProcess) -> None:
-    """The last test: Ctrl-C aborts a goal, and its client hears it."""
+    """The last test: Ctrl-C aborts a goal, and its client is notified."""
     publisher = navigation.session.node.create_publisher(PoseStamped, "goal_pose", 1)
     navigation.wait(lambda: publisher.get_subscription_count())
     message = PoseStamped()

@@ -54,7 +54,7 @@ def test_middle_ray_of_a_laser_that_sees_all_around_points_ahead(
     count = 360
     step = increment * math.tau / count
     mount = Transform((0.0, 0.0, 0.2), from_rpy(rpy))
-    # The echo of each ray is at a distance that tells its true direction in the base.
+    # The echo of each ray is at a distance that determines its true direction in the base.
     rays = [angle_min + index * step for index in range(count)]
     directions = [mount.apply(np.array([[math.cos(a), math.sin(a), 0.0]]))[0] for a in rays]
     truth = [math.atan2(y, x) for x, y, _ in directions]

@@ -1,4 +1,4 @@
-"""A robot that fails, or has other types: the error names the topic, and the robot is told to stop."""
+"""A robot that fails, or has other types: the error names the topic, and the robot gets a stop command."""
 
 import threading
 import time
@@ -49,9 +49,9 @@ def test_topic_that_stops(session: RosSession, fresh_robot: PointRobotProcess, t
         wait(robot, 0.2)
     assert stopped(process, session)
     # Without scans the wait does not end; with scans the robot drives again.
-    asked = iter(range(2000))
-    robot.recover(caught.value, lambda: next(asked, None) is None)
-    assert next(asked, None) is None
+    calls = iter(range(2000))
+    robot.recover(caught.value, lambda: next(calls, None) is None)
+    assert next(calls, None) is None
     process.send(silent=[])
     robot.recover(caught.value, lambda: False)
     robot.raise_failure()

@@ -66,8 +66,8 @@ def test_an_entry_is_searched_only_if_something_reads_it() -> None:
     assert explorer.graph.transitions == 4
     read = tree.replace("<Check ", '<Script code="code := error"/><Check ')
     assert [prover_for(xml, []).explorer.choices.unread for xml in (tree, read)] == [{"error"}, set()]
-    asked = prover_for(tree, [], "never {error} == 1")
-    assert asked.explorer.choices.unread == set()
+    prover = prover_for(tree, [], "never {error} == 1")
+    assert prover.explorer.choices.unread == set()
 
 
 def test_a_leaf_that_writes_early_may_be_running_with_its_outputs_written() -> None:

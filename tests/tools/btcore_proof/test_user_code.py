@@ -333,7 +333,7 @@ class Within(Decorator):
 
 
 class Catches(Decorator):
-    """Catches the exceptions of its child, and those of nobody else."""
+    """Catches the exceptions of its child, and no other exceptions."""
 
     def tick(self) -> Status:
         """Tick the child."""

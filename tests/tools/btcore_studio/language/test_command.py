@@ -19,9 +19,9 @@ def test_missing_extra_is_reported_with_the_install_command(
     result = cli("lsp")
     assert result.exit_code == 2
     assert result.stdout == ""
-    said = " ".join(result.stderr.split())
-    assert "'lsp' requires an optional dependency: the module '" in said  # others may be missing, too
-    assert "pip install 'btcore[lsp]'" in said
+    text = " ".join(result.stderr.split())
+    assert "'lsp' requires an optional dependency: the module '" in text  # others may be missing, too
+    assert "pip install 'btcore[lsp]'" in text
 
 
 def message(method: str, params: object = None, number: int | None = None) -> bytes:
@@ -73,14 +73,14 @@ def test_the_server_answers_shutdown_and_invalid_requests_without_a_traceback(wh
         server.stdin.write(b"".join(last))
         server.stdin.flush()
         output += server.stdout.read()
-        complaint = server.stderr.read().decode()
+        errors = server.stderr.read().decode()
     answers = {reply["id"]: reply for reply in replies(output)}
     assert answers[2]["error"] == {
         "code": -32602,
         "message": "the parameters of textDocument/hover are invalid",
     }
     assert answers[3]["result"] is None
-    assert "Traceback" not in complaint
+    assert "Traceback" not in errors
     assert server.returncode == 0
 
 
