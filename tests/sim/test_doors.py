@@ -155,8 +155,8 @@ def test_people_do_not_walk_through_doors_and_doors_do_not_hit_people() -> None:
     assert nearest > RADIUS
 
 
-class CarriedRobot:
-    """A robot that remembers where events put it."""
+class EventTargetMock:
+    """A robot that records the poses to which events move it."""
 
     def __init__(self) -> None:
         self.poses = [Pose2D(0.0, 0.0, 0.0)]
@@ -173,7 +173,7 @@ def test_robots_are_not_put_into_doors(tmp_path: Path) -> None:
     corners = [[-2, -3], [4, -3], [4, 3], [-2, 3]]
     room = load(tmp_path, {"kind": "wall", "closed": True, "points": corners, "height": 2}, HINGED)
     starts = [with_start(room, "random", random_generator(seed, "start"), 0.27).pose for seed in range(60)]
-    world, robot = World(room, seed=1), CarriedRobot()
+    world, robot = World(room, seed=1), EventTargetMock()
     assert all(world.door_distance(pose.x, pose.y) > 0.3 for pose in starts)
     events = [parse_event(f"kidnap:{second}") for second in range(1, 31)]
     EventRunner(world, robot, 0.27, events, ClearanceMap.of(room), list)

@@ -12,9 +12,9 @@ from btcore_navigation.parameters import AmclParameters
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserInfo, LaserScan, Odometry, Pose2D, TransformStamped, Twist2D
 from btcore_robot.transforms import FrameBroadcaster, TransformTree
+from tests.robot_nodes.navigation.conftest import LASER_X, Box, box_distances
 
 SECOND = 1_000_000_000
-LASER_AHEAD = 0.2
 WALLS = (  # x and y from, to (m): a flat of 12 m × 8 m
     (0.0, 0.0, 12.0, 0.2), (0.0, 7.8, 12.0, 8.0), (0.0, 0.0, 0.2, 8.0), (11.8, 0.0, 12.0, 8.0),
     (5.0, 0.0, 5.2, 3.0), (5.0, 4.5, 5.2, 8.0), (5.2, 5.0, 8.5, 5.2), (9.8, 5.0, 12.0, 5.2),
@@ -29,12 +29,12 @@ START = Pose2D(3.0, 4.0, 0.0)
 
 
 class NoisyRobot:
-    """A robot among *walls* whose odometry has errors (left wheel 2 %, turns 5 %) and a laser with noise."""
+    """A robot among *walls* whose laser has noise, and odometry errors (left wheel 2 %, turns 5 %)."""
 
     def __init__(
         self,
         seed: int = 0,
-        walls: tuple[tuple[float, ...], ...] = WALLS,
+        walls: tuple[Box, ...] = WALLS,
         start: Pose2D = START,
         range_noise: float = 0.0,
     ) -> None:
@@ -52,8 +52,8 @@ class NoisyRobot:
         return Odometry(Pose2D(*self.reported), Twist2D(0.0, 0.0), self.time)
 
     def frames(self):
-        still = (0.0, 0.0, 0.0, 1.0)
-        return [TransformStamped("laser", "base_footprint", (LASER_AHEAD, 0.0, 0.1), still, self.time)]
+        unrotated = (0.0, 0.0, 0.0, 1.0)
+        return [TransformStamped("laser", "base_footprint", (LASER_X, 0.0, 0.1), unrotated, self.time)]
 
     moving_frames = frames
 
@@ -69,20 +69,13 @@ class NoisyRobot:
             pose[0] += speed * math.cos(pose[2]) * seconds
             pose[1] += speed * math.sin(pose[2]) * seconds
 
-    def sweep(self):
+    def update_scan(self) -> None:
         x, y, yaw = self.true
         info = self.laser
         angles = yaw + info.angle_min + info.angle_increment * np.arange(info.rays)
-        x, y = x + LASER_AHEAD * math.cos(yaw), y + LASER_AHEAD * math.sin(yaw)
-        boxes = np.array([*self.walls, *((a - 0.25, b - 0.25, a + 0.25, b + 0.25) for a, b in self.people)])
-        with np.errstate(divide="ignore"):
-            across, along = 1.0 / np.cos(angles), 1.0 / np.sin(angles)
-        low_x, high_x = (boxes[:, 0, None] - x) * across, (boxes[:, 2, None] - x) * across
-        low_y, high_y = (boxes[:, 1, None] - y) * along, (boxes[:, 3, None] - y) * along
-        near = np.maximum(np.minimum(low_x, high_x), np.minimum(low_y, high_y))
-        far = np.minimum(np.maximum(low_x, high_x), np.maximum(low_y, high_y))
-        near[(near > far) | (near < 0.0)] = np.inf
-        ranges = near.min(axis=0)
+        x, y = x + LASER_X * math.cos(yaw), y + LASER_X * math.sin(yaw)
+        people = ((a - 0.25, b - 0.25, a + 0.25, b + 0.25) for a, b in self.people)
+        ranges = box_distances((*self.walls, *people), x, y, angles)
         ranges += self.random.normal(0.0, 1.0, info.rays) * info.deviation(ranges)
         ranges[ranges < info.range_min] = -np.inf
         ranges[ranges > info.range_max] = np.inf
@@ -91,7 +84,7 @@ class NoisyRobot:
         )
 
 
-def drawn(walls: tuple[tuple[float, ...], ...], length: float, width: float) -> OccupancyMap:
+def drawn(walls: tuple[Box, ...], length: float, width: float) -> OccupancyMap:
     cells = np.zeros((round(width / 0.05), round(length / 0.05)), dtype=np.uint8)
     for box in walls:
         low, high = (round(box[0] / 0.05), round(box[1] / 0.05)), (round(box[2] / 0.05), round(box[3] / 0.05))
@@ -128,7 +121,7 @@ class LocaliserRig:
         for _ in range(5):
             self.robot.drive(v, w, 0.02)
             self.frames.step(self.robot.time)
-        self.robot.sweep()
+        self.robot.update_scan()
         self.localiser.step(self.robot.time)
 
     def error(self):
@@ -175,7 +168,7 @@ def test_a_robot_in_a_large_hall_knows_its_pose_although_noise_grows_with_the_ra
     assert min(fits) > 0.97
     assert np.mean(errors) < 0.08
     assert max(errors) < 0.15
-    rig.robot.true[:2] = 24.0, 20.0  # carried to another place
+    rig.robot.true[:2] = 24.0, 20.0  # kidnapped
     for _ in range(20):
         rig.step(0.0, 0.0)
     assert not rig.localiser.confident
@@ -245,11 +238,11 @@ def test_between_two_scans_the_pose_follows_odometry() -> None:
 def test_scans_without_echoes_do_not_change_the_particles() -> None:
     rig = LocaliserRig()
     rig.go(0.3, 0.0, 1.0)
-    rig.robot.sweep = lambda: None
-    blind = replace(rig.robot.newest, ranges=np.full(666, np.inf, dtype=np.float32))
+    rig.robot.update_scan = lambda: None
+    empty = replace(rig.robot.newest, ranges=np.full(666, np.inf, dtype=np.float32))
     particles = rig.localiser.particles
     for _ in range(30):
-        rig.robot.newest = replace(blind, stamp=rig.robot.time + SECOND // 10)
+        rig.robot.newest = replace(empty, stamp=rig.robot.time + SECOND // 10)
         rig.step(0.3, 0.0)
     assert rig.localiser.particles is particles
     assert rig.localiser.confident
