@@ -69,7 +69,7 @@ class Localiser:
     Each scan is also compared with the pose. If the scan contradicts the pose (see `PoseValidator`), the pose
     is in doubt, and the whole map is searched. If another pose explains the scan better, the robot is `lost`.
     The localiser is then `searching` until a single pose has passed the comparison with several scans. People
-    and things that are not on the map cause at most a doubt, which is dismissed within a second.
+    and objects that are not on the map cause at most a doubt, which is dismissed within a second.
 
     Without recent odometry the pose is unknown. When the odometry arrives again, the robot may have been
     moved in the meantime, or the odometry may have started anew. Either the last pose or the pose by odometry

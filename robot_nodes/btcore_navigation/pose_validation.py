@@ -1,4 +1,4 @@
-"""Validation of the estimated pose: whether a scan contradicts it, even with people and things in the way."""
+"""Validation of the estimated pose: whether a scan contradicts it, despite people and objects in the way."""
 
 from collections import deque
 
@@ -65,7 +65,7 @@ def changed_beam_shares(before: LaserScan, after: LaserScan, turn: float) -> tup
 class PoseValidator:
     """A check of the estimated pose against every scan.
 
-    People and things in the way make some beams shorter than on the map, but none longer; the other beams
+    People and objects in the way make some beams shorter than on the map, but none longer; the other beams
     still fit. So a pose is doubtful when beams go through walls, when almost no beam fits, or when most beams
     change between two scans.
     """
@@ -85,7 +85,7 @@ class PoseValidator:
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether the last scans don't fit the pose, even with people and things in the way."""
+        """Whether the last scans don't fit the pose, despite people and objects in the way."""
         return self._contradictions >= IN_A_ROW
 
     @property
@@ -130,5 +130,5 @@ class PoseValidator:
 
 
 def contradicts_pose(view: ScanAgreement) -> bool:
-    """Return whether *view* contradicts the pose: people and things in the way can't explain such a scan."""
+    """Return whether *view* contradicts the pose: people and objects in the way can't explain such a scan."""
     return view.through_share > MAX_THROUGH_SHARE or view.hit_share < MIN_HIT_SHARE

@@ -38,7 +38,7 @@ class ScanAgreement:
 
     *hit_share* is the share of beams that end on occupied cells. *through_share* is the share of beams that
     end behind an occupied cell, as if they went through a wall. The remaining beams end earlier: a person or
-    a thing that is not on the map is in the way, or the pose is wrong. People can shorten a beam, but never
+    an object that is not on the map is in the way, or the pose is wrong. People can shorten a beam, but never
     lengthen it. A high *through_share* therefore shows that the pose is wrong, even in a crowd.
     """
 

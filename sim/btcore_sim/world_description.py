@@ -617,7 +617,7 @@ class WorldFile(Record, kw_only=True, rename={"schema": "$schema"}):
     physics_rate: Annotated[int, _key("The number of physics steps per second.", ge=1)] = PHYSICS_RATE
     objects: Annotated[
         tuple[Box | Cylinder | Table | Wall | Polygon | HingedDoor | SlidingDoor, ...],
-        _key("The walls and all other things in the world."),
+        _key("The walls and all other objects in the world."),
     ]
 
     def __post_init__(self) -> None:

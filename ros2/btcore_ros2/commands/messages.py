@@ -97,7 +97,8 @@ def _install(packages: Sequence[MessagePackage], force: bool, folder: Path | Non
         else:
             click.echo(f"{package.name}: {installed} is installed from elsewhere, and stays as it is")
     names = {package.name for package in own}
-    others = [one for one in wheels.installed_messages(Path(sys.prefix)) if one[0] not in names]
+    installed_messages = wheels.installed_messages(Path(sys.prefix))
+    others = [message for message in installed_messages if message[0] not in names]
     complete, incomplete = leave_out_incomplete(own, others)
     for (name, interface), missing in list(incomplete.items())[:_SHOWN_MISSING]:
         needed = join_names(f"{other}/{message}" for other, message in missing)

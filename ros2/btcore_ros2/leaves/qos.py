@@ -26,7 +26,7 @@ class Reliability(enum.Enum):
     """Whether lost messages are sent again."""
 
     as_qos = 0
-    """As the port `qos` says."""
+    """The policy of the port `qos`."""
     reliable = 1
     """Lost messages are sent again."""
     best_effort = 2
@@ -37,7 +37,7 @@ class Durability(enum.Enum):
     """Whether late subscribers get earlier messages."""
 
     as_qos = 0
-    """As the port `qos` says."""
+    """The policy of the port `qos`."""
     volatile = 1
     """Late subscribers get no earlier messages."""
     transient_local = 2

@@ -76,9 +76,9 @@ class RosRobot(TopicRobot):
     The constructor waits until the laser, the odometry, the frames and a subscriber of the velocity are
     available. Messages are taken while a caller waits on `clock`. Stamps are converted to that clock.
 
-    When a watched topic stops, or the robot's clock jumps, the robot is told to stop, and waiting on the
-    clock raises a `RosError`, until `recover` was called. While a simulated clock stands still, the robot is
-    told to stop. At the end of a program call `close`, which stops the robot.
+    When a watched topic stops, or the robot's clock jumps, zero velocity is commanded, and waiting on the
+    clock raises a `RosError`, until `recover` was called. While a simulated clock stands still, zero
+    velocity is commanded. At the end of a program call `close`, which stops the robot.
 
     Args:
         session: The ROS node.
@@ -520,7 +520,7 @@ class RosRobot(TopicRobot):
     def _fail(self, reason: str) -> None:
         """Stop the robot, and let the next wait on the clock raise an error."""
         if self._failure is None:
-            self._failure = f"{reason}; the robot was told to stop"
+            self._failure = f"{reason}; zero velocity was commanded"
             if not self._is_recovering:
                 self._velocity.stop(self._time.now())
                 _log.error("%s", self._failure)

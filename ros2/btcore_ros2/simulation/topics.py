@@ -330,7 +330,7 @@ class TrajectoryController:
     """Moves joints along trajectories, with linear interpolation between the points.
 
     A trajectory starts when it arrives; the stamp of its header is ignored. A new trajectory replaces the
-    previous one.
+    previous trajectory.
 
     Args:
         robot: The simulated robot.

@@ -41,7 +41,7 @@ def test_topic_that_stops(session: RosSession, fresh_robot: PointRobotProcess, t
     process.send(silent=["/scan"])
     message = drive_until_error(robot)
     assert message.startswith("/scan: no message for ")
-    assert "(limit 1 s): its driver has stopped; the robot was told to stop" in message
+    assert "(limit 1 s): its driver has stopped; zero velocity was commanded" in message
     assert stopped(process, session)
     # The error is raised again, and commands are not sent any more.
     robot.drive(0.1, 0.2)
