@@ -126,7 +126,7 @@ class LayeredCostmap(Costmap):
         """
         self.obstacles.forget(before=before)
         self._pending.clear()
-        self._refresh(self._everywhere())
+        self._refresh(self._whole_grid())
 
     def clear_around(self, pose: Pose2D, side: float, *, before: int | None = None) -> None:
         """Remove the observed obstacles in a square.
@@ -149,9 +149,9 @@ class LayeredCostmap(Costmap):
             before: As for `clear`.
         """
         self.obstacles.forget(self.square(pose, side), outside=True, before=before)
-        self._refresh(self._everywhere())
+        self._refresh(self._whole_grid())
 
-    def _everywhere(self) -> GridWindow:
+    def _whole_grid(self) -> GridWindow:
         return GridWindow(0, 0, *self.costs.shape)
 
     def _take_observations(self) -> None:
@@ -237,7 +237,7 @@ class GlobalCostmap(LayeredCostmap):
         is_lethal = np.where(self._static == LETHAL, LETHAL, FREE).astype(np.uint8)
         self.lower_bound = self.inflation.inflate(is_lethal)
         self.map_costs = self.inflation.inflate(self._static)
-        self._refresh(self._everywhere())
+        self._refresh(self._whole_grid())
 
     def update(self, now: int, robot_pose: Pose2D | None = None) -> None:
         """Apply the observed scans; only the costs of changed windows are computed again.
@@ -328,7 +328,7 @@ class LocalCostmap(LayeredCostmap):
         self._center_on(robot_pose)
         self._take_observations()
         self.obstacles.free_disc(robot_pose, self.inflation.radius, self.origin)
-        self._refresh(self._everywhere())
+        self._refresh(self._whole_grid())
 
     def _center_on(self, pose: Pose2D) -> None:
         half = len(self.costs) // 2

@@ -86,7 +86,7 @@ class CostBounds:
     def __init__(self, lower_costs: NDArray[np.float64], start: Cell, goal: Cell) -> None:
         self._lower_costs = lower_costs
         self._to_goal = _field(lower_costs, goal)
-        self._depart(start)
+        self._set_start(start)
 
     def least(self, start: Cell) -> tuple[float, NDArray[np.float32]]:
         """Return lower bounds for the price of paths from *start* to the goal.
@@ -95,12 +95,12 @@ class CostBounds:
         """
         price = float(self._from_start[start] + self._to_goal[start])
         if not (math.isfinite(price) and price <= self._max_price):
-            self._depart(start)
+            self._set_start(start)
         across = np.abs(self._from_start - self._from_start[start])
         across += self._to_goal
         return float(self._to_goal[start]), across
 
-    def _depart(self, start: Cell) -> None:
+    def _set_start(self, start: Cell) -> None:
         self._from_start = _field(self._lower_costs, start)
         self._max_price = float(self._to_goal[start]) * _OFF_COURSE + _NEARBY
 

@@ -71,7 +71,7 @@ class WaypointFollower(ActionServer[FollowWaypointsGoal, int, tuple[MissedWaypoi
         goal = handle.goal
         self._index, self._loop, self._missed = goal.first, 0, []
         if goal.first < len(goal.goals):
-            self._go(goal)
+            self._send_goal(goal)
             return
         if self._drive is not None:
             self._drive.cancel()
@@ -105,13 +105,13 @@ class WaypointFollower(ActionServer[FollowWaypointsGoal, int, tuple[MissedWaypoi
                 handle.succeed(tuple(self._missed))
                 return
             self._index, self._loop = 0, self._loop + 1
-        self._go(goal)
+        self._send_goal(goal)
 
     def stop(self, handle: FollowWaypointsHandle, now: int) -> None:
         """Cancel the drive to the present pose."""
         if self._drive is not None:
             self._drive.cancel()
 
-    def _go(self, goal: FollowWaypointsGoal) -> None:
+    def _send_goal(self, goal: FollowWaypointsGoal) -> None:
         self._arrived = None
         self._drive = self._servers.send_goal(NavigateGoal((goal.goals[self._index],)), "navigate_to_pose")

@@ -107,14 +107,14 @@ class ConnectionChecks:
     def _problems(self) -> Iterator[Problem]:
         """Yield the result of the check of each connection, then those of destroyed entities."""
         subjects = set()
-        for subject, message in self._connections():
+        for subject, message in self._connection_problems():
             subjects.add(subject)
             yield subject, message
         for subject in self._checked - subjects:
             yield subject, ""
         self._checked = subjects
 
-    def _connections(self) -> Iterator[Problem]:
+    def _connection_problems(self) -> Iterator[Problem]:
         node = self._node
         topics = set()
         for entity in (*node.subscriptions, *node.publishers):

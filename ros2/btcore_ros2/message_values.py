@@ -305,9 +305,9 @@ class _Reader:
                 self._report(path, str(error))
                 return message
         if interface_name(message_class) in _TIMES:
-            moment = self._moment(message_class, value, path)
-            if moment is not None:
-                return moment
+            converted = self._time_or_duration(message_class, value, path)
+            if converted is not None:
+                return converted
         if not isinstance(value, Mapping):
             self._report(
                 path, f"{_shown(value)} is not a {_short_name(message_class)}", _message_hint(message_class)
@@ -333,7 +333,7 @@ class _Reader:
         key = referenced_key(value) if self._resolve is not None else None
         return value if key is None or self._resolve is None else self._resolve(key)
 
-    def _moment(self, message_class: Any, value: object, path: tuple[str | int, ...]) -> Any:
+    def _time_or_duration(self, message_class: Any, value: object, path: tuple[str | int, ...]) -> Any:
         """Return a Time or Duration from a number of seconds or the text `now`; None for other values."""
         if value == "now" and message_class.__name__ == "Time":
             return self._now() if self._now is not None else message_class()

@@ -27,7 +27,7 @@ class Contact:
     speed: float
 
     @property
-    def hard(self) -> bool:
+    def is_collision(self) -> bool:
         """Whether the contact is a collision."""
         return self.speed > COLLISION_SPEED
 
@@ -55,7 +55,7 @@ class ContactCounter:
     @property
     def collisions(self) -> int:
         """The number of contacts with a closing speed above `COLLISION_SPEED`."""
-        return sum(event.hard for event in self.events)
+        return sum(event.is_collision for event in self.events)
 
     @property
     def grazes(self) -> int:
@@ -93,9 +93,9 @@ class ContactCounter:
             if body not in self._near:
                 self._near.append(body)
             if point[8] <= TOUCH:
-                self._touch(body, self._closing(point), now)
+                self._record(body, self._closing_speed(point), now)
 
-    def _touch(self, body: int, speed: float, now: int) -> None:
+    def _record(self, body: int, speed: float, now: int) -> None:
         contact = self._open.get(body)
         if contact is None or now - contact.last >= MIN_SEPARATION_TIME:
             contact = self._open[body] = Contact(body, now, now, speed)
@@ -103,7 +103,7 @@ class ContactCounter:
         contact.last = now
         contact.speed = max(contact.speed, speed)
 
-    def _closing(self, point: Any) -> float:
+    def _closing_speed(self, point: Any) -> float:
         """Return the closing speed (m/s) of two bodies at a contact point."""
         # PyBullet's getContactPoints: positions on robot and body, and the normal, which points at the robot.
         on_robot, on_body, normal = point[5], point[6], point[7]

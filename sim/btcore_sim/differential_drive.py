@@ -105,7 +105,7 @@ class WheelErrorModel:
         self._info = info
         self.left, self.right = (float(scale) for scale in random.normal(1.0, info.scale_sigma, 2))
 
-    def turning(self) -> float:
+    def turn_factor(self) -> float:
         """Return the angle (rad) that the wheels measure for a turn of 1 rad, drawn anew on every call."""
         return 1.0 + self._info.slip + self._info.slip_sigma * float(self._random.standard_normal())
 
@@ -145,7 +145,7 @@ class WheelOdometry:
             moved_right *= self.errors.right
         moved, turned = (moved_left + moved_right) / 2, (moved_right - moved_left) / self.separation
         if self.errors is not None:
-            turned *= self.errors.turning()
+            turned *= self.errors.turn_factor()
         self.x += moved * math.cos(self.yaw + turned / 2)
         self.y += moved * math.sin(self.yaw + turned / 2)
         self.yaw = wrap_angle(self.yaw + turned)

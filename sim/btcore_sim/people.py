@@ -21,7 +21,7 @@ HEIGHT = 1.7
 SPEED = 0.5
 """Walking speed (m/s)."""
 
-POLITE = 0.5
+ROBOT_DISTANCE = 0.5
 """Distance (m, edge to edge) that a person keeps from a robot ahead."""
 
 FROM_WALLS = 0.35
@@ -34,7 +34,7 @@ _NAME = "person_"
 _RATE = 20.0  # Hz of decisions; between two decisions the engine moves the bodies by their velocities
 _ROOM = RADIUS + FROM_WALLS + 0.03  # m: the clearance of a path; the map is exact to half a cell (0.025 m)
 _PERSONAL = 0.3  # m that people keep from each other
-_AGAIN = 0.1  # m: added to the stopping distance to obtain the distance at which a person walks on
+_RESTART_MARGIN = 0.1  # m: added to the stopping distance to obtain the distance at which a person walks on
 _CHOICES = 4  # number of candidates for a goal; the farthest becomes the goal
 _TRIES = 20  # attempts to find the candidates
 _MAX_WAIT_S = 2.0  # s for which a person waits before it chooses another goal
@@ -111,7 +111,7 @@ class PeopleSimulation:
     """The walking people of a world. They walk at `SPEED`.
 
     *robot* returns the robot's pose, and *radius* (m) is the robot's radius. A person stops when the robot is
-    ahead and nearer than `POLITE`. After 2 s the person chooses a goal in a direction away from the robot.
+    ahead and nearer than `ROBOT_DISTANCE`. After 2 s the person chooses a goal away from the robot.
     People do not walk into a standing robot, a closed door, nor into the obstacles of the *floor*.
     """
 
@@ -143,13 +143,13 @@ class PeopleSimulation:
         for person in self.people:
             if math.dist((person.x, person.y), person.goal) < 1e-6 or not self._open(person):
                 self._choose(person, [])
-            hindering = self._hindering(person, robot)
-            if hindering:
+            in_the_way = self._in_the_way_of(person, robot)
+            if in_the_way:
                 person.speed = 0.0
                 person.waited += 1.0 / _RATE
                 if person.waited >= _MAX_WAIT_S:
                     person.waited = 0.0
-                    self._choose(person, hindering)
+                    self._choose(person, in_the_way)
             else:
                 person.waited = 0.0
                 left = math.dist((person.x, person.y), person.goal)
@@ -195,10 +195,10 @@ class PeopleSimulation:
                 goals.append(goal)
         person.goal = max(goals, key=lambda goal: math.dist(here, goal), default=before)
 
-    def _hindering(self, person: Person, robot: Pose2D) -> list[Point]:
+    def _in_the_way_of(self, person: Person, robot: Pose2D) -> list[Point]:
         """Return the positions (m) of the robot and the people for which *person* has to stop."""
-        margin = _AGAIN if person.speed == 0.0 else SPEED / _RATE
-        bodies = [(robot.x, robot.y, self._reach + POLITE)]
+        margin = _RESTART_MARGIN if person.speed == 0.0 else SPEED / _RATE
+        bodies = [(robot.x, robot.y, self._reach + ROBOT_DISTANCE)]
         bodies += [
             (walker.x, walker.y, 2 * RADIUS + _PERSONAL) for walker in self.people if walker is not person
         ]

@@ -11,7 +11,7 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.errors import SimError
 from btcore_sim.map_rasteriser import overhangs
-from btcore_sim.people import FROM_WALLS, POLITE, RADIUS, SPEED, PeopleSimulation, with_people
+from btcore_sim.people import FROM_WALLS, RADIUS, ROBOT_DISTANCE, SPEED, PeopleSimulation, with_people
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.scenario import Scenario
 from btcore_sim.world import World, random_generator
@@ -94,7 +94,7 @@ def test_people_stop_before_a_robot_that_stands(stroll: Stroll) -> None:
         world, people = stroll("arena", 3, seed, lambda: pose)
         for places in tracks(world, people, 40):
             closest = min(closest, *(math.dist(at, (pose.x, pose.y)) for at in places))
-    assert POLITE <= closest - ROBOT - RADIUS < POLITE + 0.15
+    assert ROBOT_DISTANCE <= closest - ROBOT - RADIUS < ROBOT_DISTANCE + 0.15
 
 
 def test_blocked_people_go_elsewhere_after_a_while(stroll: Stroll) -> None:

@@ -45,7 +45,7 @@ class GrowingCostmap(GlobalCostmap):
         self.origin = map.origin
         self._static = static_costs(map)
         self.costs = np.zeros(shape, dtype=np.uint8)
-        self._refresh(self._everywhere())
+        self._refresh(self._whole_grid())
 
 
 class Exploration(Navigation):

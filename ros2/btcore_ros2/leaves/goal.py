@@ -198,7 +198,7 @@ class ClientGoal:
             )
             self._stop_watching()
         elif self.accepted:
-            self._lose()
+            self._end_watch()
         else:  # the server has rejected the goal, or gets it later
             self._is_unknown = True
 
@@ -229,7 +229,7 @@ class ClientGoal:
     def _give_up(self) -> None:
         """Stop watching a cancelled goal that has not ended."""
         if self.lost or (self._handle is None and self._is_unknown):
-            self._lose()
+            self._end_watch()
             return
         log.warning(
             "%s: the goal was cancelled %d s ago, but the action server '%s' has not %s the goal; "
@@ -249,7 +249,7 @@ class ClientGoal:
             self._on_progress()
             self._follow_up()
 
-    def _lose(self) -> None:
+    def _end_watch(self) -> None:
         """End the watch of a goal whose server has disappeared or does not know the goal."""
         self.lost = True
         self._finish()

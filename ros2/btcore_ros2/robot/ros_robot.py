@@ -418,7 +418,7 @@ class RosRobot(TopicRobot):
             return False
         return (
             all(watch.timeout is None or watch.arrival >= 0 for watch in self._watches)
-            and not self._silent(self._time.now(), 1.0)
+            and not self._silent_topics(self._time.now(), 1.0)
             and not self._missing()
         )
 
@@ -464,10 +464,10 @@ class RosRobot(TopicRobot):
         self._session.refresh()
         now = self._time.now()
         if self._failure is None:
-            silent = self._silent(now, 1.0)
+            silent = self._silent_topics(now, 1.0)
             if silent:
                 # Topics of a robot that is down reach their limits one after another.
-                self._fail(self._silence(self._silent(now, 0.5), now))
+                self._fail(self._silence_message(self._silent_topics(now, 0.5), now))
         if self._failure is not None:
             raise RosError(self._failure)
         self._velocity.expire(now)
@@ -497,7 +497,7 @@ class RosRobot(TopicRobot):
         problem = topic_problem(self._node, topic, message_class)
         _log.warning("there are no pictures: %s: %s; leaves that look for objects find none", topic, problem)
 
-    def _silent(self, now: int, part: float) -> list[_Watch]:
+    def _silent_topics(self, now: int, part: float) -> list[_Watch]:
         """Return the watched topics without a message for longer than *part* of their limits."""
         return [
             watch
@@ -505,7 +505,7 @@ class RosRobot(TopicRobot):
             if watch.timeout is not None and now - watch.arrival > part * watch.timeout * NS_PER_S
         ]
 
-    def _silence(self, silent: Sequence[_Watch], now: int) -> str:
+    def _silence_message(self, silent: Sequence[_Watch], now: int) -> str:
         parts = [
             f"{watch.topic}: no {'new ' if watch.repeats else ''}message for "
             f"{(now - watch.arrival) / NS_PER_S:.1f} s (limit {watch.timeout:g} s)"

@@ -348,7 +348,7 @@ class LockstepClock(SimulatedSchedule):
         if subscriptions != self._arrived.keys():
             for subscription in subscriptions:
                 if subscription not in self._arrived:
-                    subscription.callback = self._noting(subscription)
+                    subscription.callback = self._with_sequence_number(subscription)
             self._arrived = {
                 subscription: self._arrived.get(subscription, 0) for subscription in subscriptions
             }
@@ -379,7 +379,7 @@ class LockstepClock(SimulatedSchedule):
 
         node.create_publisher = create
 
-    def _noting(self, subscription: Any) -> Callable[[Any, Any], Any]:
+    def _with_sequence_number(self, subscription: Any) -> Callable[[Any, Any], Any]:
         """Return the callback of *subscription*, extended: it notes the sequence number of each message."""
         callback = subscription.callback
         with_info = subscription._callback_type is subscription.CallbackType.WithMessageInfo
