@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -11,6 +12,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType, ModuleType
+from typing import Any
 
 import pytest
 
@@ -40,6 +42,8 @@ START_LIMIT = float(os.environ.get("BTCORE_TEST_START_LIMIT", "inf"))
 """The time (s) after the first test of the process after which no test is started."""
 WITHOUT_LIMIT = os.environ.get("BTCORE_TEST_WITHOUT_LIMIT", "")
 """The file or folder of the tests that are started nevertheless."""
+BROWSER_OPTIONS = ["--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader"]
+BROWSER_OPTIONS += ["--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 NOT_STARTED = "not started: the time limit of `make check` was exceeded"
 
 
@@ -132,6 +136,21 @@ def recorded_tree() -> Callable[[str], str]:
         """
 
     return write
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium without a window, which draws in software; skip the test if it is not installed."""
+    sync_api = pytest.importorskip("playwright.sync_api")
+    with sync_api.sync_playwright() as playwright:
+        installed = map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
+        paths = [path for path in (*installed, playwright.chromium.executable_path) if path]
+        path = next((path for path in paths if Path(path).exists()), None)
+        if path is None:
+            pytest.skip("there is no Chromium")
+        chromium = playwright.chromium.launch(executable_path=path, args=BROWSER_OPTIONS)
+        yield chromium
+        chromium.close()
 
 
 @pytest.fixture(scope="session")

@@ -14,14 +14,15 @@ from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription, WorldObject
 
-PlaceRobot = Callable[..., SimulatedRobot]
+MakeObject = Callable[..., WorldObject]
+RobotAt = Callable[..., SimulatedRobot]
 Steer = Callable[..., None]
 
 WHITE = (255, 255, 255, 255)
 
 
 @pytest.fixture
-def box() -> Callable[..., WorldObject]:
+def box() -> MakeObject:
     def make(
         x: float, y: float, size: Sequence[float], *, yaw: float = 0.0, mass: float = 0.0, name: str = "box"
     ) -> WorldObject:
@@ -31,7 +32,7 @@ def box() -> Callable[..., WorldObject]:
 
 
 @pytest.fixture
-def drum() -> Callable[..., WorldObject]:
+def drum() -> MakeObject:
     def make(x: float, y: float, radius: float, *, mass: float = 0.0, name: str = "drum") -> WorldObject:
         return WorldObject(name, "cylinder", (2 * radius, 2 * radius, 1.0), (x, y, 0.0), 0.0, mass, WHITE)
 
@@ -39,7 +40,7 @@ def drum() -> Callable[..., WorldObject]:
 
 
 @pytest.fixture
-def robot_at() -> Iterator[PlaceRobot]:
+def robot_at() -> Iterator[RobotAt]:
     """Return a function that places a robot among objects; the worlds are closed when the test ends."""
     worlds: list[World] = []
 

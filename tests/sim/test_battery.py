@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from btcore_robot.robot import Twist2D
 from btcore_sim.battery import BatteryModel
-from tests.sim.conftest import PlaceRobot, Steer
+from tests.sim.conftest import RobotAt, Steer
 
 
 @given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(0.0, 60.0))
@@ -31,21 +31,21 @@ def test_the_lowest_level_is_kept_when_the_battery_is_recharged() -> None:
     assert cells.lowest == pytest.approx(19.0)
 
 
-def test_standing_drains_a_hundredth_a_second(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_standing_drains_a_hundredth_a_second(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at()
     steer(body, 10.0, None)
     assert body.battery().level == pytest.approx(99.9)
     assert body.battery().stamp == body.world.now()
 
 
-def test_battery_drains_by_commanded_and_not_by_driven_velocity(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_battery_drains_by_commanded_and_not_by_driven_velocity(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at()
     steer(body, 10.0, (-0.3, 0.4))  # the base backs no faster than 0.2 m/s
     assert body.commanded_velocity() == Twist2D(-0.3, 0.4)
     assert body.battery().level == pytest.approx(100.0 - 10.0 * (0.25 + 0.01), abs=0.01)
 
 
-def test_a_command_drains_the_battery_until_it_expires(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_a_command_drains_the_battery_until_it_expires(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at()
     body.drive(1.0, 0.0)
     steer(body, 2.0, None)
@@ -54,7 +54,7 @@ def test_a_command_drains_the_battery_until_it_expires(robot_at: PlaceRobot, ste
 
 
 def test_an_empty_battery_stops_the_robot_until_it_is_recharged(
-    robot_at: PlaceRobot, steer: Steer, caplog: pytest.LogCaptureFixture
+    robot_at: RobotAt, steer: Steer, caplog: pytest.LogCaptureFixture
 ) -> None:
     body = robot_at(battery=0.3)
     steer(body, 6.0, (0.3, 0.0))

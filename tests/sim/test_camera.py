@@ -1,7 +1,6 @@
 """The camera: pinhole model, depth, and pictures like those of the engine's renderer."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +13,7 @@ from btcore_sim.camera import CameraSettings
 from btcore_sim.renderer import SKY, Renderer
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.visible_faces import box_faces, shape_faces
-from btcore_sim.world_description import WorldObject
-from tests.sim.conftest import PlaceRobot, Steer
+from tests.sim.conftest import MakeObject, RobotAt, Steer
 
 SIZE = CameraSettings(160, 120, 10.0)
 RED = (230, 20, 20, 255)
@@ -45,10 +43,10 @@ def engines(body: SimulatedRobot) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("look", [(0.0, 0.0), (0.4, -0.5), (-0.9, 0.2), (0.0, -1.0)])
 def test_depth_agrees_with_the_engines_renderer(
-    robot_at: PlaceRobot,
+    robot_at: RobotAt,
     steer: Steer,
-    box: Callable[..., WorldObject],
-    drum: Callable[..., WorldObject],
+    box: MakeObject,
+    drum: MakeObject,
     look: tuple[float, float],
 ) -> None:
     body = robot_at(
@@ -72,7 +70,7 @@ def test_depth_agrees_with_the_engines_renderer(
     assert np.median(off) < 0.01
 
 
-def test_the_depth_of_the_floor_follows_from_the_geometry(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_the_depth_of_the_floor_follows_from_the_geometry(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at(camera=SIZE)
     body.move_head(0.3, -0.6)
     steer(body, 1.5, None)
@@ -84,7 +82,7 @@ def test_the_depth_of_the_floor_follows_from_the_geometry(robot_at: PlaceRobot, 
         assert depth[row, column] == pytest.approx(-eye[2] / ray[2], rel=1e-4)
 
 
-def test_the_lens_is_a_pinhole_of_63_degrees(robot_at: PlaceRobot) -> None:
+def test_the_lens_is_a_pinhole_of_63_degrees(robot_at: RobotAt) -> None:
     lens = robot_at(camera=CameraSettings(640, 480, 10.0)).camera_info
     assert (lens.width, lens.height, lens.rate) == (640, 480, 10.0)
     assert lens.fx == lens.fy == pytest.approx(522.19, abs=0.01)
@@ -92,11 +90,11 @@ def test_the_lens_is_a_pinhole_of_63_degrees(robot_at: PlaceRobot) -> None:
     assert lens.frame == "head_front_camera_rgb_optical_frame"
 
 
-def test_without_a_camera_there_is_no_camera_info(robot_at: PlaceRobot) -> None:
+def test_without_a_camera_there_is_no_camera_info(robot_at: RobotAt) -> None:
     assert robot_at().camera_info is None
 
 
-def test_picture_has_depth_along_z_or_infinity(robot_at: PlaceRobot, box: Callable[..., WorldObject]) -> None:
+def test_picture_has_depth_along_z_or_infinity(robot_at: RobotAt, box: MakeObject) -> None:
     body = robot_at(box(3.1, 0.0, (0.2, 1.0, 2.0)), camera=SIZE)
     picture: CameraImage = body.camera()
     assert picture.depth.dtype == np.float32
@@ -108,9 +106,7 @@ def test_picture_has_depth_along_z_or_infinity(robot_at: PlaceRobot, box: Callab
     assert tuple(picture.rgb[0, 0]) == SKY
 
 
-def test_object_is_drawn_at_place_by_pinhole_model(
-    robot_at: PlaceRobot, box: Callable[..., WorldObject]
-) -> None:
+def test_object_is_drawn_at_place_by_pinhole_model(robot_at: RobotAt, box: MakeObject) -> None:
     far = replace(box(3.0, 0.6, (0.1, 0.1, 0.1)), position=(3.0, 0.6, 1.0165), color=RED)
     body = robot_at(far, camera=CameraSettings(320, 240, 10.0))
     picture, lens = body.camera(), body.camera_info
@@ -121,7 +117,7 @@ def test_object_is_drawn_at_place_by_pinhole_model(
     assert rows.mean() == pytest.approx(lens.cy - lens.fy * z / x, abs=0.6)
 
 
-def test_a_picture_is_read_only(robot_at: PlaceRobot) -> None:
+def test_a_picture_is_read_only(robot_at: RobotAt) -> None:
     picture = robot_at(camera=SIZE).camera()
     for pixels in (picture.rgb, picture.depth):
         with pytest.raises(ValueError, match="read-only"):
@@ -129,7 +125,7 @@ def test_a_picture_is_read_only(robot_at: PlaceRobot) -> None:
 
 
 def test_a_movable_object_is_seen_at_its_current_place(
-    robot_at: PlaceRobot, steer: Steer, box: Callable[..., WorldObject]
+    robot_at: RobotAt, steer: Steer, box: MakeObject
 ) -> None:
     crate = replace(box(2.0, 0.0, (0.4, 0.4, 1.6), mass=5.0), color=RED)
     body = robot_at(crate, camera=SIZE)
@@ -141,7 +137,7 @@ def test_a_movable_object_is_seen_at_its_current_place(
     assert body.camera().depth[60, 80] == pytest.approx(2.8 - 0.2158, abs=0.03)
 
 
-def test_the_camera_sees_the_robot_when_it_looks_down(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_the_camera_sees_the_robot_when_it_looks_down(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at(camera=SIZE)
     floor = body.camera().depth[119, 80]
     body.move_head(0.0, -1.0)

@@ -4,7 +4,7 @@ import pytest
 
 from btcore_sim.errors import SimError
 from btcore_sim.faults import Fault, FaultSchedule, parse_fault
-from tests.sim.conftest import PlaceRobot, Steer
+from tests.sim.conftest import RobotAt, Steer
 
 SECOND = 1_000_000_000
 
@@ -47,7 +47,7 @@ def test_an_invalid_fault_raises_with_an_explanation(text: str, message: str) ->
         parse_fault(text)
 
 
-def test_a_failed_laser_keeps_its_last_scan_with_the_old_stamp(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_a_failed_laser_keeps_its_last_scan_with_the_old_stamp(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at(faults=fault_list("laser:1-2"))
     steer(body, 1.9, None)
     assert body.scan().stamp == 9 * SECOND // 10
@@ -55,7 +55,7 @@ def test_a_failed_laser_keeps_its_last_scan_with_the_old_stamp(robot_at: PlaceRo
     assert body.scan().stamp == 2 * SECOND
 
 
-def test_failed_odometry_keeps_its_last_reading(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_failed_odometry_keeps_its_last_reading(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at(faults=fault_list("odometry:1-2"))
     steer(body, 1.9, (0.3, 0.0))
     stuck = body.odometry()
@@ -64,13 +64,13 @@ def test_failed_odometry_keeps_its_last_reading(robot_at: PlaceRobot, steer: Ste
     assert body.odometry().pose.x > stuck.pose.x + 0.3
 
 
-def test_with_a_failed_wheel_a_straight_command_turns_the_robot(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_with_a_failed_wheel_a_straight_command_turns_the_robot(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at(faults=fault_list("wheel:0-"))
     steer(body, 2.0, (0.2, 0.0))
     assert body.true_pose().yaw > 0.5
 
 
-def test_a_failed_camera_keeps_its_last_picture(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_a_failed_camera_keeps_its_last_picture(robot_at: RobotAt, steer: Steer) -> None:
     from btcore_sim.camera import CameraSettings
     from btcore_sim.simulated_robot import SimulatedRobot
     from btcore_sim.world import World

@@ -2,7 +2,6 @@
 
 import math
 import threading
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,20 +13,20 @@ from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.robot_description import RobotDescription
 from btcore_sim.world_description import WorldDescription, WorldObject
-from tests.sim.conftest import PlaceRobot, Steer
+from tests.sim.conftest import MakeObject, RobotAt, Steer
 
 RED, CLEAR = (220, 30, 30, 255), (160, 208, 224, 96)
 
 
 @pytest.fixture
-def pane(box: Callable[..., WorldObject]) -> WorldObject:
+def pane(box: MakeObject) -> WorldObject:
     """A pane of glass 1.2 m ahead."""
     return replace(box(1.2, 0.0, (0.02, 3.0, 2.0), name="pane"), is_glass=True, color=CLEAR)
 
 
 def test_the_laser_passes_and_sonars_do_not(
-    robot_at: PlaceRobot,
-    box: Callable[..., WorldObject],
+    robot_at: RobotAt,
+    box: MakeObject,
     pane: WorldObject,
     noiseless_tiago: RobotDescription,
 ) -> None:
@@ -45,7 +44,7 @@ def test_the_laser_passes_and_sonars_do_not(
     assert ranges[True][1] == ranges[False][1] < 0.6
 
 
-def test_the_robot_collides_with_glass(robot_at: PlaceRobot, pane: WorldObject, steer: Steer) -> None:
+def test_the_robot_collides_with_glass(robot_at: RobotAt, pane: WorldObject, steer: Steer) -> None:
     body = robot_at(pane)
     steer(body, 5.0, (0.4, 0.0))
     assert body.contacts.collisions == 1
@@ -53,9 +52,7 @@ def test_the_robot_collides_with_glass(robot_at: PlaceRobot, pane: WorldObject, 
     assert body.true_pose().x < 1.2 - 0.2
 
 
-def test_camera_sees_red_box_through_glass(
-    robot_at: PlaceRobot, box: Callable[..., WorldObject], pane: WorldObject
-) -> None:
+def test_camera_sees_red_box_through_glass(robot_at: RobotAt, box: MakeObject, pane: WorldObject) -> None:
     red = replace(box(2.5, 0.0, (0.5, 3.0, 2.5), name="red"), color=RED)
     pictures = {}
     for name, objects in {"bare": (red,), "glass": (pane, red)}.items():
@@ -73,7 +70,7 @@ def test_camera_sees_red_box_through_glass(
 
 @pytest.mark.parametrize("yaw", [0.0, 0.6])
 def test_the_map_keeps_robots_out_of_glass_but_does_not_show_it_to_the_laser(
-    box: Callable[..., WorldObject], pane: WorldObject, yaw: float
+    box: MakeObject, pane: WorldObject, yaw: float
 ) -> None:
     walls = [
         box(3.0, 0.0, (0.1, 6.1, 2.0), name="east"),

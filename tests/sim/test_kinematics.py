@@ -15,7 +15,7 @@ from btcore_robot.rigid_transform import Transform, from_rpy
 from btcore_sim.errors import SimError
 from btcore_sim.kinematics import FOOTPRINT, Kinematics, complete_urdf
 from btcore_sim.robot_description import TIAGO, load_robot_description
-from tests.sim.conftest import PlaceRobot, Steer
+from tests.sim.conftest import RobotAt, Steer
 
 LEVEL = {"base_link", "base_laser_link", "torso_fixed_link"}
 
@@ -35,7 +35,7 @@ def pose(frames: Any, name: str) -> tuple[np.ndarray, np.ndarray]:
     return rotation, position
 
 
-def test_every_frame_is_connected_to_the_footprint_once(robot_at: PlaceRobot) -> None:
+def test_every_frame_is_connected_to_the_footprint_once(robot_at: RobotAt) -> None:
     frames = robot_at().frames()
     children = [frame.child for frame in frames]
     assert len(children) == len(set(children))
@@ -44,7 +44,7 @@ def test_every_frame_is_connected_to_the_footprint_once(robot_at: PlaceRobot) ->
         assert np.linalg.norm(frame.quaternion) == pytest.approx(1.0)
 
 
-def test_only_the_moving_frames_move(robot_at: PlaceRobot) -> None:
+def test_only_the_moving_frames_move(robot_at: RobotAt) -> None:
     body = robot_at()
     before = {frame.child: (frame.position, frame.quaternion) for frame in body.frames()}
     body.lift(0.2)
@@ -55,7 +55,7 @@ def test_only_the_moving_frames_move(robot_at: PlaceRobot) -> None:
     assert [frame.child for frame in moved] == ["torso_lift_link", "head_1_link", "head_2_link"]
 
 
-def test_the_names_are_those_of_the_data_sheet(robot_at: PlaceRobot) -> None:
+def test_the_names_are_those_of_the_data_sheet(robot_at: RobotAt) -> None:
     assert {frame.child for frame in robot_at().frames()} == {
         "base_link",
         "base_laser_link",
@@ -85,19 +85,19 @@ def test_the_names_are_those_of_the_data_sheet(robot_at: PlaceRobot) -> None:
     ],
 )
 def test_frames_have_the_positions_of_the_data_sheet(
-    robot_at: PlaceRobot, name: str, position: tuple[float, float, float]
+    robot_at: RobotAt, name: str, position: tuple[float, float, float]
 ) -> None:
     assert pose(robot_at().frames(), name)[1] == pytest.approx(position, abs=0.002)
 
 
-def test_in_the_optical_frame_z_is_ahead_and_x_to_the_right(robot_at: PlaceRobot) -> None:
+def test_in_the_optical_frame_z_is_ahead_and_x_to_the_right(robot_at: RobotAt) -> None:
     rotation, _ = pose(robot_at().frames(), "head_front_camera_rgb_optical_frame")
     assert rotation[:, 2] == pytest.approx([1.0, 0.0, 0.0], abs=0.02)
     assert rotation[:, 0] == pytest.approx([0.0, -1.0, 0.0], abs=0.02)
 
 
 def test_frames_agree_with_the_engines_links_when_head_and_torso_move(
-    robot_at: PlaceRobot, steer: Steer
+    robot_at: RobotAt, steer: Steer
 ) -> None:
     body = robot_at()
     body.move_head(0.7, -0.5)
@@ -115,7 +115,7 @@ def test_frames_agree_with_the_engines_links_when_head_and_torso_move(
         assert rotation == pytest.approx(base.T @ Transform(quaternion=turned).rotation, abs=1e-4)
 
 
-def test_the_camera_sees_from_its_optical_frame(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_the_camera_sees_from_its_optical_frame(robot_at: RobotAt, steer: Steer) -> None:
     from btcore_sim.camera import CameraSettings
 
     body = robot_at(camera=CameraSettings(32, 24, 10.0))

@@ -1,7 +1,6 @@
 """The laser: its geometry against the physics engine's own rays, its noise, REP 117."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from btcore_sim.robot_description import LaserErrors, RobotDescription
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription, WorldObject
-from tests.sim.conftest import PlaceRobot, Steer
+from tests.sim.conftest import MakeObject, RobotAt, Steer
 
 FACTS = LaserInfo(180, -math.pi, 2 * math.pi / 180, 0.05, 25.0, 10.0, 0.06, "laser")
 HEIGHT = 0.1
@@ -64,7 +63,7 @@ def test_geometry_agrees_with_rays(description: list[WorldObject], x: float, y: 
 
 
 @pytest.mark.parametrize("tiny", [0.0, 5e-324, 1e-310, -1e-310, 1e-200])
-def test_rays_parallel_to_side_have_right_distances(box: Callable[..., WorldObject], tiny: float) -> None:
+def test_rays_parallel_to_side_have_right_distances(box: MakeObject, tiny: float) -> None:
     outlines = RayCaster.of([box(3.0, 0.0, (2.0, 1.0, 1.0)), box(0.0, 3.0, (1.0, 2.0, 1.0), yaw=1e-14)])
     found = outlines.distances(0.0, 0.25, HEIGHT, np.array([tiny, math.pi / 2, math.pi]))
     assert found == pytest.approx([2.0, 1.75, math.inf])
@@ -76,18 +75,18 @@ def sweep(outlines: RayCaster, seed: int = 0, **changes: float) -> np.ndarray:
     return laser.sweep(0.0, 0.0, HEIGHT, 0.0, 7).ranges
 
 
-def test_no_echo_is_infinite_and_never_the_maximum(box: Callable[..., WorldObject]) -> None:
+def test_no_echo_is_infinite_and_never_the_maximum(box: MakeObject) -> None:
     outlines = RayCaster.of([box(30.0, 0.0, (1.0, 100.0, 1.0)), box(-2.0, 0.0, (1.0, 1.0, 1.0))])
     ranges = sweep(outlines, sigma=0.0)
     assert ranges[len(ranges) // 2] == np.inf
     assert np.isfinite(ranges).any()
 
 
-def test_an_echo_below_the_minimum_is_minus_infinite(box: Callable[..., WorldObject]) -> None:
+def test_an_echo_below_the_minimum_is_minus_infinite(box: MakeObject) -> None:
     assert (sweep(RayCaster.of([box(0.0, 0.0, (1.0, 1.0, 1.0))]), sigma=0.0) == -np.inf).all()
 
 
-def test_an_object_below_the_laser_is_not_seen(box: Callable[..., WorldObject]) -> None:
+def test_an_object_below_the_laser_is_not_seen(box: MakeObject) -> None:
     assert (sweep(RayCaster.of([box(2.0, 0.0, (1.0, 1.0, 0.09))])) == np.inf).all()
 
 
@@ -112,14 +111,14 @@ def repeated(outlines: RayCaster, errors: LaserErrors, **noise: float) -> np.nda
 
 
 @pytest.mark.parametrize("distance", [2.0, 20.0])
-def test_noise_grows_with_the_range(box: Callable[..., WorldObject], distance: float) -> None:
+def test_noise_grows_with_the_range(box: MakeObject, distance: float) -> None:
     wall = RayCaster.of([box(distance + 0.05, 0.0, (0.1, 100.0, 1.0))])
     ahead = repeated(wall, LaserErrors(), sigma=0.06, range_noise=0.01)[:, FACTS.rays // 2]
     assert np.std(ahead) == pytest.approx(math.hypot(0.06, 0.01 * distance), rel=0.07)
     assert np.mean(ahead) == pytest.approx(distance, abs=0.02)
 
 
-def test_shares_of_rays_return_no_echo_or_a_short_range(box: Callable[..., WorldObject]) -> None:
+def test_shares_of_rays_return_no_echo_or_a_short_range(box: MakeObject) -> None:
     wall = RayCaster.of([box(4.05, 0.0, (0.1, 100.0, 1.0))])
     front = slice(FACTS.rays // 2 - 2, FACTS.rays // 2 + 3)
     ranges = repeated(wall, LaserErrors(missed=0.1, short=0.05))[:, front]
@@ -129,7 +128,7 @@ def test_shares_of_rays_return_no_echo_or_a_short_range(box: Callable[..., World
     assert np.mean(short[np.isfinite(short)]) == pytest.approx(2.0, rel=0.1)
 
 
-def test_only_rays_beside_an_edge_return_ranges_between_both_objects(box: Callable[..., WorldObject]) -> None:
+def test_only_rays_beside_an_edge_return_ranges_between_both_objects(box: MakeObject) -> None:
     outlines = RayCaster.of([box(2.5, -5.0, (1.0, 10.05, 1.0)), box(6.0, 0.0, (0.1, 100.0, 1.0))])
     ranges = repeated(outlines, LaserErrors(edge=0.3))
     mixed = (ranges > 2.15) & (ranges < 5.94)
@@ -140,7 +139,7 @@ def test_only_rays_beside_an_edge_return_ranges_between_both_objects(box: Callab
 
 
 def test_a_movable_box_is_seen_at_its_current_place(
-    robot_at: PlaceRobot, steer: Steer, box: Callable[..., WorldObject], noiseless_tiago: RobotDescription
+    robot_at: RobotAt, steer: Steer, box: MakeObject, noiseless_tiago: RobotDescription
 ) -> None:
     body = robot_at(
         box(2.0, 0.0, (0.5, 0.5, 0.5), mass=5.0),
@@ -164,9 +163,9 @@ def test_a_movable_box_is_seen_at_its_current_place(
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.9), (0.6, 0.0, 0.3), (0.0, math.pi / 2, 0.0)])
 def test_a_movable_object_in_any_orientation_agrees_with_the_engine(
-    robot_at: PlaceRobot,
-    box: Callable[..., WorldObject],
-    drum: Callable[..., WorldObject],
+    robot_at: RobotAt,
+    box: MakeObject,
+    drum: MakeObject,
     noiseless_tiago: RobotDescription,
     turned: tuple[float, float, float],
 ) -> None:
@@ -190,12 +189,12 @@ def test_a_movable_object_in_any_orientation_agrees_with_the_engine(
     assert (~np.isclose(ours, theirs, atol=5e-3)).sum() <= 4
 
 
-def test_the_robot_does_not_see_itself(robot_at: PlaceRobot) -> None:
+def test_the_robot_does_not_see_itself(robot_at: RobotAt) -> None:
     body: SimulatedRobot = robot_at()
     assert (body.scan().ranges == np.inf).all()
 
 
-def test_the_middle_of_666_rays_points_a_little_to_the_left(robot_at: PlaceRobot) -> None:
+def test_the_middle_of_666_rays_points_a_little_to_the_left(robot_at: RobotAt) -> None:
     scan = robot_at().scan()
     assert len(scan.ranges) == 666
     assert math.degrees(scan.angles()[666 // 2]) == pytest.approx(0.165, abs=0.001)

@@ -14,7 +14,7 @@ from btcore_sim.scene_messages import world_meshes, world_parts
 from btcore_sim.shells import Section, ball, loft, rounded_box
 from btcore_sim.world import World
 from btcore_sim.worlds import load_world_description
-from tests.sim.conftest import PlaceRobot
+from tests.sim.conftest import RobotAt
 
 GREY = (128, 128, 128, 255)
 HANDLE = 0.02  # m: handles may stand out
@@ -92,7 +92,7 @@ def test_a_look_of_another_kind_of_object_is_an_error(tmp_path: Path) -> None:
         load_world_description(str(path))
 
 
-def test_the_shells_of_tiago_are_within_its_footprint_and_height(robot_at: PlaceRobot) -> None:
+def test_the_shells_of_tiago_are_within_its_footprint_and_height(robot_at: RobotAt) -> None:
     robot = robot_at()
     static = robot.static_scene()
     frames = {frame.child: frame for frame in robot.moving_scene().frames}

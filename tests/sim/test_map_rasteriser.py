@@ -17,12 +17,13 @@ from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.map_rasteriser import overhangs, rasterise
 from btcore_sim.world_description import WorldDescription, WorldObject
 from btcore_sim.worlds import load_world_description
+from tests.sim.conftest import MakeObject
 
 GREY = (128, 128, 128, 255)
 
 
 @pytest.fixture
-def room(box: Callable[..., WorldObject]) -> Callable[..., Any]:
+def room(box: MakeObject) -> Callable[..., Any]:
     """A closed room of 4 m by 4 m around the origin with walls of 0.2 m."""
 
     def make(*objects: WorldObject, **changes: object) -> WorldDescription:
@@ -48,7 +49,7 @@ def test_walls_on_the_grid_fill_whole_cells(room: Callable[..., Any]) -> None:
     assert map.cells[map.cell(2.01, 0.0)] == 100
 
 
-def test_unreachable_cells_are_unknown(room: Callable[..., Any], box: Callable[..., WorldObject]) -> None:
+def test_unreachable_cells_are_unknown(room: Callable[..., Any], box: MakeObject) -> None:
     closet = [box(1.0, 1.5, (0.1, 1.0, 2.0), name="side"), box(1.5, 1.0, (1.1, 0.1, 2.0), name="front")]
     map = rasterise(room(*closet))
     assert map.cells[map.cell(1.5, 1.5)] == -1
@@ -57,7 +58,7 @@ def test_unreachable_cells_are_unknown(room: Callable[..., Any], box: Callable[.
 
 
 def test_a_turned_box_and_a_drum_have_their_areas(
-    room: Callable[..., Any], box: Callable[..., WorldObject], drum: Callable[..., WorldObject]
+    room: Callable[..., Any], box: MakeObject, drum: MakeObject
 ) -> None:
     objects = room(box(-0.8, 0.8, (1.2, 0.6, 1.0), yaw=0.5), drum(0.9, -0.9, 0.5))
     occupied = np.count_nonzero(rasterise(objects, 0.02).occupied) - np.count_nonzero(
@@ -68,15 +69,13 @@ def test_a_turned_box_and_a_drum_have_their_areas(
     assert occupied * 0.02**2 == pytest.approx(0.72 + math.pi * 0.25 + perimeter * 0.01, rel=0.03)
 
 
-def test_even_a_thin_leg_is_on_the_map(room: Callable[..., Any], drum: Callable[..., WorldObject]) -> None:
+def test_even_a_thin_leg_is_on_the_map(room: Callable[..., Any], drum: MakeObject) -> None:
     for x in np.linspace(0.5, 0.6, 9):
         map = rasterise(room(drum(float(x), 0.731, 0.01)))
         assert map.occupied[map.cell(0.3, 0.55)[0] : map.cell(0.3, 0.9)[0], map.cell(0.3, 0.0)[1] :].any()
 
 
-def test_only_fixed_objects_at_height_of_laser_are_on_map(
-    room: Callable[..., Any], box: Callable[..., WorldObject]
-) -> None:
+def test_only_fixed_objects_at_height_of_laser_are_on_map(room: Callable[..., Any], box: MakeObject) -> None:
     movable = box(1.0, 0.0, (0.4, 0.4, 0.5), mass=3.0, name="movable")
     person = replace(box(-1.0, 0.0, (0.4, 0.4, 0.5), name="person"), is_kinematic=True)
     flat = box(0.0, 1.0, (0.4, 0.4, 0.05), name="flat")
@@ -96,9 +95,7 @@ def test_keep_out_areas_of_the_world_are_on_the_map(room: Callable[..., Any]) ->
     assert floor.clearance_at(0.0, 1.0) == pytest.approx(0.5, abs=0.05)
 
 
-def test_clearance_along_line_is_that_of_narrowest_place(
-    room: Callable[..., Any], box: Callable[..., WorldObject]
-) -> None:
+def test_clearance_along_line_is_that_of_narrowest_place(room: Callable[..., Any], box: MakeObject) -> None:
     floor = ClearanceMap.of(room(box(0.0, 1.2, (0.4, 0.4, 1.0))))
     assert floor.clearance_along((-1.5, 0.0), (1.5, 0.0)) == pytest.approx(0.5, abs=0.06)
     assert floor.clearance_along((-1.5, 1.2), (1.5, 1.2)) == 0.0

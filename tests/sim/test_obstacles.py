@@ -1,7 +1,6 @@
 """Boxes that are not on the map: they block no way, and the seed determines their places."""
 
 import math
-from collections.abc import Callable
 
 import pytest
 
@@ -13,6 +12,7 @@ from btcore_sim.scenario import Scenario
 from btcore_sim.world import random_generator
 from btcore_sim.world_description import WorldObject
 from btcore_sim.worlds import load_world_description
+from tests.sim.conftest import MakeObject
 
 RADIUS = 0.27
 ROOM = RADIUS + BESIDE_HULL
@@ -46,7 +46,7 @@ def test_more_boxes_than_fit_are_refused() -> None:
         with_obstacles(load_world_description("arena"), 60, random_generator(1, "obstacles"), RADIUS)
 
 
-def test_a_box_can_be_passed_where_there_is_room_on_one_side(box: Callable[..., WorldObject]) -> None:
+def test_a_box_can_be_passed_where_there_is_room_on_one_side(box: MakeObject) -> None:
     floor = ClearanceMap.of(load_world_description("arena"))  # free from -3 m to 3 m
     course = 0.0
 

@@ -15,7 +15,7 @@ from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription, WorldObject
 from btcore_sim.worlds import load_world_description
-from tests.sim.conftest import PlaceRobot, Steer
+from tests.sim.conftest import RobotAt, Steer
 
 L_SHAPE = [(0.0, 0.0), (2.0, 0.0), (2.0, 0.5), (0.5, 0.5), (0.5, 2.0), (0.0, 2.0)]
 COMB = [(0.0, 0.0), (5.0, 0.0), *((5 - 0.5 * k, 2.0 if k % 2 else 0.3) for k in range(11))]
@@ -138,7 +138,7 @@ def test_clearance_and_map_follow_a_concave_outline(yard: WorldDescription) -> N
 
 @pytest.mark.parametrize("start", [(1.2, 1.25, math.pi), (1.25, 1.4, -math.pi / 2), (-0.6, 1.0, 0.0)])
 def test_the_robot_stops_at_every_side_of_a_concave_block(
-    tmp_path: Path, robot_at: PlaceRobot, steer: Steer, start: tuple[float, float, float]
+    tmp_path: Path, robot_at: RobotAt, steer: Steer, start: tuple[float, float, float]
 ) -> None:
     """Inside the corner of the L, which its convex hull would fill, and outside."""
     (block,) = load(tmp_path, {**POLYGON, "points": L_SHAPE}).objects

@@ -7,12 +7,12 @@ from btcore_sim.camera import CameraSettings
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.worlds import load_world_description
-from tests.sim.conftest import PlaceRobot, Steer
+from tests.sim.conftest import RobotAt, Steer
 
 CAMERA = CameraSettings(64, 48, 10.0)
 
 
-def test_a_picture_is_sent_once_and_only_if_it_was_taken(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_a_picture_is_sent_once_and_only_if_it_was_taken(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at(camera=CAMERA)
     body.static_scene()
     steer(body, 0.5, (0.0, 0.0))
@@ -30,7 +30,7 @@ def test_a_picture_is_sent_once_and_only_if_it_was_taken(robot_at: PlaceRobot, s
     assert body.moving_scene().pictures
 
 
-def test_the_camera_is_attached_to_the_head(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_the_camera_is_attached_to_the_head(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at(camera=CAMERA)
     (camera,) = body.static_scene().cameras
     assert camera.size == (64, 48)
@@ -45,7 +45,7 @@ def test_the_camera_is_attached_to_the_head(robot_at: PlaceRobot, steer: Steer) 
     assert not robot_at().static_scene().cameras
 
 
-def test_the_scene_has_the_battery_level_while_it_drains(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_the_scene_has_the_battery_level_while_it_drains(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at(battery=60.0)
     assert body.static_scene().battery == pytest.approx(60.0)
     steer(body, 10.0, (0.3, 0.0))

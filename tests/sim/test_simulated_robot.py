@@ -2,7 +2,6 @@
 
 import math
 import threading
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,9 +15,8 @@ from btcore_sim.errors import SimError
 from btcore_sim.robot_description import RobotDescription
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
-from btcore_sim.world_description import WorldObject
 from btcore_sim.worlds import load_world_description
-from tests.sim.conftest import PlaceRobot, Steer
+from tests.sim.conftest import MakeObject, RobotAt, Steer
 
 SECOND = 1_000_000_000
 
@@ -31,17 +29,17 @@ def test_the_simulated_robot_fulfils_the_contract_of_every_robot(camera: CameraS
     )
 
 
-def test_the_simulated_robot_is_a_robot(robot_at: PlaceRobot) -> None:
+def test_the_simulated_robot_is_a_robot(robot_at: RobotAt) -> None:
     assert isinstance(robot_at(), Robot)
 
 
-def test_a_world_has_at_most_one_robot(robot_at: PlaceRobot) -> None:
+def test_a_world_has_at_most_one_robot(robot_at: RobotAt) -> None:
     body = robot_at()
     with pytest.raises(SimError, match="'test' has a robot already"):
         SimulatedRobot(body.world)
 
 
-def test_commands_that_are_not_numbers_are_refused(robot_at: PlaceRobot) -> None:
+def test_commands_that_are_not_numbers_are_refused(robot_at: RobotAt) -> None:
     with pytest.raises(ValueError, match="v=nan m/s"):
         robot_at().drive(math.nan, 0.0)
 
@@ -49,7 +47,7 @@ def test_commands_that_are_not_numbers_are_refused(robot_at: PlaceRobot) -> None
 @pytest.mark.parametrize("rate", [120, 240])
 @pytest.mark.parametrize(("v", "w"), [(0.3, 0.0), (-0.2, 0.0), (0.0, 0.5), (0.3, 0.5), (1.0, 1.0)])
 def test_the_robot_drives_as_commanded_and_odometry_without_errors_agrees_with_the_true_pose(
-    robot_at: PlaceRobot, steer: Steer, noiseless_tiago: RobotDescription, v: float, w: float, rate: int
+    robot_at: RobotAt, steer: Steer, noiseless_tiago: RobotDescription, v: float, w: float, rate: int
 ) -> None:
     body = robot_at(description=noiseless_tiago, physics_rate=rate)
     steer(body, 10.0, (v, w))
@@ -66,7 +64,7 @@ def test_the_robot_drives_as_commanded_and_odometry_without_errors_agrees_with_t
 
 
 @pytest.mark.parametrize("rate", [120, 240])
-def test_the_velocity_follows_the_ramp(robot_at: PlaceRobot, rate: int) -> None:
+def test_the_velocity_follows_the_ramp(robot_at: RobotAt, rate: int) -> None:
     body = robot_at(physics_rate=rate)
     for tick in range(1, 11):
         body.drive(1.0, 0.0)
@@ -75,7 +73,7 @@ def test_the_velocity_follows_the_ramp(robot_at: PlaceRobot, rate: int) -> None:
         assert speed == pytest.approx(tick / 10, abs=0.05)
 
 
-def test_without_a_command_the_robot_stops_by_itself(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_without_a_command_the_robot_stops_by_itself(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at()
     steer(body, 1.0, (0.3, 0.0))
     steer(body, 0.1, None)
@@ -85,7 +83,7 @@ def test_without_a_command_the_robot_stops_by_itself(robot_at: PlaceRobot, steer
     assert body.true_pose().x == pytest.approx(0.3 - 0.045 + 0.05 + 0.045, abs=0.03)
 
 
-def test_the_robot_has_the_mass_of_the_data_sheet(robot_at: PlaceRobot) -> None:
+def test_the_robot_has_the_mass_of_the_data_sheet(robot_at: RobotAt) -> None:
     number, client = robot_at().physics_body.body_id, robot_at().world.client
     masses = [
         pybullet.getDynamicsInfo(number, link, physicsClientId=client)[0]
@@ -94,7 +92,7 @@ def test_the_robot_has_the_mass_of_the_data_sheet(robot_at: PlaceRobot) -> None:
     assert sum(masses) == pytest.approx(75.2, abs=0.3)
 
 
-def test_casters_slide_and_wheels_grip(robot_at: PlaceRobot) -> None:
+def test_casters_slide_and_wheels_grip(robot_at: RobotAt) -> None:
     body = robot_at()
     friction = {
         name: pybullet.getDynamicsInfo(body.physics_body.body_id, link, physicsClientId=body.world.client)[1]
@@ -104,14 +102,14 @@ def test_casters_slide_and_wheels_grip(robot_at: PlaceRobot) -> None:
     assert {friction[name] for name in friction if name.startswith("wheel")} == {1.0}
 
 
-def test_the_robot_stands_upright_on_its_wheels(robot_at: PlaceRobot) -> None:
+def test_the_robot_stands_upright_on_its_wheels(robot_at: RobotAt) -> None:
     place, turned = robot_at().physics_body.pose()
     roll, pitch, _ = pybullet.getEulerFromQuaternion(turned)
     assert place[2] == pytest.approx(0.0985, abs=0.001)
     assert (roll, pitch) == pytest.approx((0.0, 0.0), abs=math.radians(0.4))
 
 
-def test_the_head_turns_at_its_speed(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_the_head_turns_at_its_speed(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at()
     body.move_head(1.2, 0.0)
     steer(body, 0.2, None)
@@ -120,7 +118,7 @@ def test_the_head_turns_at_its_speed(robot_at: PlaceRobot, steer: Steer) -> None
     assert body.head().pan == pytest.approx(1.2, abs=0.02)
 
 
-def test_the_torso_lifts_at_its_speed_and_stays_within_its_limits(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_the_torso_lifts_at_its_speed_and_stays_within_its_limits(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at()
     assert body.torso_height() == pytest.approx(0.0, abs=0.001)
     body.lift(0.15)
@@ -134,7 +132,7 @@ def test_the_torso_lifts_at_its_speed_and_stays_within_its_limits(robot_at: Plac
     assert body.torso.lift_max == 0.35
 
 
-def test_the_camera_has_the_place_of_the_data_sheet(robot_at: PlaceRobot, steer: Steer) -> None:
+def test_the_camera_has_the_place_of_the_data_sheet(robot_at: RobotAt, steer: Steer) -> None:
     body = robot_at(camera=CameraSettings(32, 24, 10.0))
     eye, _ = body._camera.pose(body.physics_body, body._camera_link)
     assert eye == pytest.approx((0.2158, 0.022, 1.0665), abs=0.006)
@@ -144,7 +142,7 @@ def test_the_camera_has_the_place_of_the_data_sheet(robot_at: PlaceRobot, steer:
     assert eye[2] == pytest.approx(1.2665, abs=0.006)
 
 
-def test_the_camera_sees_an_object_ahead(box: Callable[..., WorldObject]) -> None:
+def test_the_camera_sees_an_object_ahead(box: MakeObject) -> None:
     description = load_world_description("arena")
     red = replace(box(2.0, 0.0, (0.5, 1.5, 2.0), name="red"), color=(230, 20, 20, 255))
     world = World(replace(description, objects=(*description.objects, red), pose=Pose2D(0.0, 0.0, 0.0)))
@@ -158,7 +156,7 @@ def test_the_camera_sees_an_object_ahead(box: Callable[..., WorldObject]) -> Non
     world.close()
 
 
-def test_a_picture_is_drawn_once_for_its_period(robot_at: PlaceRobot) -> None:
+def test_a_picture_is_drawn_once_for_its_period(robot_at: RobotAt) -> None:
     world = World(robot_at().world.description)
     body = SimulatedRobot(world, camera=CameraSettings(32, 24, 10.0))
     first = body.camera()
@@ -180,13 +178,13 @@ def test_camera_options_are_parsed() -> None:
             parse_camera(text)
 
 
-def test_a_scan_is_read_only(robot_at: PlaceRobot) -> None:
+def test_a_scan_is_read_only(robot_at: RobotAt) -> None:
     with pytest.raises(ValueError, match="read-only"):
         robot_at().scan().ranges[0] = 0.0
 
 
 def test_the_static_scene_has_shapes_and_the_moving_scene_has_poses(
-    robot_at: PlaceRobot, steer: Steer, box: Callable[..., WorldObject], noiseless_tiago: RobotDescription
+    robot_at: RobotAt, steer: Steer, box: MakeObject, noiseless_tiago: RobotDescription
 ) -> None:
     body = robot_at(
         box(1.0, 2.0, (0.5, 0.4, 0.3), yaw=0.5),

@@ -18,7 +18,7 @@ from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription
 from btcore_sim.worlds import load_world_description
-from tests.sim.conftest import PlaceRobot, Steer
+from tests.sim.conftest import RobotAt, Steer
 
 SECOND = 1_000_000_000
 EMPTY = WorldDescription("empty", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), (0, 0, 0, 255))
@@ -128,7 +128,7 @@ def test_periods_that_are_not_whole_nanoseconds_do_not_drift() -> None:
     assert times[240 * 60] == 60 * SECOND
 
 
-def test_the_first_scan_precedes_the_first_wait(robot_at: PlaceRobot) -> None:
+def test_the_first_scan_precedes_the_first_wait(robot_at: RobotAt) -> None:
     body = robot_at()
     assert body.world.now() == 0
     assert body.scan().stamp == 0
@@ -136,7 +136,7 @@ def test_the_first_scan_precedes_the_first_wait(robot_at: PlaceRobot) -> None:
 
 
 def test_scans_are_made_at_ten_hertz_and_available_at_their_time(
-    robot_at: PlaceRobot, steer: Steer, noiseless_tiago: RobotDescription
+    robot_at: RobotAt, steer: Steer, noiseless_tiago: RobotDescription
 ) -> None:
     body = robot_at(description=noiseless_tiago)
     for tick in range(1, 11):

@@ -3,7 +3,6 @@
 import itertools
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.errors import SimError
 from btcore_sim.world_description import WorldDescription, WorldObject, world_names
 from btcore_sim.worlds import load_world_description
+from tests.sim.conftest import MakeObject
 
 RADIUS = 0.27
 WALLS = {"wall_east", "wall_north", "wall_west", "wall_south"}
@@ -96,7 +96,7 @@ def test_start_poses_are_clear_and_spread_over_the_world(name: str) -> None:
     assert len({pose.x for pose in poses}) == len(poses)
 
 
-def test_distance_to_a_turned_box(box: Callable[..., WorldObject]) -> None:
+def test_distance_to_a_turned_box(box: MakeObject) -> None:
     turned = box(1.0, 0.0, (2.0, 0.2, 1.0), yaw=math.pi / 2)
     assert turned.distance(0.0, 0.5) == pytest.approx(0.9)
     assert turned.distance(1.0, 2.0) == pytest.approx(1.0)

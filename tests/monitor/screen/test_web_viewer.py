@@ -2,11 +2,10 @@
 
 import io
 import re
-import shutil
 import signal
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +26,6 @@ TREE = """
   </BehaviorTree>
 </root>
 """
-SOFTWARE = ["--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader"]
-SOFTWARE += ["--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 WITHIN = 100
 """A timeout (s): drawing in software on a busy machine is slow."""
 
@@ -99,21 +96,6 @@ def test_a_run_that_is_ended_closes_the_viewer(
     assert run.end(signal.SIGTERM) == 143, run.stderr_text
     with pytest.raises(OSError, match="refused"):
         fetched(f"http://127.0.0.1:{port}/")
-
-
-@pytest.fixture
-def browser() -> Iterator[None]:
-    """Chromium without a window; skip the test if it is not installed."""
-    sync_api = pytest.importorskip("playwright.sync_api")
-    places = [shutil.which(name) for name in ("chromium", "chromium-browser", "google-chrome")]
-    with sync_api.sync_playwright() as playwright:
-        own = playwright.chromium.executable_path
-        place = next((place for place in [*places, own] if place and Path(place).exists()), None)
-        if place is None:
-            pytest.skip("there is no Chromium")
-        chromium = playwright.chromium.launch(executable_path=place, args=SOFTWARE)
-        yield chromium
-        chromium.close()
 
 
 def test_a_live_tree_is_drawn_in_chromium_without_an_error_on_its_console(

@@ -1,12 +1,10 @@
 """The map that is drawn from scans."""
 
-from pathlib import Path
-
 import numpy as np
 
 from btcore_navigation.mapping.log_odds_grid import LogOddsGrid, trim_map
 from btcore_navigation.mapping.pose_arrays import pose_to_row
-from btcore_robot.occupancy_map import OccupancyMap, load_map, save_map
+from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
 from tests.robot_nodes.navigation.mapping.conftest import ROOM, Box, key_scan_at
 
@@ -81,11 +79,3 @@ def test_trimming_moves_nothing() -> None:
     places = whole.centers(*np.nonzero(whole.occupied))
     cells = small.indices(places)
     assert (small.cells[cells[:, 0], cells[:, 1]] == 100).all()
-
-
-def test_a_saved_map_is_loaded_unchanged(tmp_path: Path) -> None:
-    map = trim_map(grid_of(*ABOUT, keepout=((0.4, 0.2, 0.8, 0.6),)).map())
-    save_map(map, tmp_path / "room.yaml")
-    back = load_map(tmp_path / "room.yaml")
-    assert np.array_equal(back.cells, map.cells)
-    assert (back.origin, back.resolution, back.keepout) == (map.origin, map.resolution, map.keepout)

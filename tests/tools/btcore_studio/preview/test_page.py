@@ -1,7 +1,6 @@
 """The page of the preview in headless Chromium: tree selector, banner, keyboard and roles."""
 
 import json
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,20 +16,6 @@ TREES = """<root BTCPP_format="4" main_tree_to_execute="Zulu">
   </BehaviorTree>
 </root>
 """
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """Chromium without a window; skip the tests if it is not installed."""
-    sync_api = pytest.importorskip("playwright.sync_api")
-    with sync_api.sync_playwright() as playwright:
-        places = [*map(shutil.which, ("chromium", "google-chrome")), playwright.chromium.executable_path]
-        place = next((place for place in places if place and Path(place).exists()), None)
-        if place is None:
-            pytest.skip("there is no Chromium")
-        chromium = playwright.chromium.launch(executable_path=place, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture
