@@ -6,6 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from btcore.clock import NS_PER_S
+from btcore_robot.components.component import Component, ComponentContext, Executor, LogMessage
 from btcore_robot.robot import (
     CMD_VEL,
     BaseInfo,
@@ -144,3 +146,23 @@ class RecordingRobot(Robot):
 @pytest.fixture
 def robot() -> RecordingRobot:
     return RecordingRobot()
+
+
+class ComponentRig:
+    """A recording robot and an executor, for components; *lines* contains what they have logged."""
+
+    def __init__(self, robot: RecordingRobot) -> None:
+        self.robot = robot
+        self.clock = robot.clock
+        self.lines: list[LogMessage] = []
+        self.context = ComponentContext(robot.clock, robot.schedule, self.lines.append, robot=robot)
+        self.executor = Executor(robot.schedule, robot.clock)
+
+    def add(self, *components: Component) -> None:
+        for component in components:
+            self.executor.add(component)
+
+    @property
+    def output(self) -> list[tuple[float, str, str]]:
+        """The time (s), component and text of each line."""
+        return [(line.stamp / NS_PER_S, line.name, line.text) for line in self.lines]

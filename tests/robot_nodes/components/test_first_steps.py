@@ -6,10 +6,8 @@ import pytest
 
 from btcore_robot.components.component import (
     Component,
-    ComponentContext,
     ComponentOptions,
     Executor,
-    LogMessage,
     MessageLoopError,
 )
 from btcore_robot.components.first_steps import Int32, Localization, Logger, NumberPublisher, NumberSubscriber
@@ -18,32 +16,14 @@ from btcore_robot.components.parameters import ParameterError, load_component_pa
 from btcore_robot.components.programs import UnknownProgramError, create_components
 from btcore_robot.components.topics import TopicError
 from btcore_robot.robot import Phase
-from tests.robot_nodes.conftest import RecordingRobot, SteppedClock
+from tests.robot_nodes.conftest import ComponentRig, RecordingRobot
 
 SECOND = 10**9
 
 
-class ComponentRig:
-    """A clock, an executor, and the log messages."""
-
-    def __init__(self, clock: SteppedClock) -> None:
-        self.clock = clock
-        self.lines: list[LogMessage] = []
-        self.context = ComponentContext(clock, clock, self.lines.append)
-        self.executor = Executor(clock, clock)
-
-    def add(self, *components: Component) -> None:
-        for component in components:
-            self.executor.add(component)
-
-    @property
-    def output(self) -> list[tuple[float, str, str]]:
-        return [(line.stamp / SECOND, line.name, line.text) for line in self.lines]
-
-
 @pytest.fixture
 def rig(robot: RecordingRobot) -> ComponentRig:
-    return ComponentRig(robot.clock)
+    return ComponentRig(robot)
 
 
 def test_the_logger_counts_from_zero_twice_a_second(rig: ComponentRig) -> None:

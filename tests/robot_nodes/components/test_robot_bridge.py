@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from btcore_robot.components.component import Component, ComponentContext, Executor
+from btcore_robot.components.component import Component, ComponentContext
 from btcore_robot.components.messages import HeadCommand
 from btcore_robot.components.robot_bridge import (
     IMAGE_TOPIC,
@@ -14,19 +14,16 @@ from btcore_robot.components.robot_bridge import (
     RobotBridge,
 )
 from btcore_robot.robot import CameraImage, HeadPosition, LaserScan, Odometry, Pose2D, Twist2D
-from tests.robot_nodes.conftest import RecordingRobot
+from tests.robot_nodes.conftest import ComponentRig, RecordingRobot
 
 
-class BridgeRig:
+class BridgeRig(ComponentRig):
     """A robot with a bridge, and a component that uses its topics."""
 
     def __init__(self, robot: RecordingRobot) -> None:
-        self.robot = robot
-        self.context = ComponentContext(robot.clock, robot.schedule, lambda line: None, robot=robot)
+        super().__init__(robot)
         self.other = Component("other", self.context)
-        executor = Executor(robot.schedule, robot.clock)
-        executor.add(RobotBridge(self.context))
-        executor.add(self.other)
+        self.add(RobotBridge(self.context), self.other)
         self.received: list[object] = []
 
     def listen(self, topic: str, kind: type) -> None:

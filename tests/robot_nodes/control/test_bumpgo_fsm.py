@@ -6,7 +6,7 @@ import threading
 import numpy as np
 import pytest
 
-from tests.robot_nodes.conftest import RecordingRobot
+from tests.robot_nodes.conftest import ComponentRig, RecordingRobot
 
 pytest.importorskip("pybullet")
 
@@ -30,22 +30,19 @@ SECOND = 10**9
 AHEAD, BACK, LEFT, STAND = Twist2D(0.3, 0.0), Twist2D(-0.3, 0.0), Twist2D(0.0, 0.3), Twist2D(0.0, 0.0)
 
 
-class BumpGoRig:
+class BumpGoRig(ComponentRig):
     """The component, a laser whose ranges the test sets, and the component's messages with the time (s)."""
 
     def __init__(self, robot: RecordingRobot, kind: type[BumpGo] = BumpGo) -> None:
-        self.clock = robot.clock
-        self.context = ComponentContext(robot.clock, robot.schedule, lambda line: None)
-        self.executor = Executor(robot.schedule, robot.clock)
+        super().__init__(robot)
         self.component = kind(self.context)
         self.laser = Component("laser", self.context)
         self.scans = self.laser.create_publisher("input_scan", LaserScan)
         self.commands: list[tuple[float, Twist2D]] = []
         self.laser.create_subscription("output_vel", Twist2D, self.on_command)
         self.ranges = [5.0] * 9
-        self.alive = True
-        self.executor.add(self.component)
-        self.executor.add(self.laser)
+        self.laser_failed = False
+        self.add(self.component, self.laser)
 
     def on_command(self, twist: Twist2D) -> None:
         self.commands.append((self.clock.now() / SECOND, twist))
@@ -53,7 +50,7 @@ class BumpGoRig:
     def run(self, seconds: float) -> None:
         """Advance the time, with a scan each tenth of a second."""
         for _ in range(round(10 * seconds)):
-            if self.alive:
+            if not self.laser_failed:
                 self.scans.publish(self.scan())
             self.clock.sleep(0.1)
 
@@ -67,7 +64,7 @@ class BumpGoRig:
 
 def test_before_the_first_scan_no_command_is_sent(robot: RecordingRobot) -> None:
     rig = BumpGoRig(robot)
-    rig.alive = False
+    rig.laser_failed = True
     rig.run(3.0)
     assert rig.commands == []
 
@@ -121,12 +118,12 @@ def test_the_cycle_of_a_state_change_still_sends_the_old_velocity(robot: Recordi
 def test_the_robot_stops_while_the_scan_is_older_than_a_second(robot: RecordingRobot) -> None:
     rig = BumpGoRig(robot)
     rig.run(1.0)
-    rig.alive = False
+    rig.laser_failed = True
     rig.run(2.0)
     assert rig.component.state is BumpGoState.STOP
     # the last scan is of 0.9 s; at 1.95 s it is too old; that cycle still sends the old state's command
     assert next(time for time, twist in rig.commands if twist == STAND) == pytest.approx(2.0)
-    rig.alive = True
+    rig.laser_failed = False
     rig.run(0.3)
     assert rig.component.state is BumpGoState.FORWARD
     assert rig.commands[-1][1] == AHEAD

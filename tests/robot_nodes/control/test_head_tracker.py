@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from btcore_robot.components.component import Component, ComponentContext, ComponentOptions, Executor
+from btcore_robot.components.component import Component, ComponentOptions
 from btcore_robot.components.lifecycle import Lifecycle, LifecycleState, LifecycleTransition
 from btcore_robot.components.parameters import ParameterError
 from btcore_robot.control.head_tracker import (
@@ -25,7 +25,7 @@ from btcore_robot.perception.colour import (
     detect_each,
 )
 from btcore_robot.robot import CameraImage, HeadInfo, HeadPosition
-from tests.robot_nodes.conftest import RecordingRobot
+from tests.robot_nodes.conftest import ComponentRig, RecordingRobot
 
 WOODEN = (170, 120, 60)  # RGB; OpenCV's HSV (16, 165, 170)
 GREY = (120, 120, 120)
@@ -118,18 +118,17 @@ def test_the_debug_image_dims_the_background_and_draws_the_detections_box() -> N
     assert shown[50, 100].tolist() == shown[69, 139].tolist() == [255, 255, 0]
 
 
-def detector(robot: RecordingRobot, **parameters) -> tuple[ComponentContext, Component, ObjectDetector]:
-    context = ComponentContext(robot.clock, robot.schedule, lambda line: None)
-    executor = Executor(robot.schedule, robot.clock)
-    component = ObjectDetector(context, ComponentOptions(parameters=parameters))
-    other = Component("other", context)
-    executor.add(component)
-    executor.add(other)
-    return context, other, component
+def detector(robot: RecordingRobot, **parameters) -> tuple[Component, ObjectDetector]:
+    """Return a detector, and another component beside it."""
+    rig = ComponentRig(robot)
+    component = ObjectDetector(rig.context, ComponentOptions(parameters=parameters))
+    other = Component("other", rig.context)
+    rig.add(component, other)
+    return other, component
 
 
 def test_the_detector_publishes_its_detections_to_subscribers(robot: RecordingRobot) -> None:
-    _, other, component = detector(robot, hsv_ranges=[15, 20, 50, 200, 20, 200])
+    other, component = detector(robot, hsv_ranges=[15, 20, 50, 200, 20, 200])
     images, received = other.create_publisher("input_image", CameraImage), []
     images.publish(picture((100, 50, 40, 20)))
     robot.clock.sleep(0.0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from btcore_robot.components.component import Component, ComponentContext, ComponentOptions, Executor
+from btcore_robot.components.component import Component, ComponentOptions
 from btcore_robot.components.messages import BLUE, GREEN, RED, Arrows
 from btcore_robot.control.vff import (
     Avoidance,
@@ -15,7 +15,7 @@ from btcore_robot.control.vff import (
     velocity,
 )
 from btcore_robot.robot import LaserScan, Twist2D
-from tests.robot_nodes.conftest import RecordingRobot
+from tests.robot_nodes.conftest import ComponentRig, RecordingRobot
 
 PI = math.pi
 SECOND = 10**9
@@ -101,13 +101,11 @@ VELOCITIES = {
 }
 
 
-class AvoidanceRig:
+class AvoidanceRig(ComponentRig):
     """The avoidance component with a scan at 30 Hz, and its messages."""
 
     def __init__(self, robot: RecordingRobot, kind: type[Avoidance] = Avoidance) -> None:
-        self.robot = robot
-        self.context = ComponentContext(robot.clock, robot.schedule, lambda line: None)
-        self.executor = Executor(robot.schedule, robot.clock)
+        super().__init__(robot)
         self.component = kind(
             self.context, ComponentOptions(remap={"input_scan": "/scan_raw", "output_vel": "/nav_vel"})
         )
@@ -115,8 +113,7 @@ class AvoidanceRig:
         self.commands: list[Twist2D] = []
         self.scans = self.laser.create_publisher("/scan_raw", LaserScan)
         self.laser.create_subscription("/nav_vel", Twist2D, self.commands.append)
-        self.executor.add(self.component)
-        self.executor.add(self.laser)
+        self.add(self.component, self.laser)
 
     def run(self, scan: LaserScan, seconds: float) -> None:
         for _ in range(round(30 * seconds)):

@@ -7,10 +7,7 @@ import pytest
 
 from btcore_robot.components.component import (
     Component,
-    ComponentContext,
     ComponentOptions,
-    Executor,
-    LogMessage,
 )
 from btcore_robot.components.messages import GREEN, RED, Arrow, Arrows
 from btcore_robot.perception.obstacle_detector import (
@@ -23,19 +20,16 @@ from btcore_robot.perception.obstacle_detector import (
 )
 from btcore_robot.robot import LaserScan, Phase, Pose2D
 from btcore_robot.transforms import FrameBroadcaster
-from tests.robot_nodes.conftest import RecordingRobot
+from tests.robot_nodes.conftest import ComponentRig, RecordingRobot
 
 LASER = "base_laser_link"
 
 
-class DetectorRig:
+class DetectorRig(ComponentRig):
     """A robot whose laser is 0.2 m ahead of its middle, its transforms, and components around it."""
 
     def __init__(self, robot: RecordingRobot) -> None:
-        self.robot = robot
-        self.lines: list[LogMessage] = []
-        self.context = ComponentContext(robot.clock, robot.schedule, self.lines.append, robot=robot)
-        self.executor = Executor(robot.schedule, robot.clock)
+        super().__init__(robot)
         self.laser = Component("laser", self.context)
         self.scans = self.laser.create_publisher("input_scan", LaserScan)
         self.arrows: list[Arrow] = []
@@ -49,9 +43,9 @@ class DetectorRig:
         broadcaster.step(self.robot.clock.now())
         self.robot.schedule.add_task(50.0, Phase.TRANSFORMS, broadcaster.step)
 
-    def add(self, kind: type, **parameters) -> Component:
+    def create(self, kind: type, **parameters) -> Component:
         component = kind(self.context, ComponentOptions(parameters=parameters))
-        self.executor.add(component)
+        self.add(component)
         return component
 
     def see(self, *ranges: float) -> None:
@@ -69,7 +63,7 @@ def rig(robot: RecordingRobot) -> DetectorRig:
 
 
 def test_the_detector_publishes_the_hit_of_the_middle_ray_in_the_lasers_frame(rig: DetectorRig) -> None:
-    rig.add(ObstacleDetector)
+    rig.create(ObstacleDetector)
     rig.see(0.3, 1.5, 0.4)
     found = rig.context.transforms.lookup(LASER, "detected_obstacle")
     assert found.position == pytest.approx((1.5, 0.0, 0.0))
@@ -79,13 +73,13 @@ def test_the_detector_publishes_the_hit_of_the_middle_ray_in_the_lasers_frame(ri
 
 @pytest.mark.parametrize("reading", [math.inf, -math.inf, math.nan])
 def test_without_an_echo_the_detector_publishes_nothing(rig: DetectorRig, reading: float) -> None:
-    rig.add(ObstacleDetector)
+    rig.create(ObstacleDetector)
     rig.see(1.0, reading, 1.0)
     assert "detected_obstacle" not in rig.context.transforms.frames()
 
 
 def test_the_obstacles_transform_is_static_and_does_not_expire(rig: DetectorRig) -> None:
-    rig.add(ObstacleDetector)
+    rig.create(ObstacleDetector)
     rig.see(1.0, 1.5, 1.0)
     rig.robot.clock.sleep(60.0)
     assert rig.where(LASER)[0] == pytest.approx(1.5)
@@ -96,7 +90,7 @@ def test_only_the_improved_detectors_obstacle_stays_when_the_robot_moves(robot: 
     for kind in (ObstacleDetector, ObstacleDetectorImproved):
         rig = DetectorRig(type(robot)())
         rig.know_frames()
-        rig.add(kind)
+        rig.create(kind)
         rig.see(1.0, 1.5, 1.0)
         rig.robot.pose = Pose2D(1.0, 0.0, math.pi / 2)
         rig.robot.clock.sleep(1.0)
@@ -111,7 +105,7 @@ def test_only_the_improved_detectors_obstacle_stays_when_the_robot_moves(robot: 
 
 def test_the_improved_detector_uses_the_lasers_pose_at_the_scans_time(rig: DetectorRig) -> None:
     rig.know_frames()
-    rig.add(ObstacleDetectorImproved)
+    rig.create(ObstacleDetectorImproved)
     rig.robot.clock.sleep(0.5)
     stamp = rig.robot.clock.now()
     scan = LaserScan(np.array([1.5], dtype=np.float32), stamp, 0.0, 0.1, 0.05, 25.0, LASER)
@@ -123,7 +117,7 @@ def test_the_improved_detector_uses_the_lasers_pose_at_the_scans_time(rig: Detec
 
 
 def test_without_the_robots_frames_the_improved_detector_warns(rig: DetectorRig) -> None:
-    rig.add(ObstacleDetectorImproved)
+    rig.create(ObstacleDetectorImproved)
     rig.see(1.0, 1.5, 1.0)
     assert [line.level for line in rig.lines] == ["WARN"]
     assert "detected_obstacle" not in rig.context.transforms.frames()
@@ -131,8 +125,8 @@ def test_without_the_robots_frames_the_improved_detector_warns(rig: DetectorRig)
 
 def test_the_monitor_logs_the_obstacle_twice_a_second_and_draws_an_arrow(rig: DetectorRig) -> None:
     rig.know_frames()
-    rig.add(ObstacleDetector)
-    rig.add(ObstacleMonitor)
+    rig.create(ObstacleDetector)
+    rig.create(ObstacleMonitor)
     rig.see(1.0, 1.5, 1.0)
     rig.robot.clock.sleep(1.0)
     assert [line.stamp for line in rig.lines] == [500_000_000, 1_000_000_000]
@@ -145,7 +139,7 @@ def test_the_monitor_logs_the_obstacle_twice_a_second_and_draws_an_arrow(rig: De
 
 def test_the_monitor_warns_while_there_is_no_obstacle(rig: DetectorRig) -> None:
     rig.know_frames()
-    rig.add(ObstacleMonitor)
+    rig.create(ObstacleMonitor)
     rig.robot.clock.sleep(1.0)
     assert [line.level for line in rig.lines] == ["WARN", "WARN"]
     assert rig.arrows == []
@@ -156,7 +150,7 @@ def test_the_monitor_warns_while_there_is_no_obstacle(rig: DetectorRig) -> None:
 
 def test_exercise_the_displacement_of_each_second(rig: DetectorRig) -> None:
     rig.know_frames()
-    rig.add(Displacement)
+    rig.create(Displacement)
     rig.robot.clock.sleep(1.0)
     rig.robot.pose = Pose2D(0.3, 0.4, math.pi / 2)
     rig.robot.clock.sleep(1.0)
@@ -177,8 +171,8 @@ def test_exercise_the_arrows_colour_changes_gradually_with_the_distance(rig: Det
     shares = [distance_colour(distance)[0] for distance in (0.6, 1.0, 2.0, 2.9)]
     assert shares == sorted(shares, reverse=True)
     rig.know_frames()
-    rig.add(ObstacleDetector)
-    rig.add(ObstacleMonitor, colour_by_distance=True)
+    rig.create(ObstacleDetector)
+    rig.create(ObstacleMonitor, colour_by_distance=True)
     rig.see(1.0, 9.0, 1.0)
     rig.robot.clock.sleep(0.5)
     assert rig.arrows[0].colour == GREEN
@@ -187,8 +181,8 @@ def test_exercise_the_arrows_colour_changes_gradually_with_the_distance(rig: Det
 def test_exercise_the_obstacle_in_three_frames(rig: DetectorRig) -> None:
     rig.robot.pose = Pose2D(1.0, 2.0, math.pi / 2)
     rig.know_frames()
-    rig.add(ObstacleDetectorImproved)
-    rig.add(ObstacleInFrames)
+    rig.create(ObstacleDetectorImproved)
+    rig.create(ObstacleInFrames)
     rig.see(1.0, 1.5, 1.0)
     rig.robot.clock.sleep(0.5)
     assert [line.text for line in rig.lines] == [
