@@ -4,8 +4,8 @@ An event happens exactly at its time: `box:30` drops a box of 0.5 m at 30 s, `ki
 60 s. An event that is not possible at its time ends the run with an error. Only an event with a window, such
 as `box:30-60`, waits: from 30 s on for the first suitable moment, and until 60 s at the latest.
 
-Kidnapping, a term of robotics, means that a robot is moved to another place without its odometry. The event
-`kidnap` does this at once, and `carry` along a path, which the robot's laser and camera see.
+Kidnapping, a term of robotics, is a move to another place that the odometry does not measure: `kidnap` does
+this at once, `carry` along a path that laser and camera see.
 """
 
 import math

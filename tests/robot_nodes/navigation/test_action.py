@@ -72,9 +72,7 @@ def test_a_cancelled_goal_is_stopped_once(server: CountingServer) -> None:
     assert (handle.status, server.stopped) == (GoalStatus.CANCELED, [5])
 
 
-def test_a_server_that_is_not_active_rejects_goals_and_aborts_the_goal_in_progress(
-    server: CountingServer,
-) -> None:
+def test_an_inactive_server_rejects_goals_and_aborts_the_goal_in_progress(server: CountingServer) -> None:
     running = server.send_goal(5)
     server.step(0)
     server.is_active = False

@@ -219,8 +219,7 @@ def test_a_behaviour_waits_without_odometry_and_ignores_a_jump_after_it(
     rig.run(0.3)
     assert robot.commands[-1][1:] == (0.0, 0.0)
     rig.run(8.0)
-    robot.odometry_failed = False
-    robot.odometry_error_m = robot.odometry_error_rad = -0.3
+    robot.odometry_failed, robot.odometry_error_m, robot.odometry_error_rad = False, -0.3, -0.3
     run_to_end(rig, handle)
     rig.run(0.5)
     assert handle.status == GoalStatus.SUCCEEDED

@@ -94,8 +94,11 @@ class FlatRig:
         return math.hypot(true.x - x, true.y - y)
 
 
+CreateRig = Callable[..., FlatRig]
+
+
 @pytest.fixture
-def create_rig() -> Iterator[Callable[..., Any]]:
+def create_rig() -> Iterator[CreateRig]:
     made = []
 
     def make(*faults: Fault, **options) -> FlatRig:
@@ -108,7 +111,7 @@ def create_rig() -> Iterator[Callable[..., Any]]:
         rig.world.close()
 
 
-def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(create_rig: Callable[..., Any]) -> None:
+def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(create_rig: CreateRig) -> None:
     rig = create_rig()
     handle = rig.navigation.go_to(Pose2D(3.0, -1.0, 1.0))
     rig.run(5.0)
@@ -125,7 +128,7 @@ def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(create_rig
     assert rig.navigation.outcomes()[0].goal == Pose2D(3.0, -1.0, 1.0)
 
 
-def test_a_new_goal_replaces_the_current_goal_without_a_stop(create_rig: Callable[..., Any]) -> None:
+def test_a_new_goal_replaces_the_current_goal_without_a_stop(create_rig: CreateRig) -> None:
     rig = create_rig()
     first = rig.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
     rig.run(6.0)
@@ -140,9 +143,7 @@ def test_a_new_goal_replaces_the_current_goal_without_a_stop(create_rig: Callabl
     assert [outcome.status for outcome in rig.navigation.outcomes()] == ["CANCELED", "SUCCEEDED"]
 
 
-def test_goal_that_is_sent_just_before_arrival_at_another_goal_is_reached(
-    create_rig: Callable[..., Any],
-) -> None:
+def test_goal_that_is_sent_just_before_arrival_at_another_goal_is_reached(create_rig: CreateRig) -> None:
     rig = create_rig()
     first = rig.navigation.go_to(Pose2D(1.5, 0.0, 0.0))
     rig.run(20.0, lambda: rig.distance_to(1.5, 0.0) < 0.26 or first.done)
@@ -152,7 +153,7 @@ def test_goal_that_is_sent_just_before_arrival_at_another_goal_is_reached(
     assert rig.distance_to(0.0, 1.2) < 0.35
 
 
-def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(create_rig: Callable[..., Any]) -> None:
+def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(create_rig: CreateRig) -> None:
     rig = create_rig()
     handle = rig.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
     rig.run(5.0)
@@ -168,7 +169,7 @@ def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(create_rig: Callabl
     assert [outcome.status for outcome in rig.navigation.outcomes()] == ["CANCELED"]
 
 
-def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(create_rig: Callable[..., Any]) -> None:
+def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(create_rig: CreateRig) -> None:
     rig = create_rig()
     rig.run(0.5)
     seen = rig.body.scan()
@@ -184,7 +185,7 @@ def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(create_rig
 
 
 def test_search_on_wrong_map_ends_and_new_goal_searches_again(
-    create_rig: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    create_rig: CreateRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The laser's outage of 20 s is not part of the search: without scans nothing is known about the pose."""
     monkeypatch.setattr(stack, "SEARCH_LIMIT_S", 30.0)
@@ -214,7 +215,7 @@ def test_search_on_wrong_map_ends_and_new_goal_searches_again(
     ],
 )
 def test_goal_that_cannot_be_reached_ends_with_planners_reason(
-    create_rig: Callable[..., Any], goal: Pose2D, code: Nav2ErrorCode, seconds: float
+    create_rig: CreateRig, goal: Pose2D, code: Nav2ErrorCode, seconds: float
 ) -> None:
     rig = create_rig()
     handle = rig.navigation.go_to(goal)
@@ -225,7 +226,7 @@ def test_goal_that_cannot_be_reached_ends_with_planners_reason(
     assert [outcome.status for outcome in rig.navigation.outcomes()] == ["ABORTED"]
 
 
-def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(create_rig: Callable[..., Any]) -> None:
+def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(create_rig: CreateRig) -> None:
     rig = create_rig()
     handle = rig.navigation.go_to(Pose2D(1.05, 1.5, 0.0))
     rig.run(2.0, lambda: handle.done)
@@ -235,7 +236,7 @@ def test_a_failure_does_not_have_the_reason_of_an_earlier_goal(create_rig: Calla
     assert again.result.code == Nav2ErrorCode.FAILED_TO_LOAD_BEHAVIOR_TREE
 
 
-def test_a_failure_names_the_server_that_is_not_active(create_rig: Callable[..., Any]) -> None:
+def test_a_failure_names_the_server_that_is_not_active(create_rig: CreateRig) -> None:
     rig = create_rig()
     rig.navigation.servers.compute_path.is_active = False
     tree = "navigation/navigate_w_replanning_time.xml"
@@ -249,7 +250,7 @@ def test_a_failure_names_the_server_that_is_not_active(create_rig: Callable[...,
     )
 
 
-def test_several_goals_are_passed_in_their_order(create_rig: Callable[..., Any]) -> None:
+def test_several_goals_are_passed_in_their_order(create_rig: CreateRig) -> None:
     rig = create_rig()
     goals = [Pose2D(0.0, 1.5, 0.0), Pose2D(0.3, -1.2, 0.0), Pose2D(2.5, 0.0, 0.0)]
     handle = rig.navigation.go_through(goals)
@@ -272,7 +273,7 @@ def test_several_goals_are_passed_in_their_order(create_rig: Callable[..., Any])
     assert [waypoint.state.name for waypoint in handle.result.value] == ["COMPLETED"] * 3
 
 
-def test_the_waypoint_follower_lists_missed_waypoints_or_stops(create_rig: Callable[..., Any]) -> None:
+def test_the_waypoint_follower_lists_missed_waypoints_or_stops(create_rig: CreateRig) -> None:
     rig = create_rig()
     goals = (Pose2D(0.5, 0.0, 0.0), Pose2D(50.0, 0.0, 0.0), Pose2D(0.0, 0.3, 0.0))
     results = []
@@ -290,7 +291,7 @@ def test_the_waypoint_follower_lists_missed_waypoints_or_stops(create_rig: Calla
     assert handle.result.code == Nav2ErrorCode.NO_VALID_WAYPOINTS
 
 
-def test_a_new_map_of_another_size_is_used_for_the_pose_and_for_paths(create_rig: Callable[..., Any]) -> None:
+def test_a_new_map_of_another_size_is_used_for_the_pose_and_for_paths(create_rig: CreateRig) -> None:
     rig = create_rig()
     rig.run(2.0)
     x0, y0 = rig.navigation.map.origin
@@ -315,7 +316,7 @@ def test_a_new_map_of_another_size_is_used_for_the_pose_and_for_paths(create_rig
     assert rig.navigation.global_costmap.costs.shape == wide.shape
 
 
-def test_without_localisation_the_robot_stands_and_goals_fail(create_rig: Callable[..., Any]) -> None:
+def test_without_localisation_the_robot_stands_and_goals_fail(create_rig: CreateRig) -> None:
     rig = create_rig()
     handle = rig.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
     rig.run(3.0)
@@ -331,7 +332,7 @@ def test_without_localisation_the_robot_stands_and_goals_fail(create_rig: Callab
 
 
 def test_a_goal_can_have_its_own_tree_and_a_path_of_nav2_selects_our_tree_of_that_name(
-    create_rig: Callable[..., Any],
+    create_rig: CreateRig,
 ) -> None:
     rig = create_rig()
     named = "/opt/ros/humble/share/nav2_bt_navigator/behavior_trees/navigate_w_replanning_time.xml"
@@ -341,7 +342,7 @@ def test_a_goal_can_have_its_own_tree_and_a_path_of_nav2_selects_our_tree_of_tha
     assert "RecoveryNode" not in {node.id for node in rig.navigation.navigate_to_pose.tree.nodes}
 
 
-def test_an_invalid_tree_fails_only_its_own_goal(create_rig: Callable[..., Any], tmp_path: Path) -> None:
+def test_an_invalid_tree_fails_only_its_own_goal(create_rig: CreateRig, tmp_path: Path) -> None:
     rig = create_rig()
     file = tmp_path / "tree.xml"
     for text in (
@@ -361,7 +362,7 @@ def test_an_invalid_tree_fails_only_its_own_goal(create_rig: Callable[..., Any],
     assert after.status is GoalStatus.SUCCEEDED
 
 
-def test_leaf_that_raises_fails_goal_and_stops_robot(create_rig: Callable[..., Any], tmp_path: Path) -> None:
+def test_leaf_that_raises_fails_goal_and_stops_robot(create_rig: CreateRig, tmp_path: Path) -> None:
     rig = create_rig()
     file = tmp_path / "tree.xml"
     file.write_text(
@@ -378,9 +379,7 @@ def test_leaf_that_raises_fails_goal_and_stops_robot(create_rig: Callable[..., A
     assert rig.body.ramped_twist()[0] == pytest.approx(0.0, abs=0.02)
 
 
-def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(
-    create_rig: Callable[..., Any],
-) -> None:
+def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(create_rig: CreateRig) -> None:
     rig = create_rig(Fault("laser", 6 * NS_PER_S, 11 * NS_PER_S))
     handle = rig.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
     rig.run(6.0)
@@ -396,7 +395,7 @@ def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(
 
 @pytest.mark.parametrize("during", ["carried to another room", "restarted at zero"])
 def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(
-    create_rig: Callable[..., Any], caplog: pytest.LogCaptureFixture, during: str
+    create_rig: CreateRig, caplog: pytest.LogCaptureFixture, during: str
 ) -> None:
     rig = create_rig(Fault("odometry", 6 * NS_PER_S, 11 * NS_PER_S))
     handle = rig.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
@@ -441,7 +440,7 @@ def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(
     ],
 )
 def test_a_goal_fails_after_a_long_outage_with_its_cause(
-    create_rig: Callable[..., Any],
+    create_rig: CreateRig,
     monkeypatch: pytest.MonkeyPatch,
     sensor: str,
     code: str,
@@ -460,7 +459,7 @@ def test_a_goal_fails_after_a_long_outage_with_its_cause(
 
 
 def test_a_goal_fails_with_an_empty_battery_and_another_is_reached_after_recharging(
-    create_rig: Callable[..., Any],
+    create_rig: CreateRig,
 ) -> None:
     rig = create_rig()
     rig.body.battery_model.level = 0.6
@@ -476,7 +475,7 @@ def test_a_goal_fails_with_an_empty_battery_and_another_is_reached_after_recharg
     assert again.status is GoalStatus.SUCCEEDED
 
 
-def test_a_goal_waits_for_a_laser_that_fails_at_the_start(create_rig: Callable[..., Any]) -> None:
+def test_a_goal_waits_for_a_laser_that_fails_at_the_start(create_rig: CreateRig) -> None:
     rig = create_rig(Fault("laser", 0, 4 * NS_PER_S))
     handle = rig.navigation.go_to(Pose2D(1.5, 1.0, 0.0))
     rig.run(3.9)
@@ -486,7 +485,7 @@ def test_a_goal_waits_for_a_laser_that_fails_at_the_start(create_rig: Callable[.
     assert handle.status is GoalStatus.SUCCEEDED
 
 
-def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(create_rig: Callable[..., Any]) -> None:
+def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(create_rig: CreateRig) -> None:
     rig = create_rig()
     handle = rig.navigation.go_to(Pose2D(2.5, -1.2, 0.0))
     rig.run(5.0)
@@ -506,7 +505,7 @@ def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(create_rig:
     assert rig.distance_to(2.5, -1.2) < 0.35
 
 
-def test_a_new_goal_ends_the_recovery_of_the_previous_goal(create_rig: Callable[..., Any]) -> None:
+def test_a_new_goal_ends_the_recovery_of_the_previous_goal(create_rig: CreateRig) -> None:
     rig = create_rig()
     first = rig.navigation.go_to(Pose2D(4.3, 1.9, 0.0))
     rig.run(60.0, lambda: rig.navigation.servers.wait.busy)
@@ -519,7 +518,7 @@ def test_a_new_goal_ends_the_recovery_of_the_previous_goal(create_rig: Callable[
     assert second.status is GoalStatus.SUCCEEDED
 
 
-def test_the_same_goal_again_gets_a_new_path(create_rig: Callable[..., Any]) -> None:
+def test_the_same_goal_again_gets_a_new_path(create_rig: CreateRig) -> None:
     rig = create_rig()
     first = rig.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
     rig.run(4.0)
@@ -542,7 +541,7 @@ def test_the_same_goal_again_gets_a_new_path(create_rig: Callable[..., Any]) -> 
     ],
 )
 def test_a_tree_in_the_parameters_selects_our_tree_or_the_default_tree(
-    create_rig: Callable[..., Any], named: str, meant: str
+    create_rig: CreateRig, named: str, meant: str
 ) -> None:
     usual = NavigationParameters()
     navigator = replace(usual.navigator, default_nav_to_pose_bt_xml=named)
@@ -550,9 +549,7 @@ def test_a_tree_in_the_parameters_selects_our_tree_or_the_default_tree(
     assert rig.navigation.navigate_to_pose.default_tree == TREES / "navigation" / meant
 
 
-def test_goal_waits_until_pose_is_known(
-    create_rig: Callable[..., Any], caplog: pytest.LogCaptureFixture
-) -> None:
+def test_goal_waits_until_pose_is_known(create_rig: CreateRig, caplog: pytest.LogCaptureFixture) -> None:
     rig = create_rig(start=Pose2D(3.0, -1.2, 2.0))
     handle = rig.navigation.go_to(Pose2D(0.0, 0.0, 0.0))
     rig.run(1.0)

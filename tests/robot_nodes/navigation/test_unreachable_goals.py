@@ -4,7 +4,6 @@ import re
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -85,8 +84,11 @@ class TwoRoomsRig:
         self.world.move_kinematic_body(self.world.kinematic_bodies("crate_")[crate], 30.0, 30.0, 0.0)
 
 
+CreateRig = Callable[..., TwoRoomsRig]
+
+
 @pytest.fixture
-def create_rig() -> Iterator[Callable[..., Any]]:
+def create_rig() -> Iterator[CreateRig]:
     made = []
 
     def make(*crates: Crate, tree: str = "") -> TwoRoomsRig:
@@ -118,7 +120,7 @@ def create_rig() -> Iterator[Callable[..., Any]]:
     ids=["recharge_under_a_crate", "two_closed_doors"],
 )
 def test_blocked_goal_ends_with_place_of_obstacle(
-    create_rig: Callable[..., Any],
+    create_rig: CreateRig,
     tree: str,
     crates: tuple[tuple[float, float, float], tuple[float, float, float]] | tuple[tuple[float, float, float]],
     code: Nav2ErrorCode,
@@ -140,7 +142,7 @@ def test_blocked_goal_ends_with_place_of_obstacle(
     ("crates", "tree"), [((ON_RECHARGE,), ""), ((SOUTH_DOOR, NORTH_DOOR), NAV2)], ids=["default", "nav2"]
 )
 def test_a_goal_is_reached_when_the_obstacle_goes_away(
-    create_rig: Callable[..., Any],
+    create_rig: CreateRig,
     crates: tuple[tuple[float, float, float], tuple[float, float, float]] | tuple[tuple[float, float, float]],
     tree: str,
 ) -> None:
@@ -152,7 +154,7 @@ def test_a_goal_is_reached_when_the_obstacle_goes_away(
     assert rig.handle.status is GoalStatus.SUCCEEDED
 
 
-def test_navigator_ends_goal_of_tree_that_never_ends(create_rig: Callable[..., Any], tmp_path: Path) -> None:
+def test_navigator_ends_goal_of_tree_that_never_ends(create_rig: CreateRig, tmp_path: Path) -> None:
     file = tmp_path / "tree.xml"
     file.write_text(
         '<root BTCPP_format="4"><BehaviorTree ID="T"><RetryUntilSuccessful num_attempts="-1">'
