@@ -81,10 +81,10 @@ def tree(rng: random.Random) -> None:
     nodes = conformance_registry()
     try:
         validate_document(parse_text(text), nodes=nodes, format=format)
-        made = loads(text, nodes=nodes, resources=[Journal()], format=format, clock=SimClock())
+        tree = loads(text, nodes=nodes, resources=[Journal()], format=format, clock=SimClock())
         # A Repeat of format 3 does all its cycles in one tick, and a mutation may demand any number.
-        for _ in range(3 if made.format == 4 else 0):
-            made.tick_once()
+        for _ in range(3 if tree.format == 4 else 0):
+            tree.tick_once()
     except BtcoreError as fault:
         str(fault)
 

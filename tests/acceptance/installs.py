@@ -52,24 +52,24 @@ def wheel(name: str, folder: Path, environment: dict[str, str]) -> Path:
     return next(dist.iterdir())
 
 
-def wheel_misses(made: Path) -> list[str]:
-    """Return how the wheel *made* differs from a complete pure build."""
-    with zipfile.ZipFile(made) as archive:
+def wheel_misses(wheel: Path) -> list[str]:
+    """Return how *wheel* differs from a complete pure build."""
+    with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
     found = [f"{name} is compiled" for name in names if name.endswith((".so", ".pyd"))]
-    if not made.name.endswith("-py3-none-any.whl"):
-        found.append(f"the wheel is called {made.name}")
+    if not wheel.name.endswith("-py3-none-any.whl"):
+        found.append(f"the wheel is called {wheel.name}")
     for folder in ("btcore/engine/", "btcore/docs/reference/"):
         if not any(name.startswith(folder) for name in names):
             found.append(f"{folder} is not in it")
     return found
 
 
-def installation_misses(made: Path, build: str, folder: Path) -> list[str]:
-    """Return what is wrong after installing the wheel *made* in a new environment.
+def installation_misses(wheel: Path, build: str, folder: Path) -> list[str]:
+    """Return what is wrong after installing *wheel* in a new environment.
 
     Args:
-        made: The wheel.
+        wheel: The wheel.
         build: The build that must be active, "pure" or "compiled".
         folder: The folder for the environment.
     """
@@ -88,7 +88,7 @@ def installation_misses(made: Path, build: str, folder: Path) -> list[str]:
             raise SystemExit(f"{Path(command[0]).name} failed with the {build} wheel:\n{done.stderr}")
         return done.stdout
 
-    install = ["install", "--quiet", "--disable-pip-version-check", "--only-binary=:all:", made.resolve()]
+    install = ["install", "--quiet", "--disable-pip-version-check", "--only-binary=:all:", wheel.resolve()]
     output(sys.executable, "-m", "pip", "--python", environment, *install)
     found = []
     if f"({build} build, " not in (version := output(programs / "btcore", "--version")):

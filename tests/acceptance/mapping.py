@@ -55,10 +55,10 @@ def explored(house: str, file: Path) -> Case:
         found = [f"{robot[kind]} {kind}" for kind in ("collisions", "grazes") if robot[kind]]
         if result["status"] != "SUCCESS":
             found.append(f"it ended with {result['status']}")
-        made = load_map(file)
+        map = load_map(file)
         limit = NEAR * true.resolution + 1e-3
-        result["right"] = float(np.mean(distances_to_occupied(made, made.occupied, true) <= limit))
-        result["found"] = float(np.mean(distances_to_occupied(true, visible_walls(true), made) <= limit))
+        result["right"] = float(np.mean(distances_to_occupied(map, map.occupied, true) <= limit))
+        result["found"] = float(np.mean(distances_to_occupied(true, visible_walls(true), map) <= limit))
         if result["right"] < LEAST_RIGHT:
             found.append(f"only {result['right']:.3f} of what is occupied is a wall")
         if result["found"] < LEAST_FOUND:
@@ -113,18 +113,19 @@ def main() -> int:
         for seed in range(1, options.seeds + 1) if options.only in house else ():
             file = folder / f"{house}-{seed}.yaml"
             exploring, patrolling = explored(house, file), patrolled(house, file)
-            made = run(exploring, seed)
-            missed += failure_messages(exploring, [made])
-            if "error" in made:
+            row = run(exploring, seed)
+            missed += failure_messages(exploring, [row])
+            if "error" in row:
                 continue
-            on_it = run(patrolling, seed)
-            missed += failure_messages(patrolling, [on_it])
-            robot = made["robot"]
-            patrol = "" if "error" in on_it else f"{on_it['robot']['localization_error_m']['median']:12.3f}"
+            patrol_row = run(patrolling, seed)
+            missed += failure_messages(patrolling, [patrol_row])
+            robot = row["robot"]
+            errors = patrol_row.get("robot", {}).get("localization_error_m")
+            patrol = f"{errors['median']:12.3f}" if errors else ""
             print(
-                f"{house:12} {seed:4} {made['time_s']:7.0f} {robot['distance_m']:6.1f} {made['right']:6.3f}"
-                f" {made['found']:6.3f} {robot['localization_error_m']['max']:6.3f}"
-                f" {robot['odometry_error_m']:7.2f} {made['real_time_factor']:11.1f} {patrol}",
+                f"{house:12} {seed:4} {row['time_s']:7.0f} {robot['distance_m']:6.1f} {row['right']:6.3f}"
+                f" {row['found']:6.3f} {robot['localization_error_m']['max']:6.3f}"
+                f" {robot['odometry_error_m']:7.2f} {row['real_time_factor']:11.1f} {patrol}",
                 flush=True,
             )
     for miss in missed:

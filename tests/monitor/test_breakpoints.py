@@ -73,9 +73,9 @@ class Robot:
 
 @pytest.fixture
 def robot() -> Iterator[Robot]:
-    made = Robot()
-    yield made
-    made.end()
+    robot = Robot()
+    yield robot
+    robot.end()
 
 
 def hook(*arguments: str) -> Result:
@@ -209,17 +209,17 @@ def test_a_restarted_robot_gets_its_breakpoints_again(robot: Robot, until: Calla
 
 
 def test_a_client_waits_for_a_robot_that_starts_later() -> None:
-    made: list[Robot] = []
+    robots: list[Robot] = []
     with serve(btcore.loads(PATROL), groot2_port=0, run_channel=False) as publisher:
         port = publisher.port
-    late = threading.Timer(0.3, lambda: made.append(Robot(port)))
+    late = threading.Timer(0.3, lambda: robots.append(Robot(port)))
     late.start()
     try:
         with BreakpointClient(f"{port}", timeout=60) as breaks:
             assert breaks.break_at("left") == ["go/left"]
     finally:
         late.join()
-        made[0].end()
+        robots[0].end()
 
 
 def test_the_error_of_a_robot_without_control_names_the_missing_option() -> None:

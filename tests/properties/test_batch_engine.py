@@ -199,8 +199,8 @@ def compare(
         clock.advance(waits)
 
 
-def calls(made: Journal) -> list[str]:
-    return [call if not call.endswith(":tick") else "Ask:tick" for call in made.calls]
+def calls(journal: Journal) -> list[str]:
+    return [call if not call.endswith(":tick") else "Ask:tick" for call in journal.calls]
 
 
 def with_types(boards: dict[str, dict[str, object]]) -> dict[str, dict[str, tuple[type, object]]]:

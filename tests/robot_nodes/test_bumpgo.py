@@ -26,16 +26,16 @@ TENTH = 100_000_000
 
 @pytest.fixture
 def nodes() -> Registry:
-    made = Registry.standard()
-    made.add_plugin("btcore_robot.leaves")
-    return made
+    nodes = Registry.standard()
+    nodes.add_plugin("btcore_robot.leaves")
+    return nodes
 
 
 @pytest.fixture
 def body(request: pytest.FixtureRequest) -> Iterator[SimulatedRobot]:
-    made = SimulatedRobot(World(load_world_description(request.param), seed=4))
-    yield made
-    made.world.close()
+    robot = SimulatedRobot(World(load_world_description(request.param), seed=4))
+    yield robot
+    robot.world.close()
 
 
 def tick(tree: Tree, body: SimulatedRobot, seconds: float) -> None:

@@ -15,9 +15,8 @@ NEVER = threading.Event()
 
 @pytest.mark.parametrize("kind", [RealTimeSchedule, SimulatedSchedule])
 def test_each_class_is_a_clock_and_a_schedule(kind: type) -> None:
-    made = kind()
-    clock: RobotClock = made
-    schedule: Schedule = made
+    clock: RobotClock = kind()
+    schedule: Schedule = clock
     calls: list[int] = []
     schedule.add_task(1000.0, Phase.COMPONENTS, calls.append)
     start = clock.now()
@@ -29,11 +28,11 @@ def test_each_class_is_a_clock_and_a_schedule(kind: type) -> None:
 
 @pytest.mark.parametrize("kind", [RealTimeSchedule, SimulatedSchedule])
 def test_a_wait_ends_when_it_is_woken(kind: type) -> None:
-    made = kind()
+    schedule = kind()
     wake = threading.Event()
-    made.add_task(1000.0, Phase.COMPONENTS, lambda now: wake.set())
+    schedule.add_task(1000.0, Phase.COMPONENTS, lambda now: wake.set())
     start = time.monotonic()
-    assert made.wait_until(made.now() + 60 * SECOND, wake) is True
+    assert schedule.wait_until(schedule.now() + 60 * SECOND, wake) is True
     assert time.monotonic() - start < 30.0
 
 
@@ -44,36 +43,36 @@ def test_a_frequency_of_zero_is_refused(kind: type) -> None:
 
 
 def test_in_simulated_time_simultaneous_tasks_run_by_rank_and_then_by_order() -> None:
-    made = SimulatedSchedule()
+    schedule = SimulatedSchedule()
     calls: list[str] = []
     for name, rank in (("b", Phase.COMPONENTS), ("c", Phase.COMPONENTS), ("a", Phase.SENSORS)):
-        made.add_task(2.0, rank, lambda now, name=name: calls.append(f"{name}{now // 10**6}"))
-    made.wait_until(SECOND, NEVER)
+        schedule.add_task(2.0, rank, lambda now, name=name: calls.append(f"{name}{now // 10**6}"))
+    schedule.wait_until(SECOND, NEVER)
     assert calls == ["a500", "b500", "c500", "a1000", "b1000", "c1000"]
 
 
 def test_in_simulated_time_rounding_errors_do_not_accumulate() -> None:
-    made = SimulatedSchedule()
+    schedule = SimulatedSchedule()
     calls: list[int] = []
-    made.add_task(3.0, Phase.SENSORS, calls.append)
-    made.wait_until(1000 * SECOND, NEVER)
+    schedule.add_task(3.0, Phase.SENSORS, calls.append)
+    schedule.wait_until(1000 * SECOND, NEVER)
     assert len(calls) == 3000
     assert calls[-1] == 1000 * SECOND
 
 
 def test_a_task_may_begin_at_once_and_may_be_ended() -> None:
-    made = SimulatedSchedule(5 * SECOND)
+    schedule = SimulatedSchedule(5 * SECOND)
     calls: list[int] = []
-    end = made.add_task(1.0, Phase.SENSORS, calls.append, first=0)
-    made.wait_until(7 * SECOND, NEVER)
+    end = schedule.add_task(1.0, Phase.SENSORS, calls.append, first=0)
+    schedule.wait_until(7 * SECOND, NEVER)
     end()
     end()
-    made.wait_until(9 * SECOND, NEVER)
+    schedule.wait_until(9 * SECOND, NEVER)
     assert calls == [5 * SECOND, 6 * SECOND, 7 * SECOND]
 
 
 def test_in_real_time_missed_calls_of_a_slow_task_are_skipped_and_counted() -> None:
-    made = RealTimeSchedule()
+    schedule = RealTimeSchedule()
     calls: list[int] = []
 
     def slow(now: int) -> None:
@@ -83,10 +82,10 @@ def test_in_real_time_missed_calls_of_a_slow_task_are_skipped_and_counted() -> N
             while time.monotonic() < deadline:
                 pass
 
-    made.add_task(100.0, Phase.SENSORS, slow)
-    made.wait_until(made.now() + SECOND // 5, NEVER)
-    assert made.missed_calls >= 8
-    assert len(calls) + made.missed_calls >= 18
+    schedule.add_task(100.0, Phase.SENSORS, slow)
+    schedule.wait_until(schedule.now() + SECOND // 5, NEVER)
+    assert schedule.missed_calls >= 8
+    assert len(calls) + schedule.missed_calls >= 18
     assert all(later > earlier for earlier, later in pairwise(calls))
 
 

@@ -116,10 +116,10 @@ def set_fields(message: Any, fields: dict[str, Any]) -> None:
             continue
         if isinstance(value, list) and value and isinstance(value[0], dict):
             item = find_type(types[name].removeprefix("sequence<").rstrip(">"))
-            made = [item() for _ in value]
-            for part, given in zip(made, value, strict=True):
+            items = [item() for _ in value]
+            for part, given in zip(items, value, strict=True):
                 set_fields(part, given)
-            value = made
+            value = items
         setattr(message, name, value)
 
 

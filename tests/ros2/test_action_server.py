@@ -55,10 +55,10 @@ class ServerRig:
 @pytest.fixture(scope="module")
 def rig() -> Iterator[ServerRig]:
     with RosSession("test") as session:
-        made = ServerRig(session)
-        yield made
-        made.server.close()
-        made.client.close()
+        rig = ServerRig(session)
+        yield rig
+        rig.server.close()
+        rig.client.close()
 
 
 def test_goal_waits_until_taken(rig: ServerRig) -> None:

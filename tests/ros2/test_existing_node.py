@@ -113,10 +113,10 @@ def program(request: pytest.FixtureRequest) -> Iterator[Program]:
     context = Context()
     context.init()
     executor = getattr(request, "param", SingleThreadedExecutor)(context=context)
-    made = Program(context, executor)
-    yield made
+    program = Program(context, executor)
+    yield program
     executor.shutdown()
-    made.destroy_node()
+    program.destroy_node()
     context.try_shutdown()
 
 

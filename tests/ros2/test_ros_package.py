@@ -151,9 +151,9 @@ def test_ros2_run_runs_a_leaf_without_code(prefix: Path, session: RosSession, tm
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[ClientProcess]:
-    made = ClientProcess(poll)
-    yield made
-    made.close()
+    client = ClientProcess(poll)
+    yield client
+    client.close()
 
 
 def poll(condition: Callable[[], object]) -> None:

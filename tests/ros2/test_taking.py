@@ -31,15 +31,15 @@ KEEP_ALL = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabil
 @pytest.fixture(scope="module", params=["direct", "executor"])
 def shared_session(request: pytest.FixtureRequest) -> Iterator[RosSession]:
     """A session that takes in each of the two ways."""
-    with RosSession("test", use_executor=request.param == "executor") as made:
-        yield made
+    with RosSession("test", use_executor=request.param == "executor") as session:
+        yield session
 
 
 @pytest.fixture(scope="module")
 def shared_other() -> Iterator[RosSession]:
     """A second session in this process."""
-    with RosSession("other") as made:
-        yield made
+    with RosSession("other") as session:
+        yield session
 
 
 def entities(session: RosSession) -> set[Any]:
@@ -87,9 +87,9 @@ def other(shared_other: RosSession) -> Iterator[RosSession]:
 
 def publisher(session: RosSession, other: RosSession, topic: str, qos: Any = 10) -> Callable[[str], None]:
     """Return a function with which *other* publishes a text for *session*, which has subscribed to it."""
-    made = other.node.create_publisher(String, topic, qos)
-    assert session.wait_for(lambda: made.get_subscription_count() > 0, LIMIT)
-    return lambda text: made.publish(String(data=text))
+    publisher = other.node.create_publisher(String, topic, qos)
+    assert session.wait_for(lambda: publisher.get_subscription_count() > 0, LIMIT)
+    return lambda text: publisher.publish(String(data=text))
 
 
 def arrives(session: RosSession, condition: Callable[[], Any]) -> None:

@@ -132,20 +132,20 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def server(folder: Path) -> Iterator[ServerProcess]:
-    made = ServerProcess(
+    server = ServerProcess(
         str(folder / "trees"),
         *("--plugin", str(folder / "plugin.py"), "--port", "0"),
         *("--ros-args", "-r __ns:=/robot1 -p tick_frequency:=50"),
     )
-    yield made
-    made.end()
+    yield server
+    server.end()
 
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[ClientProcess]:
-    made = ClientProcess(poll)
-    yield made
-    made.close()
+    client = ClientProcess(poll)
+    yield client
+    client.close()
 
 
 @contextmanager

@@ -38,11 +38,11 @@ class Navigator:
 
 @pytest.fixture
 def body(robot_at: Any) -> Any:
-    made = robot_at()
-    made.world.description = replace(
-        made.world.description, waypoints={"wp1": (0.2, 0.1), "recharge": (0.1, 0.0)}
+    robot = robot_at()
+    robot.world.description = replace(
+        robot.world.description, waypoints={"wp1": (0.2, 0.1), "recharge": (0.1, 0.0)}
     )
-    return made
+    return robot
 
 
 def test_without_a_navigator_battery_and_odometry_are_reported(body: Any, steer: Any) -> None:

@@ -26,9 +26,9 @@ EMPTY = WorldDescription("empty", "", (), (-1, -1, 1, 1), 0.0, Pose2D(0, 0, 0), 
 
 @pytest.fixture
 def world() -> Iterator[World]:
-    made = World(EMPTY)
-    yield made
-    made.close()
+    world = World(EMPTY)
+    yield world
+    world.close()
 
 
 def trace(seed: int, world: str = "arena_boxes", seconds: int = 8) -> str:

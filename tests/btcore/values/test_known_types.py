@@ -23,9 +23,9 @@ def drives(gear: In[Gear]) -> bool:
 
 @pytest.fixture
 def nodes() -> Registry:
-    made = conformance_registry()
-    made.add(drives)
-    return made
+    nodes = conformance_registry()
+    nodes.add(drives)
+    return nodes
 
 
 @pytest.mark.parametrize(("text", "status"), [("DRIVE", S), ("3", S), ("PARK", F), ("0", F)])

@@ -435,8 +435,8 @@ def test_converter_may_be_added_after_the_type_was_requested() -> None:
     types = TypeRegistry()
     pose_type = types.of(Pose)
     types.add(Pose, lambda text: Pose(float(text)))
-    made = pose_type.from_text("1.5")
-    assert isinstance(made, Pose)
-    assert made.x == 1.5
+    pose = pose_type.from_text("1.5")
+    assert isinstance(pose, Pose)
+    assert pose.x == 1.5
     with pytest.raises(RegistrationError, match="Pose has a text form already"):
         types.add(Pose, lambda text: Pose(float(text)))

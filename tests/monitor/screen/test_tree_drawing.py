@@ -45,7 +45,7 @@ def note_of(node: ObservedNode, whole: ObservedTree | None = None) -> str:
 
 
 @pytest.mark.parametrize(
-    ("made", "note"),
+    ("leaf", "note"),
     [
         (node(1, "Sleep"), ""),
         (node(1, "Sleep", ports={"msec": "500"}), "msec=500"),
@@ -54,8 +54,8 @@ def note_of(node: ObservedNode, whole: ObservedTree | None = None) -> str:
         (node(1, "Sleep", ports={"msec": "", "_skipIf": "x"}), ""),
     ],
 )
-def test_the_note_has_the_ports_and_the_id_if_it_differs_from_the_name(made: ObservedNode, note: str) -> None:
-    assert note_of(made) == note
+def test_the_note_has_the_ports_and_the_id_if_it_differs_from_the_name(leaf: ObservedNode, note: str) -> None:
+    assert note_of(leaf) == note
 
 
 def test_the_note_of_a_subtree_names_its_tree() -> None:

@@ -136,9 +136,9 @@ def window() -> Iterator[Callable[..., Window]]:
         news.connect(f"tcp://127.0.0.1:{publisher.groot1_port}")
         assert links.poll(60_000)
         news.disable_monitor()
-        made = Window(publisher, context, news)
-        made.ask()  # after the reply, the publisher has processed the subscription
-        return made
+        client = Window(publisher, context, news)
+        client.ask()  # after the reply, the publisher has processed the subscription
+        return client
 
     yield window
     for socket in opened:

@@ -22,13 +22,13 @@ class Robot:
 
     def walk(self, steps: list[tuple[int, int]]) -> list[RecordedTransition]:
         """Each step adds 1 to 4 to a node's status, modulo 5, so that it always changes."""
-        made = []
+        recorded = []
         for uid, more in steps:
             before = self.statuses[uid].status
             status = (before + more) % 5
             self.statuses[uid] = StatusRecord(status, before if status == IDLE else 0)
-            made.append(RecordedTransition(len(made), uid, status))
-        return made
+            recorded.append(RecordedTransition(len(recorded), uid, status))
+        return recorded
 
     def snapshot(self) -> dict[int, StatusRecord]:
         return dict(self.statuses)

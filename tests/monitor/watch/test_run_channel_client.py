@@ -54,9 +54,9 @@ class Robot:
 
 @pytest.fixture
 def robot() -> Iterator[Robot]:
-    made = Robot()
-    yield made
-    made.close()
+    robot = Robot()
+    yield robot
+    robot.close()
 
 
 def test_early_messages_take_limited_memory_and_are_kept(robot: Robot, until: Callable[..., None]) -> None:

@@ -296,9 +296,9 @@ def test_every_field_is_read_by_the_navigation() -> None:
         kind = type("Recorded", (type(parameters),), {"__getattribute__": read})
         values = {field.name: getattr(parameters, field.name) for field in fields(parameters)}
         names.clear()
-        made = kind(**values)
+        recording = kind(**values)
         names.update(values)
-        return made
+        return recording
 
     robot = rig_on_floor((1.5, -2.0, 1.6, 2.0), (-1.6, -2.0, -1.5, 2.0)).robot
     defaults = NavigationParameters().for_robot(robot.base)

@@ -99,14 +99,14 @@ CreateRig = Callable[..., FlatRig]
 
 @pytest.fixture
 def create_rig() -> Iterator[CreateRig]:
-    made = []
+    rigs = []
 
     def make(*faults: Fault, **options) -> FlatRig:
-        made.append(FlatRig(*faults, **options))
-        return made[-1]
+        rigs.append(FlatRig(*faults, **options))
+        return rigs[-1]
 
     yield make
-    for rig in made:
+    for rig in rigs:
         assert rig.body.contacts.collisions == rig.body.contacts.grazes == 0
         rig.world.close()
 

@@ -89,14 +89,14 @@ CreateRig = Callable[..., TwoRoomsRig]
 
 @pytest.fixture
 def create_rig() -> Iterator[CreateRig]:
-    made = []
+    rigs = []
 
     def make(*crates: Crate, tree: str = "") -> TwoRoomsRig:
-        made.append(TwoRoomsRig(*crates, tree=tree))
-        return made[-1]
+        rigs.append(TwoRoomsRig(*crates, tree=tree))
+        return rigs[-1]
 
     yield make
-    for rig in made:
+    for rig in rigs:
         assert rig.body.contacts.collisions == rig.body.contacts.grazes == 0
         rig.world.close()
 

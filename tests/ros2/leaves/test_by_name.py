@@ -31,12 +31,12 @@ def session() -> Iterator[RosSession]:
     with subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         assert server.stdout.readline() == "ready\n"
-        with RosSession("by_name") as made:
-            tree = tree_of(COUNT, made)  # its client is used by all trees
-            wait_until_known(made, "count")
+        with RosSession("by_name") as session:
+            tree = tree_of(COUNT, session)  # its client is used by all trees
+            wait_until_known(session, "count")
             for topic in ("battery", "other_battery", "silence"):
-                assert made.wait_for(lambda topic=topic: made.node.count_publishers(topic), LIMIT_S)
-            yield made
+                assert session.wait_for(lambda topic=topic: session.node.count_publishers(topic), LIMIT_S)
+            yield session
             del tree
         assert server.stdin is not None
         server.stdin.close()

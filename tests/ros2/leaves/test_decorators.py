@@ -76,9 +76,9 @@ def heard(message: Any, expected: In[str] = "hello") -> bool:
 
 @pytest.fixture(scope="module")
 def session(server: ServerProcess) -> Iterator[RosSession]:
-    with RosSession("leaves") as made:
-        wait_until_known(made, "planned")
-        yield made
+    with RosSession("leaves") as session:
+        wait_until_known(session, "planned")
+        yield session
 
 
 def load(session: RosSession, body: str, book: Notebook | None = None) -> Tree:

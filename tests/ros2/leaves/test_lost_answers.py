@@ -89,10 +89,10 @@ class LeafRig:
 
 @pytest.fixture
 def rig() -> Iterator[LeafRig]:
-    made = LeafRig()
-    yield made
-    made.session.close()
-    made.other.close()
+    rig = LeafRig()
+    yield rig
+    rig.session.close()
+    rig.other.close()
 
 
 def lose_answers(monkeypatch: pytest.MonkeyPatch, owner: object, name: str, count: int) -> list[Any]:

@@ -103,10 +103,10 @@ def server() -> Iterator[ServerProcess]:
 
 @pytest.fixture(scope="module")
 def session(server: ServerProcess) -> Iterator[RosSession]:
-    with RosSession("leaves") as made:
-        tree = load(made, '<Planned order="0"/>')  # its client is used by all trees
-        wait_until_known(made, "planned")
-        yield made
+    with RosSession("leaves") as session:
+        tree = load(session, '<Planned order="0"/>')  # its client is used by all trees
+        wait_until_known(session, "planned")
+        yield session
         del tree
 
 

@@ -85,9 +85,9 @@ class HearAgain(Hear):
 
 @pytest.fixture(scope="module")
 def session(server: ServerProcess) -> Iterator[RosSession]:
-    with RosSession("leaves") as made:
-        wait_until_known(made, "planned")
-        yield made
+    with RosSession("leaves") as session:
+        wait_until_known(session, "planned")
+        yield session
 
 
 def load(session: RosSession, body: str) -> Tree:
@@ -170,8 +170,8 @@ def test_service_that_dies(session: RosSession) -> None:
 @pytest.fixture(scope="module")
 def other() -> Iterator[Any]:
     """A ROS node with a publisher and a subscription for the topic `speech`."""
-    with RosSession("other") as made:
-        yield made
+    with RosSession("other") as session:
+        yield session
 
 
 def test_message_is_published(session: RosSession, other: RosSession) -> None:

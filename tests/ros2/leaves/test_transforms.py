@@ -27,11 +27,11 @@ READ = f'<RosTransformRead child="laser" timeout="60000" {OUTPUTS}/>'
 
 
 def transform(child: str, parent: str, x: float, yaw: float = 0.0, second: int = 0) -> TransformStamped:
-    made = TransformStamped(child_frame_id=child)
-    made.header.frame_id, made.header.stamp.sec = parent, second
-    made.transform.translation.x = x
-    made.transform.rotation.z, made.transform.rotation.w = math.sin(yaw / 2), math.cos(yaw / 2)
-    return made
+    transform = TransformStamped(child_frame_id=child)
+    transform.header.frame_id, transform.header.stamp.sec = parent, second
+    transform.transform.translation.x = x
+    transform.transform.rotation.z, transform.transform.rotation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    return transform
 
 
 class Robot:
@@ -82,9 +82,9 @@ def is_near(tree: Tree, x: float, y: float, yaw: float) -> bool:
 
 @pytest.fixture
 def robot(session: RosSession) -> Iterator[Robot]:
-    made = Robot(session)
-    yield made
-    made.other.close()
+    robot = Robot(session)
+    yield robot
+    robot.other.close()
 
 
 def test_pose_of_a_frame_is_awaited_and_read(robot: Robot) -> None:

@@ -54,19 +54,19 @@ def processes() -> list[subprocess.Popen[str]]:
 @pytest.fixture(scope="module")
 def session(processes: list[subprocess.Popen[str]]) -> Iterator[RosSession]:
     """A session of a client, while the robot runs."""
-    with RosSession("client") as made, running(NAVIGATION) as process:
+    with RosSession("client") as session, running(NAVIGATION) as process:
         processes.append(process)
-        yield made
+        yield session
 
 
 @pytest.fixture(scope="module")
 def listener(session: RosSession, processes: list[subprocess.Popen[str]]) -> Iterator[PoseListener]:
     """A listener that knows the robot's pose, while the navigator runs."""
-    made = PoseListener(session)
+    listener = PoseListener(session)
     with running("navigator") as process:
         processes.append(process)
-        assert session.wait_for(made.pose, LIMIT)
-        yield made
+        assert session.wait_for(listener.pose, LIMIT)
+        yield listener
 
 
 def send(session: RosSession, kind: Any, name: str, goal: Any) -> tuple[GoalStatus, Any]:

@@ -132,11 +132,11 @@ def navigation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[NavigationP
     parameters = tmp_path_factory.mktemp("navigation") / "parameters.yaml"
     parameters.write_text(PARAMETERS)
     with RosSession("test") as session:
-        made = NavigationProcess(session, parameters)
-        yield made
-        if made.process.poll() is None:
-            made.end()
-        made.client.close()
+        navigation = NavigationProcess(session, parameters)
+        yield navigation
+        if navigation.process.poll() is None:
+            navigation.end()
+        navigation.client.close()
 
 
 def stamped(x: float, y: float, frame: str = "map") -> dict[str, Any]:

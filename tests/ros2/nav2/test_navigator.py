@@ -111,10 +111,12 @@ class Client:
 
 @pytest.fixture(scope="module")
 def shared_client(shared_rig: Any, navigator: Any) -> Client:
-    made = Client(shared_rig)
+    client = Client(shared_rig)
     # The navigator knows the robot's pose some time after its start.
-    assert shared_rig.session.wait_for(lambda: made.result(made.send(2.0))[0] is GoalStatus.SUCCEEDED, LIMIT)
-    return made
+    assert shared_rig.session.wait_for(
+        lambda: client.result(client.send(2.0))[0] is GoalStatus.SUCCEEDED, LIMIT
+    )
+    return client
 
 
 @pytest.fixture

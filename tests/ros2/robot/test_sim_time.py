@@ -40,10 +40,10 @@ def sleep_until(condition: Callable[[], Any]) -> None:
 @pytest.fixture(scope="module")
 def process() -> Iterator[PointRobotProcess]:
     """A robot whose time is twice as fast as that of the machine."""
-    made = PointRobotProcess(sim_time=True, factor=2.0)
-    made.send(shift=1000 * NS_PER_S)
-    yield made
-    made.close()
+    robot = PointRobotProcess(sim_time=True, factor=2.0)
+    robot.send(shift=1000 * NS_PER_S)
+    yield robot
+    robot.close()
 
 
 @pytest.fixture(autouse=True)

@@ -29,12 +29,12 @@ def test_a_run_is_counted_and_timed(small: Callable[..., Tree], tmp_path: Path) 
 
 def recording_of(changes: list[tuple[float, Status]]) -> Recording:
     """Return a recording of a single node with transitions of (seconds, status)."""
-    last, made = IDLE, []
+    last, recorded = IDLE, []
     for seconds, status in changes:
-        made.append(LoggedTransition(round(seconds * SECOND), 1, last, status))
+        recorded.append(LoggedTransition(round(seconds * SECOND), 1, last, status))
         last = status
     node = RecordedNode(1, "A", "A", NodeType.ACTION, "A::1", ())
-    return Recording(Path("run.btlog"), "", 0, {1: node}, made)
+    return Recording(Path("run.btlog"), "", 0, {1: node}, recorded)
 
 
 def test_immediate_results_take_no_time() -> None:

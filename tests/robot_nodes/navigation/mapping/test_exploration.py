@@ -75,15 +75,15 @@ def within(first: OccupancyMap, second: OccupancyMap, cells: int) -> float:
     return float(np.mean(away <= cells * second.resolution + 1e-3))
 
 
-def covered(made: OccupancyMap, true: OccupancyMap) -> float:
-    """Return the share of the free cells of *true* that are free in *made*."""
-    cells = made.indices(true.centers(*np.nonzero(true.free)))
-    on = (cells >= 0).all(axis=1) & (cells < made.cells.shape).all(axis=1)
-    return float(np.sum(made.cells[cells[on, 0], cells[on, 1]] == 0) / len(cells))
+def covered(explored: OccupancyMap, true: OccupancyMap) -> float:
+    """Return the share of the free cells of *true* that are free in *explored*."""
+    cells = explored.indices(true.centers(*np.nonzero(true.free)))
+    on = (cells >= 0).all(axis=1) & (cells < explored.cells.shape).all(axis=1)
+    return float(np.sum(explored.cells[cells[on, 0], cells[on, 1]] == 0) / len(cells))
 
 
 def test_exploration_ends_by_itself_with_a_good_map_on_which_the_robot_can_navigate(flat: Path) -> None:
-    result = explore(flat, "made.yaml")
+    result = explore(flat, "map.yaml")
     assert result.exit_code == 0, result.output
     reported = json.loads(result.stdout.splitlines()[-1])
     assert reported["status"] == "SUCCESS"
@@ -99,13 +99,14 @@ def test_exploration_ends_by_itself_with_a_good_map_on_which_the_robot_can_navig
     assert quality["loops"] >= 0
     assert quality["loop_error_m"] < 0.1
 
-    made, true = load_map(flat / "made.yaml"), rasterise(load_world_description(str(flat / "flat.json")))
-    assert within(made, true, 2) >= 0.97
-    assert covered(made, true) > 0.95
+    explored = load_map(flat / "map.yaml")
+    true = rasterise(load_world_description(str(flat / "flat.json")))
+    assert within(explored, true, 2) >= 0.97
+    assert covered(explored, true) > 0.95
 
     command = ["run", str(flat / "go.xml"), "--world", str(flat / "flat.json"), "--fast", "--camera", "off"]
     result = CliRunner().invoke(
-        main, [*command, "--map", str(flat / "made.yaml"), "--duration", "60", "--json"], prog_name="btcore"
+        main, [*command, "--map", str(flat / "map.yaml"), "--duration", "60", "--json"], prog_name="btcore"
     )
     assert result.exit_code == 0, result.output
     robot = json.loads(result.stdout.splitlines()[-1])["robot"]
@@ -176,6 +177,6 @@ def test_an_exploration_without_a_laser_from_the_start_fails_with_this_cause(
 
 
 def test_a_missing_folder_is_reported_as_a_usage_error(flat: Path) -> None:
-    result = explore(flat, "nowhere/made.yaml")
+    result = explore(flat, "nowhere/map.yaml")
     assert result.exit_code == 2
     assert "there is no folder" in result.stderr

@@ -37,9 +37,9 @@ Plain = tuple[str, dict[str, str], list["Plain"]]
 
 @pytest.fixture(scope="module")
 def nodes() -> Registry:
-    made = Registry.standard()
-    made.add_plugins()
-    return made
+    nodes = Registry.standard()
+    nodes.add_plugins()
+    return nodes
 
 
 @pytest.fixture(scope="module")
@@ -211,19 +211,19 @@ def test_random_operations(nodes: Registry, texts: dict[str, list[str]], tmp_pat
         text = decorated(rng.choice(texts[name]), rng)
         try:
             document = parse_text(text, str(tmp_path / name))
-            made = Operation(text, plain(document.root), rng)
+            drawn = Operation(text, plain(document.root), rng)
         except (TreeError, IndexError):
             continue  # a recorded document that is invalid, or has no nodes
         operation = rng.choice(OPERATIONS)
         place = f"{number}: {operation.__name__} in {name}"
         try:
-            edits = operation(made)
+            edits = operation(drawn)
             # The edits are right also if the result is no valid tree.
             result = apply_edits(text, edits)
-            if made.model[2] and operation.__name__ != "enable":
-                assert plain(parse_text(result).root) == made.model, place
+            if drawn.model[2] and operation.__name__ != "enable":
+                assert plain(parse_text(result).root) == drawn.model, place
             assert apply_edits(result, invert_edits(text, edits)) == text, place
-            check_rest(made, text, result, operation.__name__, place)
+            check_rest(drawn, text, result, operation.__name__, place)
             check_rebased(text, edits, rng, place)
             assert apply_checked(document, edits, nodes) == result
         except EditError as error:
@@ -233,9 +233,9 @@ def test_random_operations(nodes: Registry, texts: dict[str, list[str]], tmp_pat
     assert min(outcomes.values()) > COUNT / 8, outcomes
 
 
-def check_rest(made: Operation, text: str, result: str, name: str, place: str) -> None:
+def check_rest(drawn: Operation, text: str, result: str, name: str, place: str) -> None:
     """Comments remain, except those in a removed element, and the line ends are those of the document."""
-    element = made.element
+    element = drawn.element
     own = comments(text[element.start : element.end]) if name in ("remove", "duplicate") else []
     expected = len(comments(text)) + {"remove": -len(own), "duplicate": len(own)}.get(name, 0)
     assert len(comments(result)) == expected, place

@@ -18,18 +18,18 @@ def robot_project() -> Project:
     """A project with the nodes of btcore_robot, as the server knows them, and an enum."""
     nodes = Registry.standard()
     nodes.add_plugins()
-    made = Project()
-    made.set_models(models_of(nodes), {"RED": 1, "GREEN": 2})
-    assert nodes.manifests.keys() == made.registry.manifests.keys(), "every node has a mock node"
-    return made
+    project = Project()
+    project.set_models(models_of(nodes), {"RED": 1, "GREEN": 2})
+    assert nodes.manifests.keys() == project.registry.manifests.keys(), "every node has a mock node"
+    return project
 
 
 @pytest.fixture
 def project(robot_project: Project) -> Project:
     """A project without files, with the nodes of *robot_project*."""
-    made = Project()
-    made.registry, made.models = robot_project.registry, robot_project.models
-    return made
+    project = Project()
+    project.registry, project.models = robot_project.registry, robot_project.models
+    return project
 
 
 OpenAtCursor = Callable[[str], tuple[SourceDocument, int]]
