@@ -101,14 +101,14 @@ class DelayMeter(Thread):
 def recording_trial(*, run: bool, recorder: bool) -> Trial:
     """Return the trial that kills the *run*, its *recorder*, or both during ``--save``."""
 
-    def trial(folder: Path, moments: random.Random) -> str:
+    def trial(folder: Path, rng: random.Random) -> str:
         (folder / "steps.xml").write_text(STEPS)
         log, recording = folder / "steps.btlog", folder / "steps.rrd"
         files = ("--save", recording.name, "--log", log.name)
         with start(folder, "run", "steps.xml", "--rate", "50", *files) as process:
             wait_until(lambda: log.exists() and log.stat().st_size, process)
             with DelayMeter() as delay:
-                time.sleep(moments.uniform(0.0, 4.0))
+                time.sleep(rng.uniform(0.0, 4.0))
                 children = psutil.Process(process.pid).children()
                 killed_at = time.time()
                 kill(*children * recorder, *[process] * run)
@@ -130,7 +130,7 @@ def recording_trial(*, run: bool, recorder: bool) -> Trial:
     return trial
 
 
-def map_trial(folder: Path, moments: random.Random) -> str:
+def map_trial(folder: Path, rng: random.Random) -> str:
     """Kill a mapping run, most likely while it writes the map over an earlier map."""
 
     def content() -> list[bytes]:
@@ -150,7 +150,7 @@ def map_trial(folder: Path, moments: random.Random) -> str:
     took = time.monotonic() - began
     mapping(5).wait(PATIENCE)
     with mapping(10) as process:
-        time.sleep(moments.uniform(0.6, 1.1) * took)
+        time.sleep(rng.uniform(0.6, 1.1) * took)
         kill(process)
     return "" if content() in (old, new) else "the map is neither the earlier nor the new map"
 
@@ -158,11 +158,11 @@ def map_trial(folder: Path, moments: random.Random) -> str:
 def sweep_trial(*, scheduler: bool, worker: bool) -> Trial:
     """Return the trial that kills the *scheduler*, a *worker*, or both of a sweep, and runs it again."""
 
-    def trial(folder: Path, moments: random.Random) -> str:
+    def trial(folder: Path, rng: random.Random) -> str:
         (folder / "wait.xml").write_text(WAIT)
         journal = folder / "wait.sweep" / "journal.jsonl"
         with start(folder, *SWEEP) as process:
-            count = moments.randrange(EPISODES)
+            count = rng.randrange(EPISODES)
             wait_until(lambda: journal.exists() and journal.read_bytes().count(b"\n") >= count, process)
             kill(*workers(process)[: worker and 1], *[process] * scheduler)
             process.wait(PATIENCE)
@@ -184,14 +184,14 @@ def sweep_trial(*, scheduler: bool, worker: bool) -> Trial:
     return trial
 
 
-def json_trial(folder: Path, moments: random.Random) -> str:
+def json_trial(folder: Path, rng: random.Random) -> str:
     """Kill a run with ``--json``."""
     output = folder / "out.json"
     (folder / "steps.xml").write_text(STEPS)
     with output.open("wb") as file:
         arguments = ("steps.xml", "--fast", "--duration", "60", "--json")
         with start(folder, "run", *arguments, output=file) as process:
-            time.sleep(moments.uniform(0.2, 3.0))
+            time.sleep(rng.uniform(0.2, 3.0))
             kill(process)
     text = output.read_bytes()
     return "" if not text or isinstance(json.loads(text), dict) else "the output is not an object"

@@ -264,7 +264,7 @@ def never_happens(file: Path, detail: str) -> bool:
     claims = re.findall(r"'([^']*)' is never (ticked)|'([^']*)' never (succeeds|fails)", detail)
     assert claims, detail
     happened: set[tuple[str, str]] = set()
-    draw = random.Random(0)
+    rng = random.Random(0)
     names = {Status.SUCCESS: "succeeds", Status.FAILURE: "fails"}
     declared = tomllib.loads(file.with_suffix(".proof.toml").read_text(encoding="utf-8"))
 
@@ -273,13 +273,13 @@ def never_happens(file: Path, detail: str) -> bool:
         results = [Status[name] for name in model.get("results", ["SUCCESS", "FAILURE"])]
         if model.get("lasts", True) and leaf.type is not btcore.NodeType.CONDITION:
             results.append(Status.RUNNING)
-        result = draw.choice(results)
+        result = rng.choice(results)
         if not model.get("at_once", True) and leaf.status is not Status.RUNNING:
             result = Status.RUNNING
         happened.update({(leaf.path, "ticked"), (leaf.path, names.get(result, ""))})
         for port, output in leaf.config.outputs.items() if result is Status.SUCCESS else ():
             texts = declared.get("entries", {}).get(output.key, ["true", "false"])
-            leaf.set_output(port, output.type.from_text(str(draw.choice(texts))))
+            leaf.set_output(port, output.type.from_text(str(rng.choice(texts))))
         return result
 
     nodes = nodes_with_leaves(file, take)
@@ -290,7 +290,7 @@ def never_happens(file: Path, detail: str) -> bool:
             for _ in range(RANDOM_TICKS):
                 if tree.tick_exactly_once() is not Status.RUNNING:
                     break
-                clock.advance(draw.choice([0.0, 0.1, 2.0]))
+                clock.advance(rng.choice([0.0, 0.1, 2.0]))
     return not any((never or other, what or act) in happened for never, what, other, act in claims)
 
 

@@ -214,14 +214,14 @@ def tree_of(elements: list[str], resources: list[object], clock: Any, watch: typ
     return btcore.loads(text, nodes=nodes, resources=resources, clock=clock)
 
 
-def write_inputs(tree: btcore.Tree, ids: list[str], draw: random.Random) -> None:
+def write_inputs(tree: btcore.Tree, ids: list[str], rng: random.Random) -> None:
     """Write values to the entries that inputs read; an optional input may remain unwritten."""
     for ID in ids:
         model = model_of(SHIPPED[ID])
         for port in SHIPPED[ID].ports.values():
             values = values_of(port.name, port.type.name) or ([205] if port.name == "error_code" else [])
-            if not port.writes and values and (port.name not in model.optional or draw.random() < 0.5):
-                tree.blackboard[f"in_{port.name}"] = draw.choice(values)
+            if not port.writes and values and (port.name not in model.optional or rng.random() < 0.5):
+                tree.blackboard[f"in_{port.name}"] = rng.choice(values)
 
 
 # --- random schedules: robots and servers that may do anything
@@ -230,10 +230,10 @@ def write_inputs(tree: btcore.Tree, ids: list[str], draw: random.Random) -> None
 class RandomGoal(GoalHandle[Any, Any, Any]):
     """A goal that is accepted and ends at random."""
 
-    def __init__(self, goal: object, draw: random.Random) -> None:
+    def __init__(self, goal: object, rng: random.Random) -> None:
         super().__init__(goal)
-        self._draw = draw
-        self._fate = draw.choice(["ends", "ends", "ends", "silent", "forever"])
+        self._draw = rng
+        self._fate = rng.choice(["ends", "ends", "ends", "silent", "forever"])
 
     @property
     def done(self) -> bool:
@@ -258,19 +258,19 @@ class RandomGoal(GoalHandle[Any, Any, Any]):
         self.abort(205, "it was aborted")
 
 
-def random_servers(draw: random.Random, used: list[str]) -> Any:
+def random_servers(rng: random.Random, used: list[str]) -> Any:
     """Return a navigation whose goals and readings are random."""
 
     def send(goal: object, action: str, server_name: str = "") -> RandomGoal:
         if action in DRIVING or server_name in DRIVING:
             used.append(action)
-        return RandomGoal(goal, draw)
+        return RandomGoal(goal, rng)
 
     def maybe(value: object) -> Callable[..., object]:
-        return lambda *_: draw.choice([value, None])
+        return lambda *_: rng.choice([value, None])
 
     def pose() -> Pose2D | None:
-        return draw.choice([None, Pose2D(draw.uniform(-2, 2), 0.0, 0.0)])
+        return rng.choice([None, Pose2D(rng.uniform(-2, 2), 0.0, 0.0)])
 
     names = {name: maybe(None) for name in dir(NavigationServers) if not name.startswith("_")}
     twists = [Twist2D(0.0, 0.0), Twist2D(0.0, 0.0), Twist2D(0.4, 0.0)]
@@ -280,41 +280,39 @@ def random_servers(draw: random.Random, used: list[str]) -> Any:
         "is_recovering": False,
         "is_pose_contradicted": False,
         "send_goal": staticmethod(send),
-        "cancel_goals": staticmethod(lambda action, name="": RandomGoal(None, draw)),
-        "request": staticmethod(lambda request, name="": RandomGoal(request, draw)),
+        "cancel_goals": staticmethod(lambda action, name="": RandomGoal(None, rng)),
+        "request": staticmethod(lambda request, name="": RandomGoal(request, rng)),
         "pose": staticmethod(pose),
-        "distance_to": staticmethod(lambda place: draw.choice([0.1, 5.0])),
-        "remaining": staticmethod(lambda path: draw.choice([0.1, 5.0])),
-        "odometry": staticmethod(
-            lambda: Odometry(Pose2D(0, 0, 0), draw.choice(twists), draw.getrandbits(40))
-        ),
+        "distance_to": staticmethod(lambda place: rng.choice([0.1, 5.0])),
+        "remaining": staticmethod(lambda path: rng.choice([0.1, 5.0])),
+        "odometry": staticmethod(lambda: Odometry(Pose2D(0, 0, 0), rng.choice(twists), rng.getrandbits(40))),
         "battery": staticmethod(maybe(Battery(0.1, 12.0, True))),
-        "latest": staticmethod(lambda topic, kind: draw.choice([None, "x"]) if kind is str else None),
-        "can_transform": staticmethod(lambda target, source: draw.random() < 0.5),
-        "last_goals": staticmethod(lambda: [RandomGoal(None, draw)] * 7),
+        "latest": staticmethod(lambda topic, kind: rng.choice([None, "x"]) if kind is str else None),
+        "can_transform": staticmethod(lambda target, source: rng.random() < 0.5),
+        "last_goals": staticmethod(lambda: [RandomGoal(None, rng)] * 7),
     }
     return type("RandomServers", (), members)()
 
 
-def random_resources(robot: Any, draw: random.Random, used: list[str], tmp_path: Any) -> list[object]:
+def random_resources(robot: Any, rng: random.Random, used: list[str], tmp_path: Any) -> list[object]:
     """Return resources for every leaf."""
 
     def go_to(goal: Pose2D) -> RandomGoal:
         used.append("go_to")
-        return RandomGoal(goal, draw)
+        return RandomGoal(goal, rng)
 
     def maybe(value: object) -> Callable[..., object]:
-        return lambda *_: draw.choice([value, None])
+        return lambda *_: rng.choice([value, None])
 
     explorer = SimpleNamespace(
         go_to=go_to,
-        must_wait=lambda: draw.random() < 0.3,
-        give_up_reason=lambda began: draw.choice([None, (1, "no scan")]),
-        goals_wait=lambda: draw.random() < 0.3,
+        must_wait=lambda: rng.random() < 0.3,
+        give_up_reason=lambda began: rng.choice([None, (1, "no scan")]),
+        goals_wait=lambda: rng.random() < 0.3,
         estimate=lambda: Pose2D(0, 0, 0),
         next_goal=maybe(Pose2D(1, 1, 0)),
-        is_goal_unknown=lambda: draw.random() < 0.5,
-        is_goal_free=lambda: draw.random() < 0.5,
+        is_goal_unknown=lambda: rng.random() < 0.5,
+        is_goal_free=lambda: rng.random() < 0.5,
         exclude_goal=lambda: None,
         save=lambda path: None,
     )
@@ -329,8 +327,8 @@ def random_resources(robot: Any, draw: random.Random, used: list[str], tmp_path:
         original(v, w, **priority)
 
     robot.drive = drive
-    robot.scan = lambda: draw.choice([None, scan()])
-    servers = random_servers(draw, used)
+    robot.scan = lambda: rng.choice([None, scan()])
+    servers = random_servers(rng, used)
     assert isinstance(explorer, Explorer)
     assert isinstance(explorer, PoseNavigator)
     assert isinstance(server, ObjectLocatorProtocol)
@@ -338,28 +336,28 @@ def random_resources(robot: Any, draw: random.Random, used: list[str], tmp_path:
     return [robot, servers, explorer, server, places, MapFile(tmp_path / "map.yaml")]
 
 
-def watch_of(draw: random.Random, tick: float, halt: float) -> type[Watch]:
+def watch_of(rng: random.Random, tick: float, halt: float) -> type[Watch]:
     """Return a class that ticks and halts each child with these probabilities."""
 
     def choose(index: int) -> str:
-        return draw.choices(["tick", "halt", ""], [tick, halt, 1 - tick - halt])[0]
+        return rng.choices(["tick", "halt", ""], [tick, halt, 1 - tick - halt])[0]
 
     members = {"choose": staticmethod(choose), "used": [], "faults": [], "seen": set()}
     return type("Watch", (Watch,), members)
 
 
 def test_leaves_follow_their_models_in_random_schedules(robot: Any, tmp_path: Any) -> None:
-    draw = random.Random(1)
-    watch = watch_of(draw, 0.6, 0.15)
+    rng = random.Random(1)
+    watch = watch_of(rng, 0.6, 0.15)
     robot.see(*([3.0] * 5))
-    resources = random_resources(robot, draw, watch.used, tmp_path)
+    resources = random_resources(robot, rng, watch.used, tmp_path)
     for _ in range(4):
         tree = tree_of(elements_of(IDS), resources, robot.clock, watch)
-        write_inputs(tree, IDS, draw)
+        write_inputs(tree, IDS, rng)
         for _ in range(150):
-            robot.see(*[draw.choice([0.3, 1.5, 5.0]) for _ in range(5)])
+            robot.see(*[rng.choice([0.3, 1.5, 5.0]) for _ in range(5)])
             tree.tick_exactly_once()
-            robot.clock.sleep(draw.choice([0.0, 0.05, 0.1, 1.2, 8.0]))
+            robot.clock.sleep(rng.choice([0.0, 0.05, 0.1, 1.2, 8.0]))
     assert sorted(set(watch.faults)) == []
     # Every node has completed, or is endless.
     never = {ID for ID in IDS if not model_of(SHIPPED[ID]).endless} - {
@@ -402,11 +400,11 @@ def test_leaves_follow_their_models_in_the_simulator(explores: bool, tmp_path: A
     places = Waypoints({"recharge": Pose2D(0, 0, 0), "wp1": Pose2D(1, 1, 0)}, "here")
     resources = [robot, stack, stack.servers, tracker, locator, places, MapFile(tmp_path / "map.yaml")]
     ids = [ID for ID in IDS if explores or ID not in ("Explore", "SaveMap")]
-    draw = random.Random(2)
-    watch = watch_of(draw, 0.9, 0.02)
+    rng = random.Random(2)
+    watch = watch_of(rng, 0.9, 0.02)
     watch.used = wheels
     tree = tree_of(elements_of(ids), resources, world, watch)
-    write_inputs(tree, ids, draw)
+    write_inputs(tree, ids, rng)
     try:
         for _ in range(60):
             tree.tick_exactly_once()

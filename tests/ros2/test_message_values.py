@@ -284,30 +284,30 @@ TYPES = [
 ]
 
 
-def random_value(source: random.Random, field: FieldType, depth: int = 0) -> Any:
+def random_value(rng: random.Random, field: FieldType, depth: int = 0) -> Any:
     """Return a value that often fits *field*."""
-    if depth > 6 or source.random() < 0.15:
-        return source.choice(LEAVES)
+    if depth > 6 or rng.random() < 0.15:
+        return rng.choice(LEAVES)
     if field.message is not None:
-        return random_fields(source, field.message, depth)
+        return random_fields(rng, field.message, depth)
     if field.item is None:
-        return source.choice(LEAVES)
-    count = field.size if field.size and source.random() < 0.8 else source.randrange(5)
-    return [random_value(source, field.item, depth + 1) for _ in range(count)]
+        return rng.choice(LEAVES)
+    count = field.size if field.size and rng.random() < 0.8 else rng.randrange(5)
+    return [random_value(rng, field.item, depth + 1) for _ in range(count)]
 
 
-def random_fields(source: random.Random, message_type: Any, depth: int = 0) -> dict[str, Any]:
+def random_fields(rng: random.Random, message_type: Any, depth: int = 0) -> dict[str, Any]:
     """Return values for some fields of *message_type*."""
     fields = message_fields(message_type).items()
-    return {name: random_value(source, field, depth + 1) for name, field in fields if source.random() < 0.3}
+    return {name: random_value(rng, field, depth + 1) for name, field in fields if rng.random() < 0.3}
 
 
 def test_any_value_is_a_message_or_a_list_of_problems_with_their_places() -> None:
-    source = random.Random(1)
+    rng = random.Random(1)
     messages = refused = 0
     for _ in range(1000):
-        message_type = source.choice(TYPES)
-        value = random_fields(source, message_type)
+        message_type = rng.choice(TYPES)
+        value = random_fields(rng, message_type)
         try:
             message = to_message(message_type, value)
         except MessageValueError:

@@ -7,13 +7,13 @@ import pytest
 np = pytest.importorskip("numpy")
 from btcore_batch.agent_sets import AgentSets, Counters, Timer, UnaryCounters  # noqa: E402
 
-DRAW = random.Random(5)
+RNG = random.Random(5)
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 1000])
 def test_a_set_becomes_a_mask_and_back(count: int) -> None:
     agent_sets = AgentSets(count)
-    for agents in (0, 1, agent_sets.all_agents, DRAW.getrandbits(count)):
+    for agents in (0, 1, agent_sets.all_agents, RNG.getrandbits(count)):
         mask = agent_sets.mask(agents)
         assert mask.dtype == np.bool_
         assert mask.tolist() == [bool(agents >> index & 1) for index in range(count)]
@@ -31,15 +31,15 @@ def test_masks_are_read_only() -> None:
 def test_counters_count_as_integers_do() -> None:
     agent_sets, counters, counts = AgentSets(50), Counters(), [0] * 50
     for _ in range(200):
-        agents = DRAW.getrandbits(50)
-        if DRAW.random() < 0.9:
+        agents = RNG.getrandbits(50)
+        if RNG.random() < 0.9:
             counters.add(agents)
             counts = [count + (agents >> index & 1) for index, count in enumerate(counts)]
         else:
-            agents &= DRAW.getrandbits(50)
+            agents &= RNG.getrandbits(50)
             counters.clear(agents)
             counts = [0 if agents >> index & 1 else count for index, count in enumerate(counts)]
-        limit, group = DRAW.randrange(-2, 40), DRAW.getrandbits(50)
+        limit, group = RNG.randrange(-2, 40), RNG.getrandbits(50)
         below = {index for index in range(50) if group >> index & 1 and counts[index] < limit}
         equal = {index for index in range(50) if group >> index & 1 and counts[index] == max(limit, 0)}
         assert set(agent_sets.indices(counters.below(limit, group)).tolist()) == below

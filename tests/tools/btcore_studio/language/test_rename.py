@@ -261,7 +261,7 @@ def test_huge_number_of_connections_is_bounded(project: MarkedProject) -> None:
 # --- recorded trees
 
 
-def renamings(project: Project, choose: random.Random, count: int) -> Iterator[tuple[str, str, bool]]:
+def renamings(project: Project, rng: random.Random, count: int) -> Iterator[tuple[str, str, bool]]:
     """Yield (old name, renamed text, whether a tree was renamed) for several names of the only document."""
     document = project.open_documents[0]
     symbols = symbols_of(project)
@@ -270,8 +270,8 @@ def renamings(project: Project, choose: random.Random, count: int) -> Iterator[t
         place.value_start for id in symbols.trees for _, place, _ in symbols.places_of_tree(id, document.uri)
     ]
     for _ in range(count):
-        is_tree = not uses or choose.random() < 0.25
-        offset = choose.choice(trees) if is_tree else choose.choice(uses).start
+        is_tree = not uses or rng.random() < 0.25
+        offset = rng.choice(trees) if is_tree else rng.choice(uses).start
         try:
             old = prepare_rename(project, document, offset).placeholder
             changes = rename_symbol(project, document, offset, "renamed")
@@ -286,16 +286,16 @@ def renamings(project: Project, choose: random.Random, count: int) -> Iterator[t
 @pytest.mark.parametrize(("file", "least"), [("v4_scopes", 25), ("v4_full", 25), ("v3_full", 25)])
 def test_recorded_trees_behave_as_before(file: str, least: int) -> None:
     nodes = conformance_registry()
-    choose = random.Random(file)
+    rng = random.Random(file)
     compared = 0
-    for case in choose.sample(list(read_cases(DATA / f"{file}.jsonl.gz")), 25):
+    for case in rng.sample(list(read_cases(DATA / f"{file}.jsonl.gz")), 25):
         project = Project()
         project.registry = nodes
         # The recorded values of the blackboard are set by the program.
         project.configure([], Settings(given=tuple(case.get("bb", {}))))
         project.open("untitled:tree", case["xml"], 1)
         before = without_messages(run_case(case, nodes))
-        for old, text, _ in renamings(project, choose, 4):
+        for old, text, _ in renamings(project, rng, 4):
             selected = "renamed" if case.get("tree") == old else case.get("tree")
             after = without_messages(run_case({**case, "xml": text, "tree": selected}, nodes))
             # The name of a SubTree node without a name is the ID of its tree.
