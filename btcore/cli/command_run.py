@@ -1,6 +1,7 @@
 """The runs of commands with the options of providers."""
 
 from collections.abc import Callable, Sequence
+from types import TracebackType
 from typing import Any, Unpack
 
 import click
@@ -59,7 +60,12 @@ class CommandRun(Run):
         have = "has" if len(names) == 1 else "have"
         terminal.print_warning(f"{join_names(names)} {have} no effect: {reason}")
 
-    def handle_closing_errors(self, error: BaseException | None) -> None:
-        """Print the errors, which also determine the exit code."""
-        for closing_error in self.closing_errors:
-            terminal.print_error(str(closing_error))
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the run, and print the `closing_errors` instead of raising them; see `exit_code`."""
+        try:
+            self._close(kind, error, trace)
+        finally:
+            for closing_error in self.closing_errors:
+                terminal.print_error(str(closing_error))

@@ -33,12 +33,11 @@ class Reloads:
         self._progress = progress
         self._count = 0
 
-    def show_end(self) -> None:
+    def show_end(self, error: NodeExecutionError | None) -> None:
         """Print the exception of a leaf, if it has ended the tree, and show that the run waits for a save."""
-        run = self._run
-        if run.error is not None:
-            self._print_leaf_error(run.error)
-        status = None if run.error is not None else run.status
+        if error is not None:
+            self._print_leaf_error(error)
+        status = None if error is not None else self._run.status
         self._progress.show_waiting(status, self._tree_source.path.name)
 
     def reload(self) -> bool:

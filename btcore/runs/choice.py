@@ -79,7 +79,7 @@ class Choice(NamedTuple):
 
 
 def choose(
-    needed: Sequence[Any],
+    required: Sequence[Any],
     available: AvailableProviders,
     settings: GivenSettings,
     provided: Sequence[object] = (),
@@ -88,7 +88,7 @@ def choose(
     """Return the providers of a run.
 
     Args:
-        needed: The types that the leaves of the tree need, and those that the program wants.
+        required: The types that the leaves of the tree need, and those that the program wants.
         provided: Objects of the program, which are preferred to providers.
         optional: Types that the program can do without. A provider that is used for one of them alone is not
             preferred for the types that are needed.
@@ -97,7 +97,7 @@ def choose(
         ProviderError: Two providers are equally good, or need each other, or a side-effect provider needs
             what nothing provides.
     """
-    requests = [*(_Request(type, False) for type in needed), *(_Request(type, True) for type in optional)]
+    requests = [*(_Request(type, False) for type in required), *(_Request(type, True) for type in optional)]
     side_effects = [
         provider
         for provider in available.with_side_effects(settings.keys() - {RunSettings})

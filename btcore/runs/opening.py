@@ -119,6 +119,7 @@ class RunProviders:
         self._settings = settings
         self._provided = provided
         self._clock = clock
+        self._types: Sequence[Any] = ()
         self._opened: dict[Provider, OpenedProvider] = {}
         self.choice = Choice()
         self.report = report
@@ -126,15 +127,17 @@ class RunProviders:
         self.resources = Resources()
         self.resources.remedy = "the run does not provide it"
 
-    def choose(self, needed: Sequence[Any], wanted: Sequence[Any], optional: Sequence[Any]) -> None:
+    def choose(self, leaf_types: Sequence[Any], wanted: Sequence[Any], optional: Sequence[Any]) -> None:
         """Choose the providers.
 
         Args:
-            needed: The types that the leaves need.
-            wanted: The types that the program needs.
-            optional: The types that the program uses if they are provided.
+            leaf_types: The types that the leaves need.
+            wanted: The types that the program wants, and without which the run cannot begin.
+            optional: The types that the program wants if they are provided.
         """
-        self.choice = choose([*needed, *wanted], self._available, self._settings, self._provided, optional)
+        required = [*leaf_types, *wanted]
+        self._types = [*required, *optional]
+        self.choice = choose(required, self._available, self._settings, self._provided, optional)
         for name in map(full_name, wanted):
             problem = self.choice.problems.get(name)
             if problem is not None:
@@ -143,13 +146,8 @@ class RunProviders:
             if provider is not None and self.choice.opens_after_tree(provider):
                 raise ProviderError(_explain_late_opening(provider))
 
-    def open_before_tree(self, types: Sequence[Any], stack: contextlib.ExitStack) -> None:
-        """Open the providers that do not need the tree, and fill the resources.
-
-        Args:
-            types: The types of which a leaf or the program gets the object of the chosen provider.
-            stack: The stack that closes the providers.
-        """
+    def open_before_tree(self, stack: contextlib.ExitStack) -> None:
+        """Open the providers that do not need the tree, and fill the resources; *stack* closes them."""
         used = dict.fromkeys(struct for provider in self.choice.order for struct in provider.settings)
         for settings in map(self._settings.find, used):
             if settings is not None:
@@ -161,10 +159,10 @@ class RunProviders:
                 known = set(map(id, self.resources))
                 objects = self._open(provider, stack)
                 self.resources += [provided for provided in objects if id(provided) not in known]
-        for needed in types:
-            chosen = self._find_chosen(full_name(needed))
+        for type in self._types:
+            chosen = self._find_chosen(full_name(type))
             if chosen is not None:
-                self.resources.choose(needed, chosen)
+                self.resources.choose(type, chosen)
 
     def open_after_tree(self, tree: Tree, stack: contextlib.ExitStack) -> None:
         """Open the providers that need *tree*, whose leaves do not get their objects."""
@@ -238,10 +236,10 @@ class RunProviders:
         """Return the settings that were given, but that no used provider takes, with the reasons."""
         return find_unused_settings(self.choice, self._available, self._settings)
 
-    def explain_missing(self, needed: Sequence[Any]) -> Iterator[str]:
-        """Yield why objects are missing that the leaves need; *needed* are their types."""
+    def explain_missing(self, leaf_types: Sequence[Any]) -> Iterator[str]:
+        """Yield why objects are missing that the leaves need."""
         unknown = []
-        for type in needed:
+        for type in leaf_types:
             name = full_name(type)
             provider, problem = self.choice.providers.get(name), self.choice.problems.get(name)
             if provider is not None and self.choice.opens_after_tree(provider):

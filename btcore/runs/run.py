@@ -21,7 +21,7 @@ from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
 from btcore.runs.providers import EndReason, Provider, Report
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
-from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
+from btcore.runs.tick_loop import TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -151,10 +151,10 @@ class Run:
         self._load_arguments = arguments
         plans = [planned for planned in self._sources if isinstance(planned, Plans)]
         self._leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
-        self._wanted: list[Any] = []
-        self._optional: list[Any] = []
+        self._wanted_types: list[Any] = []
+        self._optional_types: list[Any] = []
         self._prepare = prepare
-        # Those of a command are checked already.
+        # `GivenSettings` come from the options of a command, whose values click has checked.
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
         self.run_settings = self.settings[RunSettings]
         self.report = Report()
@@ -179,9 +179,9 @@ class Run:
             optional: Whether the run continues if nothing provides one of them.
         """
         if optional:
-            self._optional += types
+            self._optional_types += types
         else:
-            self._wanted += types
+            self._wanted_types += types
         return self
 
     def find(self, type: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
@@ -201,8 +201,8 @@ class Run:
         with ExitStack() as stack:
             stack.enter_context(self._signals)
             providers = self._providers
-            providers.choose(self._leaf_types, self._wanted, self._optional)
-            providers.open_before_tree([*self._leaf_types, *self._wanted, *self._optional], stack)
+            providers.choose(self._leaf_types, self._wanted_types, self._optional_types)
+            providers.open_before_tree(stack)
             self._loop.trees = [self._create_tree(source) for source in self._sources]
             if self._prepare is not None:
                 self._prepare(self)
@@ -273,7 +273,7 @@ class Run:
         *,
         on_tick: Callable[[Status], None] | None = None,
         reload: Callable[[], bool] | None = None,
-        on_end: Callable[[], None] | None = None,
+        on_end: Callable[[NodeExecutionError | None], None] | None = None,
     ) -> Status:
         """Tick at the rate of the run until the end, halt the trees, and return the status of the last tick.
 
@@ -286,42 +286,23 @@ class Run:
             reload: Called between ticks; it may call `replace_tree`, and returns whether it did. After the
                 end of all trees, also by an exception of a leaf, the run waits until it does. The exception
                 is raised at the end, unless another tree has replaced that tree.
-            on_end: Called before this wait.
+            on_end: Called before this wait, with the exception of a leaf or None.
 
         Raises:
             NodeExecutionError: A leaf raised an exception; it is also the attribute `error`.
         """
         self._check_open()
         loop = self._loop
-        loop.start(until, on_tick, reload)
+        loop.start(until, on_tick, reload, on_end)
         began = time.perf_counter()
         try:
-            with self._keep_leaf_error():
-                with self._stop_at_signal(loop.stop):
-                    self.report.end_reason = loop.run() if reload is None else self._run_and_reload(on_end)
-                self._halt()
+            with self._stop_at_signal(loop.stop), self._keep_leaf_error():
+                self.report.end_reason = loop.run()
+            self._halt()
         finally:
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
             self.wall_s = time.perf_counter() - began
         return self.status
-
-    def _run_and_reload(self, on_end: Callable[[], None] | None) -> LoopEnd:
-        """Run the loop, and again whenever a tree replaces one that has ended, also by an exception."""
-        while True:
-            error: NodeExecutionError | None = None
-            try:
-                end = self._loop.run()
-                if end != "done":
-                    return end
-            except NodeExecutionError as raised:
-                self.error = error = raised
-            if on_end is not None:
-                on_end()
-            end_of_wait = self._loop.wait_for_reload()
-            if end_of_wait is not None:
-                if error is not None:
-                    raise error
-                return end_of_wait
 
     def step(self) -> Status:
         """Tick the tree once, without waiting, and return its status.
@@ -414,36 +395,31 @@ class Run:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._close(kind, error, trace)
+        if error is None and self.closing_errors:
+            raise self._join_closing_errors()
+
+    def _close(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Halt the trees and close the providers, whose errors are then the `closing_errors`.
+
+        Raises:
+            NodeExecutionError: A leaf raised an exception when it was halted.
+        """
         if error is not None and error is not self.error:
             self.report.end_reason = "interrupted"
         elif self.end_reason is None:
             self.report.end_reason = "done"
         was_interrupted = self.end_reason == "interrupted"
         self._has_exited = True
-        halt_error: NodeExecutionError | None = None
         try:
             self._stack.__exit__(kind, error, trace)
-        except NodeExecutionError as raised:
-            halt_error = raised  # a leaf raised when it was halted
         except (KeyboardInterrupt, SystemExit):  # as `EndingSignals` raises them
             if was_interrupted or not self._signals.number:
                 raise
             # The first signal of the run has ended the waits of the providers.
             self.report.end_reason = "interrupted"
-        if self.closing_errors:
-            self.handle_closing_errors(error or halt_error)
-        if halt_error is not None:
-            raise halt_error
-
-    def handle_closing_errors(self, error: BaseException | None) -> None:
-        """Raise the `closing_errors` as one, unless *error* ends the run.
-
-        Raises:
-            OutputError: All errors are about outputs, which are incomplete.
-            ProviderError: Another error.
-        """
-        if error is None:
-            raise self._join_closing_errors()
 
     @property
     def closing_errors(self) -> list[BtcoreError]:
@@ -451,6 +427,7 @@ class Run:
         return self._providers.errors
 
     def _join_closing_errors(self) -> BtcoreError:
+        """Return an `OutputError` if all errors are about incomplete outputs, otherwise another error."""
         if len(self.closing_errors) == 1:
             return self.closing_errors[0]
         text = "; ".join(map(str, self.closing_errors))

@@ -10,12 +10,13 @@ from collections.abc import Callable, Sequence
 from typing import Final, Literal
 
 from btcore.clock import NS_PER_S, POLL_INTERVAL_S, Clock
-from btcore.errors import EndOfTimeError
+from btcore.errors import EndOfTimeError, NodeExecutionError
 from btcore.runs.settings import RunSettings
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
+OnEnd = Callable[[NodeExecutionError | None], None]
 _POLL_INTERVAL_NS: Final = round(POLL_INTERVAL_S * NS_PER_S)
 
 LoopEnd = Literal["done", "duration", "end_of_time", "interrupted"]
@@ -39,7 +40,7 @@ def _join_statuses(trees: Sequence[Tree]) -> Status:
 class TickLoop:
     """The tick loop of a run: its trees, and the time and the result of their ticks.
 
-    Call `start`, and then `run`; another call of `run` continues, such as after `wait_for_reload`.
+    Call `start`, and then `run`.
 
     Args:
         settings: The rate, the duration, and whether time passes as fast as possible.
@@ -59,6 +60,7 @@ class TickLoop:
         self._end_statuses: tuple[Status, ...] = ()
         self._on_tick: Callable[[Status], None] | None = None
         self._reload: Callable[[], bool] | None = None
+        self._on_end: OnEnd | None = None
         self._running: list[Tree] = []
         self._wake_event = threading.Event()
         self._is_stopping = False
@@ -73,13 +75,16 @@ class TickLoop:
         until: Until,
         on_tick: Callable[[Status], None] | None = None,
         reload: Callable[[], bool] | None = None,
+        on_end: OnEnd | None = None,
     ) -> None:
         """Begin the time of the loop; all trees are ticked, also those that have ended before.
 
         Args:
             until: The result that ends a tree; the loop ends when all trees have ended.
             on_tick: Called with the status after every tick.
-            reload: Called between ticks; it may replace the first tree, and returns whether it did.
+            reload: Called between ticks; it may replace the first tree, and returns whether it did. After the
+                end of all trees, also by an exception of a leaf, the loop waits until it does.
+            on_end: Called before this wait, with the exception or None.
         """
         self._start_ns = self.clock.now()
         duration = self._settings.duration
@@ -87,6 +92,7 @@ class TickLoop:
         self._end_statuses = _STATUSES_THAT_END[until]
         self._on_tick = on_tick
         self._reload = reload
+        self._on_end = on_end
         self._running = self.trees
         self._is_stopping = False
         self.status = IDLE
@@ -108,8 +114,29 @@ class TickLoop:
         """Tick until the loop ends, and return the reason.
 
         Raises:
-            NodeExecutionError: A leaf raised an exception.
+            NodeExecutionError: A leaf raised an exception, and no other tree has replaced its tree.
         """
+        while True:
+            error: NodeExecutionError | None = None
+            try:
+                end = self._tick_to_end()
+            except NodeExecutionError as raised:
+                if self._reload is None:
+                    raise
+                error = raised
+            else:
+                if end != "done" or self._reload is None:
+                    return end
+            if self._on_end is not None:
+                self._on_end(error)
+            end_of_wait = self._wait_for_reload()
+            if end_of_wait is not None:
+                if error is not None:
+                    raise error
+                return end_of_wait
+
+    def _tick_to_end(self) -> LoopEnd:
+        """Tick until all trees have ended, or the loop ends, and return the reason."""
         reason = self._wait_for_end_of_pause()
         if reason is not None:
             return reason
@@ -182,7 +209,7 @@ class TickLoop:
             self.trees[0].context.wait_real_time(POLL_INTERVAL_S)
         return None
 
-    def wait_for_reload(self) -> LoopEnd | None:
+    def _wait_for_reload(self) -> LoopEnd | None:
         """Wait without ticking until a reload, and return None; or the reason why the loop ends before.
 
         In real time the clock, and a simulator that owns the clock, keep running. In simulated time nothing
