@@ -29,13 +29,13 @@ and a `PoseNavigator`:
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from btcore.clock import Clock
 from btcore.errors import ProviderError
 from btcore.options import required_option_names
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.providers import Provider, fits, full_name
+from btcore.runs.providers import Provider, TypeRef, fits, full_name
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.suggestions import join_names, with_article
 
@@ -79,11 +79,11 @@ class Choice(NamedTuple):
 
 
 def choose(
-    required: Sequence[Any],
+    required: Sequence[TypeRef],
     available: AvailableProviders,
     settings: GivenSettings,
     provided: Sequence[object] = (),
-    optional: Sequence[Any] = (),
+    optional: Sequence[TypeRef] = (),
 ) -> Choice:
     """Return the providers of a run.
 
@@ -115,13 +115,9 @@ def choose(
 class _Request(NamedTuple):
     """A needed type, and the providers that lead to it from a leaf or from a side-effect provider."""
 
-    type: Any
+    type: TypeRef
     is_optional: bool
     chain: tuple[Provider, ...] = ()
-
-    @property
-    def type_name(self) -> str:
-        return full_name(self.type)
 
     def __str__(self) -> str:
         return f"{_join(self.chain) or 'a leaf'} needs {_with_article(self.type)}"
@@ -143,7 +139,7 @@ class _Candidates(NamedTuple):
     provided: Sequence[object]
     rejected: Mapping[Provider, str]
 
-    def find_object(self, needed_type: Any) -> object:
+    def find_object(self, needed_type: TypeRef) -> object:
         """Return the object of the program for a type, or None."""
         fitting = [provided for provided in self.provided if fits(provided, needed_type)]
         if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
@@ -157,7 +153,7 @@ class _Candidates(NamedTuple):
         """Return the candidates for a type."""
         obstacles = {
             provider: self._find_obstacle(provider, request.chain)
-            for provider in self.available.of_type(request.type_name)
+            for provider in self.available.of_type(full_name(request.type))
         }
         candidates = [provider for provider, obstacle in obstacles.items() if not obstacle]
         problem = "" if candidates else self._describe_problem(request, obstacles)
@@ -181,7 +177,7 @@ class _Candidates(NamedTuple):
         return ""
 
     def _describe_problem(self, request: _Request, obstacles: Mapping[Provider, str]) -> str:
-        name, title = request.type_name, _title(request.type)
+        name, title = full_name(request.type), _title(request.type)
         reasons = [f"{provider} {obstacle}" for provider, obstacle in obstacles.items()]
         reasons += (
             f"{provider} provides {other}, and not {name}: the file of the class was loaded twice"
@@ -225,7 +221,7 @@ class _Attempt:
             # then preferred for the other types.
             found = min(self._pending, key=lambda each: (each.request.is_optional, len(each.candidates) > 1))
             self._pending.remove(found)
-            if found.request.type_name not in (*self._providers, *self._objects):
+            if full_name(found.request.type) not in (*self._providers, *self._objects):
                 rejected = self._assign_type(found)
                 if rejected:
                     return rejected
@@ -234,7 +230,7 @@ class _Attempt:
     def _assign_type(self, found: _Found) -> dict[Provider, str]:
         """Assign a provider or an object of the program; return the providers that are rejected by this."""
         request, candidates, problem = found
-        name, title = request.type_name, _title(request.type)
+        name, title = full_name(request.type), _title(request.type)
         own = self._candidates.find_object(request.type)
         if own is not None:
             self._objects[name] = own
@@ -335,13 +331,11 @@ def _make_requests(provider: Provider, chain: tuple[Provider, ...]) -> list[_Req
     return [_Request(need.type, need.is_optional, (*chain, provider)) for need in needs]
 
 
-def _title(needed_type: Any) -> str:
-    if isinstance(needed_type, str):
-        return needed_type.rpartition(".")[2]
-    return str(getattr(needed_type, "__name__", needed_type))
+def _title(needed_type: TypeRef) -> str:
+    return full_name(needed_type).rpartition(".")[2]
 
 
-def _with_article(needed_type: Any) -> str:
+def _with_article(needed_type: TypeRef) -> str:
     return with_article(_title(needed_type))
 
 

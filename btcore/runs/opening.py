@@ -8,7 +8,6 @@ import inspect
 from collections.abc import Iterator, Mapping, Sequence
 from traceback import walk_tb
 from types import TracebackType
-from typing import Any
 
 from btcore.clock import Clock, SimClock, SystemClock, is_clock
 from btcore.entry_points import names_by_remedy
@@ -16,7 +15,7 @@ from btcore.errors import BtcoreError, ProviderError
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, choose, find_unused_settings
-from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, Report, fits, full_name, is_settings
+from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, Report, TypeRef, fits, full_name, is_settings
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.tree.tree import Tree
 
@@ -119,7 +118,7 @@ class RunProviders:
         self._settings = settings
         self._provided = provided
         self._clock = clock
-        self._types: Sequence[Any] = ()
+        self._types: Sequence[TypeRef] = ()
         self._opened: dict[Provider, OpenedProvider] = {}
         self.choice = Choice()
         self.report = report
@@ -127,15 +126,17 @@ class RunProviders:
         self.resources = Resources()
         self.resources.remedy = "the run does not provide it"
 
-    def choose(self, leaf_types: Sequence[Any], wanted: Sequence[Any], optional: Sequence[Any]) -> None:
+    def choose(
+        self, needed: Sequence[TypeRef], wanted: Sequence[TypeRef], optional: Sequence[TypeRef]
+    ) -> None:
         """Choose the providers.
 
         Args:
-            leaf_types: The types that the leaves need.
+            needed: The types that the leaves need.
             wanted: The types that the program wants, and without which the run cannot begin.
             optional: The types that the program wants if they are provided.
         """
-        required = [*leaf_types, *wanted]
+        required = [*needed, *wanted]
         self._types = [*required, *optional]
         self.choice = choose(required, self._available, self._settings, self._provided, optional)
         for name in map(full_name, wanted):
@@ -177,7 +178,7 @@ class RunProviders:
         opened.open(self._collect_arguments(provider))
         return opened.objects
 
-    def find(self, type: Any) -> object:
+    def find(self, type: TypeRef) -> object:
         """Return the object of a type: the chosen object, else the first among the resources; or None."""
         chosen = self._find_chosen(full_name(type))
         if chosen is not None:
@@ -236,10 +237,10 @@ class RunProviders:
         """Return the settings that were given, but that no used provider takes, with the reasons."""
         return find_unused_settings(self.choice, self._available, self._settings)
 
-    def explain_missing(self, leaf_types: Sequence[Any]) -> Iterator[str]:
+    def explain_missing(self, needed: Sequence[TypeRef]) -> Iterator[str]:
         """Yield why objects are missing that the leaves need."""
         unknown = []
-        for type in leaf_types:
+        for type in needed:
             name = full_name(type)
             provider, problem = self.choice.providers.get(name), self.choice.problems.get(name)
             if provider is not None and self.choice.opens_after_tree(provider):

@@ -27,7 +27,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType, NoneType, UnionType
-from typing import Any, Final, Literal, NamedTuple, Union, get_args, get_origin, overload
+from typing import Any, Final, Literal, NamedTuple, TypeGuard, Union, get_args, get_origin, overload
 
 from btcore.clock import Clock
 from btcore.errors import ProviderError
@@ -41,6 +41,9 @@ from btcore.tree.tree import Tree
 _GENERAL_MODULES: Final = ("builtins", "typing", "abc", "typing_extensions")
 """Modules whose classes are no types of resources, although they are base classes of them."""
 
+
+TypeRef = type | str
+"""A class or protocol whose objects are provided or needed, or its full name, if it is not imported."""
 
 EndReason = Literal[LoopEnd, "raised"]
 """Why a run ended: as its loop ended ("interrupted" also stands for an exception of the program), or because
@@ -105,7 +108,7 @@ class Need(NamedTuple):
     """
 
     parameter: str
-    type: Any
+    type: TypeRef
     is_optional: bool
 
     @property
@@ -160,7 +163,7 @@ class Provider:
             raise ProviderError(f"the annotations of the provider {self} cannot be read: {error}") from error
 
     @cached_property
-    def types(self) -> tuple[Any, ...]:
+    def types(self) -> tuple[TypeRef, ...]:
         """The provided types of each object: those that were passed, then that of the annotation."""
         if "return" not in self._hints:
             raise ProviderError(f"the provider {self} has no return annotation: write -> Iterator[Gripper]")
@@ -280,12 +283,12 @@ def _without_none(annotation: Any) -> tuple[Any, bool]:
     return annotation, False
 
 
-def is_settings(annotation: Any) -> bool:
+def is_settings(annotation: Any) -> TypeGuard[type[Settings]]:
     """Return whether *annotation* is a class of settings."""
     return isinstance(annotation, type) and issubclass(annotation, Settings)
 
 
-def full_name(type: Any) -> str:
+def full_name(type: TypeRef) -> str:
     """Return the module and the qualified name of a type.
 
     An annotation may name a class that is imported under TYPE_CHECKING alone; its place is taken by an empty
@@ -296,17 +299,18 @@ def full_name(type: Any) -> str:
     return f"{getattr(type, '__module__', '?')}.{getattr(type, '__qualname__', type)}"
 
 
-def fits(resource: object, needed: Any) -> bool:
+def fits(resource: object, needed: TypeRef) -> bool:
     """Return whether an object is of a type, see `full_name`, or satisfies it as a protocol."""
     if any(full_name(base) == full_name(needed) for base in type(resource).__mro__):
         return True
     try:
-        return isinstance(resource, needed) and bool(getattr(needed, "_is_protocol", False))
+        # `isinstance` raises a TypeError for a full name, and for a protocol that is not checked at run time.
+        return isinstance(resource, needed) and getattr(needed, "_is_protocol", False)  # type: ignore[arg-type]
     except TypeError:
         return False
 
 
-def _names_with_bases(type: Any) -> Iterator[str]:
+def _names_with_bases(type: TypeRef) -> Iterator[str]:
     for base in getattr(type, "__mro__", (type,)):
         if getattr(base, "__module__", None) not in _GENERAL_MODULES:
             yield full_name(base)

@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from itertools import chain
 from os import PathLike
 from types import TracebackType
-from typing import Any, Self, TypeVar, Unpack
+from typing import Self, TypeVar, Unpack
 
 from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
@@ -19,7 +19,7 @@ from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
-from btcore.runs.providers import EndReason, Provider, Report
+from btcore.runs.providers import EndReason, Provider, Report, TypeRef
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.runs.tick_loop import TickLoop, Until
 from btcore.signals import EndingSignals
@@ -151,8 +151,8 @@ class Run:
         self._load_arguments = arguments
         plans = [planned for planned in self._sources if isinstance(planned, Plans)]
         self._leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
-        self._wanted_types: list[Any] = []
-        self._optional_types: list[Any] = []
+        self._wanted_types: list[TypeRef] = []
+        self._optional_types: list[TypeRef] = []
         self._prepare = prepare
         # `GivenSettings` come from the options of a command, whose values click has checked.
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
@@ -171,7 +171,7 @@ class Run:
 
     # --- opening
 
-    def want(self, *types: Any, optional: bool = False) -> Self:
+    def want(self, *types: TypeRef, optional: bool = False) -> Self:
         """Let the run provide *types*, too; see `find`. Call it before the entry.
 
         Args:
@@ -186,7 +186,7 @@ class Run:
 
     def find(self, type: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
         """Return the object of a type among the resources, or None."""
-        return self._providers.find(type)  # type: ignore[return-value]
+        return self._providers.find(type)  # type: ignore[arg-type, return-value]
 
     def __enter__(self) -> Self:
         try:
