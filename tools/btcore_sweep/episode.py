@@ -80,7 +80,7 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
 
 
 def _run(command: Sequence[str]) -> Result:
-    with parse_run(command, _installed()) as session:
+    with parse_run(command, _installed) as session:
         finder = FailureCauseFinder()
         has_begun = False
 
