@@ -4,9 +4,13 @@ A command of class `ProviderCommand` has the options of all providers. `CommandR
 types that the program wants, such as a robot, and advances the time of the robot's world until the program
 ends:
 
-    program = TreelessProgram("Patrol")
-    with CommandRun(ctx, program, prepare).want(Robot) as run:
-        run.tick_to_end()
+    @click.command("patrol", cls=ProviderCommand)
+    @click.pass_context
+    def patrol(ctx: click.Context, /, settings: GivenSettings) -> int:
+        program = TreelessProgram("Patrol")
+        with CommandRun(ctx, program, settings, prepare).want(Robot) as run:
+            run.tick_to_end()
+        return run.exit_code
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,19 +19,20 @@ import click
 from rich.text import Text
 
 from btcore.cli import terminal
-from btcore.cli.command_run import CommandRun, given_settings
+from btcore.cli.command_run import CommandRun
 from btcore.cli.node_libraries import load_libraries
 from btcore.cli.provider_command import ProviderCommand, command_providers
 from btcore.cli.run_report import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
 from btcore.registry.registry import Registry
 from btcore.runs.run import Run, TreelessProgram
+from btcore.runs.settings import GivenSettings
 
 __all__ = [
     "CommandRun",
+    "GivenSettings",
     "ProviderCommand",
     "TreelessProgram",
-    "given_settings",
     "load_nodes",
     "print_json",
     "print_result",

@@ -2,18 +2,21 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeGuard
 
 import click
+from click.core import ParameterSource
 
 from btcore import entry_points
-from btcore.errors import ProviderError
+from btcore.cli import terminal
+from btcore.errors import ProviderError, SettingsError
 from btcore.field_options import FieldOption, create_options
-from btcore.options import Options
+from btcore.options import Options, from_values, required_option_names
 from btcore.registry.registry import Plugin, import_plugin
 from btcore.runs.available_providers import AvailableProviders, providers_in
 from btcore.runs.providers import Provider
-from btcore.runs.settings import RunSettings, Settings
+from btcore.runs.settings import GivenSettings, RunSettings, Settings
+from btcore.suggestions import join_names
 
 _META_KEY: Final = "btcore.cli.provider_command"
 
@@ -104,8 +107,59 @@ def _create_unclashing_options(
     return options
 
 
+def given_options(ctx: click.Context) -> list[FieldOption]:
+    """Return the options of settings that were given to a command of class `ProviderCommand`."""
+    not_given = (None, ParameterSource.DEFAULT)
+    return [
+        option
+        for option in ctx.command.get_params(ctx)
+        if _is_of_settings(option) and ctx.get_parameter_source(option.name) not in not_given
+    ]
+
+
+def given_settings(ctx: click.Context) -> GivenSettings:
+    """Return the settings of which an option was given to a command of class `ProviderCommand`.
+
+    Settings that lack a required option are left out, with a warning.
+
+    Raises:
+        click.UsageError: The settings of a class cannot be used together.
+    """
+    options = given_options(ctx)
+    given = GivenSettings()
+    for struct in dict.fromkeys(option.struct for option in options):
+        try:
+            settings = from_values(struct, ctx.params)
+        except SettingsError as error:
+            raise click.UsageError(str(error)) from error
+        if isinstance(settings, Settings):
+            given[type(settings)] = settings
+        else:
+            needed = join_names(required_option_names(struct))
+            names = join_names([option.opts[0] for option in options if option.struct is struct])
+            terminal.print_warning(f"{names}: no effect without {needed}")
+    return given
+
+
+def _is_of_settings(option: click.Parameter) -> TypeGuard[FieldOption]:
+    return isinstance(option, FieldOption) and issubclass(option.struct, Settings)
+
+
 class ProviderCommand(click.Command):
-    """A command that also has the options of providers."""
+    """A command that also has the options of providers.
+
+    Its function gets the parameter *settings*, the `GivenSettings`, in place of the options of `Settings`.
+    """
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Call the function of the command, and return its result."""
+        assert self.callback is not None, "a command has a function"
+        values = {
+            option.name: ctx.params[option.name]
+            for option in self.params
+            if option.name in ctx.params and not _is_of_settings(option)
+        }
+        return ctx.invoke(self.callback, settings=given_settings(ctx), **values)
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the command's options, those of providers, and `--help`."""
@@ -122,7 +176,9 @@ class ProviderCommand(click.Command):
         Returns:
             The arguments that remain.
         """
-        attach_providers(ctx, self.params, args, has_all_options=ctx.resilient_parsing)
+        # The command may give options of providers other defaults.
+        has_all_options = ctx.resilient_parsing or bool(ctx.default_map)
+        attach_providers(ctx, self.params, args, has_all_options)
         with explain_missing_options(ctx):
             return super().parse_args(ctx, args)
 

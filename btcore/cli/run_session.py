@@ -155,7 +155,7 @@ class RunSession:
 
 def create_session(
     ctx: click.Context,
-    tree_name: str,
+    source: str,
     options: RunOptions,
     settings: GivenSettings,
     installed: Callable[[], NodeLibraries] | None = None,
@@ -164,14 +164,14 @@ def create_session(
 
     Args:
         ctx: The context of the command, with its providers and plugins.
-        tree_name: The tree, as the user named it.
+        source: The tree, as the user named it.
         options: The options of the command itself.
         settings: The settings of the run and of providers.
         installed: Returns the installed nodes, for a process that loads them once for many runs. They are
             not changed. With plugins, further nodes are loaded only if the tree uses them.
     """
     changes = TreeChanges(options.outcomes, options.substitute, options.set)
-    path = find_source(tree_name)
+    path = find_source(source)
     if options.watch and path == STDIN:
         raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
     # The watcher looks at the files before they are read: a save in between is not missed.
@@ -191,7 +191,7 @@ def create_session(
         changes.apply_to(run.tree, plans)
 
     command_run = CommandRun(
-        ctx, plans, prepare, settings=settings, provided=changes.provided, tick_limit=options.tick_limit
+        ctx, plans, settings, prepare, provided=changes.provided, tick_limit=options.tick_limit
     )
     return RunSession(command_run, tree_source, plans, options.until, file_watcher)
 

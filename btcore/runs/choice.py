@@ -5,14 +5,13 @@ A side-effect provider is used if one of its settings was given. The needed type
 other. The candidates for a type are its providers whose required options were given, and whose own needs can
 be provided. Of several candidates, the first of these criteria decides:
 
-1. A required option of the provider was given.
+1. The provider takes the most of the given settings with a required option: with `--bag FILE --ros2 tiago`,
+   `bag_robot`, which takes both options, not `ros_robot`, and not `simulator`, which requires no option.
 2. The provider is used for another type anyway.
 3. The provider is the user's, not an installed one.
 4. The provider needs other objects, and only such as are used anyway: if leaves explore, they also navigate
    by `exploring_navigator`, which needs the `exploration`.
 5. The provider is not a default.
-6. The provider takes all settings that its equals require: with `--bag FILE --ros2 tiago`, `bag_robot`, which
-   takes both options, not `ros_robot`.
 
 The other candidates are rejected. They are used for no other type either, and neither is a provider that
 needs what only they provide: the map of a simulated world does not fit another robot. Since they, or such a
@@ -261,21 +260,19 @@ class _Attempt:
     def _select_best(self, request: _Request, candidates: Sequence[Provider]) -> Provider:
         ranks = {provider: self._rank(provider) for provider in candidates}
         best = [provider for provider in candidates if ranks[provider] == max(ranks.values())]
-        # Criterion 6 of the docstring of the module.
-        required = {settings for provider in best for settings in provider.required_settings}
-        wider = [provider for provider in best if required <= provider.settings.keys()]
-        if len(wider) != 1:
+        if len(best) != 1:
             raise ProviderError(
                 f"{len(best)} providers provide {_with_article(request.type)}: "
                 f"{join_names(map(repr, best))}; {request}. Choose one by an option, or pass the object"
             )
-        return wider[0]
+        return best[0]
 
-    def _rank(self, provider: Provider) -> tuple[bool, ...]:
-        """Return whether criteria 1 to 5 of the docstring of the module hold; the greatest rank is best."""
+    def _rank(self, provider: Provider) -> tuple[int, ...]:
+        """Return the criteria of the docstring of the module; the greatest rank is best."""
+        given = provider.settings.keys() & self._candidates.settings.keys()
         needed = [self._available.of_type(need.type_name) for need in provider.object_needs]
         return (
-            bool(provider.required_settings),  # all are given, as the provider is a candidate
+            sum(bool(required_option_names(settings)) for settings in given),
             provider in self._used,
             provider in self._available.of_user,
             bool(needed) and all(any(other in self._used for other in of_type) for of_type in needed),

@@ -17,7 +17,7 @@ from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, choose, find_unused_settings
 from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, Report, fits, full_name, is_settings
-from btcore.runs.settings import GivenSettings, Settings
+from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.tree.tree import Tree
 
 
@@ -211,7 +211,7 @@ class RunProviders:
                 f"the provider {provider} declares a Clock, but provides no object with a clock"
             )
         clock = next((provided for provided in self._provided if is_clock(provided)), None)
-        return clock or (SimClock() if self._settings.run_settings.fast else SystemClock())
+        return clock or (SimClock() if self._settings[RunSettings].fast else SystemClock())
 
     def replace_tree(self, tree: Tree) -> None:
         """Pass *tree* to the providers that need the tree; those that cannot take it are opened again."""

@@ -20,7 +20,7 @@ from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
 from btcore.runs.providers import EndReason, Provider, Report
-from btcore.runs.settings import GivenSettings, Settings
+from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
@@ -156,7 +156,7 @@ class Run:
         self._prepare = prepare
         # Those of a command are checked already.
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
-        self.run_settings = self.settings.run_settings
+        self.run_settings = self.settings[RunSettings]
         self.report = Report()
         self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0

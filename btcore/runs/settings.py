@@ -76,16 +76,15 @@ class GivenSettings(dict[type[Settings], Settings]):
                 raise SettingsError(f"{settings_type.__name__} are given {count} times")
         return cls(map(check_settings, settings))
 
-    def find(self, settings: type[AnySettings]) -> AnySettings | None:
-        """Return the settings of a class; None if a required one was not given."""
-        given = self.get(settings)
-        if given is None and not required_option_names(settings):
-            given = settings()
-        return given  # type: ignore[return-value]
+    def __getitem__(self, settings: type[AnySettings]) -> AnySettings:
+        """Return the settings of a class, given or with their defaults.
 
-    @property
-    def run_settings(self) -> RunSettings:
-        """The `RunSettings`, given or with their defaults."""
-        run_settings = self.find(RunSettings)
-        assert run_settings is not None, "no field is required"
-        return run_settings
+        Raises:
+            TypeError: They have a required option, which was not given.
+        """
+        given = self.get(settings)
+        return settings() if given is None else given  # type: ignore[return-value]
+
+    def find(self, settings: type[AnySettings]) -> AnySettings | None:
+        """Return the settings of a class; None if a required option was not given."""
+        return None if settings not in self and required_option_names(settings) else self[settings]

@@ -10,7 +10,7 @@ import click
 from btcore import Run, RunSettings
 from btcore.escaping import escape_controls
 from btcore.field_options import add_options
-from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, print_json
+from btcore.program_runner import CommandRun, GivenSettings, ProviderCommand, TreelessProgram, print_json
 from btcore_robot.control.keyboard import (
     HELP,
     KeyboardTeleop,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object as the last line of stdout.")
 @click.pass_context
 def drive(
-    ctx: click.Context, /, keys: str | None, map_to: Path | None, as_json: bool, **settings: object
+    ctx: click.Context, /, settings: GivenSettings, keys: str | None, map_to: Path | None, as_json: bool
 ) -> int:
     """Drive the robot: w or ↑ forward, s or ↓ back, a or ← left, d or → right, space stop, x end.
 
@@ -65,7 +65,7 @@ def drive(
             run.resources.extend(mappers)
         program.keep_running = KeyboardTeleop(robot, source).step
 
-    run = CommandRun(ctx, program, prepare).want(Robot)
+    run = CommandRun(ctx, program, settings, prepare).want(Robot)
     if map_to is not None:
         # What puts the map into the frame of a simulated world.
         from btcore_robot.occupancy_map import OccupancyMap

@@ -294,7 +294,7 @@ WITHOUT = {
     "btcore.field_options.FiniteRange": PROGRAM,
     "btcore.program_runner.TreelessProgram": PROGRAM,
     "btcore.program_runner.ProviderCommand": PROGRAM,
-    "btcore.program_runner.given_settings": PROGRAM,
+    "btcore.program_runner.GivenSettings": PROGRAM,
     "btcore.program_runner.load_nodes": PROGRAM,
     "btcore.field_options.pass_options": PROGRAM,
     "btcore.program_runner.print_result": PROGRAM,

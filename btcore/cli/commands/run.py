@@ -2,18 +2,16 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 import click
 
-from btcore.cli.command_run import given_settings
 from btcore.cli.node_libraries import NodeLibraries
-from btcore.cli.provider_command import ProviderCommand
+from btcore.cli.provider_command import ProviderCommand, given_settings
 from btcore.cli.run_session import RunOptions, RunSession, create_session
 from btcore.cli.tree_source import complete_tree
 from btcore.field_options import add_options, pass_options
 from btcore.options import from_values
-from btcore.runs.settings import RunSettings
+from btcore.runs.settings import GivenSettings, RunSettings
 
 
 @click.command(cls=ProviderCommand, short_help="Run a tree until it ends.")
@@ -27,7 +25,9 @@ from btcore.runs.settings import RunSettings
     help="Print the results as a JSON object on the last line of stdout (with --watch, of the last tree).",
 )
 @click.pass_context
-def run(ctx: click.Context, /, source: str, options: RunOptions, as_json: bool, **values: Any) -> int:
+def run(
+    ctx: click.Context, /, source: str, options: RunOptions, settings: GivenSettings, as_json: bool
+) -> int:
     """Run TREE until it ends.
 
     TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore, such as bumpgo. The
@@ -45,8 +45,7 @@ def run(ctx: click.Context, /, source: str, options: RunOptions, as_json: bool, 
       130  interrupted by Ctrl-C
       143  terminated by SIGTERM
     """
-    # The settings have the *values* of the other options: those of every run, and those of providers.
-    session = create_session(ctx, source, options, given_settings(ctx))
+    session = create_session(ctx, source, options, settings)
     session.run_to_end()
     return session.print_results(as_json)
 

@@ -6,14 +6,9 @@ from typing import Annotated
 import click
 
 from btcore import RunSettings, Settings, option
-from btcore.field_options import FiniteRange, add_options, pass_options
-from btcore_robot.book.runner import (
-    BookRunner,
-    OutputSettings,
-    Results,
-    run_components,
-    world_command,
-)
+from btcore.field_options import FiniteRange, add_options
+from btcore.program_runner import GivenSettings
+from btcore_robot.book.runner import BookRunner, Results, run_components, world_command
 from btcore_robot.components.component import ComponentOptions
 from btcore_robot.components.launch import launch_components, read_launch
 from btcore_robot.components.programs import create_components
@@ -36,7 +31,9 @@ def book() -> None:
 @add_options(RunSettings, "duration", "fast")
 @click.option("--params", type=click.Path(path_type=Path), metavar="FILE.yaml", help="ROS 2 parameters.")
 @click.pass_context
-def hello(ctx: click.Context, /, program: str, params: Path | None, **settings: object) -> int:
+def hello(
+    ctx: click.Context, /, program: str, duration: float | None, fast: bool, params: Path | None
+) -> int:
     """Run a program of chapter 2; by default the executor with publisher and subscriber."""
     from btcore_robot.components.parameters import load_component_parameters
 
@@ -48,12 +45,13 @@ def hello(ctx: click.Context, /, program: str, params: Path | None, **settings: 
         runner.add(*create_components(program, runner.context, options))
         return Results()
 
-    return run_components(ctx, "Hello", create, embodied=False)
+    settings = GivenSettings([RunSettings(duration=duration, fast=fast)])
+    return run_components(ctx, settings, "Hello", create, embodied=False)
 
 
 @world_command(book, "launch", "Start the programs of a launch file.")
 @click.argument("file", type=click.Path(path_type=Path))
-def launch(ctx: click.Context, /, file: Path, output: OutputSettings, **settings: object) -> int:
+def launch(ctx: click.Context, /, settings: GivenSettings, file: Path) -> int:
     """Start the programs of FILE, a launch file in ROS 2's YAML format; 'bridge' needs a robot."""
     from btcore_robot.book.topic_graph import draw_graph
 
@@ -67,7 +65,7 @@ def launch(ctx: click.Context, /, file: Path, output: OutputSettings, **settings
         )
 
     is_embodied = any(entry.node.program == "bridge" for entry in entries)
-    return run_components(ctx, "Launched", create, output, embodied=is_embodied)
+    return run_components(ctx, settings, "Launched", create, embodied=is_embodied)
 
 
 @world_command(book, "bumpgo-fsm", "Bump and go by a state machine (chapter 3).")
@@ -78,7 +76,7 @@ def launch(ctx: click.Context, /, file: Path, output: OutputSettings, **settings
     show_default=True,
     help="How to turn: as in the book, or as in its exercises.",
 )
-def bumpgo_fsm(ctx: click.Context, /, turn: str, output: OutputSettings, **settings: object) -> int:
+def bumpgo_fsm(ctx: click.Context, /, settings: GivenSettings, turn: str) -> int:
     """Drive forward, turn away from obstacles nearer than 1 m, and log every change of state."""
     from btcore_robot.book.trail import Trail
     from btcore_robot.control.bumpgo_fsm import BumpGo
@@ -96,12 +94,12 @@ def bumpgo_fsm(ctx: click.Context, /, turn: str, output: OutputSettings, **setti
             lambda: trail.draw(colours, "bump and go: the way by odometry, what the laser saw").image,
         )
 
-    return run_components(ctx, "BumpGo", create, output)
+    return run_components(ctx, settings, "BumpGo", create)
 
 
 @world_command(book, "vff", "Avoidance by a virtual force field (chapter 5.1).")
 @click.option("--all", "all_near", is_flag=True, help="Avoid all near obstacles, not only the nearest.")
-def vff(ctx: click.Context, /, all_near: bool, output: OutputSettings, **settings: object) -> int:
+def vff(ctx: click.Context, /, settings: GivenSettings, all_near: bool) -> int:
     """Drive forward and avoid obstacles by a virtual force field."""
     from btcore_robot.book.force_watcher import ForceWatcher
     from btcore_robot.control.vff import Avoidance
@@ -114,7 +112,7 @@ def vff(ctx: click.Context, /, all_near: bool, output: OutputSettings, **setting
         runner.add(*create_components("bridge", runner.context), component, watcher)
         return Results(watcher.results, watcher.draw, [watcher])
 
-    return run_components(ctx, "AvoidanceVff", create, output)
+    return run_components(ctx, settings, "AvoidanceVff", create)
 
 
 class DetectorSettings(Settings):
@@ -127,49 +125,45 @@ class DetectorSettings(Settings):
     frames: Annotated[bool, option("Log its position in three frames.")] = False
 
 
-def _obstacle(
-    ctx: click.Context, detector: str, name: str, settings: DetectorSettings, output: OutputSettings
-) -> int:
+def _obstacle(ctx: click.Context, settings: GivenSettings, program: str, name: str) -> int:
     from btcore_robot.book.obstacle_watcher import ObstacleWatcher
 
+    detector = settings[DetectorSettings]
+
     def create(runner: BookRunner) -> Results:
-        parameters = {"colour_by_distance": settings.colour_by_distance}
-        components = create_components(detector, runner.context, ComponentOptions(remap=_DRIVEN))
+        parameters = {"colour_by_distance": detector.colour_by_distance}
+        components = create_components(program, runner.context, ComponentOptions(remap=_DRIVEN))
         components += create_components(
             "obstacle_monitor", runner.context, ComponentOptions(parameters=parameters)
         )
-        if settings.displacement:
+        if detector.displacement:
             components += create_components("displacement", runner.context)
-        if settings.frames:
+        if detector.frames:
             components += create_components("obstacle_in_frames", runner.context)
-        watcher = ObstacleWatcher(runner.context, settings.drive, settings.turn)
+        watcher = ObstacleWatcher(runner.context, detector.drive, detector.turn)
         runner.add(*create_components("bridge", runner.context), *components, watcher)
         return Results(watcher.results, watcher.draw, [watcher])
 
-    return run_components(ctx, name, create, output)
+    return run_components(ctx, settings, name, create)
 
 
-_DETECTOR_OPTIONS = [pass_options(DetectorSettings, "detector")]
+_DETECTOR_OPTIONS = [add_options(DetectorSettings)]
 
 
 @world_command(
     book, "obstacle-detector", "An obstacle as a frame below the laser (chapter 4).", _DETECTOR_OPTIONS
 )
-def obstacle_detector(
-    ctx: click.Context, /, detector: DetectorSettings, output: OutputSettings, **settings: object
-) -> int:
+def obstacle_detector(ctx: click.Context, /, settings: GivenSettings) -> int:
     """Publish the obstacle ahead as a static frame below the laser's frame, which moves with the robot."""
-    return _obstacle(ctx, "obstacle_detector", "ObstacleDetector", detector, output)
+    return _obstacle(ctx, settings, "obstacle_detector", "ObstacleDetector")
 
 
 @world_command(
     book, "obstacle-detector-improved", "An obstacle as a frame below odom (chapter 4).", _DETECTOR_OPTIONS
 )
-def obstacle_detector_improved(
-    ctx: click.Context, /, detector: DetectorSettings, output: OutputSettings, **settings: object
-) -> int:
+def obstacle_detector_improved(ctx: click.Context, /, settings: GivenSettings) -> int:
     """Publish the obstacle ahead as a frame below odom, which stays in place when the robot drives."""
-    return _obstacle(ctx, "obstacle_detector_improved", "ObstacleDetectorImproved", detector, output)
+    return _obstacle(ctx, settings, "obstacle_detector_improved", "ObstacleDetectorImproved")
 
 
 @world_command(book, "colour", "Objects by their colour (chapter 5.2).")
@@ -184,14 +178,7 @@ def obstacle_detector_improved(
 @click.option("--pan", type=FiniteRange(), default=0.0, metavar="RAD", help="Pan of the head, + is left.")
 @click.option("--tilt", type=FiniteRange(), default=0.0, metavar="RAD", help="Tilt of the head, + is up.")
 def colour(
-    ctx: click.Context,
-    /,
-    hsv: str,
-    each: bool,
-    pan: float,
-    tilt: float,
-    output: OutputSettings,
-    **settings: object,
+    ctx: click.Context, /, settings: GivenSettings, hsv: str, each: bool, pan: float, tilt: float
 ) -> int:
     """Detect objects of a colour in the camera images and log where they are."""
     from btcore_robot.book.colour_watcher import ColourWatcher, parse_hsv_ranges
@@ -209,15 +196,13 @@ def colour(
         runner.robot.move_head(pan, tilt)
         return Results(watcher.results, watcher.draw, [watcher])
 
-    return run_components(ctx, "ColourDetection", create, output)
+    return run_components(ctx, settings, "ColourDetection", create)
 
 
 @world_command(book, "head-tracking", "The head follows a colour, by PID (chapter 5.2).")
 @click.option("--turn", type=FiniteRange(), default=0.0, metavar="RAD/S", help="Turn the base meanwhile.")
 @click.option("--reactive", is_flag=True, help="Use higher gains and 20 Hz, as in the book's exercise.")
-def head_tracking(
-    ctx: click.Context, /, turn: float, reactive: bool, output: OutputSettings, **settings: object
-) -> int:
+def head_tracking(ctx: click.Context, /, settings: GivenSettings, turn: float, reactive: bool) -> int:
     """Turn the head towards objects of the colour of wooden furniture."""
     from btcore_robot.book.head_watcher import HeadWatcher
 
@@ -226,4 +211,4 @@ def head_tracking(
         runner.add(watcher)
         return Results(watcher.results, watcher.draw, [watcher])
 
-    return run_components(ctx, "HeadTracking", create, output)
+    return run_components(ctx, settings, "HeadTracking", create)

@@ -11,9 +11,15 @@ from numpy.typing import NDArray
 from btcore import Run, RunSettings, Settings, option
 from btcore.errors import SettingsError
 from btcore.escaping import escape_controls
-from btcore.field_options import add_options, pass_options
-from btcore.options import from_values
-from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, print_json, print_result
+from btcore.field_options import add_options
+from btcore.program_runner import (
+    CommandRun,
+    GivenSettings,
+    ProviderCommand,
+    TreelessProgram,
+    print_json,
+    print_result,
+)
 from btcore_robot.book.top_view import is_image_format_supported, save_picture
 from btcore_robot.components.component import Component, ComponentContext, Executor, LogMessage
 from btcore_robot.robot import Phase, Robot
@@ -44,7 +50,7 @@ class OutputSettings(Settings):
 
 _WORLD_OPTIONS: Sequence[Callable[[Any], Any]] = (
     add_options(RunSettings, "duration", "seed", "fast"),
-    pass_options(OutputSettings, "output"),
+    add_options(OutputSettings),
 )
 
 
@@ -52,8 +58,6 @@ def world_command(
     group: click.Group, name: str, help_line: str, options: Sequence[Callable[[Any], Any]] = ()
 ) -> Callable[[Callable[..., int]], click.Command]:
     """Return a decorator that adds a function to a group, as a command that runs in a robot's world.
-
-    The function gets its `OutputSettings` as the parameter `output`.
 
     Args:
         group: The group to which the command is added.
@@ -118,9 +122,9 @@ class BookRunner:
 
 def run_components(
     ctx: click.Context,
+    settings: GivenSettings,
     name: str,
     create: Callable[[BookRunner], Results],
-    output: OutputSettings | None = None,
     *,
     embodied: bool = True,
 ) -> int:
@@ -128,9 +132,9 @@ def run_components(
 
     Args:
         ctx: The context of the command.
+        settings: The settings of the command, `OutputSettings` among them.
         name: The name of the run.
         create: Adds the components to the run, and returns how to obtain their results.
-        output: The outputs.
         embodied: Whether the run needs a robot.
 
     Returns:
@@ -139,12 +143,11 @@ def run_components(
     Raises:
         SettingsError: The picture cannot be written.
     """
-    output = output or OutputSettings()
+    output = settings[OutputSettings]
     log_sink = (lambda line: None) if output.quiet else _print
     clock: RealTimeSchedule | SimulatedSchedule | None = None
     if not embodied:
-        settings = from_values(RunSettings, ctx.params) or RunSettings()
-        clock = SimulatedSchedule() if settings.fast else RealTimeSchedule()
+        clock = SimulatedSchedule() if settings[RunSettings].fast else RealTimeSchedule()
     results = Results()
 
     def prepare(run: Run) -> None:
@@ -158,7 +161,7 @@ def run_components(
         results = create(BookRunner(context))
         run.resources.extend(results.shown)
 
-    run = CommandRun(ctx, TreelessProgram(name), prepare, clock=clock)
+    run = CommandRun(ctx, TreelessProgram(name), settings, prepare, clock=clock)
     with run.want(*([Robot] if embodied else [])):
         run.tick_to_end()
         report = dict(results.report())

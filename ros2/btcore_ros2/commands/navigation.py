@@ -3,8 +3,14 @@
 import click
 
 from btcore import RunSettings
-from btcore.field_options import add_options, pass_options
-from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, print_result
+from btcore.field_options import add_options
+from btcore.program_runner import (
+    CommandRun,
+    GivenSettings,
+    ProviderCommand,
+    TreelessProgram,
+    print_result,
+)
 from btcore_robot.robot import Phase
 from btcore_ros2.commands.sim import SPARE_BOXES
 from btcore_ros2.providers import RosRobotSettings, RosSettings, open_session
@@ -19,28 +25,20 @@ from btcore_ros2.session import DRAIN_RATE, RosSession
     "such as bt_navigator or btcore ros2 navigator.",
 )
 @add_options(RunSettings, "duration", "seed")
-@pass_options(RosRobotSettings, "ros_robot")
-@pass_options(RosSettings, "ros")
+@add_options(RosSettings)
 @click.pass_context
-def navigation(
-    ctx: click.Context,
-    /,
-    ros: RosSettings,
-    ros_robot: RosRobotSettings | None,
-    without_navigators: bool,
-    **settings: object,
-) -> int:
+def navigation(ctx: click.Context, /, settings: GivenSettings, without_navigators: bool) -> int:
     """Offer btcore's navigation as Nav2's actions, services and topics, so that other trees can use it.
 
     The robot is that of --ros2 on the map of --map, or the simulated robot in --world. --nav-params reads
     parameters from a file of Nav2. Ctrl-C ends the navigation, and so does a client that shuts down its
     lifecycle nodes.
     """
-    with open_session(ros, ros_robot, "navigation") as session:
-        return _run(ctx, session, navigates=not without_navigators)
+    with open_session(settings[RosSettings], settings.find(RosRobotSettings), "navigation") as session:
+        return _run(ctx, session, settings, navigates=not without_navigators)
 
 
-def _run(ctx: click.Context, session: RosSession, *, navigates: bool) -> int:
+def _run(ctx: click.Context, session: RosSession, settings: GivenSettings, *, navigates: bool) -> int:
     from btcore_navigation.stack import Navigation
     from btcore_ros2.nav2.navigation_topics import NavigationTopics
     from btcore_ros2.nav2.served_navigation import ServedNavigation
@@ -49,7 +47,7 @@ def _run(ctx: click.Context, session: RosSession, *, navigates: bool) -> int:
     program = TreelessProgram("Navigation")
     # With spare boxes the simulated robot has the events of btcore ros2 sim.
     provided = [session, SpareBoxes(SPARE_BOXES)]
-    with CommandRun(ctx, program, provided=provided, used=[RosSettings]).want(Navigation) as run:
+    with CommandRun(ctx, program, settings, provided=provided).want(Navigation) as run:
         stack = run.find(Navigation)
         assert stack is not None
         robot = stack.robot

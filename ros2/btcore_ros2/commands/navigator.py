@@ -8,8 +8,8 @@ import click
 
 from btcore import Run
 from btcore.clock import NS_PER_S
-from btcore.field_options import FiniteRange, pass_options
-from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram
+from btcore.field_options import FiniteRange, add_options
+from btcore.program_runner import CommandRun, GivenSettings, ProviderCommand, TreelessProgram
 from btcore_ros2.providers import RosSettings, open_session
 
 if TYPE_CHECKING:
@@ -48,17 +48,16 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option(
     "--plugin", "plugins", multiple=True, metavar="MODULE", help="Library with further nodes; repeatable."
 )
-@pass_options(RosSettings, "ros")
+@add_options(RosSettings)
 @click.pass_context
 def navigator(
     ctx: click.Context,
     /,
-    ros: RosSettings,
     to_pose: Path | None,
     through_poses: Path | None,
     tick_frequency: float,
     plugins: tuple[str, ...],
-    **settings: object,
+    settings: GivenSettings,
 ) -> int:
     """Serve Nav2's actions navigate_to_pose and navigate_through_poses with btcore's trees.
 
@@ -66,6 +65,7 @@ def navigator(
     controller_server. A goal may name another tree in the field behavior_tree. Ctrl-C cancels the goals and
     ends the navigator, and so does a client that shuts down the lifecycle node bt_navigator.
     """
+    ros = settings[RosSettings]
     if ros.lockstep:
         raise click.UsageError("--lockstep does not belong here: the navigator runs in real time")
     with open_session(ros, name="bt_navigator") as session:
@@ -74,7 +74,7 @@ def navigator(
 
         server = NavigatorServer(session, to_pose, through_poses, plugins=plugins, rate=tick_frequency)
         session.node.get_logger().info("waiting for goals of navigate_to_pose and navigate_through_poses")
-        with CommandRun(ctx, TreelessProgram("Navigator"), provided=[session], used=[RosSettings]) as run:
+        with CommandRun(ctx, TreelessProgram("Navigator"), settings, provided=[session]) as run:
             stopped = threading.Event()
             run.run_until_signal(lambda: _serve(server, run, stopped), stopped.set)
     return run.exit_code

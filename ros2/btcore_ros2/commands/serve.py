@@ -4,15 +4,23 @@ import importlib.util
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 import click
+import msgspec
 
 from btcore import Registry, Run, RunSettings, Tree
 from btcore.errors import SettingsError
 from btcore.escaping import escape_controls
 from btcore.extras import install_command
-from btcore.field_options import FiniteRange, add_options, pass_options
-from btcore.program_runner import CommandRun, ProviderCommand, TreelessProgram, given_settings, load_nodes
+from btcore.field_options import FiniteRange, add_options
+from btcore.program_runner import (
+    CommandRun,
+    GivenSettings,
+    ProviderCommand,
+    TreelessProgram,
+    load_nodes,
+)
 from btcore.suggestions import did_you_mean
 from btcore_robot.robot import Phase, Robot
 from btcore_ros2.errors import RosError
@@ -29,10 +37,18 @@ PARAMETERS = ("action_name", "behavior_trees", "groot2_port", "plugins", "tick_f
 
 GROOT2_PORT = 1667
 
+_PUBLISHES: Final = importlib.util.find_spec("zmq") is not None
+"""Whether the trees are published for Groot 2 by default."""
+
 FIXED_PORT = "read-only, because viewers stay connected to this port between goals"
 
 
-@click.command("serve", cls=ProviderCommand, short_help="Serve trees as goals of an action.")
+@click.command(
+    "serve",
+    cls=ProviderCommand,
+    short_help="Serve trees as goals of an action.",
+    context_settings={"default_map": {"publish": ("groot2",)} if _PUBLISHES else {}},
+)
 @click.argument("trees", nargs=-1, type=click.Path(exists=True, path_type=Path))
 @click.option(
     "--action-name", metavar="NAME", help="The action's name.  [default: the ROS parameter, or bt_execution]"
@@ -47,19 +63,16 @@ FIXED_PORT = "read-only, because viewers stay connected to this port between goa
     "--plugin", "plugins", multiple=True, metavar="MODULE|FILE.py", help="Load a node library. Repeatable."
 )
 @add_options(RunSettings, "seed")
-@pass_options(RosRobotSettings, "ros_robot")
-@pass_options(RosSettings, "ros")
+@add_options(RosSettings)
 @click.pass_context
 def serve(
     ctx: click.Context,
     /,
-    ros: RosSettings,
-    ros_robot: RosRobotSettings | None,
+    settings: GivenSettings,
     trees: tuple[Path, ...],
     action_name: str | None,
     tick_frequency: float | None,
     plugins: tuple[str, ...],
-    **values: object,
 ) -> int:
     """Serve the trees in TREES, XML files or folders, as the action btcpp_ros2_interfaces/ExecuteTree.
 
@@ -69,15 +82,13 @@ def serve(
     arguments = [] if action_name is None else ["-p", f"action_name:={action_name}"]
     if tick_frequency is not None:
         arguments += ["-p", f"tick_frequency:={tick_frequency}"]
+    ros, ros_robot = settings[RosSettings], settings.find(RosRobotSettings)
     with open_session(ros, ros_robot, NODE_NAME, arguments) as session:
         source = _TreeSource(ctx, session, trees, plugins)
         wanted = LoadedTrees(source.read_files(), source.nodes).check()
-        defaults = _publish_by_default(ctx, session)
-        settings = given_settings(ctx, defaults)
-        program = TreelessProgram("Waiting")
-        run = CommandRun(ctx, program, settings=settings, provided=[session], used=[RosSettings])
-        run.want(*wanted)
-        with _explain_port("port" in defaults), run:
+        uses_parameter = _set_port(settings, session)
+        run = CommandRun(ctx, TreelessProgram("Waiting"), settings, provided=[session]).want(*wanted)
+        with _explain_port(uses_parameter), run:
             robot = run.find(Robot)
             if robot is not None and robot.clock is not session.clock:
                 robot.schedule.add_task(DRAIN_RATE, Phase.SENSORS, lambda now: session.drain())
@@ -167,15 +178,16 @@ class PublishedTreeServer(TreeServer):
         self._run_of_trees.replace_tree(tree)
 
 
-def _publish_by_default(ctx: click.Context, session: RosSession) -> dict[str, object]:
-    """Return the defaults of options: publish for Groot 2, at the port of the ROS parameter `groot2_port`."""
+def _set_port(settings: GivenSettings, session: RosSession) -> bool:
+    """Let Groot 2 use the port of the ROS parameter `groot2_port`, unless a port is given; return whether."""
     port = declare_parameter(session.node, "groot2_port", GROOT2_PORT, fixed=FIXED_PORT)
-    if importlib.util.find_spec("zmq") is None:
+    if not _PUBLISHES:
         _warn(f"the trees are not published for Groot: {install_command('zmq')}")
-        return {}
-    published = ctx.params.get("publish") or ("groot2",)
-    has_port = ctx.params.get("port") is not None or "groot2" not in published
-    return {"publish": published} if has_port else {"publish": published, "port": port}
+    for given in settings.values():
+        if "groot2" in getattr(given, "publish", ()) and getattr(given, "port", None) is None:
+            settings[type(given)] = msgspec.structs.replace(given, port=port)
+            return True
+    return False
 
 
 @contextmanager

@@ -3,14 +3,15 @@
 from typing import Final
 
 import click
+import msgspec
 
 from btcore import RunSettings
-from btcore.field_options import FiniteRange, add_options, pass_options
+from btcore.field_options import FiniteRange, add_options
 from btcore.program_runner import (
     CommandRun,
+    GivenSettings,
     ProviderCommand,
     TreelessProgram,
-    given_settings,
     print_json,
     print_result,
 )
@@ -24,7 +25,7 @@ SPARE_BOXES: Final = 5
 
 @click.command("sim", cls=ProviderCommand, short_help="Simulate a robot on the topics of ROS 2.")
 @add_options(RunSettings, "duration", "seed")
-@pass_options(RosSettings, "ros")
+@add_options(RosSettings)
 @click.option(
     "--wait-limit",
     type=FiniteRange(0, min_open=True),
@@ -35,29 +36,27 @@ SPARE_BOXES: Final = 5
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object as the last line of stdout.")
 @click.pass_context
-def sim(
-    ctx: click.Context,
-    /,
-    ros: RosSettings,
-    duration: float | None,
-    seed: int,
-    wait_limit: float,
-    as_json: bool,
-    **values: object,
-) -> int:
+def sim(ctx: click.Context, /, settings: GivenSettings, wait_limit: float, as_json: bool) -> int:
     """Simulate a Tiago that publishes what the real robot publishes, and takes the same commands.
 
     The topics are those of the real robot: scan_raw, mobile_base_controller/odom, cmd_vel and so on. Events
     and the figures of the run are services below sim/. Ctrl-C ends the simulation.
     """
-    own = RunSettings(duration=duration, seed=seed, fast=ros.lockstep)
+    if RosRobotSettings in settings:
+        raise click.UsageError("--ros2 does not belong here: this command simulates its own robot")
+    ros = settings[RosSettings]
+    settings[RunSettings] = msgspec.structs.replace(settings[RunSettings], fast=ros.lockstep)
     # --lockstep is for the clients: the session of the simulation itself waits for nothing.
     with open_session(RosSettings(ros.ros_args), name="simulation") as session:
-        return _run(ctx, session, own, wait_limit if ros.lockstep else None, as_json)
+        return _run(ctx, session, settings, wait_limit if ros.lockstep else None, as_json)
 
 
 def _run(
-    ctx: click.Context, session: RosSession, own: RunSettings, wait_limit: float | None, as_json: bool
+    ctx: click.Context,
+    session: RosSession,
+    settings: GivenSettings,
+    wait_limit: float | None,
+    as_json: bool,
 ) -> int:
     """Run the simulation, in lockstep if *wait_limit* (s) is given, and return the exit code."""
     # Imported here: ROS 2 is installed, since there is a session.
@@ -67,13 +66,9 @@ def _run(
     from btcore_sim.providers import SpareBoxes
     from btcore_sim.simulation import Simulation
 
-    settings = given_settings(ctx)
-    if RosRobotSettings in settings:
-        raise click.UsageError("--ros2 does not belong here: this command simulates its own robot")
-    settings[RunSettings] = own
     program = TreelessProgram("Simulation")
     provided = [session, SpareBoxes(SPARE_BOXES)]
-    run = CommandRun(ctx, program, settings=settings, provided=provided, used=[RosSettings]).want(Simulation)
+    run = CommandRun(ctx, program, settings, provided=provided).want(Simulation)
     server: LockstepServer | None = None
     with run:
         simulated = run.find(Simulation)
