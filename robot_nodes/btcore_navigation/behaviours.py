@@ -125,7 +125,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
 
     Call `step` from the robot's schedule at `cycle_frequency` (10 Hz by default) in `Phase.CONTROLLER`. While
     a sensor has an outage, the robot stands and the goal waits. The goal fails when an outage lasts longer
-    than `time_limits.MAX_OUTAGE_S`. Motion during an outage of the odometry doesn't count.
+    than `btcore_robot.time_limits.MAX_OUTAGE_S`. Motion during an outage of the odometry doesn't count.
 
     Args:
         robot: The robot.
