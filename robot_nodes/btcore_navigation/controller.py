@@ -464,7 +464,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
     def _search_detour(
         self,
         ahead: NDArray[np.float64],
-        clearances: NDArray[np.float64],
+        clearances: NDArray[np.float32],
         last_blocked: int | None,
         is_stuck: bool,
         odometry: Pose2D,
