@@ -72,7 +72,7 @@ class Navigation:
     Goals wait in this time, and continue with a newly planned path. If the search has no result after
     `SEARCH_LIMIT_S`, because places look alike or the map doesn't fit, the robot stops searching and the
     waiting goals fail. They also fail when a sensor has no readings for longer than
-    `time_limits.MAX_OUTAGE_S`, and at once when the battery is empty.
+    `btcore_robot.time_limits.MAX_OUTAGE_S`, and at once when the battery is empty.
 
     *random* is the source of the localiser's samples. *trees* is the folder whose subfolder `navigation`
     contains the default trees. Messages have the names of *waypoints* instead of their coordinates.
