@@ -121,6 +121,10 @@ def extensions() -> list[Extension]:
         extension.extra_compile_args = [
             flag for flag in extension.extra_compile_args if flag not in ("-Werror", "/WX")
         ]
+        if sys.platform != "win32":
+            # Without alignment, the places of functions, which any change moves, make the benchmark's trees
+            # up to 10 % faster or slower.
+            extension.extra_compile_args += ["-falign-functions=64", "-falign-loops=32"]
     return extensions
 
 

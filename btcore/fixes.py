@@ -1,7 +1,7 @@
 """The fixes of diagnostics: changes of a document, described without its text.
 
-The stages of loading know elements and names, but not the text around them: `btcore.xml.edit.fixes` makes
-edits of the text from these descriptions.
+The stages of loading know elements and names, but not the text around them: `btcore.xml.edit.quick_fixes`
+makes edits of the text from these descriptions.
 """
 
 
@@ -27,7 +27,7 @@ class Fix:
         return f"{type(self).__name__}({values})"
 
 
-class _TextFix(Fix):
+class _FixWithText(Fix):
     """A fix with a new name or text."""
 
     def __init__(self, text: str, *, is_safe: bool = False) -> None:
@@ -38,23 +38,23 @@ class _TextFix(Fix):
 # --- names, values and characters
 
 
-class Rename(_TextFix):
+class Rename(_FixWithText):
     """Replace the marked name: a tag, an attribute, an ID, or a key in braces or in a script."""
 
 
-class RenameElement(_TextFix):
+class RenameElement(_FixWithText):
     """Change the tag of the marked element, and its end tag."""
 
 
-class RenameAttribute(_TextFix):
+class RenameAttribute(_FixWithText):
     """Rename the attribute whose value is marked, unless the element has an attribute of this name."""
 
 
-class ReplaceText(_TextFix):
+class ReplaceText(_FixWithText):
     """Replace the marked characters by a text, which is escaped already."""
 
 
-class InsertText(_TextFix):
+class InsertText(_FixWithText):
     """Insert a text before the marked characters."""
 
 
@@ -98,7 +98,7 @@ class CloseTag(Fix):
     """Close the marked tag, which is cut off."""
 
 
-class EndTag(_TextFix):
+class EndTag(_FixWithText):
     """Write the end tag of an element instead of the marked end tag, or before it."""
 
 
@@ -109,7 +109,7 @@ class NameTree(Fix):
     """Give the marked <BehaviorTree> an ID that no tree of the text has."""
 
 
-class CreateTree(_TextFix):
+class CreateTree(_FixWithText):
     """Add a tree with this ID and one node to the document."""
 
 
@@ -128,7 +128,7 @@ class Connect(Fix):
         self.value = value
 
 
-class DeclareNode(_TextFix):
+class DeclareNode(_FixWithText):
     """Add a model of the node with this ID, which is marked, with its attributes as ports."""
 
 

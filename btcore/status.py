@@ -19,12 +19,14 @@ class _NamedNumber(IntEnum):
 class Status(_NamedNumber):
     """The status of a node. The numbers are those of BehaviorTree.CPP's protocols and logs.
 
+    The *result* of a tick is any status but IDLE. The *end results* SUCCESS, FAILURE and SKIPPED end a node.
+
     Attributes:
         IDLE: The node is not active.
         RUNNING: The node is not finished and needs further ticks.
         SUCCESS: The node finished with success.
         FAILURE: The node finished with failure.
-        SKIPPED: The node has no result, because a pre-condition skipped it, or all its children were skipped.
+        SKIPPED: The node did nothing, because a pre-condition skipped it, or all its children were skipped.
 
     Examples:
         >>> from btcore import SUCCESS, Status
@@ -83,15 +85,16 @@ SKIPPED: Final = Status.SKIPPED
 
 
 ANY_RESULT: Final = frozenset({SUCCESS, FAILURE, SKIPPED})
+"""All end results."""
 NO_RESULT: Final[frozenset[Status]] = frozenset()
 
 
 class PossibleResults(NamedTuple):
-    """The results that a node may return, for static checks. All other results are impossible.
+    """The end results that a node may return, for static checks. All other end results are impossible.
 
     Attributes:
-        in_first_tick: The possible results of the tick that starts the node.
-        after_running: The possible results of later ticks.
+        in_first_tick: The possible end results of the tick that starts the node.
+        after_running: The possible end results of later ticks.
         may_run: Whether the node can be RUNNING.
     """
 
@@ -101,7 +104,7 @@ class PossibleResults(NamedTuple):
 
     @property
     def results(self) -> frozenset[Status]:
-        """The possible results of a tick, be it the first or a later tick, without RUNNING."""
+        """The possible end results of a tick, be it the first or a later tick."""
         return self.in_first_tick | self.after_running
 
     def passes(self, continue_on: Status) -> bool:

@@ -171,25 +171,23 @@ def _exit_for_error(error: Exception) -> NoReturn:
 
 
 def _make_outline(name: str, target: str) -> click.Command:
-    """Return a command with the short help of *target*, `module:function`, which is read from the source.
+    """Return a command with the help of *target*, `module:function`, which is read from the source.
 
-    It is the argument `short_help` of a decorator of the function, as text on one line, or the docstring;
-    it is empty if there is no source. Importing or parsing all commands would take most of the time of
-    `btcore --help`.
+    Importing all commands would take most of the time of `btcore --help`. The help is empty if there is no
+    source.
     """
-    import re
+    import ast
 
     module, _, function = target.partition(":")
-    with suppress(OSError, ValueError):
+    with suppress(OSError, SyntaxError, ValueError):
         file = _find_source(module)
-        text = "" if file is None else file.read_text(encoding="utf-8")
-        before, definition, after = text.partition(f"def {function}(")
-        short_help = re.search(r"""short_help=(["'])(.*?)\1[,)]""", before.rpartition("\n\n\n")[2])
-        docstring = re.search(r"""\n +(\"{3}|["'])(.*?)(?:\n\n|\1)""", after, re.DOTALL)
-        if definition:
-            return click.Command(
-                name, short_help=short_help and short_help[2], help=docstring and docstring[2]
-            )
+        source = "" if file is None else file.read_text(encoding="utf-8")
+        for node in ast.parse(source).body:
+            if isinstance(node, ast.FunctionDef) and node.name == function:
+                keywords = [word for item in node.decorator_list for word in getattr(item, "keywords", ())]
+                texts = [word.value for word in keywords if word.arg == "short_help"]
+                short_help = ast.literal_eval(texts[0]) if texts else None
+                return click.Command(name, short_help=short_help, help=ast.get_docstring(node))
     return click.Command(name)
 
 

@@ -158,7 +158,7 @@ def create_session(
     source: str,
     options: RunOptions,
     settings: GivenSettings,
-    installed: NodeLibraries | None = None,
+    installed: Callable[[], NodeLibraries] | None = None,
 ) -> RunSession:
     """Return the session of a tree, before its providers are opened.
 
@@ -167,8 +167,8 @@ def create_session(
         source: The tree, as the user named it.
         options: The options of the command itself.
         settings: The settings of the run and of providers.
-        installed: The installed nodes, for a process that loads them once for many runs. They are not
-            changed.
+        installed: Returns the installed nodes, for a process that loads them once for many runs. They are
+            not changed. With plugins, further nodes are loaded only if the tree uses them.
     """
     changes = TreeChanges(options.outcomes, options.substitute, options.set)
     path = find_source(source)
@@ -197,7 +197,7 @@ def create_session(
 
 
 def _load_libraries(
-    ctx: click.Context, options: RunOptions, installed: NodeLibraries | None
+    ctx: click.Context, options: RunOptions, installed: Callable[[], NodeLibraries] | None
 ) -> NodeLibraries:
     if installed is None or options.plugins:
         return load_libraries(
@@ -207,6 +207,7 @@ def _load_libraries(
             own_packages=bool(options.substitute),  # a rule may name a node of any library
             imported=command_providers(ctx).plugins,
         )
-    libraries = NodeLibraries(installed.nodes.copy(), installed.unavailable)
+    loaded = installed()
+    libraries = NodeLibraries(loaded.nodes.copy(), loaded.unavailable)
     libraries.add_models(options.models, options.confined)
     return libraries

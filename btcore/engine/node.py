@@ -232,7 +232,7 @@ class TreeNode:
         to the class later has no effect.
 
         Returns:
-            The result. All results but SKIPPED are stored.
+            The result; it is stored unless it is SKIPPED.
         """
         return execute_tick(self, ignore_override=True)
 

@@ -27,8 +27,8 @@ class NodeSpec:
         node_type: The type of the nodes: action, condition, control or decorator.
         symbol: The symbol of the nodes in listings and pictures; "" = the symbol of the node type. Of a
             symbol of two characters, listings show the first, and pictures the second.
-        results: The results that a tick may return, apart from RUNNING, for static checks and tree
-            coverage.
+        results: The end results (SUCCESS, FAILURE, SKIPPED) that a tick may return, for static checks and
+            tree coverage.
         state_fields: The attributes that a node remembers between ticks, in addition to those of the base
             classes. To save and restore a tree, these attributes are sufficient together with the statuses,
             the blackboard and the time. None = a RUNNING node cannot be saved. A user's class with attributes

@@ -328,7 +328,9 @@ class NodeCreator:
             for port in missing
             if port.role in LOAD_TIME_ROLES
         }
-        hint = Hint("", (SetAttributes(values),) if values else ())
+        hint = Hint()
+        if values:
+            hint = Hint("write " + " ".join(f'{name}="…"' for name in values), (SetAttributes(values),))
         self.collector.report(draft.document, code, str(error), node_plan.element, hint=hint)
 
     def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest | None:

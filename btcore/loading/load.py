@@ -17,10 +17,9 @@ from btcore.registry.manifest import Resources
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
-from btcore.xml.define import define
-from btcore.xml.plan.plan import Plans, plan
+from btcore.xml.plan.plan import Plans, plan_document
 from btcore.xml.read.document import Document, parse_file, parse_text
-from btcore.xml.read.read import PackageResolver, read
+from btcore.xml.read.read import PackageResolver
 
 __all__ = ["LoadArguments"]  # for the API reference, which has the functions on the page of `btcore`
 
@@ -232,10 +231,15 @@ def plan_tree(
 
 
 def _plan_documents(documents: Sequence[Document], arguments: LoadArguments) -> Plans:
-    registry = _registry(arguments.get("nodes"))
     main, *others = documents
-    sources = read(main, [*registry.documents, *others], arguments.get("packages"))
-    return plan(define(sources, arguments.get("tree"), arguments.get("format")), registry)
+    return plan_document(
+        main,
+        _registry(arguments.get("nodes")),
+        arguments.get("tree"),
+        arguments.get("format"),
+        others=others,
+        packages=arguments.get("packages"),
+    )
 
 
 def _create_tree(plans: Plans, arguments: LoadArguments) -> Tree:

@@ -3,6 +3,7 @@
 import dis
 import inspect
 from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
 from types import CodeType
 from typing import Any, Final
 
@@ -81,13 +82,17 @@ def _method_codes(classes: list[type]) -> Iterator[CodeType]:
                     yield code
 
 
-def _assigned_names(code: CodeType) -> Iterator[str]:
-    """Yield the names of attributes that *code* assigns, also in functions that it defines."""
-    for instruction in dis.get_instructions(code):
-        if instruction.opname == "STORE_ATTR":
-            yield str(instruction.argval)
+@lru_cache(maxsize=2048)  # a process with several registries adds the same classes to each
+def _assigned_names(code: CodeType) -> frozenset[str]:
+    """Return the names of attributes that *code* assigns, also in functions that it defines."""
+    names = {
+        str(instruction.argval)
+        for instruction in dis.get_instructions(code)
+        if instruction.opname == "STORE_ATTR"
+    }
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
-            yield from _assigned_names(constant)
+            names |= _assigned_names(constant)
         elif isinstance(constant, str) and "setattr" in code.co_names:
-            yield constant
+            names.add(constant)
+    return frozenset(names)

@@ -33,11 +33,10 @@ __all__ = [
     "WaitGoal",
 ]
 
-_STEP = 0.1  # s between the simulated poses
+_STEP_S = 0.1  # s between the simulated poses
 _ALLOWED_LOSS = 0.01  # m of clearance that the robot may lose where it is too near an obstacle already
-_ACCELERATION = 2.5  # m/s²: Nav2's limit for driving straight; the base's own limit is mostly lower
-# m by which a distance of the clearance grid may be under the hull's radius without contact
-_GRID_ERROR = 0.03
+_MAX_ACCELERATION = 2.5  # m/s²: Nav2's limit for driving straight; the base's own limit is mostly lower
+_GRID_ERROR = 0.03  # m by which a distance of the grid may be under the hull's radius without contact
 _CLOSE_ENOUGH = 1e-6  # rad or m: Nav2's value
 
 
@@ -125,7 +124,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
 
     Call `step` from the robot's schedule at `cycle_frequency` (10 Hz by default) in `Phase.CONTROLLER`. While
     a sensor has an outage, the robot stands and the goal waits. The goal fails when an outage lasts longer
-    than `time_limits.MAX_OUTAGE_S`. Motion during an outage of the odometry doesn't count.
+    than `btcore_robot.time_limits.MAX_OUTAGE_S`. Motion during an outage of the odometry doesn't count.
 
     Args:
         robot: The robot.
@@ -161,7 +160,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         base = robot.base
         turning = parameters.rotational_acc_lim
         v, w = max(base.v_max, -base.v_min), parameters.max_rotational_vel
-        limits = VelocityLimits(v, w, _ACCELERATION, _ACCELERATION, turning, turning)
+        limits = VelocityLimits(v, w, _MAX_ACCELERATION, _MAX_ACCELERATION, turning, turning)
         self._smoother = VelocitySmoother(robot, limits.within(base))
         self._started = self._last = 0
         self._interrupted = False
@@ -284,7 +283,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         if v == 0.0:
             clearance = self._clearance.distance_at(pose.x, pose.y)
             return clearance < self._robot.base.radius - _GRID_ERROR
-        times = np.arange(1, round(self.parameters.simulate_ahead_time / _STEP) + 1) * _STEP
+        times = np.arange(1, round(self.parameters.simulate_ahead_time / _STEP_S) + 1) * _STEP_S
         along = np.minimum(abs(v) * times, remaining) * math.copysign(1.0, v)
         x, y = pose.x + math.cos(pose.yaw) * along, pose.y + math.sin(pose.yaw) * along
         return self._is_blocked(odometry, x, y, along)
@@ -445,10 +444,10 @@ class AssistedTeleopBehaviour(MotionBehaviour[AssistedTeleopGoal]):
         It is the share of the simulated time before the first collision, and 0 for a collision at once.
         """
         pose, v, w = odometry.pose, self._command.v, self._command.w
-        count = round(self.parameters.simulate_ahead_time / _STEP)
-        yaws = pose.yaw + w * _STEP * (np.arange(count) + 0.5)
-        x, y = pose.x + v * _STEP * np.cumsum(np.cos(yaws)), pose.y + v * _STEP * np.cumsum(np.sin(yaws))
-        along: NDArray[np.float64] = v * _STEP * np.arange(1, count + 1, dtype=np.float64)
+        count = round(self.parameters.simulate_ahead_time / _STEP_S)
+        yaws = pose.yaw + w * _STEP_S * (np.arange(count) + 0.5)
+        x, y = pose.x + v * _STEP_S * np.cumsum(np.cos(yaws)), pose.y + v * _STEP_S * np.cumsum(np.sin(yaws))
+        along: NDArray[np.float64] = v * _STEP_S * np.arange(1, count + 1, dtype=np.float64)
         if v == 0.0 or not self._is_blocked(odometry, x, y, along):
             return 1.0
         blocked = (self._is_blocked(odometry, *part) for part in zip(x, y, along, strict=True))

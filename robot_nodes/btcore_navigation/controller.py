@@ -31,24 +31,30 @@ from btcore_robot.transforms import TransformError, TransformTree
 
 __all__ = ["ControllerServer", "FollowPathFeedback", "FollowPathGoal", "FollowPathHandle"]
 
-_FULL_SPEED = 0.15  # m more than the least clearance: from this clearance the speed isn't reduced
+_EXTRA_FULL_SPEED_CLEARANCE = 0.15  # m more than the least clearance: then the speed is not reduced
 _MIN_SPEED_SHARE = 0.4  # share of the full speed right beside an obstacle
-_STEP = 0.05  # m between the checked points of an arc or a path
-_LOOK_AHEAD = 1.3  # m of the path that must be free; otherwise a detour is searched
-_RETURN_REACH = 3.0  # m of the path on which a detour may end: the range of the clearance grid
+_POINT_DISTANCE = 0.05  # m between the checked points of an arc or a path
+_ARC_POINTS = 12  # the number of checked points of an arc: 0.6 m
+_SPEED_POINTS = 6  # the number of points of an arc whose clearance limits the speed: 0.3 m
+_CHECKED_DISTANCE = 1.3  # m of the path that must be free; otherwise a detour is searched
+_MAX_RETURN_DISTANCE = 3.0  # m of the path on which a detour may end: the range of the clearance grid
 _MAP_ERROR = 0.04  # m less than the least clearance: a path with less clearance is blocked
-_THIN = 2  # every second point of the path is a possible end of a detour
-_BEYOND = 0.3  # m behind the obstacle at which a detour returns to the path
-_MAX_OFF_PATH = 0.3  # m beside the path; farther away, a way back to the path is searched too
-_SPARE = 0.02  # m of clearance that a detour keeps in addition
-_MARGIN = 0.08  # m that the robot stops before the last free point of an arc
-_STUCK = 0.05, 0.15, 1.5  # m, rad, s: with less motion a detour is searched, even if the path looks free
-_UNSTICK_REACH = 0.6  # m along the path: the nearest end of a detour for a stuck robot
-_SEARCH_INTERVAL = NS_PER_S // 3  # ns between two searches for a detour
-_ALIGNED = 0.15  # rad: a turn on the spot ends at this error
+_RETURN_STRIDE = 2  # every second point of the path is a possible end of a detour
+_DISTANCE_PAST_OBSTACLE = 0.3  # m behind the obstacle at which a detour returns to the path
+_MAX_CROSS_TRACK_DISTANCE = 0.3  # m beside the path; farther away, a way back is searched too
+_EXTRA_DETOUR_CLEARANCE = 0.02  # m of clearance that a detour keeps in addition
+_ALLOWED_LOSS = 0.01  # m of clearance that the robot may lose where it is too near an obstacle already
+_STOP_DISTANCE = 0.08  # m that the robot stops before the last free point of an arc
+# With less motion a detour is searched, even if the path looks free.
+_STUCK_RADIUS, _STUCK_ANGLE, _STUCK_S = 0.05, 0.15, 1.5  # m, rad, s
+_MIN_UNSTICK_DISTANCE = 0.6  # m along the path: the nearest end of a detour for a stuck robot
+_SEARCH_INTERVAL_NS = NS_PER_S // 3  # between two searches for a detour
+_ALIGNED_ANGLE = 0.15  # rad: a turn on the spot ends at this error
+_NEARLY_HALF_TURN = 2.5  # rad: from this angle noise may flip the sign
 _MIN_SPEED = 0.02  # m/s: a lower speed counts as standing
-_TURN_SHARE = 0.7  # share of the turning acceleration with which turns on the spot are planned
-_MAX_DETOUR_CARROT = 0.4  # m: a detour bends more than a path
+_MIN_TURN_RATE = 0.05  # rad/s of a turn on the spot
+_TURN_ACCELERATION_SHARE = 0.7  # of the turning acceleration, with which turns on the spot are planned
+_MAX_DETOUR_CARROT_DISTANCE = 0.4  # m: a detour bends more than a path
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +184,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
 
     Call `step` from the robot's schedule at `controller_frequency` in `Phase.CONTROLLER`. While *hold*
     returns True, or a sensor has an outage, the robot stands and the goal waits. The goal fails when an
-    outage lasts longer than `time_limits.MAX_OUTAGE_S`.
+    outage lasts longer than `btcore_robot.time_limits.MAX_OUTAGE_S`.
 
     Args:
         robot: The robot.
@@ -219,8 +225,8 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._costmap = local_costmap
         self._hold = hold
         self._min_clearance = min_clearance(robot.base, robot_radius)
-        self._blocked = round(self._min_clearance - _MAP_ERROR, 6)
-        self._full_speed_clearance = round(self._min_clearance + _FULL_SPEED, 6)
+        self._blocked_clearance = round(self._min_clearance - _MAP_ERROR, 6)
+        self._full_speed_clearance = round(self._min_clearance + _EXTRA_FULL_SPEED_CLEARANCE, 6)
         self._sensors = sensors or SensorWatch(
             robot, tree, parameters.scan_timeout, parameters.odometry_timeout
         )
@@ -243,10 +249,10 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
             parameters.required_movement_angle,
             parameters.movement_time_allowance,
         )
-        self._motion_check = ProgressChecker(*_STUCK)
+        self._motion_check = ProgressChecker(_STUCK_RADIUS, _STUCK_ANGLE, _STUCK_S)
         self._pursuit: PurePursuit | None = None
         self._detour: PurePursuit | None = None
-        self._detour_kept_until = 0.0
+        self._detour_kept_distance = 0.0  # m of the detour that the robot drives in any case
         self._searched_at = 0
         self._checked_stamp: int | None = None
         self._turn_direction = 0.0
@@ -367,7 +373,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
             except TransformError:
                 return None
         here = self._robot.odometry().pose
-        points = _transform_points(to_frame, way.ahead(_LOOK_AHEAD, _STEP))
+        points = _transform_points(to_frame, way.ahead(_CHECKED_DISTANCE, _POINT_DISTANCE))
         points[0] = here.x, here.y
         (x, y), (east, north) = points[-1].tolist(), (points[-1] - points[-2:][0]).tolist()
         goal = Pose2D(x, y, math.atan2(north, east) if len(points) > 1 else here.yaw)
@@ -426,40 +432,60 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         if self._checked_stamp == self.clearance.stamp:
             return
         self._checked_stamp = self.clearance.stamp
-        ahead = _transform_points(to_path.inverse(), pursuit.ahead(_RETURN_REACH, _STEP))
+        ahead = _transform_points(to_path.inverse(), pursuit.ahead(_MAX_RETURN_DISTANCE, _POINT_DISTANCE))
         clearances = self.clearance.distances_at(ahead[:, 0], ahead[:, 1])
-        blocked = np.flatnonzero(clearances[: int(_LOOK_AHEAD / _STEP)] < self._blocked)
-        stuck = not self._motion_check.check(odometry, now)
+        blocked = np.flatnonzero(
+            clearances[: int(_CHECKED_DISTANCE / _POINT_DISTANCE)] < self._blocked_clearance
+        )
+        last_blocked = int(blocked[-1]) if len(blocked) else None
+        is_stuck = not self._motion_check.check(odometry, now)
         if self._detour is not None:
             self._detour.locate(odometry)
-        kept = self._detour is not None and (self._detour.travelled or 0.0) < self._detour_kept_until
-        if not len(blocked) and pursuit.cross_track_distance < _MAX_OFF_PATH and not stuck and not kept:
+        is_near_path = pursuit.cross_track_distance < _MAX_CROSS_TRACK_DISTANCE
+        if last_blocked is None and is_near_path and not is_stuck and not self._must_finish_detour():
             self._detour = None
-            return
-        if self._detour is not None and not stuck:
-            way = self._detour.ahead(_LOOK_AHEAD, _STEP)
-            free = self.clearance.distances_at(way[:, 0], way[:, 1])
-            near = self._detour.cross_track_distance < _MAX_OFF_PATH
-            if near and (free >= min(self._blocked, float(free[0]) - _SPARE)).all():
-                return
-        if now - self._searched_at < _SEARCH_INTERVAL:
-            return
-        self._searched_at = now
-        past = min(int(_UNSTICK_REACH / _STEP), len(ahead) - 1) if stuck else 0
-        enough = self._min_clearance + _SPARE
-        returns = _returns(clearances >= enough, int(blocked[-1]) if len(blocked) else past)
-        last = None if self._detour is None else self._detour.ahead(math.inf, _STEP)
-        result = None
-        if returns:
-            result = find_detour(self.clearance, odometry, ahead[returns], enough, last)
-        if result is None:
-            self._detour = None
-            return
-        chosen, way = result
-        length = float(np.hypot(*np.diff(way, axis=0).T).sum())
-        self._detour = PurePursuit(np.concatenate((way, ahead[returns[chosen] :])))
-        # A way out of a stuck position is driven to its end, though the path may look free at once.
-        self._detour_kept_until = 0.0 if len(blocked) else length
+        elif (is_stuck or not self._is_detour_free()) and now - self._searched_at >= _SEARCH_INTERVAL_NS:
+            self._searched_at = now
+            self._search_detour(ahead, clearances, last_blocked, is_stuck, odometry)
+
+    def _must_finish_detour(self) -> bool:
+        return self._detour is not None and (self._detour.travelled or 0.0) < self._detour_kept_distance
+
+    def _is_detour_free(self) -> bool:
+        """Return whether there is a detour, with the robot on it, that keeps clear of obstacles."""
+        if self._detour is None or self._detour.cross_track_distance >= _MAX_CROSS_TRACK_DISTANCE:
+            return False
+        way = self._detour.ahead(_CHECKED_DISTANCE, _POINT_DISTANCE)
+        clearances = self.clearance.distances_at(way[:, 0], way[:, 1])
+        return bool(
+            (clearances >= min(self._blocked_clearance, float(clearances[0]) - _EXTRA_DETOUR_CLEARANCE)).all()
+        )
+
+    def _search_detour(
+        self,
+        ahead: NDArray[np.float64],
+        clearances: NDArray[np.float32],
+        last_blocked: int | None,
+        is_stuck: bool,
+        odometry: Pose2D,
+    ) -> None:
+        """Replace the detour by a new detour, or by None if there is no short way.
+
+        The detour ends at a point of *ahead*, the path with these *clearances* (m), behind the last blocked
+        point.
+        """
+        unstick = min(int(_MIN_UNSTICK_DISTANCE / _POINT_DISTANCE), len(ahead) - 1) if is_stuck else 0
+        required = self._min_clearance + _EXTRA_DETOUR_CLEARANCE
+        ends = _find_return_points(clearances >= required, unstick if last_blocked is None else last_blocked)
+        previous = None if self._detour is None else self._detour.ahead(math.inf, _POINT_DISTANCE)
+        self._detour = None
+        result = find_detour(self.clearance, odometry, ahead[ends], required, previous) if ends else None
+        if result is not None:
+            chosen, way = result
+            self._detour = PurePursuit(np.concatenate((way, ahead[ends[chosen] :])))
+            length = float(np.hypot(*np.diff(way, axis=0).T).sum())
+            # A way out of a stuck position is driven to its end, though the path may look free at once.
+            self._detour_kept_distance = length if last_blocked is None else 0.0
 
     def _drive(self, pursuit: PurePursuit, pose: Pose2D, odometry: Pose2D, now: int) -> bool:
         """Command the velocity towards the carrot; return False if the robot can't move."""
@@ -468,14 +494,16 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         reach = min(max(current_clearance, parameters.min_lookahead_dist), parameters.lookahead_dist)
         if self._detour is not None:
             self._detour.locate(odometry)
-            carrot = self._detour.carrot(odometry, min(reach, _MAX_DETOUR_CARROT))
+            carrot = self._detour.carrot(odometry, min(reach, _MAX_DETOUR_CARROT_DISTANCE))
         else:
             carrot = pursuit.carrot(pose, reach)
-        free, share = self._free(carrot, odometry, current_clearance)
-        speed = min(parameters.max_vel_x * share, (free - _MARGIN) / parameters.time_to_collision)
+        free_length, share = self._measure_arc(carrot, odometry, current_clearance)
+        speed = min(
+            parameters.max_vel_x * share, (free_length - _STOP_DISTANCE) / parameters.time_to_collision
+        )
         # A turn continues until the robot is aligned, so that turns and drives do not alternate.
-        driving = self._turn_direction == 0.0 and speed >= _MIN_SPEED
-        if abs(carrot.angle) > (parameters.rotate_to_heading_min_angle if driving else _ALIGNED):
+        is_driving = self._turn_direction == 0.0 and speed >= _MIN_SPEED
+        if abs(carrot.angle) > (parameters.rotate_to_heading_min_angle if is_driving else _ALIGNED_ANGLE):
             self._turn(carrot.angle, now)
             return True
         self._turn_direction = 0.0
@@ -493,45 +521,46 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._smoother.send_command(speed, turn, now, self.period)
         return True
 
-    def _free(self, carrot: Carrot, odometry: Pose2D, current_clearance: float) -> tuple[float, float]:
+    def _measure_arc(self, carrot: Carrot, odometry: Pose2D, current_clearance: float) -> tuple[float, float]:
         """Return the free length (m) of the arc to the carrot, and the share of the speed (0 … 1)."""
         curvature = carrot.curvature
-        along = np.arange(1, 13) * _STEP
+        along = np.arange(1, _ARC_POINTS + 1) * _POINT_DISTANCE
         turned = odometry.yaw + curvature * along / 2
         chord = along * np.sinc(curvature * along / (2 * math.pi))
         x, y = odometry.x + chord * np.cos(turned), odometry.y + chord * np.sin(turned)
         clearances = self.clearance.distances_at(x, y)
         # A robot that is too near an obstacle already may move, but not nearer.
-        tight = clearances < min(self._min_clearance, current_clearance - 0.01)
-        free = float(along[int(tight.argmax())]) - _STEP if tight.any() else math.inf
-        narrowest = float(clearances[:6].min())
+        is_tight = clearances < min(self._min_clearance, current_clearance - _ALLOWED_LOSS)
+        free_length = float(along[int(is_tight.argmax())]) - _POINT_DISTANCE if is_tight.any() else math.inf
+        narrowest = float(clearances[:_SPEED_POINTS].min())
         least = self._min_clearance
         width = (narrowest - least) / (self._full_speed_clearance - least)
         share = _MIN_SPEED_SHARE + (1 - _MIN_SPEED_SHARE) * width
-        return free, min(max(share, _MIN_SPEED_SHARE), 1.0)
+        return free_length, min(max(share, _MIN_SPEED_SHARE), 1.0)
 
     def _turn(self, angle: float, now: int) -> None:
         """Turn on the spot by *angle* (rad), slowing down in time."""
         # Near half a turn the sign of the angle flips with noise: keep the direction.
-        if self._turn_direction and abs(angle) > 2.5:
+        if self._turn_direction and abs(angle) > _NEARLY_HALF_TURN:
             angle = math.copysign(angle, self._turn_direction)
         self._turn_direction = math.copysign(1.0, angle)
         limits = self._smoother.limits
-        rate = math.sqrt(2 * _TURN_SHARE * limits.w_down * abs(angle))
-        self._smoother.send_command(0.0, math.copysign(max(rate, 0.05), angle), now, self.period)
+        rate = math.sqrt(2 * _TURN_ACCELERATION_SHARE * limits.w_down * abs(angle))
+        self._smoother.send_command(0.0, math.copysign(max(rate, _MIN_TURN_RATE), angle), now, self.period)
 
 
-def _returns(free: NDArray[np.bool_], past: int) -> list[int]:
-    """Return the indices of points of a path, the nearest first, at which a detour may end.
+def _find_return_points(is_free: NDArray[np.bool_], start: int) -> list[int]:
+    """Return the indices of the points of a path, the nearest first, at which a detour may end.
 
-    *free* is whether a point has enough clearance; the path is blocked up to the index *past*.
+    *is_free* is whether a point has enough clearance; the indices are at least *start*.
     """
-    # A little farther along the path is better where the path is free all the way.
-    beyond = int(_BEYOND / _STEP)
-    places = np.flatnonzero(free[past:])[::_THIN] + past
-    chosen = [min(place + beyond, len(free) - 1) for place in places.tolist()]
-    fits = [free[place : end + 1].all() for place, end in zip(places, chosen, strict=True)]
-    return [end if fit else place for place, end, fit in zip(places.tolist(), chosen, fits, strict=True)]
+    last, offset = len(is_free) - 1, int(_DISTANCE_PAST_OBSTACLE / _POINT_DISTANCE)
+    ends = []
+    for index in (np.flatnonzero(is_free[start:])[::_RETURN_STRIDE] + start).tolist():
+        # A little farther along the path is better where the path is free all the way.
+        farther = min(index + offset, last)
+        ends.append(farther if is_free[index : farther + 1].all() else index)
+    return ends
 
 
 def _transform_pose(transform: Transform, pose: Pose2D) -> Pose2D:

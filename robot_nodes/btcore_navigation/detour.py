@@ -10,13 +10,14 @@ from skimage.graph import MCP_Geometric
 from btcore_navigation.clearance import ClearanceGrid
 from btcore_robot.robot import Pose2D
 
-_COARSE = 2  # a cell of the search is this many cells of the clearance grid wide
+_CELL_STRIDE = 2  # a cell of the search is this many cells of the clearance grid wide
 _FULL_CLEARANCE = 0.23  # m more than the required clearance: from there more clearance is no cheaper
+_CLEARANCE_COST = 6.0  # in addition to the cost 1 of a cell, if the cell has only the required clearance
 _ESCAPE_REACH = 0.4  # m around the robot within which a detour may have too little clearance
 _ESCAPE_COST = 20.0  # cost of a cell with too little clearance; a free cell costs 1 to 7
 _ESCAPE_LOSS = 0.02  # m of clearance that the robot may lose while it drives out of a narrow place
-_PREVIOUS_WAY = 0.6  # factor on the cost of cells on the previous way
-_AROUND = np.ones((5, 5), dtype=np.uint8)
+_PREVIOUS_WAY_FACTOR = 0.6  # factor on the cost of cells on the previous way
+_PREVIOUS_WAY_BRUSH = np.ones((5, 5), dtype=np.uint8)
 # A detour may be 1.5 times as long as the straight line plus 0.5 m; longer ways are left to the planner.
 _MAX_RATIO, _MAX_EXTRA = 1.5, 0.5
 
@@ -46,28 +47,28 @@ def find_detour(
         The index of the target and the points (m, shape `(n, 2)`) of the way; None if no target has a
         short way: at most 1.5 times the straight distance plus 0.5 m.
     """
-    resolution = clearance.resolution * _COARSE
-    distances = clearance.distances[_COARSE // 2 :: _COARSE, _COARSE // 2 :: _COARSE]
+    resolution = clearance.resolution * _CELL_STRIDE
+    distances = clearance.distances[_CELL_STRIDE // 2 :: _CELL_STRIDE, _CELL_STRIDE // 2 :: _CELL_STRIDE]
     first = _cell(clearance, start.x, start.y, resolution)
     height, width = distances.shape
     if not (0 <= first[0] < height and 0 <= first[1] < width):
         return None
     start_clearance = float(distances[first])
     full = round(radius + _FULL_CLEARANCE, 6)
-    costs = 1.0 + 6.0 * np.maximum(full - distances, 0.0) / (full - radius)
+    costs = 1.0 + _CLEARANCE_COST * np.maximum(full - distances, 0.0) / (full - radius)
     costs[distances < radius] = -1.0  # MCP_Geometric takes a negative cost for impassable
     if start_clearance < radius:
         reach = int(_ESCAPE_REACH / resolution)
         low_row, low_col = max(first[0] - reach, 0), max(first[1] - reach, 0)
-        near = (slice(low_row, first[0] + reach + 1), slice(low_col, first[1] + reach + 1))
-        costs[near][distances[near] >= start_clearance - _ESCAPE_LOSS] = _ESCAPE_COST
+        around = (slice(low_row, first[0] + reach + 1), slice(low_col, first[1] + reach + 1))
+        costs[around][distances[around] >= start_clearance - _ESCAPE_LOSS] = _ESCAPE_COST
     if last is not None and len(last):
         cols = ((last[:, 0] - clearance.origin[0]) / resolution).astype(np.intp)
         rows = ((last[:, 1] - clearance.origin[1]) / resolution).astype(np.intp)
         inside = (rows > 0) & (rows < height - 1) & (cols > 0) & (cols < width - 1)
         previous = np.zeros((height, width), dtype=np.uint8)
         previous[rows[inside], cols[inside]] = 1
-        costs[(cv2.dilate(previous, _AROUND) > 0) & (costs > 0.0)] *= _PREVIOUS_WAY
+        costs[(cv2.dilate(previous, _PREVIOUS_WAY_BRUSH) > 0) & (costs > 0.0)] *= _PREVIOUS_WAY_FACTOR
     ends = [_cell(clearance, x, y, resolution) for x, y in targets.tolist()]
     ends = [end if 0 <= end[0] < height and 0 <= end[1] < width else first for end in ends]
     search = MCP_Geometric(costs)

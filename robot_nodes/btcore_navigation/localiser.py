@@ -50,11 +50,13 @@ LOST_LEAD = 0.2
 """The robot is lost if the score of another pose is higher by more than this."""
 MIN_PRESENT_SCORE = 0.3
 """The robot is also lost if the score of the present pose is lower than this."""
-DOUBT_PAUSE = 5 * NS_PER_S
+DOUBT_PAUSE_NS = 5 * NS_PER_S
 """The time (ns) after a dismissed doubt in which no new doubt begins.
 
 The time ends early when the scan fits the pose well again, or changes abruptly.
 """
+_MIN_CLUSTER_DEVIATION = (0.1, 0.05)  # m, rad: the least standard deviation of a cluster's pose in a match
+_MIN_WEIGHT = 0.01  # of a hypothesis that is displayed
 
 
 class Localiser:
@@ -308,7 +310,7 @@ class Localiser:
             sample_particles(hypothesis.pose, spread, count, self._random) for hypothesis in hypotheses
         ]
         self.particles = np.concatenate(samples)
-        self.weights = np.repeat([max(hypothesis.score, 0.01) for hypothesis in hypotheses], count)
+        self.weights = np.repeat([max(hypothesis.score, _MIN_WEIGHT) for hypothesis in hypotheses], count)
         self.weights /= self.weights.sum()
 
     def _validate(
@@ -318,8 +320,8 @@ class Localiser:
         estimate = self._estimate(odometry)
         doubtful = self._validator.is_pose_doubtful(scan, points, laser_xy, odometry, estimate)
         if self._dismissed is not None:
-            recent = self.stamp - self._dismissed < DOUBT_PAUSE
-            if recent and self._validator.fit < FITS and not self._validator.scan_jumped:
+            is_recent = self.stamp - self._dismissed < DOUBT_PAUSE_NS
+            if is_recent and self._validator.fit < FITS and not self._validator.scan_jumped:
                 return
             self._dismissed = None
         if doubtful or self._doubting:
@@ -407,7 +409,10 @@ class Localiser:
             if not contradicts_pose(present):
                 return carried.pose
         deviation = np.sqrt(np.diag(cluster.covariance))
-        prior = (max(0.1, float(deviation[:2].max())), max(0.05, float(deviation[2])))
+        prior = (
+            max(_MIN_CLUSTER_DEVIATION[0], float(deviation[:2].max())),
+            max(_MIN_CLUSTER_DEVIATION[1], float(deviation[2])),
+        )
         rematched = self._surfaces.match(cluster.pose, points, laser_xy, deviation=prior)
         views = self._visibility.agreement([carried.pose, rematched.pose], laser_xy, points[::2])
         return rematched.pose if views[1].score > views[0].score + CLUSTER_LEAD else carried.pose

@@ -127,10 +127,10 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
     Args:
         servers: The servers of the robot, which are a resource of the nodes.
         default_tree: The file of the tree for goals that name no other file.
+        nodes: The nodes for the trees, the result of `navigation_nodes`.
         clock: The clock of the trees.
         resources: Further resources of the nodes, such as the `Robot`.
         through: Whether goals have several poses.
-        plugins: Libraries with further nodes for the trees.
         on_end: A function that is called with the outcome of every goal.
         hold: A function that returns whether goals have to wait; the tree is not ticked in this time.
         give_up_reason: A function that is called with the time (ns) at which a waiting goal began. It returns
@@ -138,9 +138,6 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
         check_goal: A function that is called with each pose of a new goal. It raises a PlannerError to reject
             the goal.
         slowest: The average speed (m/s) from which on a detour is progress.
-
-    Raises:
-        RegistrationError: A library of *plugins* can't be used.
     """
 
     node = "bt_navigator"
@@ -149,11 +146,11 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
         self,
         servers: NavigationServers,
         default_tree: Path,
+        nodes: Registry,
         *,
         clock: Clock,
         resources: Sequence[object] = (),
         through: bool = False,
-        plugins: Iterable[str] = (),
         on_end: Callable[[GoalOutcome], None] | None = None,
         hold: Callable[[], bool] | None = None,
         give_up_reason: Callable[[int], tuple[Nav2ErrorCode, str] | None] | None = None,
@@ -169,7 +166,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
         """The tree of the last accepted goal."""
         self._clock = clock
         self._resources = resources
-        self._nodes = _create_registry(plugins)
+        self._nodes = nodes
         self._on_end = on_end
         self._hold = hold
         self._give_up_reason = give_up_reason
@@ -411,8 +408,12 @@ def tree_file(name: str, default: Path) -> Path:
     return beside if not path.is_file() and beside.is_file() else path
 
 
-def _create_registry(plugins: Iterable[str]) -> Registry:
-    """Return a registry of the standard nodes, Nav2's nodes and the nodes of *plugins*."""
+def navigation_nodes(plugins: Iterable[str]) -> Registry:
+    """Return a registry of the standard nodes, Nav2's nodes and the nodes of *plugins*.
+
+    Raises:
+        RegistrationError: A library of *plugins* can't be used.
+    """
     nodes = Registry.standard()
     nav2_nodes.register(nodes)
     for plugin in plugins:

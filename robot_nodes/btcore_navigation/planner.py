@@ -38,14 +38,14 @@ __all__ = [
     "PlannerServer",
 ]
 
-_BOUNDS_KEPT = 8
+_MAX_BOUNDS = 8
 THROUGH_OFFSET = Nav2ErrorCode.THROUGH_UNKNOWN - Nav2ErrorCode.COMPUTE_PATH_UNKNOWN
 """The offset of ComputePathThroughPoses' error codes from ComputePathToPose's error codes."""
 
 PLANNER_ID = "GridBased"
 """The name of the only plug-in, as in the book's and Nav2's files."""
 
-POSE_WITHIN = 1_000_000_000
+POSE_WAIT_NS = 1_000_000_000
 """The time (ns) for which a goal waits for the robot's pose, which is unknown right after start-up."""
 
 
@@ -301,7 +301,7 @@ class Planner:
         if end in self._bounds_by_goal:
             bounds = self._bounds_by_goal.pop(end) or CostBounds(self._lower_costs, first, end)
         self._bounds_by_goal[end] = bounds  # last in the dictionary: the least recent goal is dropped first
-        while len(self._bounds_by_goal) > _BOUNDS_KEPT:
+        while len(self._bounds_by_goal) > _MAX_BOUNDS:
             del self._bounds_by_goal[next(iter(self._bounds_by_goal))]
         return bounds
 
@@ -395,7 +395,7 @@ class PlannerServer(ActionServer[ComputePathGoal, None, NavPath]):
             return
         start = goal.start if goal.start is not None else self.pose()
         if start is None:
-            if now - self._accepted <= POSE_WITHIN:
+            if now - self._accepted <= POSE_WAIT_NS:
                 return
             handle.abort(int(Nav2ErrorCode.COMPUTE_PATH_TF_ERROR) + offset, "the robot's pose is unknown")
             return

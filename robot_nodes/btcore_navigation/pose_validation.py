@@ -35,7 +35,7 @@ JUMPED_BOTH_WAYS, EACH_WAY = 0.35, 0.1
 "Many" means a larger share of the beams than EACH_WAY, for each of the two changes.
 """
 
-_BEAMS = 60
+_BEAMS = 60  # of a scan: about so many are compared
 _CHANGED = 0.4  # m: more than noise (σ 0.06 m) and a step of 0.03 m
 _NEIGHBOURS = np.arange(-3, 4)  # a beam beside an edge may fall on the edge's other side
 

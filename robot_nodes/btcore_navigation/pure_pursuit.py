@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
 
-_WINDOW = 1.5  # m of the path ahead in which the nearest point is searched, so that a loop isn't cut short
+_MIN_DISTANCE = 1e-6  # m: points nearer to each other count as the same point
+_WINDOW_BEHIND = 0.2  # m of the path behind the previous position in which the nearest point is searched
+_WINDOW_AHEAD = 1.5  # m of the path ahead, likewise; a loop isn't cut short
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +24,7 @@ class Carrot:
     @property
     def curvature(self) -> float:
         """The curvature (1/m) of the arc to the point, tangent to the heading: 2·sin(angle)/distance."""
-        return 2.0 * math.sin(self.angle) / max(self.distance, 1e-6)
+        return 2.0 * math.sin(self.angle) / max(self.distance, _MIN_DISTANCE)
 
 
 class PurePursuit:
@@ -31,11 +33,11 @@ class PurePursuit:
     def __init__(self, points: NDArray[np.float64]) -> None:
         steps = np.hypot(*np.diff(points, axis=0).T) if len(points) > 1 else np.zeros(0)
         # Repeated points would give segments without a direction.
-        kept = np.concatenate(([True], steps > 1e-6))
+        kept = np.concatenate(([True], steps > _MIN_DISTANCE))
         self.points = points[kept]
         self._x = np.ascontiguousarray(self.points[:, 0])
         self._y = np.ascontiguousarray(self.points[:, 1])
-        self._along = np.concatenate(([0.0], np.cumsum(steps[steps > 1e-6])))
+        self._along = np.concatenate(([0.0], np.cumsum(steps[steps > _MIN_DISTANCE])))
         self.length = float(self._along[-1])
         """The length (m) of the path."""
         self.travelled: float | None = None
@@ -59,8 +61,8 @@ class PurePursuit:
         """
         low, high = 0, len(self._x)
         if self.travelled is not None:
-            low = max(int(np.searchsorted(self._along, self.travelled - 0.2)) - 1, 0)
-            high = min(int(np.searchsorted(self._along, self.travelled + _WINDOW)) + 1, high)
+            low = max(int(np.searchsorted(self._along, self.travelled - _WINDOW_BEHIND)) - 1, 0)
+            high = min(int(np.searchsorted(self._along, self.travelled + _WINDOW_AHEAD)) + 1, high)
         squares = (self._x[low:high] - pose.x) ** 2 + (self._y[low:high] - pose.y) ** 2
         nearest = low + int(squares.argmin())
         # The nearest position is on a segment that begins or ends at the nearest point.

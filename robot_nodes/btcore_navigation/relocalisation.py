@@ -18,7 +18,7 @@ HEADINGS_A_STEP = 24
 """The number of headings that a search tries per scan: a fifth of all headings, in about 15 ms."""
 MAX_HYPOTHESES = 40
 """The maximum number of poses found by the search that become hypotheses."""
-TURN_A_VIEW, DISTANCE_A_VIEW, TIME_A_VIEW = 0.35, 0.2, 1_000_000_000
+TURN_A_VIEW, DISTANCE_A_VIEW, TIME_A_VIEW_NS = 0.35, 0.2, 1_000_000_000
 """The hypotheses are scored again after this turn (rad), distance (m) or time (ns)."""
 VIEWS = 4
 """The number of scores that a hypothesis needs before it can be accepted."""
@@ -39,6 +39,11 @@ SEARCH_TIMEOUT_NS = 20_000_000_000
 """If no hypothesis is accepted after this time (ns), the search starts again, too."""
 SAME_PLACE, SAME_HEADING = 0.75, 0.35
 """Hypotheses nearer to each other than this (m, rad) count as the same hypothesis."""
+_SCORE_TOLERANCE = 0.1  # by which a single score, or a mean that is not final, may be less than MIN_SCORE
+# The standard deviations (m, rad) of poses before the fit to a scan. The poses of the search are coarse.
+_SEARCH_DEVIATION = (0.3, 0.15)
+_GIVEN_DEVIATION = (0.1, 0.05)
+_MOTION_DEVIATION = (0.15, 0.1)
 
 
 @dataclass(slots=True)
@@ -107,8 +112,7 @@ class Relocaliser:
             self._search = None
             self._began, self._turned = stamp, 0.0
             hypotheses = [PoseHypothesis(candidate.pose) for candidate in candidates]
-            # The poses of the search are coarse: let the match move them far.
-            self._fit(hypotheses, self._points, laser, deviation=(0.3, 0.15))
+            self._fit(hypotheses, self._points, laser, deviation=_SEARCH_DEVIATION)
             self._keep(hypotheses)
         return None
 
@@ -120,7 +124,7 @@ class Relocaliser:
             laser: The laser's position in the robot's frame (m).
         """
         hypothesis = PoseHypothesis(pose)
-        self._fit([hypothesis], self._points, laser, deviation=(0.1, 0.05))
+        self._fit([hypothesis], self._points, laser, deviation=_GIVEN_DEVIATION)
         self._keep([hypothesis, *self.hypotheses])
         return hypothesis
 
@@ -129,16 +133,16 @@ class Relocaliser:
     ) -> Pose2D | None:
         turn = wrap_angle(odometry.yaw - self.odometry.yaw)
         distance = math.hypot(odometry.x - self.odometry.x, odometry.y - self.odometry.y)
-        if abs(turn) < TURN_A_VIEW and distance < DISTANCE_A_VIEW and stamp - self._stamp < TIME_A_VIEW:
+        if abs(turn) < TURN_A_VIEW and distance < DISTANCE_A_VIEW and stamp - self._stamp < TIME_A_VIEW_NS:
             return None
         step = Transform.from_pose(self.odometry).inverse() * Transform.from_pose(odometry)
         for hypothesis in self.hypotheses:
             hypothesis.pose = (Transform.from_pose(hypothesis.pose) * step).to_pose()
         self._turned += abs(turn)
         self.odometry, self._stamp = odometry, stamp
-        self._fit(self.hypotheses, points, laser, deviation=(0.15, 0.1))
+        self._fit(self.hypotheses, points, laser, deviation=_MOTION_DEVIATION)
         self._keep(self.hypotheses)
-        return self._accepted(stamp)
+        return self._accept_or_restart(stamp)
 
     def _fit(
         self,
@@ -158,20 +162,24 @@ class Relocaliser:
         """Keep the promising hypotheses, the likeliest first, without duplicates."""
         kept: list[PoseHypothesis] = []
         for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.score):
-            hopeless = bool(kept) and hypothesis.score < kept[0].score - DISCARD_MARGIN
-            if not hopeless and not any(hypothesis.is_near(other) for other in kept):
+            is_hopeless = bool(kept) and hypothesis.score < kept[0].score - DISCARD_MARGIN
+            if not is_hopeless and not any(hypothesis.is_near(other) for other in kept):
                 kept.append(hypothesis)
         self.hypotheses = kept
 
-    def _accepted(self, stamp: int) -> Pose2D | None:
+    def _accept_or_restart(self, stamp: int) -> Pose2D | None:
         """Return the pose of an accepted hypothesis, or start again if none can be accepted."""
         best = self.hypotheses[0]
         if len(best.scores) >= VIEWS:
             ahead = best.score - self.hypotheses[1].score if len(self.hypotheses) > 1 else 1.0
             margin = MARGIN if self._turned >= LOOKED_AROUND else MARGIN_AT_FIRST
-            if best.score >= MIN_SCORE and best.scores[-1] >= MIN_SCORE - 0.1 and ahead >= margin:
+            if (
+                best.score >= MIN_SCORE
+                and best.scores[-1] >= MIN_SCORE - _SCORE_TOLERANCE
+                and ahead >= margin
+            ):
                 return best.pose
-            expired = self._turned > FULL_TURN or stamp - self._began > SEARCH_TIMEOUT_NS
-            if best.score < MIN_SCORE - 0.1 or expired:
+            is_expired = self._turned > FULL_TURN or stamp - self._began > SEARCH_TIMEOUT_NS
+            if best.score < MIN_SCORE - _SCORE_TOLERANCE or is_expired:
                 self.restart()
         return None

@@ -25,7 +25,7 @@ from btcore_scene import Area, Frame, Grid, MovingScene, Poses, StaticScene
 MAX_PARTICLES = 250
 """The maximum number of particles that are sent; of more particles, every n-th is sent."""
 
-GLOBAL_EVERY, LOCAL_EVERY, MAP_EVERY = 2_000_000_000, 250_000_000, 2_000_000_000
+GLOBAL_INTERVAL_NS, LOCAL_INTERVAL_NS, MAP_INTERVAL_NS = 2_000_000_000, 250_000_000, 2_000_000_000
 """Minimum time (ns) between two messages with a costmap, or with a map that grows."""
 
 
@@ -130,12 +130,12 @@ class NavigationScene:
     def _grid_messages(self, now: int) -> list[Grid]:
         servers, messages = self._servers, []
         known = self._map()
-        if known is not self._shown.get("map") and self._is_due("map", now, MAP_EVERY):
+        if known is not self._shown.get("map") and self._is_due("map", now, MAP_INTERVAL_NS):
             self._shown["map"] = known
             messages.append(map_message(known))
         for name, costmap, every in (
-            ("global_costmap", servers.global_costmap, GLOBAL_EVERY),
-            ("local_costmap", servers.local_costmap, LOCAL_EVERY),
+            ("global_costmap", servers.global_costmap, GLOBAL_INTERVAL_NS),
+            ("local_costmap", servers.local_costmap, LOCAL_INTERVAL_NS),
         ):
             if self._shown.get(name) != costmap.version and self._is_due(name, now, every):
                 self._shown[name] = costmap.version

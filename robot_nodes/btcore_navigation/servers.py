@@ -35,7 +35,7 @@ from btcore_navigation.smoother import SmootherServer
 from btcore_robot.robot import Odometry, Pose2D, Robot
 from btcore_robot.transforms import TransformTree
 
-OBSTACLE_MEMORY = 15.0
+OBSTACLE_MEMORY_S = 15.0
 """The time (s) for which the global costmap keeps an observed obstacle when a service clears the costmap.
 
 The global costmap takes a scan once a second. Without this memory a cleared costmap is empty until the next
@@ -242,7 +242,7 @@ class Servers(NavigationServers):
         costmap = self.global_costmap if around_pose else self.costmap(service_name)
         # The local costmap is in the odometry frame; the global costmap is in the frame map.
         is_local = costmap is self.local_costmap
-        before = None if is_local else self.now() - round(OBSTACLE_MEMORY * NS_PER_S)
+        before = None if is_local else self.now() - round(OBSTACLE_MEMORY_S * NS_PER_S)
         if request.area is ClearedArea.ENTIRE:
             costmap.clear(before=before)
             return _succeeded(request)

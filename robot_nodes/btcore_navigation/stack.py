@@ -21,7 +21,7 @@ from btcore_navigation.controller import ControllerServer
 from btcore_navigation.costmap import GlobalCostmap, LocalCostmap
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.localiser import Localiser
-from btcore_navigation.navigator import NavigateGoal, NavigateHandle, Navigator, tree_file
+from btcore_navigation.navigator import NavigateGoal, NavigateHandle, Navigator, navigation_nodes, tree_file
 from btcore_navigation.parameters import CostmapParameters, NavigationParameters, NavigatorParameters
 from btcore_navigation.planner import Planner, PlannerServer
 from btcore_navigation.scene import NavigationScene
@@ -72,7 +72,7 @@ class Navigation:
     Goals wait in this time, and continue with a newly planned path. If the search has no result after
     `SEARCH_LIMIT_S`, because places look alike or the map doesn't fit, the robot stops searching and the
     waiting goals fail. They also fail when a sensor has no readings for longer than
-    `time_limits.MAX_OUTAGE_S`, and at once when the battery is empty.
+    `btcore_robot.time_limits.MAX_OUTAGE_S`, and at once when the battery is empty.
 
     *random* is the source of the localiser's samples. *trees* is the folder whose subfolder `navigation`
     contains the default trees. Messages have the names of *waypoints* instead of their coordinates.
@@ -167,15 +167,16 @@ class Navigation:
         )
         self._outcomes: list[GoalOutcome] = []
         named = parameters.navigator
+        nodes = navigation_nodes(named.plugin_lib_names)
 
         def navigator(file: str, default: str, through: bool) -> Navigator:
             return Navigator(
                 self.servers,
                 _existing_tree(file, trees / TREES / default),
+                nodes,
                 clock=robot.clock,
                 resources=[robot],
                 through=through,
-                plugins=named.plugin_lib_names,
                 on_end=self._outcomes.append,
                 hold=self.goals_wait,
                 give_up_reason=self.give_up_reason,

@@ -6,7 +6,7 @@ from btcore.clock import NS_PER_S
 from btcore_robot.robot import BaseInfo, Robot, Twist2D
 from btcore_robot.time_limits import ODOMETRY, is_stale
 
-_COMMAND_LIFETIME = 0.3  # s; after this time the last command is no longer a basis for the next
+_COMMAND_LIFETIME_S = 0.3  # s; after this time the last command is no longer a basis for the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class VelocitySmoother:
 
         Without recent odometry the robot counts as standing.
         """
-        if self._stamp is None or now - self._stamp > _COMMAND_LIFETIME * NS_PER_S:
+        if self._stamp is None or now - self._stamp > _COMMAND_LIFETIME_S * NS_PER_S:
             odometry = self._robot.odometry()
             twist = Twist2D(0.0, 0.0) if is_stale(odometry, now, ODOMETRY) else odometry.twist
             self.v = _clamp(twist.v, -self.limits.v, self.limits.v)

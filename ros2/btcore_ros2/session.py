@@ -100,7 +100,8 @@ class RosSession:
         name: The name of the ROS node.
         arguments: Arguments in the form of `--ros-args`, for example `["-r", "scan:=/scan_raw"]`. With a
             namespace, `["-r", "__ns:=/robot1"]`, the topics `/tf` and `/tf_static` are in it, too.
-        domain: The domain (0 to 101); None = that of the environment.
+        domain: The domain (0 to 232; above 101 its ports may be those of other programs); None = the domain
+            of the variable ROS_DOMAIN_ID, or 0.
         use_executor: Whether `drain` uses rclpy's executor, which is slower: 0.3 ms instead of 0.05 ms for
             ten subscriptions without a message. The default uses parts of rclpy that are not documented; if
             the installed version lacks them, the executor is used, with a warning.
@@ -351,10 +352,10 @@ def node_arguments(text: str | None) -> list[str]:
         raise RosError(f"--ros-args: {error} in {text}") from error
 
 
-def _check_domain(domain: str) -> None:
+def _check_domain(domain: str, origin: str) -> None:
     """Raise a RosError for a domain that does not exist: Fast DDS would end the process."""
     if not (domain.isdecimal() and int(domain) <= MAX_DOMAIN):
-        raise RosError(f"ROS_DOMAIN_ID: there is no domain {domain}, only 0 to {MAX_DOMAIN}")
+        raise RosError(f"{origin}: there is no domain {domain}, only 0 to {MAX_DOMAIN}")
 
 
 def _create_node(name: str, arguments: Sequence[str], domain: int | None) -> "Node":
@@ -363,7 +364,10 @@ def _create_node(name: str, arguments: Sequence[str], domain: int | None) -> "No
     from rclpy.impl.implementation_singleton import rclpy_implementation
     from rclpy.node import Node
 
-    _check_domain(str(domain) if domain is not None else os.environ.get("ROS_DOMAIN_ID") or "0")
+    if domain is not None:
+        _check_domain(str(domain), "domain")
+    else:
+        _check_domain(os.environ.get("ROS_DOMAIN_ID") or "0", "ROS_DOMAIN_ID")
     context = Context()
     # Without signal handlers, which are installed by rclpy.init() only: a last stop command can be sent
     # after Ctrl-C.

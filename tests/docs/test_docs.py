@@ -209,7 +209,9 @@ def environment(folder: Path) -> dict[str, str]:
         "PYTHONPATH": os.pathsep.join(map(str, sources)),
         "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
         "PYTHONWARNINGS": "error",
-        "CI": "true",  # Hypothesis accepts that the machine is slow
+        "CI": "true",  # Hypothesis accepts that the machine is slow, and keeps no examples
+        # Hypothesis finds its tables of characters there.
+        "HYPOTHESIS_STORAGE_DIRECTORY": str(ROOT / ".hypothesis"),
         "NO_COLOR": "1",
         "COLUMNS": "110",
     }

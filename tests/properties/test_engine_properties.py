@@ -174,7 +174,7 @@ BROAD = st.builds(
             'ParallelAll max_failures="4"',
         ]
     ),
-    st.lists(outcome_texts(), min_size=2, max_size=12),
+    st.lists(outcome_texts(), min_size=6, max_size=12),
 )
 
 

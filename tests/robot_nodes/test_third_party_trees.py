@@ -60,7 +60,7 @@ def test_the_patrol_of_the_books_text_ends_after_one_waypoint() -> None:
 
 def test_a_patrol_in_subtrees_recharges_below_its_own_threshold() -> None:
     # low="{low}", and SubTreePlus with constants: a threshold of 99 forces a recharge after any distance.
-    result = run("patrol_in_subtrees.xml", "--world", "house", "--duration", "60", "--set", "low=99")
+    result = run("patrol_in_subtrees.xml", "--world", "house", "--duration", "48", "--set", "low=99")
     assert result["status"] == "RUNNING"
     assert result["robot"]["recharges"] >= 1
     assert ids(result)["TrackObjects"]["halted"] >= 1
@@ -74,7 +74,7 @@ def test_a_subtree_with_remapped_goals_visits_them_and_has_a_timeout() -> None:
 
 def test_a_reactive_fallback_interrupts_the_manoeuvre_as_the_book_warns() -> None:
     # The book's Fallback remembers its running child; with ReactiveFallback the robot never gets to turn.
-    result = run("reactive_escape.xml", "--duration", "30")
+    result = run("reactive_escape.xml", "--duration", "15")
     assert ids(result)["Back"]["halted"] > 10
     assert ids(result)["Turn"]["ticks"] == 0
 

@@ -213,6 +213,15 @@ def test_close_waits_for_work_and_logs_errors(session: RosSession, caplog: pytes
     assert not session.context.ok()
 
 
+@pytest.mark.parametrize(("domain", "origin"), [(233, "domain"), (-1, "domain"), (None, "ROS_DOMAIN_ID")])
+def test_invalid_domain_is_reported_with_its_origin(
+    monkeypatch: pytest.MonkeyPatch, domain: int | None, origin: str
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "999")
+    with pytest.raises(RosError, match=f"^{origin}: there is no domain {domain or 999}, only 0 to 232"):
+        RosSession(domain=domain)
+
+
 def test_context_that_was_shut_down_is_refused_with_a_message(session: RosSession) -> None:
     session.context.shutdown()
     with pytest.raises(RosError, match=r"context was shut down.*SignalHandlerOptions\.NO"):

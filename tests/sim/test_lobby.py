@@ -22,7 +22,7 @@ def test_a_robot_can_drive_to_every_waypoint() -> None:
 
 def test_a_patrol_drives_through_the_doors_without_contact() -> None:
     """Both rooms behind the doors are visited, with localisation: glass contradicts no scan."""
-    options = ("--world", "lobby", "--seed", "3", "--duration", "85", "--camera", "off")
+    options = ("--world", "lobby", "--seed", "3", "--duration", "72", "--camera", "off")
     done = subprocess.run(
         [sys.executable, "-m", "btcore", "run", "patrolling", *options, "--fast", "--json"],
         capture_output=True,

@@ -12,7 +12,14 @@ from btcore_proof.exploration import Explorer
 from btcore_proof.model_leaves import Choices, LeafEvent, UnknownValue
 from btcore_proof.state_graph import Moment
 from btcore_proof.tick_runner import run_tick
-from btcore_proof.tick_times import NOW, PENDING, READING, Deadline, TickClock, tick_times
+from btcore_proof.tick_times import (
+    FIRST_PENDING_NS,
+    READING_INTERVAL_NS,
+    TICK_START_NS,
+    Deadline,
+    TickClock,
+    tick_times,
+)
 
 TreeMaker = Callable[[Choices, Clock], Tree]
 """Loads the tree with model leaves, and writes the entries of the run's beginning."""
@@ -125,11 +132,13 @@ def _deadlines_of(
         results.append([(event.leaf.config.path, event.result) for event in _shown(tick.events)])
         open_timers = []
         for value in keeper.deadlines():
-            if value >= PENDING:
-                open_timers.append(kept[value - PENDING])
+            if value >= FIRST_PENDING_NS:
+                open_timers.append(kept[value - FIRST_PENDING_NS])
             else:
                 open_timers.append(len(deadlines))
-                deadlines.append(Deadline(number, *divmod(value - NOW, READING), None, number))
+                deadlines.append(
+                    Deadline(number, *divmod(value - TICK_START_NS, READING_INTERVAL_NS), None, number)
+                )
     return deadlines
 
 

@@ -37,7 +37,7 @@ from btcore_proof.state_graph import (
 )
 from btcore_proof.tick_progress import TickProgress
 from btcore_proof.tick_runner import Check, Tick, TickRunner
-from btcore_proof.tick_times import NOW
+from btcore_proof.tick_times import TICK_START_NS
 from btcore_proof.timer_order import Advance
 from btcore_proof.tree_state import StateKeeper, TreeState
 from btcore_proof.user_code import UserCode, has_user_code
@@ -54,7 +54,7 @@ class Explorer:
     """Searches the states of one tree.
 
     Args:
-        tree: The tree, with model leaves that share *choices*, and a SimClock at `NOW`.
+        tree: The tree, with model leaves that share *choices*, and a SimClock at `TICK_START_NS`.
         choices: The choices of the leaves.
         checks: The checks of each tick, by name.
         state_checks: The checks that depend only on the tree after a tick, by name.
@@ -390,4 +390,4 @@ def _what_is_unknown(error: NodeExecutionError, tree: Tree) -> str | None:
 
 def clock_for_search() -> SimClock:
     """Return a clock that shows the time at which every tick of a search begins."""
-    return SimClock(NOW)
+    return SimClock(TICK_START_NS)

@@ -124,13 +124,13 @@ def steps_back(steps_to: dict[int, Step | None], state: int) -> list[Step]:
 
 def _holds(part: Part, condition: Fairness) -> bool:
     """Return whether a run through all edges of *part* again and again meets *condition*."""
-    caused = False
+    is_caused = False
     for edges in part.values():
         for edge in edges:
             if condition.is_met_by(edge):
                 return True
-            caused = caused or condition.is_caused_by(edge)
-    return not caused
+            is_caused = is_caused or condition.is_caused_by(edge)
+    return not is_caused
 
 
 def _components(part: Part) -> list[Part]:

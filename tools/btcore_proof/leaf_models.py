@@ -87,12 +87,12 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
         uses = resources_of(manifest) if manifest.type is NodeType.ACTION else frozenset()
     at_once = not lasts or _may_complete_on_start(cls)
     endless = lasts and (cls.spec.is_endless or not results)
-    model = LeafModel(_ordered(results), lasts, at_once, endless, uses)
+    model = LeafModel(_order(results), lasts, at_once, endless, uses)
     metadata = {key: text for key, text in manifest.metadata.items() if key in _KEYS}
     if metadata:
-        model = _narrowed(model, metadata, f"the metadata of <{manifest.id}>")
+        model = _narrow(model, metadata, f"the metadata of <{manifest.id}>")
     if declared is not None:
-        model = _narrowed(model, declared, f"[leaves.{manifest.id}]")
+        model = _narrow(model, declared, f"[leaves.{manifest.id}]")
     return model._replace(entries=model.writes - set(manifest.ports))
 
 
@@ -130,7 +130,7 @@ def _may_complete_on_start(cls: type[TreeNode]) -> bool:
     return cls.spec.may_complete_on_start if declared else True
 
 
-def _ordered(results: set[Status]) -> tuple[Status, ...]:
+def _order(results: set[Status]) -> tuple[Status, ...]:
     return tuple(status for status in RESULTS.values() if status in results)
 
 
@@ -146,7 +146,7 @@ def resources_of(manifest: Manifest) -> frozenset[str]:
     )
 
 
-def _narrowed(model: LeafModel, declared: Mapping[str, Any], place: str) -> LeafModel:
+def _narrow(model: LeafModel, declared: Mapping[str, Any], place: str) -> LeafModel:
     """Return *model* with the values that a declaration replaces."""
     for key, value in declared.items():
         if key not in _KEYS:
@@ -158,7 +158,7 @@ def _narrowed(model: LeafModel, declared: Mapping[str, Any], place: str) -> Leaf
                 raise ModelError(
                     f"{place}: '{unknown[0]}' is not a result: use {join_names([*RESULTS, 'RUNNING'])}"
                 )
-            results = _ordered({RESULTS[name] for name in names if name in RESULTS})
+            results = _order({RESULTS[name] for name in names if name in RESULTS})
             lasts = model.lasts if results else True
             model = model._replace(results=results, lasts=lasts or "RUNNING" in names, endless=not results)
         elif key in _NAMES:

@@ -106,7 +106,7 @@ def _operands(value: object) -> str:
     return "" if number_of(value) is None else "numbers"
 
 
-Outcome = tuple[Status, tuple[int, ...]]
+ModelOutcome = tuple[Status, tuple[int, ...]]
 """A result of a leaf, and for each output the number of the value; () = nothing is written."""
 _NOT_WRITTEN: Final = -1
 """Stands for the number of a value in an outcome in which an output is not written."""
@@ -186,7 +186,9 @@ class Choices:
         self.made.append((chosen, options))
         return chosen
 
-    def choose_outcome(self, leaf: TreeNode, options: Sequence[Outcome], writers: Sequence["Writer"]) -> int:
+    def choose_outcome(
+        self, leaf: TreeNode, options: Sequence[ModelOutcome], writers: Sequence["Writer"]
+    ) -> int:
         """Return the number of the chosen outcome of a leaf.
 
         Args:
@@ -255,8 +257,8 @@ class _Chooser:
         self._writers: list[Writer] = []
         self._all_writers: list[Writer] = []
         self._halt_writers: list[Writer] = []
-        self._start: list[Outcome] = []
-        self._options: dict[tuple[tuple[bool, ...], bool, bool], list[Outcome]] = {}
+        self._start: list[ModelOutcome] = []
+        self._options: dict[tuple[tuple[bool, ...], bool, bool], list[ModelOutcome]] = {}
         self._starts_running = model.lasts and not model.at_once
 
     def take(self, before: Status) -> Status:
@@ -338,7 +340,7 @@ class _Chooser:
             return True
         return any(board.find(key) is entry for board, key in self.choices.counted)
 
-    def _all_options(self, fresh: tuple[bool, ...], has_inputs: bool) -> list[Outcome]:
+    def _all_options(self, fresh: tuple[bool, ...], has_inputs: bool) -> list[ModelOutcome]:
         """Return the results with the numbers of the values that are written.
 
         With SUCCESS the leaf writes all its outputs, with FAILURE all or none, with RUNNING none or,
@@ -350,7 +352,7 @@ class _Chooser:
         picks: list[tuple[int, ...]] = [()]
         for writer in self._writers:
             picks = [(*pick, number) for pick in picks for number in range(len(writer.values) or 1)]
-        options: list[Outcome] = []
+        options: list[ModelOutcome] = []
         for status in results:
             if status is not SUCCESS:
                 options.append((status, ()))
@@ -362,14 +364,14 @@ class _Chooser:
                 options += [(RUNNING, pick) for pick in picks]
         return options
 
-    def _outcomes(self, fresh: tuple[bool, ...], has_inputs: bool, is_repeated: bool) -> list[Outcome]:
+    def _outcomes(self, fresh: tuple[bool, ...], has_inputs: bool, is_repeated: bool) -> list[ModelOutcome]:
         """Return all outcomes. *is_repeated*: the leaf may have written its outputs in an earlier tick."""
         options = self._all_options(fresh, has_inputs)
         if is_repeated and self._writers and any(status is SUCCESS for status, _ in options):
             options.append((SUCCESS, ()))
         return self._with_free_writes(options)
 
-    def _with_free_writes(self, options: list[Outcome]) -> list[Outcome]:
+    def _with_free_writes(self, options: list[ModelOutcome]) -> list[ModelOutcome]:
         """Return the options, each with and without the writes that do not depend on the result."""
         count = len(self._writers)
         free = self._all_writers[count:]

@@ -12,11 +12,10 @@ from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore_proof.counterexample import Counterexample, TreeMaker, text_of
 from btcore_proof.interrupts import UnknownOutcomeError
-from btcore_proof.model_leaves import Choices, Writer, counted_entries, model_leaf_model
-from btcore_proof.model_leaves import Outcome as ModelOutcome
-from btcore_proof.propositions import parse_proposition, parse_question
+from btcore_proof.model_leaves import Choices, ModelOutcome, Writer, counted_entries, model_leaf_model
+from btcore_proof.propositions import Question, parse_proposition, parse_question
 from btcore_proof.standard_questions import ENDS, LEAVES, STANDARD_QUESTIONS, state_checks, tick_checks
-from btcore_proof.tick_runner import Tick, TickRunner
+from btcore_proof.tick_runner import Check, Tick, TickRunner
 from btcore_proof.tick_times import TickClock
 
 CYCLES: Final = 100
@@ -192,8 +191,8 @@ def replay_outcomes(
     clock = SimClock()
     tree = make(choices, clock)
     choices.check(tree)
-    fault = _Fault(tree, question)
-    runner = TickRunner(tree, choices, fault.watched)
+    check = _run_check(tree, question)
+    runner = TickRunner(tree, choices, check.watched)
     if attach is not None:
         attach(tree)
     tick_clock = TickClock(tree, clock)
@@ -201,10 +200,10 @@ def replay_outcomes(
         for times in _times(ticks, cycle, cycles):
             tick_clock.begin(times)
             tick = runner.run(())
-            message = fault.after(tick)
+            message = check.after(tick)
             if message is not None or tick.result is not RUNNING:
                 return message
-        return fault.at_end(cycle is not None)
+        return check.at_end(cycle is not None)
     except UnknownOutcomeError as error:
         raise OutcomesError(str(error)) from error
     finally:
@@ -224,46 +223,78 @@ def _times(replayed: Sequence[TickOutcomes], cycle: tuple[int, float] | None, cy
     return ticks
 
 
-class _Fault:
-    """Checks, tick by tick, whether a run violates a question."""
+class _RunCheck:
+    """A check, tick by tick, whether a run violates a question. This base class finds nothing.
 
-    def __init__(self, tree: Tree, question: str) -> None:
-        self._check = None
-        self._ends = question == ENDS
-        self._question = None
-        self._pending: int | None = None
-        self._occurred = False
-        self.watched = []
-        if question == LEAVES:
-            raise OutcomesError(f"'{question}' is not a question about a single run")
-        if question in STANDARD_QUESTIONS:
-            self._check = {**tick_checks(tree), **state_checks(tree)}.get(question)
-            return
-        self._question = parse_question(question)
-        first = parse_proposition(self._question.first, tree)
-        second = parse_proposition(self._question.second, tree) if self._question.second else first
-        self._first, self._second = first.holds, second.holds
-        self.watched = [*{node.config.uid: node for node in (*first.nodes, *second.nodes)}.values()]
+    Attributes:
+        watched: The nodes whose results and halts must be recorded.
+    """
+
+    watched: Sequence[TreeNode] = ()
 
     def after(self, tick: Tick) -> str | None:
         """Return what is wrong after a tick, or None."""
-        if self._check is not None:
-            return self._check.find(tick)
-        question = self._question
-        if question is None:
-            return None
-        first, second = self._first(tick), self._second(tick)
+        return None
+
+    def at_end(self, is_endless: bool) -> str | None:
+        """Return what is wrong with a run in which the tree has not ended, or None."""
+        return None
+
+
+class _TickCheck(_RunCheck):
+    def __init__(self, check: Check) -> None:
+        self._check = check
+
+    def after(self, tick: Tick) -> str | None:
+        return self._check.find(tick)
+
+
+class _EndCheck(_RunCheck):
+    def at_end(self, is_endless: bool) -> str | None:
+        return "the tree is still RUNNING although no leaf fails forever" if is_endless else None
+
+
+class _PropositionCheck(_RunCheck):
+    """The base class of checks of the user's questions: `judge` gets the values of the propositions."""
+
+    def __init__(self, question: Question, tree: Tree) -> None:
+        self._question = question
+        self._first = parse_proposition(question.first, tree)
+        self._second = parse_proposition(question.second, tree) if question.second else self._first
+        nodes = (*self._first.nodes, *self._second.nodes)
+        self.watched = [*{node.config.uid: node for node in nodes}.values()]
+
+    def after(self, tick: Tick) -> str | None:
+        first, second = self._first.holds(tick), self._second.holds(tick)
         if first is None or second is None:
-            raise OutcomesError(f"'{question.text}' compares a value that is not known")
-        if question.kind == "never":
-            return f"'{question.first}' holds" if first else None
-        if question.kind == "before":
-            self._occurred = self._occurred or first
-            return (
-                f"'{question.second}' holds before '{question.first}'"
-                if second and not self._occurred
-                else None
-            )
+            raise OutcomesError(f"'{self._question.text}' compares a value that is not known")
+        return self.judge(first, second, tick.result is not RUNNING and tick.error is None)
+
+    def judge(self, first: bool, second: bool, has_ended: bool) -> str | None:
+        """Return what is wrong after a tick, or None."""
+        raise NotImplementedError
+
+
+class _NeverCheck(_PropositionCheck):
+    def judge(self, first: bool, second: bool, has_ended: bool) -> str | None:
+        return f"'{self._question.first}' holds" if first else None
+
+
+class _BeforeCheck(_PropositionCheck):
+    _has_occurred = False
+
+    def judge(self, first: bool, second: bool, has_ended: bool) -> str | None:
+        self._has_occurred = self._has_occurred or first
+        if second and not self._has_occurred:
+            return f"'{self._question.second}' holds before '{self._question.first}'"
+        return None
+
+
+class _LeadsToCheck(_PropositionCheck):
+    _pending: int | None = None
+    """The number of ticks since the first proposition held; None = the second need not hold."""
+
+    def judge(self, first: bool, second: bool, has_ended: bool) -> str | None:
         if second:
             self._pending = None
         elif self._pending is not None:
@@ -272,15 +303,26 @@ class _Fault:
             self._pending = 0
         if self._pending is None:
             return None
+        question = self._question
         if question.within is not None and self._pending >= question.within:
             return f"'{question.second}' does not hold within {question.within} ticks"
-        has_ended = tick.result is not RUNNING and tick.error is None
         return f"'{question.second}' does not follow" if has_ended else None
 
     def at_end(self, is_endless: bool) -> str | None:
-        """Return what is wrong with a run in which the tree has not ended, or None."""
-        if self._ends and is_endless:
-            return "the tree is still RUNNING although no leaf fails forever"
-        if self._pending is not None and is_endless and self._question is not None:
-            return f"'{self._question.second}' does not follow"
-        return None
+        has_to_follow = self._pending is not None and is_endless
+        return f"'{self._question.second}' does not follow" if has_to_follow else None
+
+
+_CHECKS: Final = {"never": _NeverCheck, "before": _BeforeCheck, "leads to": _LeadsToCheck}
+
+
+def _run_check(tree: Tree, question: str) -> _RunCheck:
+    """Return the check whether a run violates a question."""
+    if question == LEAVES:
+        raise OutcomesError(f"'{question}' is not a question about a single run")
+    if question == ENDS:
+        return _EndCheck()
+    if question in STANDARD_QUESTIONS:
+        return _TickCheck({**tick_checks(tree), **state_checks(tree)}[question])
+    parsed = parse_question(question)
+    return _CHECKS[parsed.kind](parsed, tree)

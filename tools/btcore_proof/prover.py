@@ -212,8 +212,10 @@ class Prover:
         if any(edge.signals & guessed for edges in graph.edges for edge in edges):
             certain = graph.without(guessed)
             views.insert(0, _View(certain, cyclic_parts(certain)))
-        asked: list[Callable[[], Answer]] = [partial(self._standard, name) for name in STANDARD_QUESTIONS]
-        asked += [partial(self._own, prepared) for prepared in self._questions]
+        asked: list[Callable[[], Answer]] = [
+            partial(self._answer_standard_question, name) for name in STANDARD_QUESTIONS
+        ]
+        asked += [partial(self._answer_own_question, prepared) for prepared in self._questions]
         return Report([self._answer_in(views, ask) for ask in asked], graph.transitions)
 
     def _answer_in(self, views: Sequence[_View], ask: Callable[[], Answer]) -> Answer:
@@ -239,17 +241,17 @@ class Prover:
 
     # --- the standard questions
 
-    def _standard(self, question: str) -> Answer:
+    def _answer_standard_question(self, question: str) -> Answer:
         if question is ENDS:
-            return self._ends()
+            return self._answer_ends()
         if question is LEAVES:
-            return self._leaves()
+            return self._answer_leaves()
         violation = self._view.graph.violations.get(question)
         if violation is not None:
-            return self._refuted(question, violation.message, [violation.step])
-        return self._proved(question)
+            return self._refuted_answer(question, violation.message, [violation.step])
+        return self._proved_answer(question)
 
-    def _ends(self) -> Answer:
+    def _answer_ends(self) -> Answer:
         graph, signals, endless = self._view.graph, self.explorer.signals, self._endless
         ends = any(edge.target in RESULT_OF for edges in graph.edges for edge in edges)
         runs = [signals.holds(self._first_endless + number) for number in range(len(endless))]
@@ -264,32 +266,36 @@ class Prover:
                 failing_conditions |= signals.failed(number)
             else:
                 actions_succeed.append(Fairness(signals.failed(number), signals.succeeded(number)))
-        cycle = self._cycle([*fairness, pauses, *actions_succeed], avoided=failing_conditions)
+        cycle = self._find_cycle([*fairness, pauses, *actions_succeed], avoided=failing_conditions)
         if cycle is not None and (ends or not endless):
-            return self._refuted(ENDS, "it can go on forever although no leaf fails forever", [], cycle)
+            return self._refuted_answer(
+                ENDS, "it can go on forever although no leaf fails forever", [], cycle
+            )
         if self._limits():
-            return self._proved(ENDS)
+            return self._proved_answer(ENDS)
         if endless and not ends:
-            return self._proved(ENDS, f"never by itself, because of {join_names(_quoted(endless), 'and')}")
+            return self._proved_answer(
+                ENDS, f"never by itself, because of {join_names(_quoted(endless), 'and')}"
+            )
         reasons = [
             f"'{node.config.path}' runs forever"
             for node, its in zip(endless, runs, strict=True)
-            if self._cycle([*fairness, Fairness(0, its)], avoided=runs_none)
+            if self._find_cycle([*fairness, Fairness(0, its)], avoided=runs_none)
         ]
         for number, leaf in enumerate(signals.leaves):
             succeeds, fails = signals.succeeded(number), signals.failed(number)
             sometimes_fails = [*fairness, pauses, Fairness(0, fails)]
-            if self._cycle(sometimes_fails, avoided=succeeds):
+            if self._find_cycle(sometimes_fails, avoided=succeeds):
                 reasons.append(f"'{leaf.config.path}' fails forever")
-            elif isinstance(leaf, Condition) and self._cycle([*sometimes_fails, Fairness(0, succeeds)]):
+            elif isinstance(leaf, Condition) and self._find_cycle([*sometimes_fails, Fairness(0, succeeds)]):
                 reasons.append(f"'{leaf.config.path}' changes its result forever")
         detail = f"unless {join_names(reasons, 'or')}" if reasons else ""
-        return self._proved(ENDS, detail)
+        return self._proved_answer(ENDS, detail)
 
     def _runs_endless_node(self, tick: Tick) -> bool:
         return any(node._status is RUNNING for node in self._endless)
 
-    def _cycle(self, conditions: Sequence[Fairness], avoided: int = 0) -> FairCycle | None:
+    def _find_cycle(self, conditions: Sequence[Fairness], avoided: int = 0) -> FairCycle | None:
         """Return a fair cycle without the signals *avoided*, or None."""
         return find_fair_cycle(
             self._view.graph, self._view.cyclic_parts, conditions, lambda edge: not edge.signals & avoided
@@ -305,7 +311,7 @@ class Prover:
         ]
         return conditions + [Fairness(0, signals.stopped(number)) for number in range(signals.timers)]
 
-    def _leaves(self) -> Answer:
+    def _answer_leaves(self) -> Answer:
         problems: list[str] = []
         for node in self.tree.nodes:
             counts = tick_counts_of(node)
@@ -320,12 +326,12 @@ class Prover:
                 if FAILURE in model.results and not counts.failure:
                     problems.append(f"'{node.config.path}' never fails")
         if not problems or self._limits():
-            return self._proved(LEAVES)
+            return self._proved_answer(LEAVES)
         return self._answer(LEAVES, REFUTED, "; ".join(problems))
 
     # --- questions of the user
 
-    def _own(self, prepared: _Prepared) -> Answer:
+    def _answer_own_question(self, prepared: _Prepared) -> Answer:
         graph, signals = self._view.graph, self.explorer.signals
         question = prepared.question
         if prepared.error:
@@ -338,21 +344,21 @@ class Prover:
         if question.kind == "never":
             if occurs:
                 first_step = min(occurs, key=lambda step: graph.depths[step[0]])
-                return self._refuted(question.text, "", [first_step])
-            return self._proved(question.text)
+                return self._refuted_answer(question.text, "", [first_step])
+            return self._proved_answer(question.text)
         if question.kind == "before":
-            return self._before(question, first, second)
-        counterexample = self._not_followed(occurs, second, question.within)
+            return self._answer_before(question, first, second)
+        counterexample = self._find_counterexample(occurs, second, question.within)
         if counterexample is not None:
             steps, cycle = counterexample
             outcome = "not within this number of ticks" if question.within is not None else "never follows"
-            return self._refuted(question.text, f"'{question.second}' {outcome}", steps, cycle)
-        answer = self._proved(question.text)
+            return self._refuted_answer(question.text, f"'{question.second}' {outcome}", steps, cycle)
+        answer = self._proved_answer(question.text)
         if answer.answer == PROVED and not occurs:
             return answer._replace(is_vacuous=True, detail=f"'{question.first}' never occurs")
         return answer
 
-    def _before(self, question: Question, first: int, second: int) -> Answer:
+    def _answer_before(self, question: Question, first: int, second: int) -> Answer:
         graph = self._view.graph
         starts = [state for state, parent in enumerate(graph.parents) if parent is None]
         steps_to = states_from(graph, starts, lambda edge: not edge.signals & first)
@@ -360,21 +366,21 @@ class Prover:
             for edge in graph.edges[state]:
                 if edge.signals & second and not edge.signals & first:
                     steps = [*steps_back(steps_to, state), (state, edge)]
-                    return self._refuted(question.text, "", steps)
-        answer = self._proved(question.text)
+                    return self._refuted_answer(question.text, "", steps)
+        answer = self._proved_answer(question.text)
         occurs = any(edge.signals & second for edges in graph.edges for edge in edges)
         if answer.answer == PROVED and not occurs:
             return answer._replace(is_vacuous=True, detail=f"'{question.second}' never occurs")
         return answer
 
-    def _not_followed(
+    def _find_counterexample(
         self, occurs: Sequence[Step], second: int, within: int | None
     ) -> tuple[list[Step], FairCycle | None] | None:
         """Return a run in which *second* does not follow: steps from a state, and the cycle at its end."""
         graph = self._view.graph
         pending = [step for step in occurs if not step[1].signals & second]
         if within is not None:
-            return self._too_late(pending, second, within)
+            return self._find_late_counterexample(pending, second, within)
         for step in pending:
             if step[1].target in _ENDS:
                 return [step], None
@@ -402,7 +408,7 @@ class Prover:
         origin = steps[0][0] if steps else cycle.start
         return [entered[origin], *steps], cycle
 
-    def _too_late(
+    def _find_late_counterexample(
         self, pending: Sequence[Step], second: int, within: int
     ) -> tuple[list[Step], FairCycle | None] | None:
         """Return a shortest run in which *second* does not follow in time: steps from a vertex."""
@@ -447,7 +453,7 @@ class Prover:
         ticks = len(shown.ticks) if shown is not None else max(graph.depths, default=0) + 1
         return Answer(question, answer, detail, ticks, graph.states, shown)
 
-    def _proved(self, question: str, detail: str = "") -> Answer:
+    def _proved_answer(self, question: str, detail: str = "") -> Answer:
         """Return that *question* is proved, or unknown if not everything was searched."""
         limits = self._limits()
         if limits:
@@ -462,7 +468,7 @@ class Prover:
         errors = [graph.violations[name] for name in (INPUTS, EXCEPTIONS) if name in graph.violations]
         return [*graph.bounds, *(f"not searched beyond this error: {error.message}" for error in errors[:1])]
 
-    def _refuted(
+    def _refuted_answer(
         self,
         question: str,
         message: str,

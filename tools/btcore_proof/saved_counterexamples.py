@@ -64,7 +64,7 @@ def source_of_test(name: str, answer: Answer, source: TreeReference, folder: Pat
     lines = [
         '"""A counterexample that `btcore prove` has found.',
         "",
-        *_wrapped(f"The question: {answer.question}{fault}"),
+        *_wrap(f"The question: {answer.question}{fault}"),
         "",
         "The test fails until the tree is mended.",
         '"""',
@@ -93,7 +93,7 @@ def source_of_test(name: str, answer: Answer, source: TreeReference, folder: Pat
     return "\n".join(lines) + "\n"
 
 
-def _wrapped(text: str) -> list[str]:
+def _wrap(text: str) -> list[str]:
     """Return the lines of a text in a docstring."""
     return textwrap.wrap(_plain(text), _LINE - 4, break_long_words=False)
 

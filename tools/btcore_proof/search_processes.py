@@ -93,14 +93,14 @@ class _Peer:
         self._sent = set(range(table.part_count))
         self._received = {number: number for number in self._sent}
 
-    def to_send(self, numbers: Sequence[int]) -> _Keys:
+    def pack_keys(self, numbers: Sequence[int]) -> _Keys:
         """Return the keys of the states *numbers* for the other process."""
         keys = [self._table.key(number) for number in numbers]
         new = {part for key in keys for part in key} - self._sent
         self._sent |= new
         return _Keys(keys, [(part, self._table.part(part)) for part in new])
 
-    def received(self, message: _Keys) -> list[tuple[int, ...]]:
+    def unpack_keys(self, message: _Keys) -> list[tuple[int, ...]]:
         """Return the keys that the other process has sent, in the numbers of this process."""
         for number, part in message.parts:
             self._received[number] = self._table.part_number(part)
@@ -178,7 +178,7 @@ class SearchProcesses:
         """
         jobs = len(self._connections)
         for job, connection in enumerate(self._connections):
-            connection.send_bytes(self._pickler.dumps(self._peers[job].to_send(numbers[job::jobs])))
+            connection.send_bytes(self._pickler.dumps(self._peers[job].pack_keys(numbers[job::jobs])))
         for job, connection in enumerate(self._connections):
             reply = self._pickler.loads(connection.recv_bytes())
             if isinstance(reply, Exception):
@@ -205,7 +205,7 @@ class SearchProcesses:
             return vertices[step[0]], edge_here(step[1])
 
         graph.transitions += expansion.ticks
-        keys = iter(self._peers[job].received(expansion.states))
+        keys = iter(self._peers[job].unpack_keys(expansion.states))
         for moment, parent in expansion.vertices:
             if moment is None:
                 number, is_new = table.number_of_key(next(keys))
@@ -241,7 +241,7 @@ def _serve(
         except EOFError:
             return
         try:
-            answer = pickler.dumps(_reply_to(explorer, peer, peer.received(message), before))
+            answer = pickler.dumps(_reply_to(explorer, peer, peer.unpack_keys(message), before))
         except Exception as error:
             answer = pickle.dumps(pickle.PicklingError(f"{type(error).__name__}: {error}"))
         connection.send_bytes(answer)
@@ -261,7 +261,7 @@ def _reply_to(explorer: Explorer, peer: _Peer, keys: Sequence[tuple[int, ...]], 
         expansions.append(
             _Expansion(
                 [_Vertex(graph.decisions.get(vertex), graph.parents[vertex]) for vertex in new],
-                peer.to_send([vertex for vertex in new if vertex not in graph.decisions]),
+                peer.pack_keys([vertex for vertex in new if vertex not in graph.decisions]),
                 [(vertex, graph.edges[vertex]) for vertex in {state, *new} if graph.edges[vertex]],
                 {name: step for name, step in graph.violations.items() if violations.get(name) is not step},
                 {reason: step for reason, step in graph.bounds.items() if reason not in bounds},

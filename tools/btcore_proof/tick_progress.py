@@ -5,7 +5,7 @@ are being ticked, with the same local variables. Those follow from the node's st
 from the results of its children since then.
 """
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -72,6 +72,9 @@ class TickProgress:
     def moment(self, node: TreeNode | None) -> Hashable:
         """Return what decides the rest of the tick, in addition to the state of the tree.
 
+        For example, if the leaf B of the tree `<Sequence> <A/> <B/> </Sequence>` has a choice, the moment is
+        the uid of B, the state of the Sequence when its tick started, and the result of A.
+
         Args:
             node: The node that has a choice; None = the innermost node with children.
 
@@ -79,23 +82,24 @@ class TickProgress:
             A value that is equal for equal futures; None if it is not known.
         """
         unfinished = self._unfinished
-        place = len(unfinished) - 1
-        if node is None or (place >= 0 and node is unfinished[place].node):
-            if place < 0:
+        if node is None:
+            if not unfinished:
                 return None
-            node = unfinished[place].node
-            place -= 1
-        asking = node.config.uid
-        # A node that ticks a child while it is being halted is not found here.
-        parent = self._parents.get(node.config.uid)
-        while parent is not None:
-            if place < 0 or unfinished[place].node is not parent:
-                return None
-            place -= 1
-            parent = self._parents.get(parent.config.uid)
-        if place >= 0:
+            node = unfinished[-1].node
+        has_started = bool(unfinished) and unfinished[-1].node is node
+        # A node that ticks a child while it is being halted is not unfinished.
+        if not self._are_ancestors(unfinished[:-1] if has_started else unfinished, node):
             return None
-        return (asking, *[(start, tuple(since)) for _, _, start, since in unfinished])
+        return (node.config.uid, *[(start, tuple(since)) for _, _, start, since in unfinished])
+
+    def _are_ancestors(self, unfinished: Sequence[_Unfinished], node: TreeNode) -> bool:
+        """Return whether the unfinished nodes are all ancestors of *node*, from the root to its parent."""
+        parent = self._parents.get(node.config.uid)
+        for entry in reversed(unfinished):
+            if entry.node is not parent:
+                return False
+            parent = self._parents.get(entry.node.config.uid)
+        return parent is None
 
     def _start(self, node: TreeNode, reads: bool, has_fields: bool) -> None:
         start: Hashable = (
@@ -109,7 +113,7 @@ class TickProgress:
     def _end(
         self,
         number: int,
-        observer: Callable[[Any, Status], Status] | None,
+        next_post_tick: Callable[[Any, Status], Status] | None,
         node: TreeNode,
         status: Status,
     ) -> Status:
@@ -122,7 +126,7 @@ class TickProgress:
             since.append((number, status, node._status if status is SKIPPED else status))
             if reads:
                 since.append(self._keeper.entries())
-        return status if observer is None else observer(node, status)
+        return status if next_post_tick is None else next_post_tick(node, status)
 
 
 def _reads_entries(node: TreeNode) -> bool:

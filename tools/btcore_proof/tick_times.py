@@ -11,13 +11,13 @@ from typing import Final, NamedTuple
 from btcore.clock import NS_PER_MS, Clock, SimClock
 from btcore.tree.tree import Tree
 
-NOW: Final = 10**18
+TICK_START_NS: Final = 10**18
 """The time (ns) at which every tick of a search begins."""
-READING: Final = 10**19
+READING_INTERVAL_NS: Final = 10**19
 """The time (ns) between two readings of the clock in a tick of a search: longer than any duration."""
-PENDING: Final = 10**30
+FIRST_PENDING_NS: Final = 10**30
 """The first deadline (ns) of timers that were pending before a tick: later than a node can set one."""
-USUAL_PERIOD: Final = 100 * NS_PER_MS
+USUAL_PERIOD_NS: Final = 100 * NS_PER_MS
 
 
 class TickClock:
@@ -39,7 +39,7 @@ class TickClock:
         self.readings = 0
         self.replaced: Clock = clock.replaced if isinstance(clock, TickClock) else clock
         self._follower = followed_by
-        self._time = NOW
+        self._time = TICK_START_NS
         self._times: Iterator[int] = iter(())
         self._wake = threading.Event()
         tree.context.clock = self
@@ -52,7 +52,7 @@ class TickClock:
 
     def begin_in_search(self, start: int, instant: bool) -> None:
         """Begin a tick of a search at *start* (ns), with other times for later readings unless *instant*."""
-        self.begin((start,) if instant else count(start, READING))
+        self.begin((start,) if instant else count(start, READING_INTERVAL_NS))
 
     def now(self) -> int:
         """Return the time (ns) of the next reading."""
@@ -94,14 +94,14 @@ def tick_times(ticks: int, deadlines: Sequence[Deadline]) -> list[list[int]] | N
     Returns:
         For each tick the times of its readings of the clock; the last time is that of all further readings.
     """
-    for period in (USUAL_PERIOD, 10 * NS_PER_MS, NS_PER_MS, 0):
-        times = _solved(ticks, deadlines, period)
+    for period in (USUAL_PERIOD_NS, 10 * NS_PER_MS, NS_PER_MS, 0):
+        times = _solve(ticks, deadlines, period)
         if times is not None:
             return times
     return None
 
 
-def _solved(ticks: int, deadlines: Sequence[Deadline], period: int) -> list[list[int]] | None:
+def _solve(ticks: int, deadlines: Sequence[Deadline], period: int) -> list[list[int]] | None:
     readings = [1] * ticks
     for deadline in deadlines:
         readings[deadline.set_in] = max(readings[deadline.set_in], deadline.reading + 1)
@@ -117,12 +117,12 @@ def _solved(ticks: int, deadlines: Sequence[Deadline], period: int) -> list[list
             constraints.append((first[last_pending], moment, 1 - duration))
     times = [0] * sum(readings)
     for _ in range(len(times) + 1):
-        changed = False
+        has_changed = False
         for before, after, weight in constraints:
             if times[before] + weight > times[after]:
                 times[after] = times[before] + weight
-                changed = True
-        if not changed:
+                has_changed = True
+        if not has_changed:
             start = times[0]
             return [
                 [time - start for time in times[place : place + number]]

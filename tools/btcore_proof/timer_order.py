@@ -46,10 +46,10 @@ def advances(bounds: Bounds) -> list[Advance]:
             kept = [timer for timer in range(count) if timer not in expired]
             found.append(Advance(expired, without_timers(known, kept)))
             continue
-        ended = _tightened(known, index + 1, 0, _AT_MOST_0)
+        ended = _tighten(known, index + 1, 0, _AT_MOST_0)
         if ended is not None:
             pending.append((index + 1, (*expired, index), ended))
-        remains = _tightened(known, 0, index + 1, _BELOW_0)
+        remains = _tighten(known, 0, index + 1, _BELOW_0)
         if remains is not None:
             pending.append((index + 1, expired, remains))
     return sorted(found, key=lambda advance: len(advance.expired))
@@ -77,7 +77,7 @@ def without_timers(bounds: Bounds, kept: Sequence[int]) -> Bounds:
     return tuple(tuple(bounds[i][j] for j in places) for i in places)
 
 
-def _tightened(bounds: Bounds, i: int, j: int, bound: int) -> Bounds | None:
+def _tighten(bounds: Bounds, i: int, j: int, bound: int) -> Bounds | None:
     """Return *bounds* with a further upper bound of time i - time j, or None if that is impossible."""
     if bound >= bounds[i][j]:
         return bounds

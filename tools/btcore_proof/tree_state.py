@@ -23,7 +23,7 @@ from btcore.tree.saved_state import blackboards_of, check_state_declaration, sta
 from btcore.tree.tree import Tree
 from btcore_proof.interrupts import OpaqueStateError
 from btcore_proof.model_leaves import UnknownValue
-from btcore_proof.tick_times import NOW, PENDING, READING, TickClock
+from btcore_proof.tick_times import FIRST_PENDING_NS, READING_INTERVAL_NS, TICK_START_NS, TickClock
 from btcore_proof.timer_order import (
     NO_TIMERS,
     Advance,
@@ -34,7 +34,7 @@ from btcore_proof.timer_order import (
     without_timers,
 )
 
-_EXPIRED: Final = NOW
+_EXPIRED: Final = TICK_START_NS
 
 SHIFT_S: Final = 10**7
 """The time (s) between a tick and its repetition: longer than any duration in a tree."""
@@ -113,7 +113,7 @@ class StateKeeper:
     """Captures and restores the state of one tree.
 
     Args:
-        tree: The tree, whose clock must stand at `NOW`.
+        tree: The tree, whose clock must stand at `TICK_START_NS`.
         instant: Whether ticks take no time.
 
     Attributes:
@@ -179,12 +179,12 @@ class StateKeeper:
             assert isinstance(self.clock.replaced, SimClock)
             self.clock.replaced.advance(SHIFT_S if shift else -SHIFT_S)
             self._restored = None
-        thawed = _Thawer(state.objects).thawed
+        thaw = _Thawer(state.objects).thaw
         expired = set(advance.expired)
         numbers: dict[int, int] = {}
         for number in range(len(state.timers) - 1):
             if number not in expired:
-                numbers[number] = PENDING + len(numbers)
+                numbers[number] = FIRST_PENDING_NS + len(numbers)
         for node, status in zip(self._nodes, state.statuses, strict=True):
             node._status = _STATUSES[status]
         for (node, fields, _), values in zip(self._with_fields, state.fields, strict=True):
@@ -193,24 +193,24 @@ class StateKeeper:
                 if cls is _Timer:
                     value = numbers.get(value.number, _EXPIRED)
                 elif cls not in _PLAIN:
-                    value = thawed(value)
+                    value = thaw(value)
                 setattr(node, name, value)
         if not self._has_entries_of(state):
-            self._restore_entries(state, thawed)
+            self._restore_entries(state, thaw)
         if shift:
             self._shift_writes()
         context = self._tree.context
         context.deadlines.clear()
         if context.is_woken:
             context.consume_wake_up()
-        self.clock.begin_in_search(NOW + _SHIFT if shift else NOW, self._instant)
+        self.clock.begin_in_search(TICK_START_NS + _SHIFT if shift else TICK_START_NS, self._instant)
 
-    def _restore_entries(self, state: TreeState, thawed: Callable[[Any], Any]) -> None:
+    def _restore_entries(self, state: TreeState, thaw: Callable[[Any], Any]) -> None:
         entries: list[Entry] = []
         for declared, inferred, value, writes, value_type in state.entries:
             entry = Entry(declared, inferred)
             entry.value_type = value_type
-            entry.value = value if type(value) in _PLAIN else thawed(value)
+            entry.value = value if type(value) in _PLAIN else thaw(value)
             entry.sequence_id = writes
             entries.append(entry)
         for board, keys in zip(self._boards, state.boards, strict=True):
@@ -259,7 +259,7 @@ class StateKeeper:
         """Return a bit for each time field whose timer was pending before the last tick and still is."""
         bits = 0
         for number, (node, name) in enumerate(self.timer_slots):
-            if getattr(node, name) >= PENDING:
+            if getattr(node, name) >= FIRST_PENDING_NS:
                 bits |= 1 << number
         return bits
 
@@ -274,8 +274,8 @@ class StateKeeper:
         for name in self._fields[node.config.uid]:
             value = getattr(node, name)
             if self._is_shifted and name in node.spec.time_fields:
-                value = _unshifted_time(value)
-            row.append(freezer.frozen(value))
+                value = _unshift_time(value)
+            row.append(freezer.freeze(value))
         return (*row, freezer.objects())
 
     def entries(self) -> Hashable:
@@ -288,7 +288,7 @@ class StateKeeper:
                     (
                         key,
                         numbers.setdefault(id(entry), len(numbers)),
-                        freezer.frozen(entry.value),
+                        freezer.freeze(entry.value),
                         entry.sequence_id % SHIFTED_WRITES,
                     )
                     for key, entry in board.local_entries().items()
@@ -301,12 +301,12 @@ class StateKeeper:
     def deadlines(self) -> list[int]:
         """Return the deadlines of all pending timers, each once, in the order of the bounds of the state.
 
-        Those from `PENDING` on were pending before the last tick already, in this order.
+        Those from `FIRST_PENDING_NS` on were pending before the last tick already, in this order.
         """
         values = [getattr(node, name) for node, name in self.timer_slots]
         if self._is_shifted:
-            values = [_unshifted_time(value) for value in values]
-        return list(dict.fromkeys(value for value in values if value > NOW))
+            values = [_unshift_time(value) for value in values]
+        return list(dict.fromkeys(value for value in values if value > TICK_START_NS))
 
     def capture(self, timers: Bounds = NO_TIMERS) -> TreeState:
         """Return the state of the tree.
@@ -318,11 +318,11 @@ class StateKeeper:
             OpaqueStateError: A part of the state cannot be copied and compared.
         """
         try:
-            return self._captured(timers)
+            return self._capture_state(timers)
         except OpaqueStateError:
             raise self._opaque_part() from None
 
-    def _captured(self, timers: Bounds) -> TreeState:
+    def _capture_state(self, timers: Bounds) -> TreeState:
         freezer = Freezer(self.shared)
         rows: list[list[Any]] = []
         deadlines = self.deadlines() if self.timer_slots else []
@@ -333,18 +333,18 @@ class StateKeeper:
                 value = getattr(node, name)
                 if name in times:
                     if self._is_shifted:
-                        value = _unshifted_time(value)
-                    if value > NOW:
+                        value = _unshift_time(value)
+                    if value > TICK_START_NS:
                         value = _Timer(numbers_of_deadlines[value])
                     elif value > 0:
                         value = _Timer(-1)
                 elif index in self._endless and name == "_count":
                     value = 0
                 else:
-                    value = freezer.frozen(value)
+                    value = freezer.freeze(value)
                 row.append(value)
             rows.append(row)
-        boards, entries = self._captured_entries(freezer, rows)
+        boards, entries = self._capture_entries(freezer, rows)
         return TreeState(
             bytes([node._status for node in self._nodes]),
             tuple(map(tuple, rows)),
@@ -359,7 +359,7 @@ class StateKeeper:
         for node, fields, _ in self._with_fields:
             for name in fields:
                 try:
-                    Freezer(self.shared).frozen(getattr(node, name))
+                    Freezer(self.shared).freeze(getattr(node, name))
                 except OpaqueStateError as error:
                     return OpaqueStateError(
                         f"'{node.config.path}' <{node.config.id}> keeps {error} in '{name}'{_OPAQUE}"
@@ -367,7 +367,7 @@ class StateKeeper:
         for board in self._boards:
             for key, entry in board.local_entries().items():
                 try:
-                    Freezer(self.shared).frozen(entry.value)
+                    Freezer(self.shared).freeze(entry.value)
                 except OpaqueStateError as error:
                     return OpaqueStateError(f"the entry {{{key}}} holds {error}{_OPAQUE}")
         return OpaqueStateError(f"a part of the state of the tree{_OPAQUE}")
@@ -383,7 +383,7 @@ class StateKeeper:
             if value != now
         ]
 
-    def _captured_entries(
+    def _capture_entries(
         self, freezer: "Freezer", rows: list[list[Any]]
     ) -> tuple[tuple[tuple[tuple[str, int], ...], ...], tuple[tuple[Any, ...], ...]]:
         """Return the boards and the entries. Put the numbers of writes that nodes have seen into *rows*."""
@@ -399,7 +399,7 @@ class StateKeeper:
             for key, entry in sorted(board.local_entries().items(), key=_first):
                 if id(entry) not in numbers:
                     numbers[id(entry)] = len(entries)
-                    frozen = freezer.frozen(entry.value)
+                    frozen = freezer.freeze(entry.value)
                     entries.append([entry.declared, entry.inferred, frozen, 0, entry.value_type])
                     captured_entries.append(entry)
                 keys.append((key, numbers[id(entry)]))
@@ -431,28 +431,28 @@ class StateKeeper:
             rows[index][fields.index("_seen")] = number
 
 
-def _unshifted_time(value: int) -> int:
+def _unshift_time(value: int) -> int:
     """Return a deadline without the shift of the clock, unless the deadline is from before the tick."""
-    return value - _SHIFT if NOW + _SHIFT <= value < PENDING else value
+    return value - _SHIFT if TICK_START_NS + _SHIFT <= value < FIRST_PENDING_NS else value
 
 
 def _timer_bounds(timers: Bounds, deadlines: Sequence[int]) -> Bounds:
     """Return the bounds of the pending timers, given the values of their deadlines.
 
-    A deadline from `PENDING` on is that of a timer that was pending in this tick; any other is new, and
-    contains the reading of the clock at which it was set.
+    A deadline from `FIRST_PENDING_NS` on is that of a timer that was pending in this tick. Any other is new,
+    and contains the reading of the clock at which it was set.
     """
     bounds = timers
     places: dict[int, int] = {}
     last_reading = 0
-    for deadline in sorted(deadline for deadline in deadlines if deadline < PENDING):
-        reading, duration = divmod(deadline - NOW, READING)
+    for deadline in sorted(deadline for deadline in deadlines if deadline < FIRST_PENDING_NS):
+        reading, duration = divmod(deadline - TICK_START_NS, READING_INTERVAL_NS)
         if reading > last_reading:
             bounds = after_any_time(bounds)
             last_reading = reading
         bounds = with_timer(bounds, duration)
         places[deadline] = len(bounds) - 2
-    order = [places.get(deadline, deadline - PENDING) for deadline in deadlines]
+    order = [places.get(deadline, deadline - FIRST_PENDING_NS) for deadline in deadlines]
     return without_timers(bounds, order)
 
 
@@ -476,7 +476,7 @@ class Freezer:
         # The objects of which the arguments are being frozen.
         self._unmade: set[int] = set()
 
-    def frozen(self, value: object) -> Hashable:
+    def freeze(self, value: object) -> Hashable:
         """Return a hashable value that stands for *value*.
 
         Raises:
@@ -495,7 +495,7 @@ class Freezer:
             return None
         if cls is tuple or cls is set or cls is frozenset:
             assert isinstance(value, (tuple, set, frozenset))
-            items = [self.frozen(item) for item in value]
+            items = [self.freeze(item) for item in value]
             return _Items(cls, tuple(items) if cls is tuple else frozenset(items))
         if cls is UnknownValue and not self._unknown:
             raise OpaqueStateError("an unknown value")
@@ -509,7 +509,7 @@ class Freezer:
             self._objects.append(None)
             self._objects[number] = self._contents(number, value, cls)
         elif number in self._unmade:
-            raise OpaqueStateError(_described(cls))
+            raise OpaqueStateError(_describe(cls))
         return _Reference(number)
 
     def objects(self) -> tuple[Any, ...]:
@@ -519,24 +519,24 @@ class Freezer:
     def _contents(self, number: int, value: object, cls: type) -> Hashable:
         if cls is list or (isinstance(value, deque) and cls is deque and value.maxlen is None):
             assert isinstance(value, (list, deque))
-            return (cls, tuple([self.frozen(item) for item in value]))
+            return (cls, tuple([self.freeze(item) for item in value]))
         if isinstance(value, dict) and cls is dict:
-            return (cls, tuple([(self.frozen(key), self.frozen(item)) for key, item in value.items()]))
+            return (cls, tuple([(self.freeze(key), self.freeze(item)) for key, item in value.items()]))
         try:
             parts = value.__reduce_ex__(4)
         except Exception as error:
-            raise OpaqueStateError(_described(cls)) from error
+            raise OpaqueStateError(_describe(cls)) from error
         if isinstance(parts, str):
             # The name of a global object.
             return Identity(value)
         self._temporary.append(parts)
         make, arguments, state, items, pairs, setter = [*parts, None, None, None, None][:6]
         self._unmade.add(number)
-        construction = (self.frozen(make), self.frozen(arguments))
+        construction = (self.freeze(make), self.freeze(arguments))
         self._unmade.discard(number)
         held = [None if each is None else tuple(each) for each in (items, pairs)]
         self._temporary.append(held)
-        return (None, *construction, *[self.frozen(part) for part in (state, *held, setter)])
+        return (None, *construction, *[self.freeze(part) for part in (state, *held, setter)])
 
 
 def _is_atom(value: object, cls: type) -> bool:
@@ -544,7 +544,7 @@ def _is_atom(value: object, cls: type) -> bool:
     return cls is object or isinstance(value, _CONSTANTS) or cls.__module__.partition(".")[0] == "btcore"
 
 
-def _described(cls: type) -> str:
+def _describe(cls: type) -> str:
     """Return a name for a value of a class, with an article."""
     name = cls.__qualname__
     return f"{'an' if name[:1].lower() in 'aeiou' else 'a'} {name}"
@@ -576,7 +576,7 @@ class _Thawer:
         self._frozen = frozen
         self._made: dict[int, Any] = {}
 
-    def thawed(self, value: Any) -> Any:
+    def thaw(self, value: Any) -> Any:
         """Return the value for which *value* stands."""
         cls = type(value)
         if cls is _Typed or cls is Identity:
@@ -585,7 +585,7 @@ class _Thawer:
             number = value.number
             return self._made[number] if number in self._made else self._new(number)
         if cls is _Items:
-            return value.cls([self.thawed(item) for item in value.items])
+            return value.cls([self.thaw(item) for item in value.items])
         return unpack("d", value.bits)[0] if cls is _Float else value
 
     def _new(self, number: int) -> Any:
@@ -594,19 +594,19 @@ class _Thawer:
             return contents.value
         cls, items, *rest = contents
         if cls is None:
-            return self._reduced(number, items, *rest)
+            return self._thaw_reduced(number, items, *rest)
         thawed_object = self._made[number] = cls()
         if cls is dict:
-            thawed_object.update((self.thawed(key), self.thawed(item)) for key, item in items)
+            thawed_object.update((self.thaw(key), self.thaw(item)) for key, item in items)
         else:
-            thawed_object.extend(self.thawed(item) for item in items)
+            thawed_object.extend(self.thaw(item) for item in items)
         return thawed_object
 
-    def _reduced(self, number: int, make: Any, *frozen: Any) -> Any:
+    def _thaw_reduced(self, number: int, make: Any, *frozen: Any) -> Any:
         """Return the object that consists of the parts of its `__reduce_ex__`, as pickle makes it."""
-        arguments = self.thawed(frozen[0])
-        thawed_object = self._made[number] = self.thawed(make)(*arguments)
-        state, items, pairs, setter = [self.thawed(part) for part in frozen[1:]]
+        arguments = self.thaw(frozen[0])
+        thawed_object = self._made[number] = self.thaw(make)(*arguments)
+        state, items, pairs, setter = [self.thaw(part) for part in frozen[1:]]
         for item in items or ():
             thawed_object.append(item)
         for key, item in pairs or ():

@@ -84,24 +84,24 @@ class _Reading(int):
         reading.note = note
         return reading
 
-    def _noted(self, operator: Callable[[int, Any], Any], other: object) -> Any:
+    def _note_use(self, operator: Callable[[int, Any], Any], other: object) -> Any:
         self.note()
         return operator(int(self), other)
 
     def __lt__(self, other: int) -> bool:
-        return bool(self._noted(lt, other))
+        return bool(self._note_use(lt, other))
 
     def __le__(self, other: int) -> bool:
-        return bool(self._noted(le, other))
+        return bool(self._note_use(le, other))
 
     def __gt__(self, other: int) -> bool:
-        return bool(self._noted(gt, other))
+        return bool(self._note_use(gt, other))
 
     def __ge__(self, other: int) -> bool:
-        return bool(self._noted(ge, other))
+        return bool(self._note_use(ge, other))
 
     def __sub__(self, other: int) -> int:
-        return int(self._noted(sub, other))
+        return int(self._note_use(sub, other))
 
     def __rsub__(self, other: int) -> int:
         self.note()
@@ -146,11 +146,11 @@ class UserCode:
         """Note when a node reads the clock for another purpose than to set a deadline."""
         what = "but its class declares no deadline in time_fields"
         if any(value is self._keeper.clock.replaced for value in vars(node).values()):
-            self.reasons[f"{_named(node)} keeps the clock, {what}"] = None
+            self.reasons[f"{_name_node(node)} keeps the clock, {what}"] = None
         context = self._tree.context
 
         def note(use: str) -> None:
-            self.reasons.setdefault(f"{_named(node)} {use}", None)
+            self.reasons.setdefault(f"{_name_node(node)} {use}", None)
 
         def read_without_deadline() -> int:
             note(f"reads the clock, {what}")
@@ -190,14 +190,14 @@ class UserCode:
         while not caller and frame.f_back is not None:
             frame = frame.f_back
             held = [*frame.f_locals.values()]
-            caller = next((_named(node) for node in self.nodes if any(node is each for each in held)), "")
+            caller = next((_name_node(node) for node in self.nodes if any(node is each for each in held)), "")
         text = f"{caller or self.names} calls {name}, which the search cannot repeat"
         raise self._interrupt(HiddenInputError(text))
 
     @property
     def names(self) -> str:
         """The nodes, for a message."""
-        shown = [_named(node) for node in self.nodes[:_SHOWN]]
+        shown = [_name_node(node) for node in self.nodes[:_SHOWN]]
         more = len(self.nodes) - len(shown)
         return join_names([*shown, f"one of {more} others"] if more else shown, "or")
 
@@ -214,9 +214,11 @@ class UserCode:
         for node in self.nodes:
             for name in state_fields_of(type(node)):
                 try:
-                    Freezer(self._keeper.shared, unknown=False).frozen(getattr(node, name))
+                    Freezer(self._keeper.shared, unknown=False).freeze(getattr(node, name))
                 except OpaqueStateError as error:
-                    reason = f"{_named(node)} keeps {error} in '{name}', which cannot be copied and compared"
+                    reason = (
+                        f"{_name_node(node)} keeps {error} in '{name}', which cannot be copied and compared"
+                    )
                     self.reasons[reason] = None
 
     def note_difference(self, first: Sequence[Hashable], second: Sequence[Hashable]) -> None:
@@ -233,7 +235,7 @@ class UserCode:
         if isinstance(value, TreeState) and isinstance(repeated, TreeState):
             for node, name in self._keeper.differences(value, repeated):
                 if node in self.nodes:
-                    fields.append(f"{_named(node)} has another '{name}'")
+                    fields.append(f"{_name_node(node)} has another '{name}'")
         what = fields[0] if fields else f"a tick with {self.names} has another result"
         self.reasons[f"{what} if it is repeated from the same state"] = None
 
@@ -250,10 +252,10 @@ class UserCode:
             known = {name for cls in own_classes for name in get_annotations(cls)}
             known |= {"now", *state_fields_of(type(node))}
             own = {name: value for name, value in vars(node).items() if name not in known}
-            variables |= self._contents(own, f"the attribute {{}} of {_named(node)}")
+            variables |= self._contents(own, f"the attribute {{}} of {_name_node(node)}")
             for name, value in own.items():
                 if hasattr(type(value), "__next__") and isinstance(self._comparable(value), int):
-                    what = f"{_named(node)} keeps a {type(value).__name__} in '{name}'"
+                    what = f"{_name_node(node)} keeps a {type(value).__name__} in '{name}'"
                     self.reasons[f"{what}, which cannot be copied and compared"] = None
         return variables
 
@@ -271,13 +273,13 @@ class UserCode:
         if is_opened and not (hasattr(cls, "__len__") and len(value) > MAX_ITEMS):  # type: ignore[arg-type]
             freezer = Freezer()
             try:
-                return (freezer.frozen(value), freezer.objects())
+                return (freezer.freeze(value), freezer.objects())
             except OpaqueStateError:
                 pass
         return id(value)
 
 
-def _named(node: TreeNode) -> str:
+def _name_node(node: TreeNode) -> str:
     return f"'{node.config.path}' <{node.config.id}>"
 
 

@@ -65,12 +65,12 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
                 message = (
                     f"the machine of a worker has no folder '{folder}', which contains the sweep's files"
                 )
-                result = _not_started(ExitCode.USER_ERROR, message)
+                result = _fault_result(ExitCode.USER_ERROR, message)
         except click.ClickException as error:
-            result = _not_started(ExitCode.USER_ERROR, error.format_message())
+            result = _fault_result(ExitCode.USER_ERROR, error.format_message())
         except BtcoreError as error:
             notes = [f"note: {note}" for note in getattr(error, "__notes__", ())]
-            result = _not_started(ExitCode.USER_ERROR, "\n".join([str(error), *notes]))
+            result = _fault_result(ExitCode.USER_ERROR, "\n".join([str(error), *notes]))
         except (Exception, SystemExit) as error:
             result = _internal_error(error)
     lines = [warning.partition("\n")[0] for warning in warnings]
@@ -80,28 +80,28 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
 
 
 def _run(command: Sequence[str]) -> Result:
-    with parse_run(command, _installed()) as session:
-        cause = FailureCause()
+    with parse_run(command, _installed) as session:
+        finder = FailureCauseFinder()
         has_begun = False
 
         def begin(tree: Tree) -> None:
             nonlocal has_begun
             has_begun = True
-            tree.subscribe(cause)
+            tree.subscribe(finder)
 
         try:
             session.run_to_end(begin)
         except BtcoreError as reason:
             if not has_begun:
                 raise
-            return {**_not_started(ExitCode.USER_ERROR, str(reason)), "began": True}
+            return _fault_result(ExitCode.USER_ERROR, str(reason), has_begun=True)
         # Convert to JSON and back, as for --json: a report that is not JSON data raises here, in the worker.
         report = json.loads(json.dumps(session.summary.as_data()))
         finished = session.run
         if finished.exit_code == ExitCode.USER_ERROR:  # of a provider that was closed
             fault = "; ".join(map(str, finished.closing_errors))
-            return {**_not_started(ExitCode.USER_ERROR, fault), "began": True}
-        failed_at = finished.error.path if finished.error is not None else cause.find(finished.tree)
+            return _fault_result(ExitCode.USER_ERROR, fault, has_begun=True)
+        failed_at = finished.error.path if finished.error is not None else finder.find(finished.tree)
         return {"code": finished.exit_code, "report": report, "failed_at": failed_at, "fault": None}
 
 
@@ -112,14 +112,16 @@ def _installed() -> NodeLibraries:
 
 
 def _internal_error(error: BaseException) -> Result:
-    return _not_started(ExitCode.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
+    return _fault_result(ExitCode.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
 
 
-def _not_started(code: ExitCode, message: str) -> Result:
-    return {"code": code, "report": None, "failed_at": None, "fault": message}
+def _fault_result(code: ExitCode, message: str, has_begun: bool = False) -> Result:
+    """Return the result of an episode that could not start or, if it *has_begun*, not continue."""
+    result: Result = {"code": code, "report": None, "failed_at": None, "fault": message}
+    return {**result, "began": True} if has_begun else result
 
 
-class FailureCause(Observer):
+class FailureCauseFinder(Observer):
     """An observer that finds the node that made the tree fail in the last tick."""
 
     def __init__(self) -> None:

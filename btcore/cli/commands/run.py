@@ -1,6 +1,6 @@
 """`btcore run`: run a tree, with what providers of other packages provide."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import click
@@ -51,7 +51,9 @@ def run(
 
 
 @contextmanager
-def parse_run(arguments: Sequence[str], installed: NodeLibraries | None = None) -> Iterator[RunSession]:
+def parse_run(
+    arguments: Sequence[str], installed: Callable[[], NodeLibraries] | None = None
+) -> Iterator[RunSession]:
     """Return a context with the session of `btcore run` with *arguments*, before its providers are opened.
 
     Args:

@@ -25,7 +25,7 @@ from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.input_files import read_file, real_path
 from btcore.lint.validate import validate_document
-from btcore.xml.edit.fixes import FixMaker, fix_text
+from btcore.xml.edit.quick_fixes import FixMaker, fix_text
 from btcore.xml.read.document import parse_file
 
 MAX_ROUNDS: Final = 10

@@ -4,7 +4,7 @@ This is the third stage of loading.
 """
 
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TREE_TOO_LARGE, UNKNOWN_FORMAT
@@ -20,7 +20,7 @@ from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.tree_planner import TreePlanner
 from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.document import DiagnosticCollector, Diagnostics, Document
-from btcore.xml.read.read import read
+from btcore.xml.read.read import PackageResolver, read
 
 MAX_DEPTH: Final = 10_000
 """The maximum number of levels of a tree with all its subtrees, each of which may have fewer levels.
@@ -99,20 +99,8 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
             are checked only after errors: without errors they are compiled when the nodes are created.
     """
     plans = _plan_trees(definitions, registry, every_tree)
-    errors, sources = plans.diagnostics.errors, definitions.sources
-    if errors and definitions.is_format_assumed:
-        # Of these plans only the errors are counted, so they need no hints.
-        silent = sources._replace(diagnostics=sources.diagnostics._replace(comparisons_left=0))
-        as_format_4 = _plan_trees(define(silent, definitions.requested_tree, 4), registry, every_tree)
-        avoided = len(errors) - len(as_format_4.diagnostics.errors)
-        if avoided > 0:
-            count = "1 error" if avoided == 1 else f"{avoided} errors"
-            message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
-            hint = Hint('write <root BTCPP_format="4">', (SetFormat(4),))
-            document = sources.main_document
-            cause = document.diagnostic(UNKNOWN_FORMAT, message, document.root, hint=hint)
-            return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
-    return plans
+    is_unsure = definitions.is_format_assumed and plans.diagnostics.errors
+    return _compare_with_format_4(plans, every_tree) if is_unsure else plans
 
 
 def plan_document(
@@ -121,17 +109,40 @@ def plan_document(
     tree_id: str | None = None,
     format: int | None = None,
     every_tree: bool = False,
+    others: Sequence[Document] = (),
+    packages: PackageResolver | None = None,
 ) -> Plans:
     """Return the plans of the trees of a document: `read`, `define` and `plan` in one call.
 
     Args:
-        document: The main document, which may call the trees of *registry*.
+        document: The main document, which may call the trees of *registry* and of *others*.
         registry: The registered nodes.
         tree_id: As in `define`.
         format: As in `define`.
         every_tree: As in `plan`.
+        others: Further documents.
+        packages: As in `read`.
     """
-    return plan(define(read(document, registry.documents), tree_id, format), registry, every_tree)
+    sources = read(document, [*registry.documents, *others], packages)
+    return plan(define(sources, tree_id, format), registry, every_tree)
+
+
+def _compare_with_format_4(plans: Plans, every_tree: bool) -> Plans:
+    """Return *plans*, whose first error says so if format 4 would avoid errors."""
+    errors, definitions = plans.diagnostics.errors, plans.definitions
+    sources = definitions.sources
+    # Of these plans only the errors are counted, so they need no hints.
+    silent = sources._replace(diagnostics=sources.diagnostics._replace(comparisons_left=0))
+    as_format_4 = _plan_trees(define(silent, definitions.requested_tree, 4), plans.registry, every_tree)
+    avoided = len(errors) - len(as_format_4.diagnostics.errors)
+    if avoided <= 0:
+        return plans
+    count = "1 error" if avoided == 1 else f"{avoided} errors"
+    message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
+    hint = Hint('write <root BTCPP_format="4">', (SetFormat(4),))
+    document = sources.main_document
+    cause = document.diagnostic(UNKNOWN_FORMAT, message, document.root, hint=hint)
+    return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
 
 
 def _plan_trees(definitions: Definitions, registry: Registry, every_tree: bool) -> Plans:

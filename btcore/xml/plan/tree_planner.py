@@ -82,9 +82,12 @@ def count_text(count: int) -> str:
 
 
 def _one_child_hint(count: int) -> Hint:
-    if not count:
-        return Hint("", (AddChildren(1),))
-    return Hint("put them into a <Sequence>", wrapping_fixes(1))
+    return Hint("put them into a <Sequence>", wrapping_fixes(1)) if count else _more_children_hint(1)
+
+
+def _more_children_hint(count: int, roles: str = "") -> Hint:
+    text = "add a child" if count == 1 else f"add {count} children"
+    return Hint(f"{text}: {roles}" if roles else text, (AddChildren(count),))
 
 
 def wrapping_fixes(most: int) -> tuple[Fix, ...]:
@@ -281,12 +284,13 @@ class TreePlanner:
                     roles = manifest.spec.child_roles if least > 1 else ""
                     # More children may be needed at the first tick than to load the tree.
                     needed = least if is_mock(manifest.cls) else max(least, manifest.spec.child_count[0])
-                hint = Hint(roles, (AddChildren(needed - count),))
+                hint = _more_children_hint(needed - count, roles)
                 self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
             elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
                 self._check_asynchronous(children)
         elif count and node_type in _LEAVES:
-            message, hint = f"<{id}> has {has}; {_LEAVES[node_type]} has none", Hint("", (RemoveChildren(),))
+            message = f"<{id}> has {has}; {_LEAVES[node_type]} has none"
+            hint = Hint("remove it" if count == 1 else "remove them", (RemoveChildren(),))
             self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _check_asynchronous(self, children: list[Element]) -> None:
@@ -329,8 +333,9 @@ class TreePlanner:
             hint = Hint("move them into the <BehaviorTree> that it calls, or remove them")
             self._collector.report(self._document, UNREACHABLE_CHILD, message, children[0], hint=hint)
         elif children:
-            message = f'<{tag} ID="{id}"> has children; they belong into the <BehaviorTree> that it calls'
-            hint = Hint("", (RemoveChildren(),))
+            message = f'<{tag} ID="{id}"> has {count_text(len(children))}; a call of a tree has none'
+            text = "move them into the <BehaviorTree> that it calls, or remove them"
+            hint = Hint(text, (RemoveChildren(),))
             self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _unknown_node_hint(self, id: str) -> Hint:

@@ -74,7 +74,7 @@ _GROOT1_POLL_INTERVAL_S: Final = 0.05
 
 
 class _State(Enum):
-    """What a feed reads. The transitions happen in `Feed._collect_events` and the methods that it calls:
+    """What a feed reads. `Feed._change_state` is the only method that changes it:
 
     | from | to | when |
     |---|---|---|
@@ -140,7 +140,8 @@ class Feed(Closeable):
         self._groot2_client = Groot2Client(self.address, max_timeout=MAX_REPLY_TIMEOUT_S, keys=keys)
         self._groot2_feed = Groot2Feed(self._groot2_client, blackboard_rate, record)
         self._state = _State.SEARCHING
-        # Not None in the state GROOT1, and in the state ANNOUNCED of a robot that replies as Groot 1.
+        # In the state GROOT1, and in the state ANNOUNCED of a robot that replies as Groot 1, which receives
+        # updates until then; otherwise None.
         self._groot1_feed: Groot1Feed | None = None
         self._groot1_events: list[Event] = []
         self._stopped = threading.Event()
@@ -212,29 +213,31 @@ class Feed(Closeable):
         now = time.monotonic()
         self._report_errors(now, events)
         silence = now - self._run_channel_client.last_message_at
-        is_waiting = (
-            self._state is _State.ANNOUNCED and now - self._groot_replied_at < ANNOUNCED_RUN_CHANNEL_WAIT_S
-        )
         if silence < SILENT_AFTER_S and self._run_channel_client.tree_id:
-            self._state = _State.RUN_CHANNEL
-            self._close_groot1()
+            self._change_state(_State.RUN_CHANNEL)
             if self._connection_state == "lost":
                 self._report_connection(events, "connected", f"{self.address} is back")
         elif self._state is _State.RUN_CHANNEL:
-            self._state = _State.SEARCHING
+            self._change_state(_State.SEARCHING)
             self._groot2_feed.reset()
             if self._connection_state == "connected":
                 self._report_connection(
                     events, "lost", f"no sign of life from {self.address} for {SILENT_AFTER_S:g} s"
                 )
-        elif not is_waiting:
-            if self._state is _State.ANNOUNCED:
+        else:
+            waited = now - self._groot_replied_at
+            if self._state is _State.ANNOUNCED and waited >= ANNOUNCED_RUN_CHANNEL_WAIT_S:
                 self._abandon_run_channel()
-            if self._groot1_feed is not None:
-                self._read_groot1(self._groot1_feed, now, events)
-            else:
+            if self._state is _State.GROOT1:
+                self._read_groot1(now, events)
+            elif self._state is not _State.ANNOUNCED:
                 self._read_groot2(now, events)
         return events
+
+    def _change_state(self, state: _State) -> None:
+        self._state = state
+        if state not in (_State.ANNOUNCED, _State.GROOT1):
+            self._close_groot1()
 
     def _report_connection(self, events: list[Event], state: ConnectionState, detail: str) -> None:
         if state != self._connection_state:
@@ -300,11 +303,11 @@ class Feed(Closeable):
         self._groot_replied_at = now
         self._groot_reason = ""
         is_announced = reply.endswith(run_channel.ANNOUNCEMENT)
-        self._state = _State.ANNOUNCED if is_announced else self._groot_state
+        self._change_state(_State.ANNOUNCED if is_announced else self._groot_state)
 
     def _abandon_run_channel(self) -> None:
         """Use Groot's protocol, although the robot has announced a run channel."""
-        self._state = self._groot_state
+        self._change_state(self._groot_state)
         port = self.address.at(run_channel.PORT_OFFSET)
         self._groot_reason = f", because there is no reply from its run channel, {port}"
         # If the run channel connects later, it begins with the tree.
@@ -335,7 +338,7 @@ class Feed(Closeable):
         except (NoReplyError, ProtocolError) as error:
             is_invalid = isinstance(error, ProtocolError)
             self._groot2_feed.reset(_PAUSE_AFTER_ERROR_S if is_invalid else 0.0)
-            self._state = _State.SEARCHING
+            self._change_state(_State.SEARCHING)
             # A robot that has not answered yet may be starting.
             if self._connection_state == "connected" or is_invalid:
                 self._report_connection(events, "lost", str(error))
@@ -346,16 +349,17 @@ class Feed(Closeable):
             )
         events.extend(sampled)
 
-    def _read_groot1(self, feed: Groot1Feed, now: float, events: list[Event]) -> None:
+    def _read_groot1(self, now: float, events: list[Event]) -> None:
         """Read updates of Groot 1, and append *events* only after the run channel had time to connect."""
+        feed = self._groot1_feed
+        assert feed is not None
         try:
             self._groot1_events += feed.step()
         except NoReplyError as error:
             if self._connection_state == "connected":
                 self._report_connection(events, "lost", str(error))
         except ProtocolError as error:
-            self._close_groot1()
-            self._state = _State.SEARCHING
+            self._change_state(_State.SEARCHING)
             self._report_connection(events, "lost", str(error))
             return
         if now - self._groot_replied_at < RUN_CHANNEL_WAIT_S:
@@ -376,7 +380,8 @@ class Feed(Closeable):
         poller.register(self._run_channel_client.socket, zmq.POLLIN)
         if self._state in (_State.RUN_CHANNEL, _State.ANNOUNCED):
             pass
-        elif self._groot1_feed is not None:
+        elif self._state is _State.GROOT1:
+            assert self._groot1_feed is not None
             for socket in self._groot1_feed.sockets:
                 poller.register(socket, zmq.POLLIN)
             seconds = min(seconds, _GROOT1_POLL_INTERVAL_S)

@@ -9,7 +9,7 @@ from btcore import FAILURE, RUNNING, SUCCESS, In, NodeSpec, Out, StatefulAction,
 from btcore_navigation.action import GoalHandle, GoalStatus
 from btcore_robot.robot import Pose2D, Robot
 
-LOOKING_TIME = 1_000_000_000
+LOOKING_TIME_NS = 1_000_000_000
 """The time (ns) for which the robot stays at a goal to see the unknown area beside it.
 
 If the area is then still unknown, the goal is excluded.
@@ -142,7 +142,7 @@ class Explore(StatefulAction):
             return self.send_next_goal()
         if self.arrived is None:
             self.arrived = now
-        if now - self.arrived < LOOKING_TIME:
+        if now - self.arrived < LOOKING_TIME_NS:
             return RUNNING
         if self.explorer.is_goal_unknown():
             self.explorer.exclude_goal()

@@ -36,7 +36,7 @@ A laser's noise is smaller, but the errors of points on the same wall are correl
 """
 _GRID_MARGIN = 1.0  # m around the points, so that a slightly displaced scan still falls on the grid
 _SATURATION = 3.0  # number of scans of a cell after which further scans add little certainty
-_MAX_STEPS = 12
+_MAX_STEPS = 12  # of the iteration
 _MIN_STEP = 1e-4  # m, rad: the iteration ends with a shorter step
 _DIRECTIONS = 4  # number of grids, one for each direction that a wall may face
 _MIN_COSINE = 0.5  # between the normal of a wall and the direction of its grid
@@ -44,7 +44,7 @@ _MIN_RIDGE = 1e-3  # a lower value of a ridge grid means that there is no wall
 _DISTANCE_PENALTY = 0.02  # subtracted from the score of a pose at the edge of the search window
 # σ² of a ridge: the blur, the effect of interpolation, and the remaining noise of the points.
 _RIDGE_VARIANCE = RIDGE_BLUR**2 + RESOLUTION**2 / 4 + 0.02**2
-_DAMPING = 1.0
+_DAMPING = 1.0  # added to the normal matrix, so that it is never singular
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from btcore_robot.robot import Pose2D, Robot
 
 _log = logging.getLogger(__name__)
 
-REMEMBERED = 30 * NS_PER_S
+OBSTACLE_MEMORY_NS = 30 * NS_PER_S
 """The time (ns) for which an observed obstacle stays in the costmap although the map does not have it.
 
 In a passage that is just wide enough for the robot, the scans and the map disagree. Without a memory the
@@ -40,7 +40,7 @@ class GrowingCostmap(GlobalCostmap):
         shape = (map.height, map.width)
         rows = round((map.origin[1] - self.origin[1]) / self.resolution)
         cols = round((map.origin[0] - self.origin[0]) / self.resolution)
-        self.obstacles.rebuild(shape, rows, cols, self.stamp - REMEMBERED)
+        self.obstacles.rebuild(shape, rows, cols, self.stamp - OBSTACLE_MEMORY_NS)
         self.map = map
         self.origin = map.origin
         self._static = static_costs(map)

@@ -28,8 +28,11 @@ MIN_CERTAINTY_RATIO = 0.15
 In a corridor the ratio is lower, and no loop is closed.
 """
 _MIN_POINTS = 60  # scans with fewer points are not matched
-_TURN_DRIFT = 0.005  # rad per metre
-_MAX_TURN = 0.5  # rad
+# The assumed error of the yaw (rad): minimum, growth per metre since the last correction, and maximum.
+_MIN_TURN, _TURN_DRIFT, _MAX_TURN = 0.1, 0.005, 0.5
+_SEARCH_DISTANCE = 1.0  # m driven between two searches
+_SEARCH_POINTS = 150  # of a scan: about so many are enough for a search
+_CELL_STEP, _TURN_STEP = 2, 0.035  # cells and rad between the searched poses
 
 
 class LoopClosureDetector:
@@ -51,7 +54,10 @@ class LoopClosureDetector:
             certain match.
         """
         newest, here = scans[-1], graph.poses[-1]
-        if newest.travelled - self._tried_after < 1.0 or len(newest.outline.points) < _MIN_POINTS:
+        if (
+            newest.travelled - self._tried_after < _SEARCH_DISTANCE
+            or len(newest.outline.points) < _MIN_POINTS
+        ):
             return None
         old = [
             index for index, scan in enumerate(scans) if newest.travelled - scan.travelled >= MIN_LOOP_LENGTH
@@ -70,10 +76,9 @@ class LoopClosureDetector:
         # The drift since the pose was last corrected, or since the old key scan if that is more recent.
         since = newest.travelled - max(self._closed_after, scans[nearest].travelled)
         drift = min(MAX_DRIFT, MIN_DRIFT + DRIFT * since)
-        turn = min(_MAX_TURN, 0.1 + _TURN_DRIFT * since)
-        # About 150 points are enough for the search.
-        points = newest.outline.points[:: max(1, len(newest.outline.points) // 150)]
-        guess = grid.search(here, points, SearchWindow(drift, turn, 2, 0.035))
+        turn = min(_MAX_TURN, _MIN_TURN + _TURN_DRIFT * since)
+        points = newest.outline.points[:: max(1, len(newest.outline.points) // _SEARCH_POINTS)]
+        guess = grid.search(here, points, SearchWindow(drift, turn, _CELL_STEP, _TURN_STEP))
         match = grid.refine(guess, newest.outline)
         shift = relative_pose(here, match.pose)
         if np.hypot(shift[0], shift[1]) > drift or abs(shift[2]) > turn:

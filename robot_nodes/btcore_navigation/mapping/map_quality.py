@@ -37,7 +37,7 @@ MAX_LOOP_ERROR = 0.3
 """A larger disagreement (m) of a loop with the poses of its scans is a warning: another place looks alike."""
 
 _MAX_DISTANCE = 0.5  # m; a greater distance from a wall counts as this distance
-_MAX_SCANS = 300
+_MAX_SCANS = 300  # of a map that are compared
 _MAX_RAYS = 60  # of a scan
 
 

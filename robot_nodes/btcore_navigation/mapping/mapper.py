@@ -54,6 +54,10 @@ OUTAGE_UNCERTAINTY = PoseUncertainty(0.3, 0.2)
 """The standard deviation (m, rad) of the motion during an outage of the odometry."""
 _REDRAW_DISTANCE = 0.02  # m: the map is redrawn if a pose moves farther than this
 _STANDSTILL_SPEED = 0.01  # m/s, rad/s
+# The standard deviation of odometry between two key scans: its minimum (m, rad), and its growth with the
+# distance and the turn.
+_MIN_DISTANCE_ERROR, _DISTANCE_ERROR_SHARE = 0.02, 0.05
+_MIN_TURN_ERROR, _TURN_ERROR_SHARE = 0.01, 0.06
 
 
 class Mapper:
@@ -277,9 +281,8 @@ class Mapper:
         assert self.graph is not None
         if uncertainty is None:
             uncertainty = PoseUncertainty(
-                # The uncertainty of odometry grows with the distance and the turn.
-                0.02 + 0.05 * float(np.hypot(step[0], step[1])),
-                0.01 + 0.06 * abs(float(step[2])),
+                _MIN_DISTANCE_ERROR + _DISTANCE_ERROR_SHARE * float(np.hypot(step[0], step[1])),
+                _MIN_TURN_ERROR + _TURN_ERROR_SHARE * abs(float(step[2])),
             )
         prior = uncertainty.information()
         match = self._match_recent(scan, step, uncertainty)

@@ -5,12 +5,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from btcore import Tree
+from btcore import Registry, Tree
 from btcore.bundled_trees import folder
 from btcore.clock import NS_PER_S
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.navigate_goal import NavigateGoal
-from btcore_navigation.navigator import Navigator
+from btcore_navigation.navigator import Navigator, navigation_nodes
 from btcore_navigation.stack import THROUGH_POSES, TO_POSE, TREES
 from btcore_robot.robot import Phase
 from btcore_ros2.errors import RosError
@@ -69,10 +69,10 @@ class NavigatorServer:
         self.session = session
         self._client = Nav2Client(session)
         self._was_pose_known = False
-        plugins = (ROS_NODES, *plugins)
+        nodes = navigation_nodes((ROS_NODES, *plugins))
         trees = folder() / TREES
-        self._to_pose = self._navigator(to_pose or trees / TO_POSE, plugins, through=False)
-        self._through_poses = self._navigator(through_poses or trees / THROUGH_POSES, plugins, through=True)
+        self._to_pose = self._navigator(to_pose or trees / TO_POSE, nodes, through=False)
+        self._through_poses = self._navigator(through_poses or trees / THROUGH_POSES, nodes, through=True)
         self._served = (
             self._serve(self._to_pose, self._through_poses),
             self._serve(self._through_poses, self._to_pose),
@@ -103,14 +103,14 @@ class NavigatorServer:
             navigator.step(self.session.clock.now())
             served.close()
 
-    def _navigator(self, default: Path, plugins: tuple[str, ...], *, through: bool) -> Navigator:
+    def _navigator(self, default: Path, nodes: Registry, *, through: bool) -> Navigator:
         return Navigator(
             self._client,
             default,
+            nodes,
             clock=self.session.clock,
             resources=[self.session],
             through=through,
-            plugins=plugins,
             hold=self._must_wait,
             give_up_reason=self._give_up_reason,
         )

@@ -93,9 +93,8 @@ def test_plugin_import_error_is_reported_with_its_line(cli: Cli, tree_file: Tree
     broken.write_text("import btcore\n\nwheels = 4\nwheels.turn()\n")
     assert_refused(
         cli("run", tree_file("<AlwaysSuccess/>"), "--plugin", broken),
-        "broken.py",
+        "broken.py:4",
         "AttributeError: 'int' object has no attribute 'turn'",
-        "4",
     )
 
 

@@ -12,7 +12,7 @@ from scipy.ndimage import distance_transform_edt
 
 from btcore_navigation.costmap import FREE, INSCRIBED, LETHAL, UNKNOWN, Costmap, GlobalCostmap, LocalCostmap
 from btcore_navigation.costmap_layers import InflationLayer, ObstacleLayer
-from btcore_navigation.mapping.exploration import REMEMBERED, GrowingCostmap
+from btcore_navigation.mapping.exploration import OBSTACLE_MEMORY_NS, GrowingCostmap
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserScan, Pose2D
 
@@ -413,6 +413,6 @@ def test_a_growing_costmap_remembers_recent_obstacles_at_their_places_on_the_new
     costmap.redraw(small)
     assert (costmap.costs == FREE).all()
     costmap.observe(wall_at(0.4), HERE)
-    costmap.update(REMEMBERED + 1)
+    costmap.update(OBSTACLE_MEMORY_NS + 1)
     costmap.redraw(small)
     assert (costmap.costs == FREE).all()

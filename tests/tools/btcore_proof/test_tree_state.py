@@ -22,7 +22,7 @@ from btcore.tree.tree import Tree
 from btcore_proof.interrupts import OpaqueStateError
 from btcore_proof.state_graph import StateTable
 from btcore_proof.timer_order import NO_TIMERS, Advance
-from btcore_proof.tree_state import NOW, StateKeeper, TreeState
+from btcore_proof.tree_state import TICK_START_NS, StateKeeper, TreeState
 from tests.conformance.recorded_cases import Journal, conformance_registry
 
 NODES = conformance_registry()
@@ -31,7 +31,7 @@ SAME_TIME = Advance((), NO_TIMERS)
 
 def grown(xml: str, format: int = 4) -> Tree:
     """Return the tree of *xml* on a clock that shows the time of a search."""
-    clock = SimClock(NOW)
+    clock = SimClock(TICK_START_NS)
     board = Blackboard(clock=clock)
     if format == 4:
         for key in ("a", "b", "c"):
@@ -83,7 +83,7 @@ def _other_value(node: TreeNode, field: str) -> object:
     """Return another value that the field may have."""
     value = getattr(node, field)
     if field in node.spec.time_fields:
-        return NOW + 1_000_000
+        return TICK_START_NS + 1_000_000
     if isinstance(value, Status):
         return Status.SUCCESS
     if isinstance(value, bool):

@@ -3,7 +3,7 @@
 import pytest
 
 from btcore import Registry, SimClock, Status, loads
-from btcore_sweep.episode import FailureCause
+from btcore_sweep.episode import FailureCauseFinder
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ from btcore_sweep.episode import FailureCause
 def test_the_cause_is_found_by_following_failed_nodes_down(body: str, cause: str | None) -> None:
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     tree = loads(text, nodes=Registry.standard(), clock=SimClock())
-    finder = FailureCause()
+    finder = FailureCauseFinder()
     tree.subscribe(finder)
     status = tree.tick_while_running(period=0.1)
     tree.halt()

@@ -10,7 +10,7 @@ from btcore.errors import TreeError
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import Edit
-from btcore.xml.edit.fixes import FixMaker, TextFix
+from btcore.xml.edit.quick_fixes import FixMaker, QuickFix
 from btcore.xml.read.document import Document
 
 SOURCE: Final = "btcore"
@@ -43,7 +43,7 @@ class Report(NamedTuple):
     hint: str = ""
     url: str = ""
     outer_key: str = ""
-    fixes: tuple[TextFix, ...] = ()
+    fixes: tuple[QuickFix, ...] = ()
 
     @property
     def range(self) -> types.Range:
@@ -67,7 +67,7 @@ def report_from_data(data: Sequence[Any]) -> Report:
     """Return the report that a list of JSON contains."""
     report = Report(*data)
     fixes = tuple(
-        TextFix(title, tuple(Edit(*edit) for edit in edits), is_safe)
+        QuickFix(title, tuple(Edit(*edit) for edit in edits), is_safe)
         for title, edits, is_safe in report.fixes
     )
     return report._replace(fixes=fixes)
@@ -99,7 +99,7 @@ def check(
     makers: dict[str, FixMaker] = {}
     reports: list[Report] = []
     for item in shown:
-        fixes: list[TextFix] = []
+        fixes: list[QuickFix] = []
         if item.fixes and text_of is not None:
             if item.file not in makers:
                 makers[item.file] = FixMaker(text_of(item.file))
@@ -108,7 +108,7 @@ def check(
     return reports
 
 
-def _report(item: Diagnostic, fixes: Iterable[TextFix]) -> Report:
+def _report(item: Diagnostic, fixes: Iterable[QuickFix]) -> Report:
     column = max(0, item.column - 1)
     before, marked = item.source[:column], item.source[column : column + item.width]
     # Without a column, the whole line is marked.

@@ -5,7 +5,7 @@ from lsprotocol import types
 from btcore.errors import BtcoreError
 from btcore.xml.define import parse_format
 from btcore.xml.edit.editor import Edit
-from btcore.xml.edit.fixes import TextFix
+from btcore.xml.edit.quick_fixes import QuickFix
 from btcore_studio.convert.convert import convert
 from btcore_studio.edit.text_edits import difference
 from btcore_studio.language.project import Project, SourceDocument
@@ -39,7 +39,7 @@ def code_actions(
     return actions
 
 
-def convert_to_4(project: Project, document: SourceDocument) -> TextFix | None:
+def convert_to_4(project: Project, document: SourceDocument) -> QuickFix | None:
     """Return the conversion of a document of format 3; None for any other document."""
     root = next(iter(document.scan.roots), None)
     if root is None or root.tag != "root" or parse_format(root.get("BTCPP_format")) != 3:
@@ -52,7 +52,7 @@ def convert_to_4(project: Project, document: SourceDocument) -> TextFix | None:
     except BtcoreError:
         return None
     edits = (difference(document.text, converted),)  # so that the cursor keeps its place
-    return TextFix("Convert the document to format 4", edits, is_safe=False)
+    return QuickFix("Convert the document to format 4", edits, is_safe=False)
 
 
 def _wants(params: types.CodeActionParams, kind: types.CodeActionKind) -> bool:
@@ -64,6 +64,6 @@ def _overlap(first: types.Range, second: types.Range) -> bool:
     return first.start <= second.end and second.start <= first.end
 
 
-def _action(document: SourceDocument, fix: TextFix, kind: types.CodeActionKind) -> types.CodeAction:
+def _action(document: SourceDocument, fix: QuickFix, kind: types.CodeActionKind) -> types.CodeAction:
     changes = {document.uri: document.text_edits(fix.edits)}
     return types.CodeAction(fix.title, kind, edit=types.WorkspaceEdit(changes))

@@ -11,7 +11,7 @@ from btcore.clock import NS_PER_S
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.planner import Planner, PlannerServer
-from btcore_navigation.servers import OBSTACLE_MEMORY
+from btcore_navigation.servers import OBSTACLE_MEMORY_S
 from btcore_robot.robot import Pose2D, Twist2D
 from tests.robot_nodes.navigation.conftest import path_through, rig_on_floor
 from tests.robot_nodes.navigation.nodes.conftest import NodeRig
@@ -347,7 +347,7 @@ def observe_scan(rig: NodeRig, age: float) -> None:
 @pytest.fixture
 def boxed() -> NodeRig:
     rig = NodeRig(rig_on_floor((0.7, -0.3, 0.9, 0.3), (0.8, 1.2, 1.2, 1.4)))
-    observe_scan(rig, OBSTACLE_MEMORY + 1.0)
+    observe_scan(rig, OBSTACLE_MEMORY_S + 1.0)
     assert boxes_on(rig.costmap) == (True, True)
     assert boxes_on(rig.servers.local_costmap) == (True, True)
     return rig
@@ -369,7 +369,7 @@ def test_clear_entire_costmap_removes_observed_obstacles(boxed: NodeRig, name: s
 
 
 def test_the_global_costmap_keeps_obstacles_that_were_observed_a_short_time_ago(boxed: NodeRig) -> None:
-    observe_scan(boxed, OBSTACLE_MEMORY - 1.0)
+    observe_scan(boxed, OBSTACLE_MEMORY_S - 1.0)
     for node in (
         '<ClearEntireCostmap service_name="global"/>',
         '<ClearCostmapAroundRobot service_name="global" reset_distance="9"/>',

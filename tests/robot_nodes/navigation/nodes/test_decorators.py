@@ -6,7 +6,13 @@ import pytest
 
 from btcore import NodeExecutionError, Status
 from btcore_navigation.error_codes import Nav2ErrorCode
-from btcore_navigation.navigator import MAX_STALL_S, MIN_PROGRESS_SPEED, NavigateGoal, Navigator
+from btcore_navigation.navigator import (
+    MAX_STALL_S,
+    MIN_PROGRESS_SPEED,
+    NavigateGoal,
+    Navigator,
+    navigation_nodes,
+)
 from btcore_navigation.path import NavPath
 from btcore_robot.robot import Phase, Pose2D
 from tests.robot_nodes.navigation.conftest import path_through
@@ -279,7 +285,9 @@ def test_the_navigator_expects_no_progress_towards_a_goal_that_may_move(
     inside = tree.replace("{}", f"<Sequence>{plan}</Sequence>")
     file = tmp_path / "tree.xml"
     file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="T">{inside}</BehaviorTree></root>', "utf-8")
-    navigator = Navigator(rig.servers, file, clock=rig.robot.clock, resources=[rig.robot])
+    navigator = Navigator(
+        rig.servers, file, navigation_nodes(()), clock=rig.robot.clock, resources=[rig.robot]
+    )
     rig.robot.schedule.add_task(2.0, Phase.PLANNER, navigator.step)
     handle = navigator.send_goal(NavigateGoal((THERE,)))
     rig.wait(MAX_STALL_S + 2.0 * THERE.x / MIN_PROGRESS_SPEED)

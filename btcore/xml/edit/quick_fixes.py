@@ -1,4 +1,4 @@
-"""Make edits of a document's text from the fixes of diagnostics."""
+"""Quick fixes: edits of a document's text, made from the fixes of diagnostics."""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,8 +24,8 @@ MAX_TITLE: Final = 60
 _ASSIGNMENT: Final = re.compile(r"\s*(=)")
 
 
-class TextFix(NamedTuple):
-    """A fix of a diagnostic as edits of the text.
+class QuickFix(NamedTuple):
+    """A fix of a diagnostic, as edits of the text with a title.
 
     Attributes:
         title: What the fix does, for menus: "Change to <Sleep>".
@@ -49,17 +49,17 @@ class FixMaker:
         self._editor = DocumentEditor(scan(text))
         self.lines = LineIndex(text)
 
-    def fixes_of(self, diagnostic: Diagnostic) -> list[TextFix]:
+    def fixes_of(self, diagnostic: Diagnostic) -> list[QuickFix]:
         """Return the fixes of *diagnostic*, which must be about the text; the best fix comes first."""
         if not diagnostic.fixes or not diagnostic.line:
             return []
         start = self.lines.offset(diagnostic.line, max(1, diagnostic.column))
         problem = _Problem(self._editor, start, start + diagnostic.width)
-        text_fixes: dict[str, TextFix] = {}
+        quick_fixes: dict[str, QuickFix] = {}
         for fix in diagnostic.fixes:
             for title, edits in _titled_edits(fix, problem):
-                text_fixes.setdefault(title, TextFix(title, tuple(edits), fix.is_safe))
-        return list(text_fixes.values())[:MAX_FIXES]
+                quick_fixes.setdefault(title, QuickFix(title, tuple(edits), fix.is_safe))
+        return list(quick_fixes.values())[:MAX_FIXES]
 
 
 def fix_text(text: str, diagnostics: Iterable[Diagnostic]) -> tuple[str, list[DiagnosticCode]]:

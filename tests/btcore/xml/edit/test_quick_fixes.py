@@ -11,7 +11,7 @@ from btcore.input_files import real_path
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import apply_edits
-from btcore.xml.edit.fixes import FixMaker
+from btcore.xml.edit.quick_fixes import FixMaker
 from btcore.xml.read.document import parse_file
 
 # What precedes the place of every fix must be counted in UTF-16 code units.
