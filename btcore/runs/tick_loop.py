@@ -116,24 +116,22 @@ class TickLoop:
         Raises:
             NodeExecutionError: A leaf raised an exception, and no other tree has replaced its tree.
         """
+        if self._reload is None:
+            return self._tick_to_end()
         while True:
             error: NodeExecutionError | None = None
             try:
-                end = self._tick_to_end()
+                end: LoopEnd | None = self._tick_to_end()
             except NodeExecutionError as raised:
-                if self._reload is None:
-                    raise
-                error = raised
-            else:
-                if end != "done" or self._reload is None:
-                    return end
-            if self._on_end is not None:
-                self._on_end(error)
-            end_of_wait = self._wait_for_reload()
-            if end_of_wait is not None:
+                end, error = "done", raised
+            if end == "done":
+                if self._on_end is not None:
+                    self._on_end(error)
+                end = self._wait_for_reload()
+            if end is not None:
                 if error is not None:
                     raise error
-                return end_of_wait
+                return end
 
     def _tick_to_end(self) -> LoopEnd:
         """Tick until all trees have ended, or the loop ends, and return the reason."""

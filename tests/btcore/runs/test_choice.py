@@ -142,6 +142,20 @@ class Hand:
     """Another part."""
 
 
+def test_a_provider_that_takes_more_given_settings_replaces_a_provider_whose_needs_are_used() -> None:
+    @provider
+    def arm() -> Arm:
+        return Arm()
+
+    @provider(provides=(Robot,))
+    def real_with_arm(arm: Arm, settings: RealSettings) -> int:
+        return 7
+
+    both = [BagSettings("drive.mcap"), RealSettings("tiago")]
+    with run_with(arm, real_with_arm, recorded, want=[Arm, Robot], settings=both) as run:
+        assert [provider.name for provider in run.choice.order] == ["arm", "recorded"]
+
+
 def test_providers_that_need_each_other_are_shown_as_a_chain() -> None:
     @provider
     def arm(hand: Hand) -> Arm:
