@@ -56,6 +56,7 @@ class TickLoop:
         self._settings = settings
         self._period_ns = round(NS_PER_S / settings.rate)
         self._start_ns = 0
+        self._due_ns = 0
         self._end_ns: int | None = None
         self._end_statuses: tuple[Status, ...] = ()
         self._on_tick: Callable[[Status], None] | None = None
@@ -138,7 +139,7 @@ class TickLoop:
         reason = self._wait_for_end_of_pause()
         if reason is not None:
             return reason
-        due = self.clock.now()
+        self._due_ns = self.clock.now()
         ticked = self._running
         while True:
             self._tick(ticked)
@@ -150,24 +151,22 @@ class TickLoop:
                 reason = self._wait_for_end_of_pause()
                 if reason is not None:
                     return reason
-                due = self.clock.now()  # the ticks of the pause have not been skipped
+                self._due_ns = self.clock.now()  # the ticks of the pause have not been skipped
             now = self.clock.now()
-            # An additional tick before `due` leaves the due time unchanged.
-            if now >= due:
-                missed = (now - due) // self._period_ns
+            # An additional tick before the due time leaves it unchanged.
+            if now >= self._due_ns:
+                missed = (now - self._due_ns) // self._period_ns
                 self.skipped_ticks += missed
-                due += (missed + 1) * self._period_ns
+                self._due_ns += (missed + 1) * self._period_ns
             try:
-                deadline = due if self._end_ns is None else min(due, self._end_ns)
-                woken, is_reloaded = self._wait_for_wake_up_or_reload(deadline)
+                deadline = self._due_ns if self._end_ns is None else min(self._due_ns, self._end_ns)
+                woken = self._wait_for_wake_up_or_reload(deadline)
             except EndOfTimeError:
                 return "end_of_time"
             end = self._find_end()
             if end is not None:
                 return end
-            if is_reloaded:
-                due = self.clock.now()  # the new tree is ticked at once
-            ticked = woken if woken and self.clock.now() < due else self._running
+            ticked = woken if woken and self.clock.now() < self._due_ns else self._running
 
     def _find_end(self) -> LoopEnd | None:
         """Return why the loop ends between two ticks, or None."""
@@ -191,12 +190,13 @@ class TickLoop:
         self.status = _join_statuses(self.trees)
 
     def replace_tree(self, tree: Tree) -> None:
-        """Tick *tree* in place of the first."""
+        """Tick *tree* in place of the first, and at once."""
         first, *others = self.trees
         self.trees = [tree, *others]
         self._running = [tree, *(other for other in self._running if other is not first)]
         if first.context.wake_event is self._wake_event:  # the loop has started
             tree.context.wake_event = self._wake_event
+            self._due_ns = tree.clock.now()
 
     def _wait_for_end_of_pause(self) -> LoopEnd | None:
         """Wait until the end of a pause, and return None; or the reason why the loop ends before."""
@@ -245,16 +245,14 @@ class TickLoop:
         deadline = self.clock.now() + _POLL_INTERVAL_NS
         return deadline if latest is None else min(deadline, latest)
 
-    def _wait_for_wake_up_or_reload(self, deadline: int) -> tuple[list[Tree], bool]:
-        """Wait until *deadline*, a wake-up, a stop or a reload. Return woken trees, and if it reloaded."""
-        while not self._is_stopping:
-            if self._reload_if_saved():
-                return [], True
+    def _wait_for_wake_up_or_reload(self, deadline: int) -> list[Tree]:
+        """Wait until *deadline*, a wake-up, a stop or a reload, and return the woken trees."""
+        while not self._is_stopping and not self._reload_if_saved():
             step = deadline if self._reload is None else self._find_next_poll(deadline)
             woken = self._wait_for_wake_up(step)
             if woken or step == deadline:
-                return woken, False
-        return [], False
+                return woken
+        return []
 
     def _wait_for_wake_up(self, deadline: int) -> list[Tree]:
         """Wait until *deadline*, a stop, or a wake-up of trees that have not ended; return these trees."""
