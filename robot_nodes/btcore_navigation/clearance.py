@@ -19,13 +19,13 @@ from btcore_robot.transforms import ExtrapolationError, TransformTree
 HULL_MARGIN = 0.03
 """The distance (m) that the hull of a robot keeps from obstacles."""
 
-_NO_ECHO = 30.0  # m: stands for a ray without an echo
-_MEDIAN = 5  # rays; fewer than three equal readings among them count as noise
-_BESIDE = 4  # rays on either side that are averaged: 5 cm in total at a distance of 1 m
-_STEP = 0.2  # m: neighbours farther apart than this belong to different surfaces
+_NO_ECHO_RANGE = 30.0  # m: stands for a ray without an echo
+_MEDIAN_RAYS = 5  # rays; fewer than three equal readings among them count as noise
+_RAYS_BESIDE = 4  # rays on either side that are averaged: 5 cm in total at a distance of 1 m
+_MAX_STEP = 0.2  # m: neighbours farther apart than this belong to different surfaces
 
 _THREE_RAYS = np.ones((1, 3), dtype=np.uint8)
-_GONE = 0.05  # m by which a ray must pass a remembered obstacle before the obstacle counts as gone
+_PASSING_DISTANCE = 0.05  # m by which a ray must pass a remembered obstacle that counts as gone
 
 
 def min_clearance(base: BaseInfo, robot_radius: float = 0.0) -> float:
@@ -46,20 +46,20 @@ def smooth_scan(scan: LaserScan) -> LaserScan:
     objects that three adjacent rays hit remain: a table leg of 3 cm remains up to a distance of 1.5 m.
     """
     ranges = scan.ranges
-    near = ranges == -np.inf
-    row = np.where(np.isfinite(ranges), np.minimum(ranges, _NO_ECHO), _NO_ECHO).astype(np.float32)
-    row[near] = scan.range_min
+    is_too_near = ranges == -np.inf
+    row = np.where(np.isfinite(ranges), np.minimum(ranges, _NO_ECHO_RANGE), _NO_ECHO_RANGE).astype(np.float32)
+    row[is_too_near] = scan.range_min
     # The median removes lone readings; the mean over readings of the same surface then reduces the noise.
-    row = np.asarray(cv2.medianBlur(row[None, :], _MEDIAN)[0], dtype=np.float32)
-    padded = np.concatenate((row[:1].repeat(_BESIDE), row, row[-1:].repeat(_BESIDE)))
+    row = np.asarray(cv2.medianBlur(row[None, :], _MEDIAN_RAYS)[0], dtype=np.float32)
+    padded = np.concatenate((row[:1].repeat(_RAYS_BESIDE), row, row[-1:].repeat(_RAYS_BESIDE)))
     # Row i has the readings beside reading i: a view, as by sliding_window_view, which is slower.
-    shape, strides = (len(row), 2 * _BESIDE + 1), padded.strides * 2
+    shape, strides = (len(row), 2 * _RAYS_BESIDE + 1), padded.strides * 2
     neighbours: NDArray[np.float32] = np.ndarray(shape, np.float32, padded, strides=strides)
-    same = (np.abs(neighbours - row[:, None]) < _STEP).astype(np.float32)
-    flat = np.einsum("ij,ij->i", neighbours, same) / np.einsum("ij->i", same)
-    # The mean may be slightly below _NO_ECHO where a long reading is among the neighbours.
-    flat[flat > _NO_ECHO - 1.0] = np.inf
-    flat[near] = -np.inf
+    on_surface = (np.abs(neighbours - row[:, None]) < _MAX_STEP).astype(np.float32)
+    flat = np.einsum("ij,ij->i", neighbours, on_surface) / np.einsum("ij->i", on_surface)
+    # The mean may be slightly below _NO_ECHO_RANGE where a long reading is among the neighbours.
+    flat[flat > _NO_ECHO_RANGE - 1.0] = np.inf
+    flat[is_too_near] = -np.inf
     return replace(scan, ranges=flat)
 
 
@@ -113,12 +113,13 @@ class ClearanceGrid:
         ranges = self.smoother.smooth(scan).ranges
         ranges = np.where(ranges == -np.inf, np.float32(scan.range_min), ranges)
         angles = scan.angles()
-        near = ranges < 1.5 * half
-        x = laser.x + np.cos(angles[near] + laser.yaw) * ranges[near]
-        y = laser.y + np.sin(angles[near] + laser.yaw) * ranges[near]
+        # The corners of the grid are √2 times *half* away.
+        is_near = ranges < 1.5 * half
+        x = laser.x + np.cos(angles[is_near] + laser.yaw) * ranges[is_near]
+        y = laser.y + np.sin(angles[is_near] + laser.yaw) * ranges[is_near]
         free = np.ones((self._side, self._side), dtype=np.uint8)
         self._mark(free, x, y)
-        self._mark(free, *self._remembered(scan, ranges, laser, costmap))
+        self._mark(free, *self._remembered_points(scan, ranges, laser, costmap))
         distances = np.asarray(cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_5), dtype=np.float32)
         distances *= self.resolution
         self.distances = np.minimum(distances, half, out=distances)
@@ -163,7 +164,7 @@ class ClearanceGrid:
         inside = (cols.view(np.uintp) < self._side) & (rows.view(np.uintp) < self._side)
         free[rows[inside], cols[inside]] = 0
 
-    def _remembered(
+    def _remembered_points(
         self, scan: LaserScan, ranges: NDArray[np.float32], laser: Pose2D, costmap: LocalCostmap
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the x and y (m) of four points per lethal cell that the scan doesn't see through.
@@ -179,7 +180,7 @@ class ClearanceGrid:
         in_view = rays < len(ranges)
         # The least of three neighbouring rays, so that a single ray past an edge doesn't clear a cell.
         through = cv2.erode(ranges[None, :], _THREE_RAYS, borderType=cv2.BORDER_REPLICATE)[0]
-        gone = in_view & (through[np.where(in_view, rays, 0)] > np.hypot(east, north) + _GONE)
+        gone = in_view & (through[np.where(in_view, rays, 0)] > np.hypot(east, north) + _PASSING_DISTANCE)
         # A keep-out is not an obstacle, so that a ray that passes it proves nothing.
         kept = ~gone | (costmap.obstacles.values[rows, cols] != LETHAL)
         x, y = x[kept], y[kept]

@@ -90,11 +90,11 @@ class SignedDistanceField:
         """
         u = (x - self._origin[0]) / self._resolution
         v = (y - self._origin[1]) / self._resolution
-        column = _limited(u, 0.0, self._shape[1] - 1).astype(np.intp)
-        row = _limited(v, 0.0, self._shape[0] - 1).astype(np.intp)
+        column = _limit(u, 0.0, self._shape[1] - 1).astype(np.intp)
+        row = _limit(v, 0.0, self._shape[0] - 1).astype(np.intp)
         distance, along_x, along_y = self._table[row * self._shape[1] + column].T.astype(np.float64)
-        off_x = _limited(u - column - 0.5, -0.5, 0.5) * self._resolution
-        off_y = _limited(v - row - 0.5, -0.5, 0.5) * self._resolution
+        off_x = _limit(u - column - 0.5, -0.5, 0.5) * self._resolution
+        off_y = _limit(v - row - 0.5, -0.5, 0.5) * self._resolution
         return distance + along_x * off_x + along_y * off_y, along_x, along_y
 
     def match(
@@ -194,7 +194,7 @@ class SignedDistanceField:
         return np.count_nonzero(np.abs(distance) <= tolerances) / len(points)
 
 
-def _limited(values: Floats, low: float, high: float) -> Floats:
+def _limit(values: Floats, low: float, high: float) -> Floats:
     """Return *values*, limited to the interval from *low* to *high*; for few values faster than np.clip."""
     limited: Floats = np.minimum(np.maximum(values, low), high)
     return limited

@@ -371,7 +371,7 @@ class Localiser:
         # The match uses twice the beams: unlike the particles it runs for a single pose.
         dense = laser.apply(beam_endpoints(scan, 2 * settings.max_beams, self._least_range, self._most_range))
         laser_xy = (laser.position[0], laser.position[1])
-        self._set_estimate(self._corrected(dense, laser_xy, odometry, cluster), odometry)
+        self._set_estimate(self._correct_estimate(dense, laser_xy, odometry, cluster), odometry)
 
     def _resample(self) -> None:
         settings = self.parameters
@@ -386,7 +386,7 @@ class Localiser:
         )
         self.weights = np.full(len(self.particles), 1.0 / len(self.particles))
 
-    def _corrected(
+    def _correct_estimate(
         self, points: NDArray[np.float64], laser_xy: tuple[float, float], odometry: Pose2D, cluster: Cluster
     ) -> Pose2D:
         """Return the pose by odometry since the last update, corrected by a match with the surfaces.
@@ -408,14 +408,19 @@ class Localiser:
             present = self._visibility.agreement([carried.pose], laser_xy, points[::2])[0]
             if not contradicts_pose(present):
                 return carried.pose
+        rematched = self._match_cluster(points, laser_xy, cluster)
+        views = self._visibility.agreement([carried.pose, rematched], laser_xy, points[::2])
+        return rematched if views[1].score > views[0].score + CLUSTER_LEAD else carried.pose
+
+    def _match_cluster(
+        self, points: NDArray[np.float64], laser_xy: tuple[float, float], cluster: Cluster
+    ) -> Pose2D:
         deviation = np.sqrt(np.diag(cluster.covariance))
         prior = (
             max(_MIN_CLUSTER_DEVIATION[0], float(deviation[:2].max())),
             max(_MIN_CLUSTER_DEVIATION[1], float(deviation[2])),
         )
-        rematched = self._surfaces.match(cluster.pose, points, laser_xy, deviation=prior)
-        views = self._visibility.agreement([carried.pose, rematched.pose], laser_xy, points[::2])
-        return rematched.pose if views[1].score > views[0].score + CLUSTER_LEAD else carried.pose
+        return self._surfaces.match(cluster.pose, points, laser_xy, deviation=prior).pose
 
     def _publish(self) -> None:
         if not self.parameters.tf_broadcast:

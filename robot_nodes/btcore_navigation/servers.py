@@ -187,8 +187,8 @@ class Servers(NavigationServers):
     def battery(self, topic: str) -> Battery:
         """Return the robot's charge; the battery is being charged if *topic* has the message `charging`."""
         state = self.robot.battery()
-        charging = self.topics.get(topic) == "charging"
-        return Battery(state.level / 100.0 if state is not None else None, None, charging)
+        is_charging = self.topics.get(topic) == "charging"
+        return Battery(state.level / 100.0 if state is not None else None, None, is_charging)
 
     def latest(self, topic: str, message_type: type[Message]) -> Message | None:
         """Return the newest message in `topics`; see `NavigationServers.latest`."""

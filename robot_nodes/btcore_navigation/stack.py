@@ -331,24 +331,24 @@ class Navigation:
         if self.localises:
             self.localiser.step(now)
         self._processed_scans += self.localiser.stamp != before
-        confident = not self.must_wait()
+        is_confident = not self.must_wait()
         self._odometry_was_missing |= self.sensors.odometry_outage(now) is not None
         if self.localiser.searching and self.localises:
             self._look_around(now)
         else:
             self._gave_up = None
-        if confident and not self._was_confident:
+        if is_confident and not self._was_confident:
             # Obstacles that were observed at a wrong pose are at wrong places in the map.
             self.global_costmap.clear()
             if self._odometry_was_missing:
                 # The odometry may have jumped, and with it the place of the obstacles around the robot.
                 self.local_costmap.clear()
                 self._odometry_was_missing = False
-        elif self._was_confident and not confident:
+        elif self._was_confident and not is_confident:
             self.navigate_to_pose.restart_goal()
             self.navigate_through_poses.restart_goal()
         self._was_searching = self.localiser.searching
-        self._was_confident = confident
+        self._was_confident = is_confident
 
     def _look_around(self, now: int) -> None:
         """Turn the robot while its pose is searched for; give up after `SEARCH_LIMIT_S` with readings."""

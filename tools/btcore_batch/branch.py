@@ -1,6 +1,6 @@
 """IfThenElse, WhileDoElse and Switch of a batch."""
 
-from typing import Any
+from typing import Any, Final
 
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeError
@@ -9,6 +9,9 @@ from btcore_batch.agent_sets import AgentSet
 from btcore_batch.context import BatchContext
 from btcore_batch.node import NO_RESULTS, BatchNode, Results, merge_results
 from btcore_batch.ports import BatchInput
+
+_MAX_CHOICES: Final = 1000
+"""The number of remembered choices of a Switch after which it forgets them."""
 
 
 class BranchNode(BatchNode):
@@ -147,7 +150,7 @@ class Switch(BatchNode):
             index = self._choices.get(values)
             if index is None:
                 # The values may be different in every tick, for example coordinates.
-                if len(self._choices) > 1000:
+                if len(self._choices) > _MAX_CHOICES:
                     self._choices.clear()
                 self._choices[values] = index = self._choose(values)
             chosen[index] |= group

@@ -282,10 +282,10 @@ class BatchBinaryOperations(BatchChain):
             return bool(data) if data in (0, 1) else None
         if data.dtype == np.bool_:
             return data
-        bad = data < 0
+        is_invalid = data < 0
         if value.integers & agents:
-            bad |= data > 1
-        return None if bad.any() else data != 0
+            is_invalid |= data > 1
+        return None if is_invalid.any() else data != 0
 
 
 class BatchComparison(BatchChain):
@@ -328,17 +328,17 @@ class BatchComparison(BatchChain):
                     return ~_NEGATED_COMPARISONS[sign](first, second)
                 # Integers are equal within EPSILON only if they are the same.
                 if left.integers & right.integers & agents == agents:
-                    same = first == second
+                    are_equal = first == second
                 else:
-                    same = np.abs(to_doubles(left) - to_doubles(right)) <= EPSILON
-                return same if sign == "==" else ~same
+                    are_equal = np.abs(to_doubles(left) - to_doubles(right)) <= EPSILON
+                return are_equal if sign == "==" else ~are_equal
             return compare(sign, float(first), float(second), self.enums)
         if left.form is TEXT and right.form is TEXT and sign in ("==", "!="):
-            same = first == second
-            if isinstance(same, np.ndarray):
-                same = same.astype(np.bool_)
-                return same if sign == "==" else ~same
-            return same if sign == "==" else not same
+            are_equal = first == second
+            if isinstance(are_equal, np.ndarray):
+                are_equal = are_equal.astype(np.bool_)
+                return are_equal if sign == "==" else ~are_equal
+            return are_equal if sign == "==" else not are_equal
         results, _ = run.apply_each(
             agents,
             lambda first, second: compare(sign, first, second, self.enums),
@@ -519,7 +519,7 @@ class BatchAssignment(BatchExpression):
         # A single entry stands for the entry of each agent in turn.
         entry = Entry(column.declared)
 
-        def assigned(new: object, old: object) -> object:
+        def assign(new: object, old: object) -> object:
             if self.sign not in (":=", "="):
                 return compound_assigned_value(self.sign, old, new, entry.declared)
             entry.value = old
@@ -527,7 +527,7 @@ class BatchAssignment(BatchExpression):
 
         results, agents = run.apply_each(
             agents,
-            assigned,
+            assign,
             (value, BatchValue(column.objects(agents), OBJECT, 0)),
             lambda message: assignment.error(f"cannot assign to '{target.name}': {message}"),
         )

@@ -4,7 +4,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from os import PathLike
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -29,6 +29,8 @@ from btcore_batch.leaf_declaration import LeafDeclaration, Statuses, read_declar
 from btcore_batch.leaf_nodes import FunctionNode, StatefulNode
 from btcore_batch.node import BatchNode, status_array, unsupported
 from btcore_batch.node_classes import BATCH_CLASSES
+
+_MAX_SHOWN_AGENTS: Final = 5  # in the message of an error
 
 
 class BatchCompiler:
@@ -117,8 +119,9 @@ class BatchNodeError(NodeExecutionError):
         self.statuses = statuses
 
     def __str__(self) -> str:
-        shown = ", ".join(map(str, self.agents[:5]))
-        more = f" and {len(self.agents) - 5} more" if len(self.agents) > 5 else ""
+        shown = ", ".join(map(str, self.agents[:_MAX_SHOWN_AGENTS]))
+        hidden = len(self.agents) - _MAX_SHOWN_AGENTS
+        more = f" and {hidden} more" if hidden > 0 else ""
         return f"for agent{'s' * (len(self.agents) > 1)} {shown}{more}: {super().__str__()}"
 
 

@@ -12,8 +12,10 @@ from btcore_proof.counterexample import Counterexample
 from btcore_proof.outcome_replay import TickOutcomes, outcomes_of_ticks
 from btcore_proof.prover import Answer
 
-_LINE: Final = 88
+_LINE_LENGTH: Final = 88
 """The line length of the tests, which is ruff's default."""
+_MAX_NAME_CHARS: Final = 60
+"""The greatest number of characters of a question in the name of a file."""
 
 
 class TreeReference(NamedTuple):
@@ -45,7 +47,7 @@ def file_name(number: int, question: str) -> str:
         number: The number of the question, from 1.
         question: The question.
     """
-    words = re.sub(r"[^a-z0-9]+", "-", question.lower())[:60].strip("-")
+    words = re.sub(r"[^a-z0-9]+", "-", question.lower())[:_MAX_NAME_CHARS].strip("-")
     return f"{number:02}-{words}" if words else f"{number:02}"
 
 
@@ -95,7 +97,7 @@ def source_of_test(name: str, answer: Answer, source: TreeReference, folder: Pat
 
 def _wrap(text: str) -> list[str]:
     """Return the lines of a text in a docstring."""
-    return textwrap.wrap(_plain(text), _LINE - 4, break_long_words=False)
+    return textwrap.wrap(_plain(text), _LINE_LENGTH - 4, break_long_words=False)
 
 
 def _plain(text: str) -> str:
@@ -148,7 +150,7 @@ def _tick_lines(tick: TickOutcomes) -> list[str]:
     time, leaves = tick
     items = [f"{_text(name)}: {_text(outcomes)}" for name, outcomes in leaves.items()]
     line = f"    ({time}, {{{', '.join(items)}}}),"
-    if len(line) <= _LINE:
+    if len(line) <= _LINE_LENGTH:
         return [line]
     return [f"    ({time}, {{", *(f"        {item}," for item in items), "    }),"]
 

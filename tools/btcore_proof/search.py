@@ -12,7 +12,7 @@ from btcore_proof.state_graph import StateGraph
 
 _FEW_STATES: Final = 500
 """The number of states up to which one process is enough."""
-_INTERVAL: Final = 64
+_CHECK_INTERVAL: Final = 64
 """The number of states after which the memory is checked, and the progress is shown."""
 
 
@@ -47,7 +47,7 @@ def search(
                 graph.bounds.setdefault(f"runs of more than {most_ticks} ticks were not searched", None)
                 break
             if graph.expanded >= next_check:
-                next_check = graph.expanded + _INTERVAL
+                next_check = graph.expanded + _CHECK_INTERVAL
                 used = memory_used() + (processes.memory if processes is not None else 0)
                 if memory is not None and used > memory:
                     graph.bounds.setdefault(f"the memory limit of {memory >> 20} MB was reached", None)

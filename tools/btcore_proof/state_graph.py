@@ -16,6 +16,9 @@ END_OF: Final = {SUCCESS: -3, FAILURE: -4, SKIPPED: -5}
 """The target of an edge after which the tree has completed, by the result of the tree."""
 RESULT_OF: Final = {number: status for status, number in END_OF.items()}
 """The result of the tree, for each target of an edge after which the tree has completed."""
+_LEAF_BITS: Final = 4
+"""The number of signals of a leaf, which are the bits that follow."""
+_TICKED, _SUCCEEDED, _FAILED, _RELEASED = 1, 2, 4, 8
 
 
 class Edge(NamedTuple):
@@ -287,7 +290,7 @@ class Signals:
         self.leaves = list(leaves)
         self.numbers = {leaf.config.uid: number for number, leaf in enumerate(leaves)}
         self.timers = timers
-        self._first_timer = 4 * len(leaves)
+        self._first_timer = _LEAF_BITS * len(leaves)
         self._first_proposition = self._first_timer + timers
         self.guessed = 1 << self._first_proposition + 2 * propositions
         self._all_released = sum(self.released(leaf) for leaf in range(len(leaves)))
@@ -295,19 +298,19 @@ class Signals:
 
     def ticked(self, leaf: int) -> int:
         """Return the bit that is set if leaf number *leaf* was ticked."""
-        return 1 << 4 * leaf
+        return _TICKED << _LEAF_BITS * leaf
 
     def succeeded(self, leaf: int) -> int:
         """Return the bit that is set if leaf number *leaf* succeeded."""
-        return 2 << 4 * leaf
+        return _SUCCEEDED << _LEAF_BITS * leaf
 
     def failed(self, leaf: int) -> int:
         """Return the bit that is set if leaf number *leaf* failed."""
-        return 4 << 4 * leaf
+        return _FAILED << _LEAF_BITS * leaf
 
     def released(self, leaf: int) -> int:
         """Return the bit that is set at the end of a tick unless leaf number *leaf* remained RUNNING."""
-        return 8 << 4 * leaf
+        return _RELEASED << _LEAF_BITS * leaf
 
     def stopped(self, timer: int) -> int:
         """Return the bit that is set at the end of a tick unless timer number *timer* remained pending."""
@@ -327,8 +330,12 @@ class Signals:
         for leaf, _, result, _ in events:
             if result is IDLE:
                 continue
-            code = 3 if result is SUCCESS else 5 if result is FAILURE else 1
-            bits |= code << 4 * self.numbers[leaf.config.uid]
+            signals = _TICKED
+            if result is SUCCESS:
+                signals |= _SUCCEEDED
+            elif result is FAILURE:
+                signals |= _FAILED
+            bits |= signals << _LEAF_BITS * self.numbers[leaf.config.uid]
         return bits
 
     def of_end(self, kept: Iterable[TreeNode], timers: int, true: Iterable[int]) -> int:

@@ -34,11 +34,12 @@ from btcore_proof.timer_order import (
     without_timers,
 )
 
-_EXPIRED: Final = TICK_START_NS
+_EXPIRED_NS: Final = TICK_START_NS
+"""The deadline of every timer that has expired before a tick."""
 
 SHIFT_S: Final = 10**7
 """The time (s) between a tick and its repetition: longer than any duration in a tree."""
-_SHIFT: Final = SHIFT_S * NS_PER_S
+_SHIFT_NS: Final = SHIFT_S * NS_PER_S
 SHIFTED_WRITES: Final = 10**6
 """The number by which numbers of writes are greater when a tick is repeated."""
 _OPAQUE: Final = ", which cannot be copied and compared"
@@ -191,7 +192,7 @@ class StateKeeper:
             for name, value in zip(fields, values, strict=True):
                 cls = type(value)
                 if cls is _Timer:
-                    value = numbers.get(value.number, _EXPIRED)
+                    value = numbers.get(value.number, _EXPIRED_NS)
                 elif cls not in _PLAIN:
                     value = thaw(value)
                 setattr(node, name, value)
@@ -203,7 +204,7 @@ class StateKeeper:
         context.deadlines.clear()
         if context.is_woken:
             context.consume_wake_up()
-        self.clock.begin_in_search(TICK_START_NS + _SHIFT if shift else TICK_START_NS, self._instant)
+        self.clock.begin_in_search(TICK_START_NS + _SHIFT_NS if shift else TICK_START_NS, self._instant)
 
     def _restore_entries(self, state: TreeState, thaw: Callable[[Any], Any]) -> None:
         entries: list[Entry] = []
@@ -433,7 +434,7 @@ class StateKeeper:
 
 def _unshift_time(value: int) -> int:
     """Return a deadline without the shift of the clock, unless the deadline is from before the tick."""
-    return value - _SHIFT if TICK_START_NS + _SHIFT <= value < FIRST_PENDING_NS else value
+    return value - _SHIFT_NS if TICK_START_NS + _SHIFT_NS <= value < FIRST_PENDING_NS else value
 
 
 def _timer_bounds(timers: Bounds, deadlines: Sequence[int]) -> Bounds:

@@ -122,30 +122,36 @@ class Explore(StatefulAction):
         if self.handle is None:
             return self.send_next_goal()
         if not self.handle.done:
-            if now - self.last_check < CHECK_PERIOD_NS:
-                return RUNNING
-            self.last_check = now
-            explorer = self.explorer
-            is_useful = explorer.is_goal_unknown() and explorer.is_goal_free()
-            return RUNNING if is_useful else self.send_next_goal()
+            return self.check_goal(now)
         if self.handle.status is GoalStatus.ABORTED:
             result = self.handle.result
-            reason = result.message if result else "the goal was aborted"
-            if self.explorer.goals_wait():
-                log.warning("%s: the exploration ends: %s", self.config.path, reason)
-                return self.end(FAILURE)
-            log.info("%s: can't get there: %s", self.config.path, reason)
-            # An obstacle may have closed the way; a second failure means that there is no other way.
-            if are_near(self.failed_goal, self.goal):
-                self.explorer.exclude_goal()
-            self.failed_goal = self.goal
-            return self.send_next_goal()
+            return self.handle_abort(result.message if result else "the goal was aborted")
         if self.arrived is None:
             self.arrived = now
         if now - self.arrived < LOOKING_TIME_NS:
             return RUNNING
         if self.explorer.is_goal_unknown():
             self.explorer.exclude_goal()
+        return self.send_next_goal()
+
+    def check_goal(self, now: int) -> Status:
+        """Check at *now* (ns), but not more often than once a period, whether the goal is still useful."""
+        if now - self.last_check < CHECK_PERIOD_NS:
+            return RUNNING
+        self.last_check = now
+        is_useful = self.explorer.is_goal_unknown() and self.explorer.is_goal_free()
+        return RUNNING if is_useful else self.send_next_goal()
+
+    def handle_abort(self, reason: str) -> Status:
+        """Send the next goal after a goal that was aborted, or end if goals have to wait."""
+        if self.explorer.goals_wait():
+            log.warning("%s: the exploration ends: %s", self.config.path, reason)
+            return self.end(FAILURE)
+        log.info("%s: can't get there: %s", self.config.path, reason)
+        # An obstacle may have closed the way; a second failure means that there is no other way.
+        if are_near(self.failed_goal, self.goal):
+            self.explorer.exclude_goal()
+        self.failed_goal = self.goal
         return self.send_next_goal()
 
     def on_halted(self) -> None:

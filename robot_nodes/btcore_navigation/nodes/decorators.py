@@ -86,10 +86,10 @@ class DistanceController(DecoratorNode):
         here = self.servers.pose()
         if here is None:
             return FAILURE
-        first = self.start is None
+        is_first = self.start is None
         start = self.start = self.start or here
-        far = math.hypot(here.x - start.x, here.y - start.y) >= self.distance
-        if not (first or far or self.child._status is RUNNING):
+        is_far = math.hypot(here.x - start.x, here.y - start.y) >= self.distance
+        if not (is_first or is_far or self.child._status is RUNNING):
             return RUNNING
         status = self.child.execute_tick()
         if status is SUCCESS:
@@ -128,7 +128,7 @@ class SpeedController(DecoratorNode):
             NodeError: A rate is not above 0.
         """
         goals = goal_inputs(self)
-        speed = self.speed()
+        speed = self.measure_speed()
         if is_first_tick(self) or goals != self.previous_goals:
             if min(self.min_rate, self.max_rate) <= 0.0:
                 raise NodeError("<SpeedController> needs rates above 0 in min_rate and max_rate")
@@ -147,7 +147,7 @@ class SpeedController(DecoratorNode):
         """Return the end (ns) of a period that begins now, at *rate* (Hz)."""
         return read_clock(self) + math.ceil(NS_PER_S / rate)
 
-    def speed(self) -> float:
+    def measure_speed(self) -> float:
         """Return the mean speed (m/s) that odometry reported over the last *filter_duration*."""
         newest = self.servers.odometry()
         if newest is None:
