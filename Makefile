@@ -197,17 +197,16 @@ test:
 check: .venv/ready
 	@.venv/bin/python tests/check.py $(if $(LIMIT),--limit $(LIMIT)) $(FILES)
 
-environments:
+environments: .venv/project
 	@$(MAKE) -s .venv-compiled/ready
 	$(if $(ROS2),@$(MAKE) -s .venv-ros/ready)
 
-lint-and-pure:
+lint-and-pure: .venv/ready
 	@$(MAKE) -s lint
 	@$(MAKE) -s pure
 
-# In the environments that are built meanwhile.
-other-tests:
-	@$(MAKE) -s environments
+# The environments are built beside the other tests.
+other-tests: .venv/ready environments
 	@$(MAKE) -s --output-sync compiled test-ros2 $(BESIDE)
 
 lint: .venv/ready
