@@ -1,4 +1,4 @@
-"""Commands with the options of providers, also of those in the plugins of the command line."""
+"""Commands with the options of providers, also of those in plugins, and the settings in these options."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

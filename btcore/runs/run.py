@@ -374,6 +374,7 @@ class Run:
             raise RuntimeError("the run has ended, and its providers are closed: tick in the 'with' block")
 
     def _halt(self) -> None:
+        """Halt the trees. What their leaves raise is added to `error`, or raised if there is none."""
         errors: list[NodeExecutionError] = []
         for tree in self.trees:
             # An interrupted first tick leaves the status of the tree IDLE.
