@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import cache, cached_property
 
-from btcore.diagnostics import Hint
+from btcore.diagnostics import NO_HINT, Hint
 from btcore.entry_points import UnavailableEntryPoint, unsearched_libraries
 from btcore.fixes import CallTree, DeclareNode, Rename, SetFormat, SetValue
 from btcore.names import is_port_name
@@ -41,7 +41,7 @@ class UnknownNodeHints:
     def hint(self, name: str) -> Hint:
         """Return a hint for an unknown node; the first of the hints suggests to load a plugin."""
         if not self._collector.take_comparisons(self.manifests):
-            return Hint()
+            return NO_HINT
         if name in self._trees:
             fix = CallTree(is_safe=True)
             return Hint(f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>", (fix,))

@@ -28,7 +28,7 @@ from btcore.diagnostic_codes import (
     UNREACHABLE_CHILD,
     WRONG_CHILD_COUNT,
 )
-from btcore.diagnostics import Hint
+from btcore.diagnostics import NO_HINT, Hint
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import ConversionError
 from btcore.fixes import (
@@ -178,7 +178,9 @@ class TreePlanner:
             if len(nodes) > MAX_NODES + 1:  # the first is the <BehaviorTree>
                 message = f"the tree has more than {MAX_NODES:,} nodes"
                 hint = Hint("nodes are numbered with 16 bits")
-                self._collector.report(self._document, TREE_TOO_LARGE, message, top, "ID", hint)
+                self._collector.report(
+                    self._document, TREE_TOO_LARGE, message, top, attribute="ID", hint=hint
+                )
                 return []
             element = node.element
             tag = element.tag
@@ -256,7 +258,9 @@ class TreePlanner:
         manifest = self._manifest(id)
         if manifest is None:
             hint = self._unknown_node_hint(id)
-            self._collector.report(self._document, UNKNOWN_NODE, f"unknown node '{id}'", element, "ID", hint)
+            self._collector.report(
+                self._document, UNKNOWN_NODE, f"unknown node '{id}'", element, attribute="ID", hint=hint
+            )
             return
         node_type = manifest.type if self._dialect.type_from_id else EXPLICIT_TAGS[tag]
         self._check_child_count(id, node_type, element, children)
@@ -299,7 +303,9 @@ class TreePlanner:
         if len(found) > 1 and self._dialect.format == 4:
             message = "second AsyncSequence in a ReactiveSequence, which can have only one"
             hint = "only one child can be RUNNING at a time"
-            self._collector.report(self._document, SEVERAL_ASYNC_SEQUENCES, message, found[1], hint=hint)
+            self._collector.report(
+                self._document, SEVERAL_ASYNC_SEQUENCES, message, found[1], hint=Hint(hint)
+            )
 
     def _check_tree(self, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
@@ -309,10 +315,12 @@ class TreePlanner:
             if not FORBIDDEN.isdisjoint(id):
                 message = f"invalid tree ID '{id}': {forbidden_in(id)!r} is not allowed"
                 hint = Hint("use letters, digits, '_' and '-'")
-                self._collector.report(self._document, INVALID_NAME, message, element, "ID", hint)
+                self._collector.report(
+                    self._document, INVALID_NAME, message, element, attribute="ID", hint=hint
+                )
             elif id in RESERVED_IDS:
                 message = f"invalid tree ID '{id}': the name is reserved"
-                self._collector.report(self._document, INVALID_NAME, message, element, "ID")
+                self._collector.report(self._document, INVALID_NAME, message, element, attribute="ID")
         count = len(children)
         if count != 1:
             message, hint = f"{label} has {count_text(count)}; a tree has exactly 1", _one_child_hint(count)
@@ -349,7 +357,9 @@ class TreePlanner:
         known = self._manifest(id)
         if known is not None and not known.is_overridable:
             message, hint = f"invalid tree ID '{id}': a node has this name", "rename the tree"
-            self._collector.report(self._document, TREE_NAMED_AS_NODE, message, element, "ID", hint)
+            self._collector.report(
+                self._document, TREE_NAMED_AS_NODE, message, element, attribute="ID", hint=Hint(hint)
+            )
 
     # --- the second pass: add names, attributes, conditions, ports and calls of trees
 
@@ -437,7 +447,9 @@ class TreePlanner:
                     )
                     fixes = (RenameAttribute("name"), Remove())
                     hint = Hint('to name the node, write name="…"', fixes)
-                    self._collector.report(self._document, UNEXPECTED_ID, message, node.element, key, hint)
+                    self._collector.report(
+                        self._document, UNEXPECTED_ID, message, node.element, attribute=key, hint=hint
+                    )
             elif key in dialect.comment_attributes or (
                 dialect.allows_non_port_attributes and not is_port_name(key)
             ):
@@ -447,9 +459,9 @@ class TreePlanner:
 
                 message = f"<{node.id}> has no port '{key}'"
                 may_search = self._collector.take_comparisons(manifest.ports)
-                hint = port_hint(manifest, key) if may_search else Hint()
+                hint = port_hint(manifest, key) if may_search else NO_HINT
                 self._collector.report(
-                    self._document, UNKNOWN_PORT, message, node.element, key, hint, part="name"
+                    self._document, UNKNOWN_PORT, message, node.element, attribute=key, hint=hint, part="name"
                 )
         if conditions:
             node.conditions = {
@@ -463,7 +475,9 @@ class TreePlanner:
     def _check_name(self, node: NodePlan, text: str) -> None:
         if self._dialect.checks_names and not _CONTROL_CHARACTERS.isdisjoint(text):
             message = f"control character in the name {text!r}"
-            self._collector.report(self._document, CONTROL_CHARACTER_IN_NAME, message, node.element, "name")
+            self._collector.report(
+                self._document, CONTROL_CHARACTER_IN_NAME, message, node.element, attribute="name"
+            )
 
     def _create_binding(self, node: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
         """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
@@ -505,7 +519,9 @@ class TreePlanner:
             fix = SetValue(f"{{{text}}}")
             hint = Hint(f"to use the blackboard entry, write {{{text}}}", (*hint.fixes, fix))
         message = f"the port '{port.name}' of <{node.id}> has the type {port_type.name}: {error}"
-        self._collector.report(self._document, INCONVERTIBLE_TEXT, message, node.element, port.name, hint)
+        self._collector.report(
+            self._document, INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint
+        )
         return False
 
     # --- SubTree elements
@@ -529,11 +545,11 @@ class TreePlanner:
             return True
         if element.get("ID") is not None and definitions.are_complete:
             trees = definitions.by_id
-            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else Hint()
+            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else NO_HINT
             if id:
                 hint = Hint(hint.text, (*hint.fixes, CreateTree(id)))
             self._collector.report(
-                self._document, UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint
+                self._document, UNKNOWN_TREE, f"unknown subtree '{id}'", element, attribute="ID", hint=hint
             )
         return False
 
@@ -556,7 +572,9 @@ class TreePlanner:
             from btcore.xml.plan.hints import value_hint  # only errors need it
 
             message = f"{key} must be 'true' or 'false', not '{element.get(key)}'"
-            self._collector.report(self._document, NOT_A_BOOLEAN, message, element, key, value_hint(BOOL))
+            self._collector.report(
+                self._document, NOT_A_BOOLEAN, message, element, attribute=key, hint=value_hint(BOOL)
+            )
         if call.format == 3 or call.autoremap:
             return
         for port, default in model.items():
@@ -567,4 +585,4 @@ class TreePlanner:
             message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
             fix = SetAttributes({port: f"{{{port}}}"})
             hint = Hint(f'write {port}="…", or declare a default in <TreeNodesModel>', (fix,))
-            self._collector.report(self._document, MISSING_SUBTREE_PORT, message, element, "", hint)
+            self._collector.report(self._document, MISSING_SUBTREE_PORT, message, element, hint=hint)
