@@ -14,7 +14,7 @@ from btcore.engine.leaf import StatefulAction
 from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
 from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.loading.instantiate import instantiate, make_leaf_tree
-from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_argument_names, plan_tree
+from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_argument_names, plan_inputs
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
@@ -65,7 +65,7 @@ def _plan_source(source: object, arguments: LoadArguments) -> Plans | TreelessPr
     """Return the plans of a tree, or a program."""
     if isinstance(source, (str, PathLike)):
         with PausedGarbageCollection():
-            source = plan_tree(parse_file, (source,), arguments)
+            source = plan_inputs(parse_file, (source,), arguments)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):
